@@ -10,10 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_c import compiled, ran
+from exported_controllers import CONTROLLERS, KEYS, LEFT, RIGHT, c_of, controller_of
 
-from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
+from jaxtwin import ControlError, Twin, simulate_closed_loop
 from jaxtwin.c_export import CSources, export_c
-from jaxtwin.control import LQI, MPC, PID, DecoupledPI, LinearModel, decoupling_of
+from jaxtwin.control import (
+    LQI,
+    MPC,
+    PID,
+    DecoupledPI,
+    LinearModel,
+    Relay,
+)
 
 MAIN = """
 #include <stdio.h>
@@ -47,66 +55,7 @@ int main(void)
 
 REFERENCES = "0:35,600:45,1800:30"
 
-LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
-
-CONTROLLERS = {
-    "of the mean": PID(0.1, 0.001),
-    "of each output": PID(
-        [0.1, 0.08],
-        [0.001, 0.002],
-        [1.0, 0.5],
-        [10.0, 0.0],
-        setpoint_weight=[0.5, 1.0],
-        derivative_weight=[0.0, 0.2],
-        tracking_time_s=20.0,
-        limits=(0, 0.9),
-        measured=[LEFT, RIGHT],
-    ),
-    "proportional": PID(0.05, Kd=1.0, measured=[LEFT], limits=(-0.5, 0.5)),
-    "decoupled": DecoupledPI(
-        0.1,
-        0.001,
-        0.2,
-        0.002,
-        measured=[LEFT, RIGHT],
-        decoupling=decoupling_of([[60.0, 30.0], [20.0, 50.0]]),
-        setpoint_weight=0.7,
-        limits=(0, 1),
-    ),
-}
-
-KEYS = (*CONTROLLERS, "state feedback", "state feedback of the mean", "plan", "plan of the mean")
-
 pytestmark = pytest.mark.c_compiler
-
-
-@cache
-def controller_of(key: str) -> PID | DecoupledPI | LQI | MPC:
-    if key in CONTROLLERS:
-        return CONTROLLERS[key]
-    model = linearize(Twin("dual-cell"), duty=[0.4, 0.3]).reduce(4).discretise(1.0)
-    measured = None if key.endswith("of the mean") else [LEFT, RIGHT]
-    if key == "plan":
-        limits = {"T11": (0, 40), "T16": (-20, 90)}
-        return MPC(
-            model,
-            measured=measured,
-            horizon=8,
-            limits=(0, 1),
-            rate_limit=0.05,
-            temperature_limits=limits,
-        )
-    if key == "plan of the mean":
-        return MPC(model, horizon=5, limits=(0, 0.6))
-    return LQI(model, measured=measured, setpoint_weight=0.3, limits=(0, 1))
-
-
-def c_of(
-    controller: PID | DecoupledPI | LQI | MPC,
-    folder: Path,
-    precision: Literal["double", "float"] = "double",
-) -> CSources:
-    return export_c(controller, folder, rig=Twin("dual-cell").rig, precision=precision)
 
 
 def asked(sources: CSources, reference: np.ndarray, reading: np.ndarray) -> np.ndarray:
@@ -275,6 +224,8 @@ def test_controllers_that_c_cannot_say_are_refused(tmp_path: Path):
     rig = Twin("dual-cell").rig
     with pytest.raises(ControlError, match="rig: expected the controller's"):
         export_c(PID(0.1), tmp_path)
+    with pytest.raises(ControlError, match="whose class has a law in C, got a Relay"):
+        export_c(Relay(0.1, 0.4, 0.1), tmp_path, rig=rig)
     with pytest.raises(ControlError, match="an output for each of the 2 cells of dual-cell, got 3"):
         export_c(PID(0.1, measured=["T11", "T12", "T13"]), tmp_path, rig=rig)
     with pytest.raises(ControlError, match="Kp: expected one value, or one for each of the 2"):

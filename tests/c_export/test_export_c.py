@@ -96,7 +96,7 @@ def test_sizes_are_those_of_the_compiler(tmp_path: Path):
     model = reduced()
     sources = export_c(model, tmp_path, precision="float", name="plate")
     text = '#include "plate.c"\n#include <stdio.h>\nint main(void) {\n'
-    tables = re.findall(r"static const float (\w+)", sources.source.read_text())
+    tables = re.findall(r"static const float (\w+)", sources.numbers.read_text())
     total = " + ".join(f"sizeof {name}" for name in tables)
     text += f'printf("%u %u", (unsigned)({total}), (unsigned)sizeof(plate_state)); return 0; }}\n'
     (tmp_path / "main.c").write_text(text)
@@ -129,4 +129,9 @@ def test_files_that_cannot_be_written_are_refused(tmp_path: Path):
     (tmp_path / "model.c").mkdir()
     with pytest.raises(ControlError, match=r"model\.c: cannot be written"):
         export_c(small(), tmp_path)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["file", "model.c", "model.h"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "file",
+        "model.c",
+        "model.h",
+        "model_numbers.h",
+    ]

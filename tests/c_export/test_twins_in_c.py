@@ -166,7 +166,7 @@ def test_half_a_step_of_a_second_is_a_step_of_half_a_second(tmp_path: Path):
     """The modes decay as much in two steps of half a second as in one of a second."""
     remaining: dict[tuple[float, str], np.ndarray] = {}
     for step in (0.5, 1.0):
-        source = export_c(Stepper(Twin("single-cell"), step), tmp_path / f"{step}").source
+        source = export_c(Stepper(Twin("single-cell"), step), tmp_path / f"{step}").numbers
         for part in ("half_decay", "decay"):
             found = re.search(rf"model_{part}\[1\]\[\d+\] = {{\s*{{(.*?)}}", source.read_text())
             assert found is not None

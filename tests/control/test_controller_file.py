@@ -370,5 +370,5 @@ def damaged(text: str, place: int, kind: str) -> str:
 
 
 def test_a_function_has_no_file(tmp_path: Path, twin: Twin):
-    with pytest.raises(ControlError, match="an LQI, an MPC or a Relay, got FunctionController"):
+    with pytest.raises(ControlError, match=r"adds a class\), got FunctionController"):
         save_controller(tmp_path / "c.toml", FunctionController(lambda t, r, y: 0.0), twin.rig)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, export_fmu, simulate
-from jaxtwin.fmu import FMU
+from jaxtwin.fmu import FMU, _export_fmu
 from jaxtwin.fmu._variables import variables_of
 
 VERSIONS: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")
@@ -213,6 +213,21 @@ def test_sources_compile_without_a_warning_and_need_no_other_header(fmu: FMU, tm
     command = [shutil.which("cc") or "cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
     for file in tmp_path.glob("sources/*.c"):
         subprocess.run([*command, "-c", str(file), "-o", str(tmp_path / "out.o")], check=True)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_c_files_compile_as_they_stand(
+    version: Literal["2.0", "3.0"], twin: Twin, tmp_path: Path
+):
+    """Before a name is put into them, with the numbers of a twin whose name is `model`."""
+    sources = _export_fmu._sources(Stepper(twin, 1.0), "model", version, "")
+    for name in ("model.h", "model_fmu.h"):
+        (tmp_path / name).write_text(sources[name])
+    file = Path(_export_fmu.__file__).with_name(f"fmi{version[0]}.c")
+    command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow"]
+    command += ["-Wconversion", "-Wundef", "-fsyntax-only", "-I", str(tmp_path), str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
 
 
 OPAQUE = {

@@ -1,21 +1,16 @@
 """A controller as C, which treats missing readings as the closed loop in Python does.
 
-The controllers differ in their law, `_pid_c`, `_decoupled_pi_c`, `_lqi_c` and `_mpc_c`; the code
-that they share is here. In `float` an integral is a compensated sum (Kahan 1965), because the
-increment of a few millikelvins in a tenth of a second would be lost in rounding.
+The controllers differ in their `Law`; what they share is in `controller.c`.
 """
 
 import numpy as np
 
 from .._errors import ControlError
-from ..control import LQI, MPC, PID, DecoupledPI
+from ..control import AbstractController
+from ..control._law import Law
 from ..rig import Rig
-from ._decoupled_pi_c import decoupled_pi_law
-from ._law import Law
-from ._lqi_c import lqi_law
-from ._mpc_c import mpc_law
-from ._pid_c import pid_law
-from ._text import Code, comment_block, number, tables_c
+from ._sources import Code, Parts, code_of, defines, type_of_numbers
+from ._text import comment_block
 
 SILENCE_S = 3.0
 """The time without a reading after which the cells are switched off, s, as in
@@ -23,54 +18,46 @@ SILENCE_S = 3.0
 
 
 def controller_c(
-    controller: PID | DecoupledPI | LQI | MPC, rig: Rig, name: str, precision: str, origin: str
+    controller: AbstractController, rig: Rig, name: str, precision: str, origin: str
 ) -> Code:
-    """Returns header and source.
+    """Returns header, source and numbers.
 
-    **Raises:** `ControlError` if the controller is not for the rig, or a number of it is not
-    finite in this precision.
+    **Raises:** `ControlError` if the controller is not for the rig or has no law in C, or a number
+    of it is not finite in this precision.
     """
     weights = controller.output_weights([channel.name for channel in rig.channels])
     cells, outputs = len(rig.cells), len(weights)
-    is_free = isinstance(controller, LQI | MPC) or (outputs == 1 and isinstance(controller, PID))
-    if outputs != cells and not is_free:
+    if not controller.fits_outputs(outputs, cells):
         raise ControlError(
             f"export_c: measured: expected an output for each of the {cells} cells of {rig.name}, "
             f"got {outputs}"
         )
-    if isinstance(controller, PID):
-        law = pid_law(controller, cells, outputs, name, precision)
-    elif isinstance(controller, LQI):
-        law = lqi_law(controller, cells, name, precision)
-    elif isinstance(controller, MPC):
-        law = mpc_law(controller, cells, name, precision)
-    else:
-        law = decoupled_pi_law(controller, name, precision)
-    tables, coefficients = tables_c(law.tables, precision)
-    fields = {**law.fields, "seen": outputs}
+    law = controller.law(cells)
+    state = {**law.state, "seen": outputs}
+    constants = dict(law.constants)
     if law.integrals:
-        fields = {"integral": law.integrals, **fields}
+        state = {"integral": law.integrals, **state}
+        constants["INTEGRALS"] = law.integrals
         if precision == "float":
-            fields["lost"] = law.integrals
-    source = f"""#include <math.h>
+            state["lost"] = law.integrals
+    lowest, highest = (float(limit) for limit in controller.limits)
+    constants |= {"LOWEST": lowest, "HIGHEST": highest}
+    parts = Parts(
+        _about(controller, rig, weights, law, name, precision, origin),
+        _sizes(controller, law, cells, outputs, state, name, precision),
+        defines(name, constants, precision),
+        law.tables,
+        sum(state.values()) + 1,
+        law.code,
+    )
+    return code_of("controller", name, precision, parts)
 
-#include "{name}.h"
 
-#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error "-ffast-math takes NaN for a reading: compile without it"
-#endif
-
-{tables}{_functions(controller, law, name, precision)}"""
-    header = _header(controller, rig, weights, law, fields, name, precision, origin)
-    return Code(header, source, coefficients, sum(fields.values()) + 1)
-
-
-def _header(
-    controller: PID | DecoupledPI | LQI | MPC,
+def _about(
+    controller: AbstractController,
     rig: Rig,
     weights: np.ndarray,
     law: Law,
-    fields: dict[str, int],
     name: str,
     real: str,
     origin: str,
@@ -78,11 +65,11 @@ def _header(
     upper = name.upper()
     channels = np.array([channel.name for channel in rig.channels])
     lowest, highest = controller.limits
-    about = comment_block(
+    return comment_block(
         [
-            f"{name}: {law.kind} for the rig {rig.name}, written by jaxtwin.",
+            f"{name}: {law.title} for the rig {rig.name}, written by jaxtwin.",
             f"Parameters: {origin}" if origin else "Parameters of a jaxtwin.control controller:",
-            *(f"  {line}" for line in law.parameter_lines),
+            *(f"  {line}" for line in law.parameters),
             "",
             f"Sample time: {controller.sample_time_s!r} s. Numbers: {real}.",
             "References and measurements, degC, each the mean of these channels:",
@@ -96,164 +83,29 @@ def _header(
             f"{upper}_SILENCE_S then. Whoever calls must switch off where calls stop (a watchdog).",
         ]
     )
-    horizon = ahead = ""
+
+
+def _sizes(
+    controller: AbstractController,
+    law: Law,
+    cells: int,
+    outputs: int,
+    state: dict[str, int],
+    name: str,
+    precision: str,
+) -> str:
+    """Sample time, sizes and the struct of the state. The silence can be set by the compiler."""
+    sizes = {"OUTPUTS": outputs, "CELLS": cells}
     if law.horizon:
-        horizon = f"#define {upper}_HORIZON {law.horizon}\n"
-        arguments = [
-            f"const {real} references[{upper}_HORIZON * {upper}_OUTPUTS]",
-            f"const {real} measurement[{upper}_OUTPUTS]",
-            f"{real} duty[{upper}_CELLS]",
-        ]
-        ahead = f"""
-/* The same with the references of this sample and of the next ones, {upper}_OUTPUTS each. */
-{_begin(f"void {name}_step_ahead", f"{name}_state *state", *arguments)};
-"""
-    struct = "".join(f"    {real} {field}[{size}];\n" for field, size in fields.items())
-    return f"""{about}#ifndef {upper}_H
-#define {upper}_H
-
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
-#define {upper}_SAMPLE_TIME_S {number(controller.sample_time_s, real)}
-#ifndef {upper}_SILENCE_S
-#define {upper}_SILENCE_S {number(SILENCE_S, real)}
-#endif
-#define {upper}_OUTPUTS {len(weights)}
-#define {upper}_CELLS {len(rig.cells)}
-{horizon}
-typedef struct {{
-{struct}    {real} missing_s; /* since the last measurement */
-}} {name}_state;
-
-/* Starts without a bump: with the reference at the measurement, the duty goes on where it is. */
-void {name}_init({name}_state *state, const {real} duty[{upper}_CELLS],
-                 const {real} measurement[{upper}_OUTPUTS]);
-
-/* The duty cycles until the next sample. */
-void {name}_step({name}_state *state, const {real} reference[{upper}_OUTPUTS],
-                 const {real} measurement[{upper}_OUTPUTS], {real} duty[{upper}_CELLS]);
-{ahead}
-#ifdef __cplusplus
-}}
-#endif
-
-#endif
-"""
-
-
-def _functions(controller: PID | DecoupledPI | LQI | MPC, law: Law, name: str, real: str) -> str:
-    upper = name.upper()
-    zero = number(0.0, real)
-    lowest, highest = (number(limit, real) for limit in controller.limits)
-    add = forget = ""
-    if law.integrals and real == "float":
-        add = """    const float rest = change - state->lost[i];
-    const float sum = state->integral[i] + rest;
-    state->lost[i] = (sum - state->integral[i]) - rest;
-    state->integral[i] = sum;
-"""
-        forget = f"""    for (i = 0; i < {law.integrals}; ++i) {{
-        state->lost[i] = 0.0f;
-    }}
-"""
-    elif law.integrals:
-        add = "    state->integral[i] += change;\n"
-    if add:
-        add = f"""static void {name}_integrate({name}_state *state, int i, {real} change)
-{{
-{add}}}
-
-"""
-    reading, cells = f"const {real} measurement[{upper}_OUTPUTS]", f"{real} duty[{upper}_CELLS]"
-    state, now = f"{name}_state *state", f"const {real} reference[{upper}_OUTPUTS]"
-    step, wanted, public = f"void {name}_step", now, ""
-    samples, passed, many = [], "", ""
-    if law.horizon:
-        step, wanted = f"static void {name}_sample", f"const {real} *reference"
-        samples, passed, many = ["int samples"], ", samples", "samples * "
-        coming = f"const {real} references[{upper}_HORIZON * {upper}_OUTPUTS]"
-        public = f"""
-{_begin(f"void {name}_step", state, now, reading, cells)}
-{{
-    {name}_sample(state, reference, 1, measurement, duty);
-}}
-
-{_begin(f"void {name}_step_ahead", state, coming, reading, cells)}
-{{
-    {name}_sample(state, references, {upper}_HORIZON, measurement, duty);
-}}
-"""
-    return f"""static int {name}_all_finite(const {real} *values, int count)
-{{
-    int i;
-    for (i = 0; i < count; ++i) {{
-        if (!isfinite(values[i])) {{
-            return 0;
-        }}
-    }}
-    return 1;
-}}
-
-static {real} {name}_limited({real} duty)
-{{
-    if (duty < {lowest}) {{
-        return {lowest};
-    }}
-    return duty > {highest} ? {highest} : duty;
-}}
-
-{add}static void {name}_stop({name}_state *state)
-{{
-    state->missing_s = {upper}_SILENCE_S + {upper}_SAMPLE_TIME_S;
-}}
-
-{law.functions}{_begin(f"void {name}_init", state, f"const {cells}", reading)}
-{{
-    int i;
-    for (i = 0; i < {upper}_OUTPUTS; ++i) {{
-        state->seen[i] = measurement[i];
-    }}
-{law.init}{forget}    state->missing_s = {zero};
-    if (!{name}_all_finite(duty, {upper}_CELLS)
-        || !{name}_all_finite(measurement, {upper}_OUTPUTS)) {{
-        {name}_stop(state);
-    }}
-}}
-
-{_begin(f"static void {name}_law", state, wanted, *samples, cells)}
-{{
-{law.step}}}
-
-{_begin(step, state, wanted, *samples, reading, cells)}
-{{
-    int i;
-    if (state->missing_s <= {upper}_SILENCE_S) {{
-        if ({name}_all_finite(measurement, {upper}_OUTPUTS)) {{
-            for (i = 0; i < {upper}_OUTPUTS; ++i) {{
-                state->seen[i] = measurement[i];
-            }}
-            state->missing_s = {zero};
-        }} else {{
-            state->missing_s += {upper}_SAMPLE_TIME_S;
-        }}
-    }}
-    if (state->missing_s <= {upper}_SILENCE_S) {{
-        {name}_law(state, reference{passed}, duty);
-        if ({name}_all_finite(reference, {many}{upper}_OUTPUTS)
-            && {name}_all_finite(duty, {upper}_CELLS)) {{
-            return;
-        }}
-        {name}_stop(state);
-    }}
-    for (i = 0; i < {upper}_CELLS; ++i) {{
-        duty[i] = {zero};
-    }}
-}}
-{public}"""
-
-
-def _begin(function: str, *arguments: str) -> str:
-    """The type, the name and the arguments of a function."""
-    return f"{function}(" + (",\n" + " " * (len(function) + 1)).join(arguments) + ")"
+        sizes["HORIZON"] = law.horizon
+    fields = "".join(f"    {name}_real {field}[{size}];\n" for field, size in state.items())
+    return (
+        type_of_numbers(name, precision)
+        + defines(name, {"SAMPLE_TIME_S": controller.sample_time_s}, precision)
+        + f"#ifndef {name.upper()}_SILENCE_S\n"
+        + defines(name, {"SILENCE_S": SILENCE_S}, precision)
+        + "#endif\n"
+        + defines(name, sizes, precision)
+        + f"\ntypedef struct {{\n{fields}"
+        f"    {name}_real missing_s; /* since the last measurement */\n}} {name}_state;\n"
+    )

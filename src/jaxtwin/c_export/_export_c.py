@@ -9,7 +9,7 @@ from typing import Literal, final
 from .._arguments import of_kind, path_of
 from .._errors import ControlError
 from .._whole_file import write_whole_file
-from ..control import LQI, MPC, PID, DecoupledPI, DiscreteModel
+from ..control import AbstractController, DiscreteModel
 from ..control._discrete_model import check_at_rest
 from ..rig import Rig
 from ..simulation import Stepper
@@ -25,18 +25,20 @@ PRECISIONS = ("double", "float")
 class CSources:
     """The files that `export_c` wrote, and their sizes.
 
-    - `header`, `source`: the two files.
+    - `header`: the file for those who call. `source`: the file to compile. `numbers`: the
+      coefficients, which the source includes.
     - `coefficient_bytes`: the size of the constants. `state_bytes`: the size of the state's struct.
     """
 
     header: Path
     source: Path
+    numbers: Path
     coefficient_bytes: int
     state_bytes: int
 
 
 def export_c(
-    model: DiscreteModel | Stepper | PID | DecoupledPI | LQI | MPC,
+    model: DiscreteModel | Stepper | AbstractController,
     folder: str | os.PathLike[str],
     *,
     rig: Rig | None = None,
@@ -44,8 +46,9 @@ def export_c(
     precision: Literal["double", "float"] = "double",
     origin: str = "",
 ) -> CSources:
-    """Writes a model, a twin or a controller as `name.h` and `name.c`. The code is C99, allocates
-    no memory, and needs no library but `math.h`, which a linear model does not need.
+    """Writes a model, a twin or a controller as `name.h`, `name.c` and `name_numbers.h`, which
+    `name.c` includes. The code is C99, allocates no memory, and needs no library but `math.h`,
+    which a linear model does not need.
 
     The whole state is in a struct, so that several models can run beside each other:
 
@@ -87,7 +90,8 @@ def export_c(
     **Arguments:**
 
     - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first if memory is
-      short), a `Stepper` of a twin, or a controller.
+      short), a `Stepper` of a twin, or a controller whose class has a
+      `law`.
     - `rig`: the rig of a controller, which determines its cells and channels. None for a model or a
       twin, which contain them.
     - `folder`: the folder of the files, which is made if it does not exist. Existing files of these
@@ -110,7 +114,7 @@ def export_c(
     if precision not in PRECISIONS:
         raise ControlError(f"export_c: precision: expected 'double' or 'float', got {precision!r}")
     target = path_of("export_c: folder", folder, ControlError)
-    if isinstance(model, PID | DecoupledPI | LQI | MPC):
+    if isinstance(model, AbstractController):
         of_rig = of_kind("export_c: rig", rig, Rig, "the controller's, as twin.rig", ControlError)
         code = controller_c(model, of_rig, name, precision, origin)
     else:
@@ -120,8 +124,8 @@ def export_c(
             code = stepper_c(model, name, precision, origin)
         else:
             expected = (
-                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, a PID, a "
-                "DecoupledPI, an LQI or an MPC"
+                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, or a controller "
+                "such as a PID"
             )
             of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
             check_at_rest("export_c: model", model.offset)
@@ -133,7 +137,8 @@ def export_c(
             f"export_c: folder: {target}: cannot be made: {problem.strerror or problem}"
         ) from None
     header, source = target / f"{name}.h", target / f"{name}.c"
-    for file, text in ((header, code.header), (source, code.source)):
+    numbers = target / f"{name}_numbers.h"
+    for file, text in ((numbers, code.numbers), (header, code.header), (source, code.source)):
         write_whole_file(file, text.encode("ascii"), ControlError)
     size = 8 if precision == "double" else 4
-    return CSources(header, source, code.coefficients * size, code.states * size)
+    return CSources(header, source, numbers, code.coefficients * size, code.states * size)

@@ -4,10 +4,11 @@ from typing import final
 
 import numpy as np
 
-from .._errors import ControlError
-from ..physics._heat_loss import STEFAN_BOLTZMANN
+from ..control._law import Table
+from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
+from ..rig._plate import FILM_REFERENCE
 from ..simulation import Stepper
-from ._text import number
+from ..simulation._stepper import ZERO_CELSIUS
 
 
 @final
@@ -24,15 +25,12 @@ class StepperSizes:
         self.has_delay, self.has_lag = system.delay is not None, system.lag is not None
         self.has_loss = stepper.plate is not None
         self.has_reservoirs = system.reservoirs is not None
-        self.averaging, self.off_phase = system.bridge.averaging, system.bridge.off_phase
-        self.is_limited = system.bridge.current_limit is not None
         self.queue = int(stepper.delay_steps) + self.parts - 1 if self.has_delay else 0
         self.sides = [*system.wiring.cold.tolist(), *system.wiring.hot.tolist()]
 
 
-def stepper_tables(
-    stepper: Stepper, sizes: StepperSizes, name: str
-) -> dict[str, tuple[np.ndarray, str]]:
+def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
+    """The arrays: name -> values and comment."""
     system, field = stepper.system, stepper.field
     modes, shapes = field.modes, np.asarray(field.modes.shapes, float)
     gain = np.asarray(system.gain, float)
@@ -51,37 +49,37 @@ def stepper_tables(
         "last": "and that at the end",
     }
     tables = {
-        f"{name}_shape": (shapes, "temperatures of the nodes by the modes, K"),
-        f"{name}_by_modes": (gain[:, None] * (weights @ shapes), "readings of the channels, K"),
-        f"{name}_by_ambient": (1 - gain * on_plate, "and by the ambient"),
-        f"{name}_capacitance": (np.asarray(modes.capacitance, float), "of the nodes, J/K"),
-        f"{name}_surroundings": (np.asarray(field.surroundings, float), "forces by the ambient"),
+        "shape": (shapes, "temperatures of the nodes by the modes, K"),
+        "by_modes": (gain[:, None] * (weights @ shapes), "readings of the channels, K"),
+        "by_ambient": (1 - gain * on_plate, "and by the ambient"),
+        "capacitance": (np.asarray(modes.capacitance, float), "of the nodes, J/K"),
+        "surroundings": (np.asarray(field.surroundings, float), "forces by the ambient"),
         **(
             {}
             if field.reservoir_force is None
             else {
-                f"{name}_reservoirs": (
+                "reservoirs": (
                     np.asarray(field.reservoir_force, float),
                     "forces by coolant and the like",
                 )
             }
         ),
-        f"{name}_linearised_conductance": (
+        "linearised_conductance": (
             np.asarray(modes.linearised_conductance, float),
             "heat flows out of the sides of the cells that are in the modes, W/K",
         ),
-        f"{name}_alpha": (np.asarray(module.seebeck_coefficient, float), "Seebeck, V/K"),
-        f"{name}_R": (np.asarray(module.electrical_resistance, float), "of the cells, ohm"),
-        f"{name}_half_decay": (np.expm1(-rates * h[:, None] / 2), "less 1, of each part of a step"),
-        f"{name}_decay": (np.expm1(-rates * h[:, None]), "less 1, of each part of a step"),
+        "alpha": (np.asarray(module.seebeck_coefficient, float), "Seebeck, V/K"),
+        "R": (np.asarray(module.electrical_resistance, float), "of the cells, ohm"),
+        "half_decay": (np.expm1(-rates * h[:, None] / 2), "less 1, of each part of a step"),
+        "decay": (np.expm1(-rates * h[:, None]), "less 1, of each part of a step"),
         **{
-            f"{name}_{key}": (np.asarray(getattr(stepper.factors, key), float), text)
+            key: (np.asarray(getattr(stepper.factors, key), float), text)
             for key, text in factors.items()
         },
     }
     if sizes.has_lag:
         lag = float(system.lag)  # pyright: ignore[reportArgumentType]
-        tables[f"{name}_lag"] = (
+        tables["lag"] = (
             np.exp(-h[:, None] * np.array([0.5, 1.0]) / lag),
             "how much is left of a difference to the command in the middle and at the end",
         )
@@ -91,15 +89,15 @@ def stepper_tables(
         begin = np.cumsum(h) - h
         stages = begin[:, None] + h[:, None] * np.array([0.0, 0.5, 1.0])
         tables |= {
-            f"{name}_at": (stages / h.sum() * 2, "start, middle and end of a part, in half steps"),
-            f"{name}_to_half_decay": (np.asarray(stepper.half_decay, float) - 1, "to the middle"),
-            f"{name}_to_half": (np.asarray(stepper.half, float), "and by the force"),
-            f"{name}_film": (np.asarray(loss.film, float), "of the elements, W/K"),
-            f"{name}_radiating": (
+            "at": (stages / h.sum() * 2, "start, middle and end of a part, in half steps"),
+            "to_half_decay": (np.asarray(stepper.half_decay, float) - 1, "to the middle"),
+            "to_half": (np.asarray(stepper.half, float), "and by the force"),
+            "film": (np.asarray(loss.film, float), "of the elements, W/K"),
+            "radiating": (
                 STEFAN_BOLTZMANN * np.asarray(loss.radiating, float),
                 "of the elements, W/K^4",
             ),
-            f"{name}_linearised_loss": (
+            "linearised_loss": (
                 np.asarray(modes.linearised_loss, float),
                 "losses of the elements that are in the modes, W/K",
             ),
@@ -107,26 +105,46 @@ def stepper_tables(
     return {key: (np.asarray(value, float), text) for key, (value, text) in tables.items()}
 
 
-def stepper_scalars(stepper: Stepper, name: str, real: str) -> tuple[str, int]:
-    """The scalar constants as C, and their number.
-
-    **Raises:** `ControlError` if one is not finite.
-    """
+def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | float]:
+    """The macros of the numbers: those of the driver and the losses, and the terms of the equations
+    that this twin has."""
     bridge, loss = stepper.system.bridge, stepper.system.loss
-    values = {
-        "T0": (stepper.reference, "what deviations are counted from, K"),
-        "Vs": (bridge.supply_voltage, "V"),
-        "Rs": (bridge.supply_resistance, "of the supply, ohm"),
-        "Ron": (bridge.on_resistance, "of the switches, ohm"),
+    found: dict[str, int | float] = {
+        "PARTS": sizes.parts,
+        "T0": float(stepper.reference),
+        "ZERO_CELSIUS": ZERO_CELSIUS,
+        "VS": float(np.asarray(bridge.supply_voltage)),
+        "RS": float(np.asarray(bridge.supply_resistance)),
+        "RON": float(np.asarray(bridge.on_resistance)),
     }
+    if bridge.averaging == "voltage":
+        found["MEAN_VOLTAGE"] = 1
+    elif bridge.off_phase == "brake":
+        found["BRAKES"] = 1
     if bridge.current_limit is not None:
-        values["Imax"] = (bridge.current_limit, "through a connected cell, A")
-    if stepper.plate is not None and loss is not None:
-        values["half_exponent"] = (float(np.asarray(loss.exponent)) / 2, "of the film")
-    lines = []
-    for key, (value, unit) in values.items():
-        if not np.isfinite(np.asarray(value)):
-            raise ControlError(f"export_c: {name}_{key}: expected a finite number, got {value}")
-        constant = number(float(value), real)
-        lines.append(f"static const {real} {name}_{key} = {constant}; /* {unit} */\n")
-    return "".join(lines), len(values)
+        found["IMAX"] = float(np.asarray(bridge.current_limit))
+    if sizes.has_lag:
+        found["HAS_LAG"] = 1
+    if sizes.has_reservoirs:
+        found["HAS_RESERVOIRS"] = 1
+    if sizes.has_loss and loss is not None:
+        found |= {
+            "ELEMENTS": sizes.elements,
+            "HALF_EXPONENT": float(np.asarray(loss.exponent)) / 2,
+            "CALM": CALM**2,
+            "FILM_SCALE": 1 / (FILM_REFERENCE**2 + CALM**2),
+        }
+    return found
+
+
+COMMENTS = {
+    "PARTS": "of a step, between which a command arrives",
+    "T0": "what deviations are counted from, K",
+    "VS": "of the supply, V",
+    "RS": "of the supply, ohm",
+    "RON": "of the switches, ohm",
+    "IMAX": "through a connected cell, A",
+    "HALF_EXPONENT": "of the film",
+    "CALM": "K^2",
+}
+"""Macro -> its meaning and its unit."""

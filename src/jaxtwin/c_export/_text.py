@@ -2,20 +2,10 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
 from .._errors import ControlError
-
-
-class Code(NamedTuple):
-    """Header and source, the number of constants, and the number of values in the state."""
-
-    header: str
-    source: str
-    coefficients: int
-    states: int
 
 
 def number(value: float, precision: str) -> str:

@@ -106,8 +106,7 @@ def _oscillation(decisions: "Sequence[Decision]") -> str:
 
     **Raises:** `ControlError` if the oscillation is not even.
     """
-    from ..control import ultimate_point
-    from ..control._controller_file import PID_UNITS
+    from ..control import PID, ultimate_point
 
     point = ultimate_point(decisions)
     pid = point.pid()
@@ -115,5 +114,6 @@ def _oscillation(decisions: "Sequence[Decision]") -> str:
         f"ultimate gain {point.gain:.3g} 1/K, period {point.period_s:.3g} s, phase "
         f"{point.phase_deg:.0f} degrees, by the last {point.cycles} periods"
     )
-    fields = [f'{name} = "{getattr(pid, name):.3g} {unit}"' for name, unit in PID_UNITS.items()]
+    gains = {name: PID.fields[name].unit for name in ("Kp", "Ki", "Kd", "Tf")}
+    fields = [f'{name} = "{getattr(pid, name):.3g} {unit}"' for name, unit in gains.items()]
     return "\n".join([found, "a PID by the rule of Tyreus and Luyben:", *fields])

@@ -5,8 +5,9 @@ from ._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result, with
 from ._control import LiveLoop as LiveLoop
 from ._control import control as control  # a controller on a live rig
 from ._controller import AbstractController as AbstractController
-from ._controller import FunctionController as FunctionController
+from ._controller_fields import ControllerField as ControllerField  # a number with its unit
 from ._controller_file import read_controller as read_controller  # .toml -> controller
+from ._controller_file import register_controller as register_controller  # a class with files
 from ._controller_file import save_controller as save_controller
 from ._decision import Decision as Decision  # a sample of a controller on a live rig
 from ._decoupled_pi import DecoupledPI as DecoupledPI  # on the mean and on differences
@@ -17,7 +18,9 @@ from ._disturbances import Draught as Draught  # air upon the plate
 from ._disturbances import HeatInput as HeatInput  # a hand upon the plate
 from ._frontier import Frontier as Frontier  # the trade between two aims
 from ._frontier import frontier as frontier  # controllers tuned by several weights
+from ._function_controller import FunctionController as FunctionController
 from ._kalman import KalmanFilter as KalmanFilter  # with the disturbance
+from ._law import Law as Law  # the law of a controller in C
 from ._linear_model import LinearModel as LinearModel  # a twin near an operating point
 from ._linearize import linearize as linearize  # twin or fit -> LinearModel
 from ._loop_signals import ClosedLoop as ClosedLoop  # what happened in a closed loop

@@ -114,6 +114,20 @@ def condense(plant: Plant, predicted: PredictedStates, deviations: Deviations) -
     )
 
 
+def rest_cost(
+    gain: Float[Array | np.ndarray, "outputs cells"],
+    inverse: Float[Array | np.ndarray, "cells outputs"],
+    accepted: Float[Array | np.ndarray, " outputs"],
+) -> tuple[Float[Array | np.ndarray, "outputs cells"], Float[Array | np.ndarray, "cells cells"]]:
+    """Computes the gain at rest in units of the accepted deviations, and the Hessian of the cost of
+    a duty at rest, in NumPy or JAX as the arrays are. What no output sees costs as much as what
+    they see on average."""
+    scaled = gain / accepted[:, None]
+    size = (scaled**2).sum() / len(gain)
+    unseen = np.eye(gain.shape[1], dtype=gain.dtype) - inverse @ gain
+    return scaled, scaled.T @ scaled + size * unseen
+
+
 def soft_limits(
     plant: Plant, predicted: PredictedStates, limits: Float[np.ndarray, "watched 2"], excess: float
 ) -> SoftLimits:

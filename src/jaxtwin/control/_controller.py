@@ -2,27 +2,31 @@
 
 import dataclasses
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias, TypeVar, final
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .._arguments import check_callable, finite_number, is_ordered
+from .._arguments import finite_number, is_ordered
 from .._errors import ControlError
 from .._name_suggestions import unknown_name
+from ._controller_fields import (
+    ControllerField,
+    FileContents,
+    check_cells_of_fields,
+    field_arguments,
+    field_lines,
+)
 from ._controller_text import controller_text
+from ._law import Law
 
 Numbers: TypeAlias = npt.ArrayLike | float | int
 """A parameter: a number or an array."""
-
-ControlFunction: TypeAlias = Callable[[Array, Array, Array], npt.ArrayLike]
-"""`(time_s, reference, measurement) -> duty`, with the temperatures of all channels, degC."""
 
 
 Controller = TypeVar("Controller", bound="AbstractController")
@@ -38,7 +42,17 @@ class AbstractController(eqx.Module):
 
     References and measurements are temperatures of the controller's outputs. Each output is a
     weighted sum of channels of the rig, see `output_weights`.
+
+    A class with a name (`kind`) can have a file: `register_controller` makes `read_controller`
+    know it.
     """
+
+    kind: ClassVar[str] = ""
+    """The name of the class in controller files; empty for a class without a file."""
+
+    fields: ClassVar[Mapping[str, ControllerField]] = {}
+    """The fields of its files beside those of all controllers. A field is the argument of the
+    constructor of the same name, or with `_s` at its end for one in seconds."""
 
     sample_time_s: eqx.AbstractVar[float]
     """The time between two samples, s."""
@@ -46,6 +60,13 @@ class AbstractController(eqx.Module):
     limits: eqx.AbstractVar[tuple[float, float]]
     """The lowest and the highest duty that the controller commands, -1 to 1. A reference that no
     duty between them can hold is refused before a loop runs, simulated or on a rig."""
+
+    @property
+    @abstractmethod
+    def is_linear(self) -> bool:
+        """Whether `step` is linear about a steady state within the limits. `control` refuses a
+        linear controller whose loop with the twin is not stable; of others, such as a relay, it
+        cannot tell."""
 
     @property
     def preview_samples(self) -> int:
@@ -65,6 +86,51 @@ class AbstractController(eqx.Module):
 
         **Raises:** `ControlError` that names the parameter.
         """
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """Whether a controller of this class can have so many outputs on a rig with so many cells.
+        By default it can."""
+        return True
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> "AbstractController":
+        """Makes a controller from the contents of its file. By default all fields are numbers with
+        units.
+
+        **Arguments:**
+
+        - `contents`: the fields of the file, of which the names are checked.
+
+        **Raises:** `ControlError` that names the file and the field.
+        """
+        arguments = field_arguments(cls, cls.fields, contents)
+        cells = len(contents.rig.cells)
+        try:
+            controller = cls(**contents.common, **arguments)
+            outputs = len(controller.output_weights(contents.channels))
+        except ControlError as error:
+            contents.refuse("", str(error))
+        if not cls.fits_outputs(outputs, cells):
+            contents.refuse(
+                "measured", f"expected an output for each of the {cells} cells, got {outputs}"
+            )
+        check_cells_of_fields(cls, cls.fields, arguments, contents)
+        return controller
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the controller's file, without those of all controllers."""
+        return field_lines(self, self.fields)
+
+    def law(self, cells: int) -> Law:
+        """Returns the controller's law in C for a rig with so many cells. By default there is none.
+
+        **Raises:** `ControlError` if there is no law, or the controller does not fit the cells.
+        """
+        raise ControlError(
+            f"export_c: model: expected a controller whose class has a law in C, got a "
+            f"{type(self).__name__}; give the class a method law, see jaxtwin.control.Law"
+        )
 
     def __repr__(self) -> str:
         return controller_text(self)
@@ -115,94 +181,6 @@ class AbstractChannelGroupController(AbstractController):
     def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
         """Returns equal weights for the channels of each output."""
         return means_of(self.measured, channels)
-
-
-@final
-class FunctionController(AbstractController):
-    """A controller made from a plain function.
-
-    Each channel of the rig is an output. The state consists of the time and the last duty. A
-    function may command every duty, so its `limits` are -1 and 1.
-
-    **Arguments:**
-
-    - `function`: a function in `jax.numpy` of the time, s, and of references and measurements,
-      `(channels,)`, degC. It returns the duty of the cells, -1 to 1.
-    - `sample_time_s`: the sample time, s.
-
-    **Raises:** `ControlError` if the function is not callable, or the sample time is not positive.
-    """
-
-    function: ControlFunction = eqx.field(static=True)
-    sample_time_s: float = eqx.field(static=True)
-    limits: tuple[float, float] = eqx.field(static=True)
-
-    def __init__(self, function: ControlFunction, sample_time_s: float | int = 1.0):
-        check_callable("FunctionController: function", function, ControlError)
-        self.function = function
-        self.sample_time_s = checked_sample_time("FunctionController", sample_time_s)
-        self.limits = (-1.0, 1.0)
-
-    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
-        """Returns the unit matrix: each channel is an output."""
-        return np.eye(len(channels))
-
-    def init(
-        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
-    ) -> PyTree:
-        """Returns time 0 and the present duty."""
-        duty = jnp.asarray(duty)
-        return jnp.zeros((), duty.dtype), duty
-
-    def step(
-        self,
-        state: PyTree,
-        reference: Float[ArrayLike, " outputs"],
-        measurement: Float[ArrayLike, " outputs"],
-    ) -> tuple[Float[Array, " cells"], PyTree]:
-        """Calls the function."""
-        time, last = state
-        returned = self.function(time, jnp.asarray(reference), jnp.asarray(measurement))
-        if returned is None:
-            raise ControlError(
-                f"FunctionController: expected a function that returns a duty, or {last.size} of "
-                "them, one for each cell, got None; does it end without a return?"
-            )
-        asked = jnp.asarray(returned)
-        if asked.shape not in ((), (1,), last.shape):
-            raise ControlError(
-                f"FunctionController: expected a function that returns a duty, or {last.size} of "
-                f"them, one for each cell, got an array of shape {asked.shape}"
-            )
-        duty = jnp.broadcast_to(asked.astype(last.dtype), last.shape)
-        return duty, (time + self.sample_time_s, duty)
-
-
-def as_controller(
-    where: str, controller: Any, sample_time_s: float | int | None = None
-) -> AbstractController:
-    """Returns a controller unchanged, and makes one from a plain function.
-
-    **Arguments:**
-
-    - `where`: the name of function and argument, for error messages.
-    - `sample_time_s`: the sample time of a plain function, s; None for 1 s.
-
-    **Raises:** `ControlError` if it is neither, or if another sample time is given beside a
-    controller.
-    """
-    if isinstance(controller, AbstractController):
-        if sample_time_s is not None and sample_time_s != controller.sample_time_s:
-            raise ControlError(
-                f"{where}: expected a sample time only beside a plain function, got "
-                f"{sample_time_s!r} s beside a controller with {controller.sample_time_s:g} s"
-            )
-        return controller
-    if controller is None:
-        raise ControlError(f"{where}: expected a controller or a function, got None")
-    check_callable(where, controller, ControlError)
-    interval = 1.0 if sample_time_s is None else sample_time_s
-    return FunctionController(controller, checked_sample_time(where, interval))
 
 
 def parameter_names(controller: AbstractController) -> tuple[str, ...]:

@@ -1,16 +1,76 @@
 """Reads and writes values of a controller file: numbers with units, lists, matrices."""
 
+import inspect
 import json
-from collections.abc import Callable
-from typing import Any, NoReturn, TypeAlias
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, NoReturn, TypeAlias, final
 
 import numpy as np
 from jaxtyping import Float
 
+from ..rig import Rig
 from ..rig._units import Kind, parse_quantity, range_problem, unit_scale
 
 Refuse: TypeAlias = Callable[[str, str], NoReturn]
 """A function of a field and a message that raises `ControlError`."""
+
+
+@final
+@dataclass(frozen=True)
+class ControllerField:
+    """A field of a controller file: a number with a unit, or a list with a number for each cell.
+
+    **Arguments:**
+
+    - `name`: what it is, with its article, for messages: "a gain".
+    - `unit`: its SI unit, such as "1/K"; "" for a number without one.
+    - `example`: an example of a value, such as "0.1 1/K".
+    - `least`: `"positive"`, `"zero"` where 0 is allowed too, or `"any"` number.
+    - `is_required`: whether each file has it.
+    - `is_single`: whether it is one number for all cells.
+    - `is_own`: whether the class reads and writes it by its own `from_file` and `file_lines`,
+      because it is no number with a unit.
+    """
+
+    name: str = ""
+    unit: str = ""
+    example: str = ""
+    least: Literal["positive", "zero", "any"] = "positive"
+    is_required: bool = False
+    is_single: bool = False
+    is_own: bool = False
+
+    @property
+    def quantity(self) -> Kind:
+        """The quantity that the field holds."""
+        return Kind(self.name, self.unit, self.example, self.least)
+
+
+OWN = ControllerField(is_own=True)
+REQUIRED_OWN = ControllerField(is_own=True, is_required=True)
+
+SAMPLE_TIME = Kind("a time", "s", "1 s")
+
+
+class FileContents(NamedTuple):
+    """The contents of a controller file.
+
+    - `data`: field -> value as in the file; all required fields, and no unknown one.
+    - `common`: the arguments `sample_time_s`, `limits` and `measured`, as far as they are given.
+    - `rig`: the rig of the controller.
+    - `refuse`: raises `ControlError` with the name of the file, from a field and a message.
+    """
+
+    data: Mapping[str, Any]
+    common: dict[str, Any]
+    rig: Rig
+    refuse: Refuse
+
+    @property
+    def channels(self) -> list[str]:
+        """The names of the rig's channels."""
+        return [channel.name for channel in self.rig.channels]
 
 
 def quantity(found: object, name: str, kind: Kind, no: Refuse, *, is_list: bool = True) -> Any:
@@ -105,3 +165,70 @@ def as_matrix(value: object, kind: Kind) -> str:
     rows = ",\n    ".join(json.dumps(row) for row in np.asarray(value, float).tolist())
     text = f"[\n    {rows},\n]"
     return f'{{ unit = "{kind.unit}", rows = {text} }}' if kind.unit else text
+
+
+def argument_name(controller: type, field: str) -> str:
+    """Returns the argument of a field: its name, with `_s` where the argument is one in seconds."""
+    known = constructor_arguments(controller)
+    return f"{field}_s" if field not in known and f"{field}_s" in known else field
+
+
+def constructor_arguments(controller: type) -> frozenset[str]:
+    """Returns the names of the arguments of a class."""
+    return frozenset(inspect.signature(controller.__init__).parameters) - {"self"}
+
+
+def field_arguments(
+    controller: type, fields: Mapping[str, ControllerField], contents: FileContents
+) -> dict[str, Any]:
+    """Reads the numbers with units of a file, as arguments of the controller's class.
+
+    **Raises:** `ControlError` for a value that is not allowed, or a list that is not one for each
+    cell.
+    """
+    found = {}
+    for name, field in fields.items():
+        if field.is_own or name not in contents.data:
+            continue
+        value = quantity(
+            contents.data[name],
+            name,
+            field.quantity,
+            contents.refuse,
+            is_list=not field.is_single,
+        )
+        found[argument_name(controller, name)] = value
+    return found
+
+
+def check_cells_of_fields(
+    controller: type,
+    fields: Mapping[str, ControllerField],
+    arguments: Mapping[str, Any],
+    contents: FileContents,
+) -> None:
+    """Refuses lists that have not a value for each cell.
+
+    **Raises:** `ControlError`.
+    """
+    cells = len(contents.rig.cells)
+    for name in fields:
+        value = arguments.get(argument_name(controller, name))
+        if value is not None and np.ndim(value) and np.shape(value) != (cells,):
+            contents.refuse(
+                name, f"expected one value, or one for each of the {cells} cells, got {len(value)}"
+            )
+
+
+def field_lines(controller: Any, fields: Mapping[str, ControllerField]) -> list[str]:
+    """Returns the lines of the numbers with units, without those that are None."""
+    values = {
+        name: getattr(controller, argument_name(type(controller), name))
+        for name, field in fields.items()
+        if not field.is_own
+    }
+    return [
+        f"{name} = {as_quantity(value, fields[name].quantity)}"
+        for name, value in values.items()
+        if value is not None
+    ]

@@ -1,7 +1,8 @@
 """Reads and writes controllers as TOML files.
 
-`save_controller` writes the file of an `LQI` or an `MPC`, see `_model_controller_file`. The files
-of the others, such as a `PID`, can also be written by hand:
+Each class of controllers has its `kind` and its `fields`, and reads and writes them: see
+`AbstractController`. `save_controller` writes the file of an `LQI` or an `MPC`; the files of the
+others, such as a `PID`, can also be written by hand:
 
 ```toml
 format = 1
@@ -18,11 +19,10 @@ Ki = "0.002 1/(K s)"
 import json
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
-import numpy as np
 from scipy.linalg import LinAlgError
 
 from .._errors import ControlError
@@ -31,90 +31,76 @@ from .._whole_file import check_ending, write_whole_file
 from ..rig import Rig
 from ..rig._bundled import parse_toml, read_toml
 from ..rig._problems import refuse
-from ..rig._units import NOISE, Kind
-from ._controller import AbstractController
-from ._controller_fields import Refuse, as_quantity, groups, numbers, quantity
+from ._controller import AbstractChannelGroupController, AbstractController
+from ._controller_fields import (
+    SAMPLE_TIME,
+    FileContents,
+    argument_name,
+    constructor_arguments,
+    groups,
+    numbers,
+    quantity,
+)
 from ._decoupled_pi import DecoupledPI
 from ._lqi import LQI
-from ._model_controller_file import (
-    FIELDS,
-    KINDS,
-    REQUIRED,
-    model_controller,
-    model_controller_lines,
-)
 from ._mpc import MPC
 from ._pid import PID
 from ._relay import Relay
 
 FORMAT = 1
 
-_PROPORTIONAL = Kind("a gain", "1/K", "0.1 1/K", least="zero")
-_INTEGRAL = Kind("a gain", "1/(K s)", "0.002 1/(K s)", least="zero")
-_DERIVATIVE = Kind("a gain", "s/K", "0.5 s/K", least="zero")
-_INTERVAL = Kind("a time", "s", "1 s")
-_FILTER = Kind("a time", "s", "2 s", least="zero")
-_WEIGHT = Kind("a number without unit", "", "0.7", least="zero")
+_COMMON = ("format", "rig", "kind", "sample_time", "limits")
 
-_FIELDS: dict[str, dict[str, Kind]] = {
-    "pid": {
-        "Kp": _PROPORTIONAL,
-        "Ki": _INTEGRAL,
-        "Kd": _DERIVATIVE,
-        "Tf": _FILTER,
-        "setpoint_weight": _WEIGHT,
-        "derivative_weight": _WEIGHT,
-        "tracking_time": _INTERVAL,
-    },
-    "decoupled-pi": {
-        "Kp_mean": _PROPORTIONAL,
-        "Ki_mean": _INTEGRAL,
-        "Kp_difference": _PROPORTIONAL,
-        "Ki_difference": _INTEGRAL,
-        "setpoint_weight": _WEIGHT,
-    },
-    "relay": {
-        "amplitude": Kind("a duty", "", "0.1", least="zero"),
-        "bias": Kind("a duty", "", "0.4", least="any"),
-        "hysteresis": NOISE,
-        "timeout": _INTERVAL,
-    },
-}
-"""Kind of controller -> name of a parameter in the file -> its quantity."""
+_KINDS: dict[str, type[AbstractController]] = {}
+"""Kind of controller -> its class."""
 
-_LAWS: dict[str, type[AbstractController]] = {
-    "pid": PID,
-    "decoupled-pi": DecoupledPI,
-    "relay": Relay,
-}
-"""Kind of controller -> its class, for those whose file holds their parameters."""
+Registered = TypeVar("Registered")
 
-_NAMES = {law: kind for kind, law in _LAWS.items()} | KINDS
 
-PID_UNITS = {name: _FIELDS["pid"][name].unit for name in ("Kp", "Ki", "Kd", "Tf")}
-"""Gain or filter time of a PID -> its unit in the file."""
+def register_controller(controller: Registered) -> Registered:
+    """Makes `read_controller` and `save_controller` know a class of controllers, by its `kind`.
+    Returns the class, so that it can be a decorator.
 
-_KNOWN = {
-    "pid": tuple(_FIELDS["pid"]),
-    "decoupled-pi": (*_FIELDS["decoupled-pi"], "decoupling"),
-    "relay": tuple(_FIELDS["relay"]),
-    **FIELDS,
-}
+    **Raises:** `ControlError` for something else, a class without a `kind`, the `kind` of another
+    class, and a field that is no argument of the class.
+    """
+    _register(controller)
+    return controller
 
-_REQUIRED = {
-    "pid": ("Kp",),
-    "decoupled-pi": ("measured", *tuple(_FIELDS["decoupled-pi"])[:4]),
-    "relay": ("amplitude", "bias", "hysteresis"),
-    **REQUIRED,
-}
 
-_COMMON = ("format", "rig", "kind", "sample_time", "measured", "limits")
+def _register(controller: object) -> None:
+    where = "register_controller"
+    if not (isinstance(controller, type) and issubclass(controller, AbstractController)):
+        raise ControlError(f"{where}: expected a class of controllers, got {controller!r}")
+    kind = controller.kind
+    if not isinstance(kind, str) or not kind:
+        raise ControlError(
+            f"{where}: {controller.__name__}.kind: expected its name in files, such as 'pid', got "
+            f"{kind!r}"
+        )
+    arguments = constructor_arguments(controller)
+    for name, field in controller.fields.items():
+        if not field.is_own and argument_name(controller, name) not in arguments:
+            raise ControlError(
+                f"{where}: {controller.__name__}.fields: expected names of arguments of its "
+                f"constructor, or with _s at their end, got {name!r}"
+            )
+    known = _KINDS.get(kind)
+    # The same class may be defined again, as when a cell of a notebook runs twice.
+    if known is not None and _origin(known) != _origin(controller):
+        raise ControlError(
+            f"{where}: {controller.__name__}.kind: expected a name that is not taken, got {kind!r} "
+            f"of {known.__name__}"
+        )
+    _KINDS[kind] = controller
 
-_ARGUMENTS = {"tracking_time": "tracking_time_s", "timeout": "timeout_s"}
-"""Name of a field -> name of its argument in Python, if the argument's name has a unit."""
 
-_OF_ALL_CELLS = ("hysteresis", "timeout")
-"""Fields that are one number, not one for each cell."""
+def _origin(controller: type) -> tuple[str, str]:
+    return controller.__module__, controller.__qualname__
+
+
+for _controller_class in (PID, DecoupledPI, LQI, MPC, Relay):
+    register_controller(_controller_class)
 
 
 def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractController:
@@ -125,7 +111,8 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     - `path`: the .toml file.
     - `rig`: the rig that the file must name.
 
-    **Returns:** a `PID`, a `DecoupledPI`, an `LQI`, an `MPC` or a `Relay`.
+    **Returns:** a `PID`, a `DecoupledPI`, an `LQI`, an `MPC`, a `Relay`, or a controller of a class
+    that `register_controller` has added.
 
     **Raises:** `ControlError` if the file cannot be read, is for another rig, or has a field or a
     value that is not allowed. The message names the file and the field.
@@ -139,7 +126,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     **Arguments:**
 
     - `path`: the .toml file.
-    - `controller`: a `PID`, a `DecoupledPI`, an `LQI`, an `MPC` or a `Relay`.
+    - `controller`: a controller whose class has a file, as in `read_controller`.
     - `rig`: the rig that the controller is for.
 
     **Raises:** `ControlError` for another kind of controller, for a controller that does not fit
@@ -152,31 +139,23 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
             f"save_controller({', '.join(order)})"
         )
     check_ending(path, [".toml"], ControlError)
-    kind = _NAMES.get(type(controller))
-    if kind is None:
+    if _KINDS.get(getattr(controller, "kind", "")) is not type(controller):
+        known = ", ".join(sorted(known.__name__ for known in _KINDS.values()))
         raise ControlError(
-            "save_controller: controller: expected a PID, a DecoupledPI, an LQI, an MPC or a "
-            f"Relay, got {controller!r}"
+            f"save_controller: controller: expected one whose class has a file ({known}; "
+            f"register_controller adds a class), got {controller!r}"
         )
     lines = [
         f"format = {FORMAT}",
         f"rig = {json.dumps(rig.name)}",
-        f'kind = "{kind}"',
+        f"kind = {json.dumps(controller.kind)}",
         f'sample_time = "{controller.sample_time_s!r} s"',
     ]
     measured = getattr(controller, "measured", None)
     if measured is not None:
         lines.append(f"measured = {json.dumps(measured)}")
     lines.append(f"limits = {json.dumps(controller.limits)}")
-    if isinstance(controller, LQI | MPC):
-        lines += model_controller_lines(controller)
-    else:
-        for name, unit in _FIELDS[kind].items():
-            value = getattr(controller, _ARGUMENTS.get(name, name))
-            if value is not None:
-                lines.append(f"{name} = {as_quantity(value, unit)}")
-    if isinstance(controller, DecoupledPI):
-        lines.append(f"decoupling = {json.dumps(np.asarray(controller.decoupling).tolist())}")
+    lines += controller.file_lines()
     content = ("\n".join(lines) + "\n").encode()
     _controller(parse_toml(content, f"save_controller: {path}", ControlError), str(path), rig)
     write_whole_file(Path(path), content, ControlError)
@@ -198,78 +177,33 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
     if data.get("rig") != rig.name:
         no("rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}")
     kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in _NAMES.values():
-        hint = did_you_mean([str(kind)], _NAMES.values())
-        no("kind", f"expected one of {', '.join(_NAMES.values())}, got {kind!r}{hint}")
-    known = (*_COMMON, *_KNOWN[kind])
+    if not isinstance(kind, str) or kind not in _KINDS:
+        hint = did_you_mean([str(kind)], _KINDS)
+        no("kind", f"expected one of {', '.join(_KINDS)}, got {kind!r}{hint}")
+    controller = _KINDS[kind]
+    known = [*_COMMON, *controller.fields]
+    if issubclass(controller, AbstractChannelGroupController) and "measured" not in known:
+        known.append("measured")
     for name in data:
         if name not in known:
             no(name, unknown_name("field", name, known))
-    for name in ("sample_time", *_REQUIRED[kind]):
+    required = [name for name, field in controller.fields.items() if field.is_required]
+    for name in ("sample_time", *required):
         if name not in data:
             no(name, "expected this field, got none")
-    arguments: dict[str, Any] = {
-        "sample_time_s": quantity(data["sample_time"], "sample_time", _INTERVAL, no, is_list=False)
+    common: dict[str, Any] = {
+        "sample_time_s": quantity(
+            data["sample_time"], "sample_time", SAMPLE_TIME, no, is_list=False
+        )
     }
     if "limits" in data:
-        arguments["limits"] = numbers(data["limits"], "limits", no)
+        common["limits"] = numbers(data["limits"], "limits", no)
     if "measured" in data:
-        arguments["measured"] = groups(data["measured"], no)
-    channels = [channel.name for channel in rig.channels]
+        common["measured"] = groups(data["measured"], no)
     try:
-        if kind in FIELDS:
-            # Overflows warn here; they are refused at the end as numbers that are not finite.
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # includes LinAlgWarning
-                return model_controller(kind, data, arguments, rig, no)
-        return _law(kind, data, arguments, rig, channels, no)
+        # Overflows warn here; they are refused at the end as numbers that are not finite.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # includes LinAlgWarning
+            return controller.from_file(FileContents(data, common, rig, no))
     except (ArithmeticError, LinAlgError, TypeError, ValueError) as error:
         no("", str(error))
-
-
-def _law(
-    kind: str,
-    data: Mapping[str, Any],
-    arguments: dict[str, Any],
-    rig: Rig,
-    channels: Sequence[str],
-    no: Refuse,
-) -> AbstractController:
-    """Makes a controller whose file holds its parameters, without a model."""
-    fields = _FIELDS[kind]
-    arguments |= {
-        _ARGUMENTS.get(name, name): quantity(
-            data[name], name, unit, no, is_list=name not in _OF_ALL_CELLS
-        )
-        for name, unit in fields.items()
-        if name in data
-    }
-    if "decoupling" in data:
-        rows = data["decoupling"] if isinstance(data["decoupling"], list) else [data["decoupling"]]
-        arguments["decoupling"] = [numbers(row, "decoupling", no) for row in rows]
-    if kind == "relay" and "measured" in arguments:
-        if len(arguments["measured"]) != 1:
-            no(
-                "measured",
-                f"expected one output, got {len(arguments['measured'])}; channels that are "
-                'averaged have brackets of their own, such as [["T11", "T16"]]',
-            )
-        (arguments["measured"],) = arguments["measured"]
-    try:
-        controller = _LAWS[kind](**arguments)
-        outputs = len(controller.output_weights(channels))
-    except ControlError as error:
-        no("", str(error))
-    if outputs not in (1, len(rig.cells)) or (kind == "decoupled-pi" and outputs != len(rig.cells)):
-        no("measured", f"expected an output for each of the {len(rig.cells)} cells, got {outputs}")
-    _check_cells(arguments, fields, len(rig.cells), no)
-    return controller
-
-
-def _check_cells(
-    arguments: Mapping[str, Any], fields: Mapping[str, Kind], cells: int, no: Refuse
-) -> None:
-    for name in fields:
-        value = arguments.get(_ARGUMENTS.get(name, name))
-        if value is not None and np.ndim(value) and np.shape(value) != (cells,):
-            no(name, f"expected one value, or one for each of the {cells} cells, got {len(value)}")

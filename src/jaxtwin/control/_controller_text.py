@@ -10,13 +10,6 @@ from jax.core import Tracer
 
 from .._number_text import short_number
 
-UNITS = {
-    "Kp": "1/K", "Kp_mean": "1/K", "Kp_difference": "1/K",
-    "Ki": "1/(K s)", "Ki_mean": "1/(K s)", "Ki_difference": "1/(K s)",
-    "Kd": "s/K", "Tf": "s", "hysteresis": "K",
-}  # fmt: skip
-"""Parameter -> unit; others have none, or end in `_s` and are in s."""
-
 MOST = 16
 """The largest number of elements of an array that is written out."""
 
@@ -27,7 +20,12 @@ def controller_text(controller: Any) -> str:
     Traced and large arrays are given by type and shape.
     """
     values = {field.name: getattr(controller, field.name) for field in _fields(controller)}
-    parts = [_named(name, value) for name, value in values.items() if value is not None]
+    units = {name: field.unit for name, field in controller.fields.items()}
+    parts = [
+        _named(name, value, units.get(name, ""))
+        for name, value in values.items()
+        if value is not None
+    ]
     return f"{type(controller).__name__}({', '.join(parts)})"
 
 
@@ -35,8 +33,8 @@ def _fields(controller: Any) -> list[Any]:
     return [field for field in dataclasses.fields(controller) if hasattr(controller, field.name)]
 
 
-def _named(name: str, value: Any) -> str:
-    unit = "s" if name.endswith("_s") else UNITS.get(name, "")
+def _named(name: str, value: Any, unit: str) -> str:
+    unit = "s" if name.endswith("_s") else unit
     return f"{name.removesuffix('_s')}={_value(value)} {unit}".rstrip()
 
 

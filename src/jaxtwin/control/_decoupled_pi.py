@@ -8,8 +8,10 @@ Two cells on a plate warm each other: a duty that is meant for the difference al
 The matrix $D$, the inverse of the plate's gain, compensates for this.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, final
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,15 +20,19 @@ import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from .._errors import ControlError
+from .._jax_settings import own_settings
 from ._controller import (
     AbstractChannelGroupController,
+    AbstractController,
     Numbers,
     check_non_negative,
     checked_limits,
     checked_measured,
     checked_sample_time,
 )
-from ._pid import Parameter, as_parameter, tracking_share
+from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents, numbers
+from ._law import Law, bundled_law, of_cells, parameter_text
+from ._pid import INTEGRAL, PROPORTIONAL, WEIGHT, Parameter, as_parameter, tracking_share
 
 
 class DecoupledPIState(NamedTuple):
@@ -54,6 +60,17 @@ class DecoupledPI(AbstractChannelGroupController):
     singular or has another shape, the limits are not within -1 to 1, or the sample time is not
     positive.
     """
+
+    kind: ClassVar[str] = "decoupled-pi"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        "Kp_mean": PROPORTIONAL,
+        "Ki_mean": replace(INTEGRAL, is_required=True),
+        "Kp_difference": PROPORTIONAL,
+        "Ki_difference": replace(INTEGRAL, is_required=True),
+        "setpoint_weight": WEIGHT,
+        "measured": REQUIRED_OWN,
+        "decoupling": OWN,
+    }
 
     Kp_mean: Parameter
     Ki_mean: Parameter
@@ -112,6 +129,69 @@ class DecoupledPI(AbstractChannelGroupController):
             check_decoupling("DecoupledPI", decoupling, len(decoupling))
         check_non_negative("DecoupledPI", **values)
 
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """Each cell has an output."""
+        return outputs == cells
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file, whose decoupling is a list of rows."""
+        if "decoupling" in contents.data:
+            found = contents.data["decoupling"]
+            rows = found if isinstance(found, list) else [found]
+            matrix = [numbers(row, "decoupling", contents.refuse) for row in rows]
+            contents = contents._replace(common={**contents.common, "decoupling": matrix})
+        return super().from_file(contents)
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the gains and of the decoupling."""
+        rows = json.dumps(np.asarray(self.decoupling).tolist())
+        return [*super().file_lines(), f"decoupling = {rows}"]
+
+    def law(self, cells: int) -> Law:
+        r"""The law, in which each pair of gains, for the mean and for the differences, is a matrix
+        $K_{mean} \frac{1}{n} + K_{diff} (I - \frac{1}{n})$ of the errors."""
+        h = self.sample_time_s
+        with own_settings():
+            of_mean = tracking_share(self.Kp_mean, self.Ki_mean, None, h)
+            of_difference = tracking_share(self.Kp_difference, self.Ki_difference, None, h)
+            back = _gain_matrix("share", np.asarray(of_mean), np.asarray(of_difference), cells)
+        D = np.asarray(self.decoupling, float)
+        check_decoupling("export_c", D, cells)
+        undo = np.linalg.inv(D)
+        Kp = _gain_matrix("Kp", self.Kp_mean, self.Kp_difference, cells)
+        Ki = _gain_matrix("Ki", self.Ki_mean, self.Ki_difference, cells)
+        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
+        tables = {
+            "Kp": (Kp, "duty before the decoupling by the errors, 1/K"),
+            "b": (b, "set-point weight"),
+            "Ki_h": (Ki * h, "what a sample adds to the integral, 1/K"),
+            "D": (D, "decoupling"),
+            "undo": (undo, "its inverse"),
+            "back": (back @ undo, "what the limits cut off, out of the integral"),
+        }
+        parameters = [
+            parameter_text("Kp of the mean", self.Kp_mean, "1/K"),
+            parameter_text("Ki of the mean", self.Ki_mean, "1/(K s)"),
+            parameter_text("Kp of the differences", self.Kp_difference, "1/K"),
+            parameter_text("Ki of the differences", self.Ki_difference, "1/(K s)"),
+            parameter_text("set-point weight", self.setpoint_weight, ""),
+            parameter_text("decoupling", D, ""),
+        ]
+        return Law(
+            bundled_law("decoupled_pi.c"),
+            "a PI on the mean and the differences of the outputs",
+            tables,
+            parameters=parameters,
+            integrals=cells,
+        )
+
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
@@ -160,6 +240,16 @@ class DecoupledPI(AbstractChannelGroupController):
 
     def _undo(self, duty: Float[Array, " cells"]) -> Float[Array, " cells"]:
         return inverse(jnp.asarray(self.decoupling, duty.dtype)) @ duty
+
+
+def _gain_matrix(
+    name: str, mean: object, difference: object, cells: int
+) -> Float[np.ndarray, "cells cells"]:
+    """The matrix of the two gains, from the errors to the cells."""
+    of_mean = np.full((cells, cells), 1 / cells)
+    return of_cells(f"{name}_mean", mean, cells)[:, None] * of_mean + of_cells(
+        f"{name}_difference", difference, cells
+    )[:, None] * (np.eye(cells) - of_mean)
 
 
 def decoupling_of(gain: npt.ArrayLike) -> Float[np.ndarray, "cells cells"]:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._law import Table
 from ._plant import Plant
 from ._riccati import filter_gain
 
@@ -58,6 +59,22 @@ class KalmanFilter(eqx.Module):
     ) -> Float[Array, " state"]:
         """Predicts the states of the next sample."""
         return jnp.asarray(self.A) @ states + jnp.asarray(self.B) @ duty
+
+
+def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[str, Table]:
+    """The numbers of a filter and of its operating point for C. The change of the states in a
+    sample, $(A - I) x$, is computed and added there, because slow poles lie near 1."""
+    tables = {
+        "A": (kalman.A - np.eye(len(kalman.A)), "of the filter: what a sample adds by the states"),
+        "B": (kalman.B, "and by the duty"),
+        "C": (kalman.C, "its outputs, K"),
+        "L": (kalman.L, "of its correction by a reading"),
+        "by_duty": (kalman.by_duty, "states at rest by the duty"),
+        "by_rest": (kalman.by_disturbance, "and by a disturbance, 1/K"),
+        "duty": (duty, "operating point, -1 to 1"),
+        "at": (outputs, "operating point, degC"),
+    }
+    return {name: (np.asarray(values, float), text) for name, (values, text) in tables.items()}
 
 
 def kalman_filter(

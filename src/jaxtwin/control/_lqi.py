@@ -10,27 +10,60 @@ The gains minimise $\sum (y / \Delta y)^2 + (q / \Delta q)^2 + (u / \Delta u)^2$
 quantity is divided by the deviation that is accepted of it (Bryson's rule).
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, final
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from ..rig._units import Kind
 from ._controller import (
     AbstractChannelGroupController,
+    AbstractController,
     Numbers,
     check_non_negative,
     checked_deviations,
     checked_limits,
     checked_measured,
+    with_values,
+)
+from ._controller_fields import (
+    REQUIRED_OWN,
+    ControllerField,
+    FileContents,
+    as_matrix,
+    check_cells_of_fields,
+    matrix,
 )
 from ._discrete_model import DiscreteModel
-from ._kalman import KalmanFilter, kalman_filter
-from ._pid import Parameter, as_parameter
+from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
+from ._model_fields import (
+    MODEL_FIELDS,
+    PER_KELVIN,
+    PLAIN,
+    check_stable,
+    designed,
+    model_lines,
+    model_settings,
+    point_lines,
+    read_model,
+    read_table,
+)
+from ._pid import WEIGHT, Parameter, as_parameter
 from ._plant import Plant, plant_of
 from ._riccati import regulator
+
+GAINS = {
+    "Kx": PLAIN,
+    "Ki": Kind("a gain", "1/(K s)", "1 1/(K s)", least="any"),
+    "Kt": Kind("a gain", "K s", "1 K s", least="any"),
+    "N": PER_KELVIN,
+}
+"""The gains of an LQI in its file."""
 
 
 class LQIState(NamedTuple):
@@ -75,6 +108,13 @@ class LQI(AbstractChannelGroupController):
     **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
     deviation or a noise is not a finite positive number, or the limits are not within -1 to 1.
     """
+
+    kind: ClassVar[str] = "lqi"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        **MODEL_FIELDS,
+        "setpoint_weight": replace(WEIGHT, is_required=True),
+        "gains": REQUIRED_OWN,
+    }
 
     Kx: Parameter
     Ki: Parameter
@@ -137,6 +177,78 @@ class LQI(AbstractChannelGroupController):
         """Refuses a set-point weight that is not a finite number of at least 0."""
         if "setpoint_weight" in values:
             check_non_negative("LQI", setpoint_weight=values["setpoint_weight"])
+
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file: the model, the filter and the gains."""
+        model, cells = read_model(contents, cls.kind), len(contents.rig.cells)
+        settings = model_settings(cls, contents)
+        check_cells_of_fields(cls, cls.fields, settings, contents)
+        states, outputs = len(model.plant.A), len(model.plant.C)
+        found = read_table(contents.data["gains"], "gains", contents.refuse, GAINS)
+        shapes = ((cells, states), (cells, outputs), (outputs, cells), (cells, outputs))
+        gains = {
+            name: matrix(found[name], f"gains.{name}", unit, shape, contents.refuse)
+            for (name, unit), shape in zip(GAINS.items(), shapes, strict=True)
+        }
+        lqi = with_values(designed(cls, model, settings, contents.refuse), gains)
+        loop = lqi._loop_of(model.plant)
+        expected = "gains with which the loop on the model is stable"
+        check_stable(loop, "gains", expected, contents.refuse)
+        return lqi
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the operating point, the gains, and the model."""
+        gains = [f"{name} = {as_matrix(getattr(self, name), unit)}" for name, unit in GAINS.items()]
+        return [
+            *point_lines(self.duty, self.outputs),
+            *super().file_lines(),
+            *("", "[gains]", *gains),
+            *model_lines(self.kalman),
+        ]
+
+    def _loop_of(self, plant: Plant) -> Float[np.ndarray, "n n"]:
+        """The transition of the states and the integrals in the loop without a filter."""
+        Kx, Ki = np.asarray(self.Kx), np.asarray(self.Ki)
+        return np.block(
+            [
+                [plant.A - plant.B @ Kx, plant.B @ Ki],
+                [-plant.sample_time_s * plant.C, np.eye(len(plant.C))],
+            ]
+        )
+
+    def law(self, cells: int) -> Law:
+        """The law, with its Kalman filter."""
+        Kx, Ki, Kt, N = (np.asarray(getattr(self, name), float) for name in GAINS)
+        check_designed_cells(len(Ki), cells)
+        states, outputs = np.shape(self.kalman.L)
+        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
+        tables = {
+            **kalman_tables(self.kalman, self.duty, self.outputs),
+            "Kx": (Kx, "duty by the states"),
+            "Ki": (Ki, "duty by the integrals, 1/(K s)"),
+            "Kt": (Kt, "what the limits cut off, out of the integrals, K s"),
+            "bN": (b[:, None] * N, "duty by the references at once, 1/K"),
+        }
+        parameters = [
+            parameter_text("Kx", Kx, "1/K and 1"),
+            parameter_text("Ki", Ki, "1/(K s)"),
+            parameter_text("set-point weight", self.setpoint_weight, ""),
+        ]
+        return Law(
+            bundled_law("lqi.c"),
+            f"state feedback with {outputs} integrals and a Kalman filter",
+            tables,
+            {"x": states, "duty_offset": cells},
+            parameters,
+            {"STATES": states, "PLANT_STATES": Kx.shape[1]},
+            integrals=outputs,
+        )
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -16,8 +16,10 @@ linear-quadratic regulator, whatever the horizon (Rawlings, Mayne and Diehl, *Mo
 Control*, 2017, chapters 1 and 2).
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, final
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -25,28 +27,52 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .._arguments import finite_number, mapping_of, true_or_false, whole_number
+from .._arguments import true_or_false, whole_number
 from .._errors import ControlError
-from .._name_suggestions import unknown_name
 from ._condensed_program import (
     Condensed,
     Deviations,
     SoftLimits,
     condense,
     predict,
+    rest_cost,
     soft_limits,
 )
 from ._controller import (
     AbstractChannelGroupController,
+    AbstractController,
     Numbers,
     checked_deviations,
     checked_limits,
     checked_measured,
 )
+from ._controller_fields import (
+    OWN,
+    REQUIRED_OWN,
+    ControllerField,
+    FileContents,
+    as_quantity,
+)
 from ._discrete_model import DiscreteModel
-from ._kalman import KalmanFilter, kalman_filter
+from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._law import Law, bundled_law, check_designed_cells
+from ._model_fields import (
+    MODEL_FIELDS,
+    designed,
+    limit_lines,
+    model_lines,
+    model_settings,
+    point_lines,
+    read_model,
+    temperature_limits,
+)
+from ._mpc_limits import checked_rate, checked_temperature_limits
 from ._plant import Plant, plant_of
+from ._program_numbers import parameter_lines, program_numbers, work_of
 from ._quadratic_program import QuadraticProgram, minimised
+
+_TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
+_DUTY = ControllerField("a duty", "", "0.05", is_required=True)
 
 
 class MPCState(NamedTuple):
@@ -89,6 +115,19 @@ class MPC(AbstractChannelGroupController):
     whole number, the limits are not within -1 to 1, or a temperature limit is not one.
     """
 
+    kind: ClassVar[str] = "mpc"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        **MODEL_FIELDS,
+        "horizon": REQUIRED_OWN,
+        "preview": OWN,
+        "output_deviation": replace(_TEMPERATURE, is_required=True),
+        "duty_deviation": _DUTY,
+        "duty_change_deviation": _DUTY,
+        "rate_limit": ControllerField("a rate of the duty", "1/s", "0.05 1/s"),
+        "excess_deviation": _TEMPERATURE,
+        "temperature_limits": OWN,
+    }
+
     condensed: Condensed
     kalman: KalmanFilter
     gain: Float[Array | np.ndarray, "outputs cells"]
@@ -126,8 +165,8 @@ class MPC(AbstractChannelGroupController):
         self.measured = checked_measured("MPC", measured)
         self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
         self.preview = true_or_false("MPC: preview", preview, ControlError)
-        self.rate_limit = None if rate_limit is None else _checked_rate(rate_limit)
-        self.temperature_limits = _checked_temperature_limits(temperature_limits, model)
+        self.rate_limit = None if rate_limit is None else checked_rate(rate_limit)
+        self.temperature_limits = checked_temperature_limits(temperature_limits, model)
         watched = [name for name, *_ in self.temperature_limits]
         plant = plant_of("MPC", model, self.measured, watched)
         self.sample_time_s = plant.sample_time_s
@@ -153,9 +192,83 @@ class MPC(AbstractChannelGroupController):
         self.duty, self.outputs = plant.duty, plant.outputs
 
     @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @property
     def preview_samples(self) -> int:
         """The horizon, with `preview`."""
         return self.horizon if self.preview else 0
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file: the model, the filter and the accepted deviations."""
+        model = read_model(contents, cls.kind)
+        settings = model_settings(cls, contents)
+        limits = temperature_limits(contents)
+        if limits and "excess_deviation" not in contents.data:
+            contents.refuse("excess_deviation", "expected this field, got none")
+        preview = contents.data.get("preview", False)
+        if not isinstance(preview, bool):
+            contents.refuse("preview", f"expected true or false, got {preview!r}")
+        settings |= {"horizon": contents.data["horizon"], "preview": preview}
+        return designed(cls, model, {**settings, "temperature_limits": limits}, contents.refuse)
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the operating point, the deviations, the limits, and the model."""
+        of_fields = dict(zip(Deviations._fields, self.deviations, strict=True))
+        values: dict[str, Any] = {f"{name}_deviation": value for name, value in of_fields.items()}
+        values["duty_change_deviation"] = values.pop("change_deviation")
+        tables: list[str] = []
+        if self.rate_limit is not None:
+            values["rate_limit"] = self.rate_limit
+        if self.soft is not None:
+            values["excess_deviation"] = self.soft.excess
+            for row, (name, *limits) in enumerate(self.temperature_limits):
+                at, C = float(self.soft.outputs[row]), np.asarray(self.soft.C)[row]
+                tables += limit_lines(name, (limits[0], limits[1]), at, C)
+        return [
+            *point_lines(self.duty, self.outputs),
+            f"horizon = {self.horizon}",
+            f"preview = {json.dumps(self.preview)}",
+            *(
+                f"{name} = {as_quantity(value, self.fields[name].quantity)}"
+                for name, value in values.items()
+            ),
+            *tables,
+            *model_lines(self.kalman),
+        ]
+
+    def law(self, cells: int) -> Law:
+        """The law: its Kalman filter, its target at rest and its plan."""
+        check_designed_cells(len(self.duty), cells)
+        states, outputs = np.shape(self.kalman.L)
+        inverse = np.asarray(self.inverse, float)
+        accepted = np.asarray(self.deviations.output, float)
+        scaled, rest = rest_cost(np.asarray(self.gain, float), inverse, accepted)
+        by_missing = -np.asarray(scaled).T / accepted
+        numbers = program_numbers(self.condensed, np.asarray(rest), by_missing, self.soft, inverse)
+        moves, watched = self.horizon * cells, len(self.temperature_limits)
+        limits = moves * (1 if self.rate_limit is None else 2) + self.horizon * watched
+        constants = {"STATES": states, "MOVES": moves, **numbers.constants}
+        if self.rate_limit is not None:
+            constants["REACH"] = self.rate_limit * self.sample_time_s
+        tables = {**kalman_tables(self.kalman, self.duty, self.outputs), **numbers.tables}
+        lines = parameter_lines(
+            self.deviations, self.rate_limit, self.temperature_limits, self.soft
+        )
+        if self.preview:
+            lines.append("designed for the references of the whole horizon: see ..._step_ahead")
+        return Law(
+            bundled_law("mpc.c"),
+            f"model predictive control of {outputs} outputs over {self.horizon} samples",
+            {name: (np.ravel(values), text) for name, (values, text) in tables.items()},
+            {"x": states, "moved": cells, "targets": moves, **work_of(moves, limits)},
+            lines,
+            constants,
+            horizon=self.horizon,
+        )
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
@@ -237,13 +350,11 @@ class MPC(AbstractChannelGroupController):
 
         - `heat`: the disturbance, as a duty.
         """
-        gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
         accepted = jnp.asarray(self.deviations.output)
-        scaled = gain / accepted[:, None]
-        size = jnp.sum(scaled**2) / len(gain)
-        unseen = jnp.eye(len(self.duty), dtype=gain.dtype) - inverse @ gain
+        found = rest_cost(jnp.asarray(self.gain), jnp.asarray(self.inverse), accepted)
+        scaled, hessian = map(jnp.asarray, found)
         low, high = (limit - jnp.asarray(self.duty) for limit in self.limits)
-        matrix, softness = jnp.eye(len(low), dtype=gain.dtype), 0.0
+        matrix, softness = jnp.eye(len(low), dtype=hessian.dtype), 0.0
         if self.soft is not None:
             soft, rows = self.soft, len(self.soft.rest_gain)
             coming = jnp.asarray(soft.rest_gain) @ heat
@@ -252,7 +363,7 @@ class MPC(AbstractChannelGroupController):
             low = jnp.concatenate([low, soft.lowest[:rows] - coming])
             high = jnp.concatenate([high, soft.highest[:rows] - coming])
         program = QuadraticProgram(
-            scaled.T @ scaled + size * unseen,
+            hessian,
             -scaled.T @ (missing / accepted),
             matrix,
             low,
@@ -273,37 +384,3 @@ class MPC(AbstractChannelGroupController):
             f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
             f"{self.sample_time_s:g} s>"
         )
-
-
-def _checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, float, float], ...]:
-    """Returns the temperature limits with numbers as floats.
-
-    **Raises:** `ControlError` if they are not a mapping from channels to (lowest, highest).
-    """
-    where = "MPC: temperature_limits"
-    if limits is None:
-        return ()
-    mapping_of(where, limits, "name -> (lowest, highest)", ControlError)
-    found = []
-    for name, pair in limits.items():
-        known = model.output_names if isinstance(model, DiscreteModel) else tuple(limits)
-        if name not in known:
-            raise ControlError(f"{where}: {unknown_name('channel', name, known)}")
-        try:
-            lowest, highest = (float(limit) for limit in pair)
-            if not -np.inf < lowest < highest < np.inf:
-                raise ValueError
-        except (TypeError, ValueError):
-            raise ControlError(
-                f"{where}: {name}: expected the lowest and the highest temperature, degC, got "
-                f"{pair!r}"
-            ) from None
-        found.append((name, lowest, highest))
-    return tuple(found)
-
-
-def _checked_rate(rate_limit: float | int) -> float:
-    number = finite_number("MPC: rate_limit", rate_limit, ControlError)
-    if number <= 0:
-        raise ControlError(f"MPC: rate_limit: expected a number above 0, 1/s, got {number:g}")
-    return number

@@ -12,14 +12,15 @@ I_{k+1} = I_k + K_i h\,e_k + \frac{h}{T_t} (u_k - v_k)$$
 differences, which is stable for every sample time).
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias, final
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, TypeAlias, final
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from .._jax_settings import own_settings
 from ._controller import (
     AbstractChannelGroupController,
     Numbers,
@@ -28,6 +29,12 @@ from ._controller import (
     checked_measured,
     checked_sample_time,
 )
+from ._controller_fields import ControllerField
+from ._law import Law, bundled_law, of_cells, parameter_text
+
+PROPORTIONAL = ControllerField("a gain", "1/K", "0.1 1/K", "zero", is_required=True)
+INTEGRAL = ControllerField("a gain", "1/(K s)", "0.002 1/(K s)", "zero")
+WEIGHT = ControllerField("a number without unit", "", "0.7", "zero")
 
 Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
 """A single value, or one for each cell."""
@@ -70,6 +77,17 @@ class PID(AbstractChannelGroupController):
     **Raises:** `ControlError` if a gain is not a finite number of at least 0, the limits are not
     within -1 to 1, or the sample time is not positive.
     """
+
+    kind: ClassVar[str] = "pid"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        "Kp": PROPORTIONAL,
+        "Ki": INTEGRAL,
+        "Kd": ControllerField("a gain", "s/K", "0.5 s/K", "zero"),
+        "Tf": ControllerField("a time", "s", "2 s", "zero"),
+        "setpoint_weight": WEIGHT,
+        "derivative_weight": WEIGHT,
+        "tracking_time": ControllerField("a time", "s", "1 s"),
+    }
 
     Kp: Parameter
     Ki: Parameter
@@ -117,6 +135,62 @@ class PID(AbstractChannelGroupController):
     def check_parameters(cls, **values: Any) -> None:
         """Refuses parameters that are not finite numbers of at least 0."""
         check_non_negative("PID", **values)
+
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """All cells follow one output, or each its own."""
+        return outputs in (1, cells)
+
+    def law(self, cells: int) -> Law:
+        """The law, with the factors of a sample multiplied beforehand, and without the derivative
+        if Kd is 0."""
+        Kp, Ki, Kd, Tf = (
+            of_cells(name, getattr(self, name), cells) for name in ("Kp", "Ki", "Kd", "Tf")
+        )
+        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
+        c = of_cells("derivative_weight", self.derivative_weight, cells)
+        h, tracking = self.sample_time_s, self.tracking_time_s
+        if tracking is not None:
+            tracking = of_cells("tracking_time_s", tracking, cells)
+        with own_settings():
+            back = np.asarray(tracking_share(Kp, Ki, tracking, h), float)
+        tables = {
+            "Kp": (Kp, "1/K"),
+            "b": (b, "set-point weight"),
+            "Ki_h": (Ki * h, "Ki times the sample time, 1/K"),
+            "back": (np.broadcast_to(back, (cells,)), "sample time / tracking time"),
+        }
+        if Kd.any():
+            tables |= {
+                "c": (c, "set-point weight of the derivative"),
+                "decay": (Tf / (Tf + h), "of the derivative's filter"),
+                "Kd_h": (Kd / (Tf + h), "Kd / (Tf + sample time), 1/K"),
+            }
+        parameters = [
+            parameter_text("Kp", self.Kp, "1/K"),
+            parameter_text("Ki", self.Ki, "1/(K s)"),
+            parameter_text("Kd", self.Kd, "s/K"),
+            parameter_text("Tf", self.Tf, "s"),
+            parameter_text("set-point weight", self.setpoint_weight, ""),
+            parameter_text("set-point weight of the derivative", self.derivative_weight, ""),
+            "tracking time: Kp / Ki"
+            if tracking is None
+            else parameter_text("tracking time", self.tracking_time_s, "s"),
+        ]
+        return Law(
+            bundled_law("pid.c"),
+            "a PID for each cell",
+            tables,
+            {"derivative": cells, "last": cells} if Kd.any() else {},
+            parameters,
+            {"HAS_DERIVATIVE": 1} if Kd.any() else {},
+            integrals=cells,
+        )
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -7,8 +7,8 @@ from both follows a controller
 (Åström and Hägglund, *Automatica* 20 (1984) 645-651).
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple, final
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,12 +19,14 @@ from .._arguments import finite_number
 from .._errors import ControlError
 from ._controller import (
     AbstractChannelGroupController,
+    AbstractController,
     Numbers,
     check_non_negative,
     checked_limits,
     checked_measured,
     checked_sample_time,
 )
+from ._controller_fields import ControllerField, FileContents
 from ._pid import Parameter, as_parameter
 
 
@@ -78,6 +80,16 @@ class Relay(AbstractChannelGroupController):
     negative, if the bias is not within -1 to 1, or if there are several outputs.
     """
 
+    kind: ClassVar[str] = "relay"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        "amplitude": ControllerField("a duty", "", "0.1", "zero", is_required=True),
+        "bias": ControllerField("a duty", "", "0.4", "any", is_required=True),
+        "hysteresis": ControllerField(
+            "a temperature difference", "K", "0.1 K", "zero", is_required=True, is_single=True
+        ),
+        "timeout": ControllerField("a time", "s", "1 s", is_single=True),
+    }
+
     amplitude: Parameter
     bias: Parameter
     hysteresis: Parameter
@@ -122,6 +134,26 @@ class Relay(AbstractChannelGroupController):
         array = as_parameter(bias)
         if isinstance(array, np.ndarray) and not np.all(np.abs(array) <= 1):
             raise ControlError(f"Relay: bias: expected a duty from -1 to 1, got {bias!r}")
+
+    @property
+    def is_linear(self) -> bool:
+        """False: a relay switches."""
+        return False
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a relay from its file, in which the output is a list with a single group."""
+        measured = contents.common.get("measured")
+        if measured is None:
+            return super().from_file(contents)
+        if len(measured) != 1:
+            contents.refuse(
+                "measured",
+                f"expected one output, got {len(measured)}; channels that are averaged have "
+                'brackets of their own, such as [["T11", "T16"]]',
+            )
+        common = {**contents.common, "measured": measured[0]}
+        return super().from_file(contents._replace(common=common))
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]

@@ -16,8 +16,9 @@ from ..io._checks import ABSOLUTE_ZERO
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Faults, Twin
-from ._controller import AbstractController, ControlFunction, as_controller
+from ._controller import AbstractController
 from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
+from ._function_controller import ControlFunction, as_controller
 from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times

@@ -21,13 +21,8 @@ from ..simulation import Precision, Reductions, Stepper
 from ..simulation._simulate_batch import checked_draws, checked_precision
 from ._closed_loop import run_loop
 from ._closed_loop_run import ClosedLoopRun
-from ._controller import (
-    AbstractController,
-    ControlFunction,
-    as_controller,
-    parameter_names,
-    with_values,
-)
+from ._controller import AbstractController, parameter_names, with_values
+from ._function_controller import ControlFunction, as_controller
 from ._many_loops import longest_delay, simulate_many_loops, twin_at_medians
 from ._measures import MEASURES, Measure
 from ._scenario import scenario

@@ -9,14 +9,7 @@ from .._errors import ControlError
 from ..physics import Twin
 from ._controller import AbstractController
 from ._controller_vector import ControllerVector
-from ._decoupled_pi import DecoupledPI
-from ._lqi import LQI
-from ._mpc import MPC
-from ._pid import PID
 from ._sampled_loop import ROUNDING, SampledLoops
-
-LINEAR = (PID, DecoupledPI, LQI, MPC)
-"""Controllers that are linear about a steady state. Others, such as a relay, are not checked."""
 
 MOST = 5
 """The largest number of references at which the loop is checked."""
@@ -30,12 +23,13 @@ def check_stability(
 ) -> None:
     """Refuses a controller whose loop with the twin is not stable at one of its references.
 
-    The check uses the linear loop at the sample time of the controller, with the driver's delay and
+    A class that is not linear about a steady state (`is_linear`) is not checked. The check uses the
+    linear loop at the sample time of the controller, with the driver's delay and
     lag. Of many references, it uses the lowest, the highest and some between them.
 
     **Raises:** `ControlError` that names the reference and the growth of deviations there.
     """
-    if not isinstance(controller, LINEAR):
+    if not controller.is_linear:
         return
     distinct = np.unique(references, axis=0)
     chosen = np.unique(np.linspace(0, len(distinct) - 1, MOST).round().astype(int))

@@ -18,18 +18,24 @@ import numpy as np
 from .._arguments import path_of
 from .._errors import ControlError
 from .._whole_file import check_ending, write_whole_file
+from ..c_export._sources import defines, included, renamed
 from ..c_export._stepper_c import stepper_c
+from ..c_export._text import table
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ..simulation import Stepper
-from ._fmi2_c import fmi2_c
-from ._fmi3_c import fmi3_c
-from ._instance_c import instance_c
 from ._model_description import build_description, model_description
 from ._variables import variables_of
 
 VERSIONS = ("2.0", "3.0")
+
+COMMENTS = {
+    "DELAY_S": "of the driver, 0 for none",
+    "LAG_S": "of the driver, 0 for none",
+    "LAGGED": "duty cycles behind the lag",
+}
+"""Macro of the numbers of an FMU -> its meaning."""
 
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
 """Platform of Python -> its name in FMI, and the ending of its libraries."""
@@ -134,14 +140,19 @@ def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str
     delay, lag = (
         0.0 if time is None else float(time) for time in (stepper.system.delay, stepper.system.lag)
     )
-    start = ", ".join(repr(number) for number in np.asarray(stepper.start().nodes).tolist())
-    begin = instance_c(name, "@TOKEN@", delay, lag).replace(
-        "static void reset(",
-        f"static const double {name}_start[] = {{{start}}};\n\nstatic void reset(",
-    )
-    functions = fmi2_c() if version == "2.0" else fmi3_c()
+    start = np.asarray(stepper.start().nodes, float)
+    lagged = len(stepper.system.wiring.cold) if lag else 0
+    constants = {"DELAY_S": delay, "LAG_S": lag, "LAGGED": lagged}
     wrapper = "fmi2.c" if version == "2.0" else "fmi3.c"
-    return {f"{name}.h": code.header, f"{name}.c": code.source, wrapper: begin + functions}
+    return {
+        f"{name}.h": code.header,
+        f"{name}_numbers.h": code.numbers,
+        f"{name}.c": code.source,
+        f"{name}_fmu.h": f'#define {name.upper()}_TOKEN "@TOKEN@"\n'
+        + defines(name, constants, "double", COMMENTS)
+        + table(f"{name}_start", start, "temperatures of the nodes at the start, degC", "double"),
+        wrapper: renamed(included(Path(__file__).with_name(wrapper), {}), name),
+    }
 
 
 def _platform(version: str) -> tuple[str, str]:

@@ -1,27 +1,17 @@
-"""The C that the two versions of FMI share: an instance, its values and its clock.
+/* What the two versions of FMI share: an instance, its values and its clock. The values have the
+   numbers of their variables: time, duty cycles, ambient, channels, states and their derivatives.
+   In co-simulation the twin takes steps itself. In model exchange a solver integrates the states; a
+   command that changes enters a queue at an event, and leaves it at another event after the
+   delay. */
 
-The value references are those of `_variables`: time, duty cycles, ambient, channels, states and
-their derivatives. In co-simulation the twin takes steps itself. In model exchange an external
-solver integrates the states. A command that changes enters a queue at an event, and leaves it at
-another event after the delay.
-"""
-
-
-def instance_c(name: str, token: str, delay_s: float, lag_s: float) -> str:
-    """Returns the beginning of the source that is compiled together with that of the twin.
-
-    **Arguments:**
-
-    - `delay_s`, `lag_s`: the delay and the lag of the driver, 0 for none.
-    """
-    upper = name.upper()
-    return f"""#include <math.h>
+#include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "{name}.h"
+#include "model.h"
+#include "model_fmu.h"
 
 #if defined(_WIN32)
 #define EXPORTED __declspec(dllexport)
@@ -31,277 +21,269 @@ def instance_c(name: str, token: str, delay_s: float, lag_s: float) -> str:
 #define EXPORTED
 #endif
 
-static const char token[] = "{token}";
-
 /* Numbers of the variables: 0 is the time. */
 #define DUTY 1
-#define AMBIENT (DUTY + {upper}_CELLS)
+#define AMBIENT (DUTY + MODEL_CELLS)
 #define CHANNEL (AMBIENT + 1)
-#define NODE (CHANNEL + {upper}_CHANNELS)
-#define LAGGED (NODE + {upper}_NODES)
-#define STATES ({upper}_NODES + (LAG_S > 0.0 ? {upper}_CELLS : 0))
+#define NODE (CHANNEL + MODEL_CHANNELS)
+#define LAGGED (NODE + MODEL_NODES)
+#define STATES (MODEL_NODES + MODEL_LAGGED)
 #define SLOPE (NODE + STATES)
 #define VARIABLES (SLOPE + STATES)
-
-/* Of the driver. */
-#define DELAY_S {delay_s!r}
-#define LAG_S {lag_s!r}
 
 /* Commands that can be on their way in model exchange. */
 #define QUEUE 1024
 
-typedef struct {{
-    {name}_state state;
+typedef struct {
+    model_state state;
     double start, time, ambient;
-    double duty[{upper}_CELLS], nodes[{upper}_NODES];
-    double lagged[{upper}_CELLS]; /* duty behind the lag */
+    double duty[MODEL_CELLS], nodes[MODEL_NODES];
+    double lagged[MODEL_CELLS]; /* duty behind the lag */
     double steps; /* that have been taken */
     /* Inputs of the step that has begun, if one has. */
-    double held_duty[{upper}_CELLS], held_ambient;
+    double held_duty[MODEL_CELLS], held_ambient;
     int is_held;
     int is_running, is_exchange;
     /* Of model exchange: the last command, that which has arrived, and those between. */
-    double seen[{upper}_CELLS], arrived[{upper}_CELLS];
-    double due[QUEUE], late[QUEUE][{upper}_CELLS];
+    double seen[MODEL_CELLS], arrived[MODEL_CELLS];
+    double due[QUEUE], late[QUEUE][MODEL_CELLS];
     int waiting;
-}} instance_t;
+} instance_t;
 
 static void reset(instance_t *self)
-{{
+{
     const int is_exchange = self->is_exchange;
     int i;
     memset(self, 0, sizeof *self);
     self->is_exchange = is_exchange;
-    self->ambient = {upper}_AMBIENT;
-    for (i = 0; i < {upper}_NODES; ++i) {{
-        self->nodes[i] = {name}_start[i];
-    }}
-}}
+    self->ambient = MODEL_AMBIENT;
+    for (i = 0; i < MODEL_NODES; ++i) {
+        self->nodes[i] = model_start[i];
+    }
+}
 
 static instance_t *instantiate(const char *given, int is_exchange)
-{{
+{
     instance_t *self = NULL;
-    if (given != NULL && strcmp(given, token) == 0) {{
+    if (given != NULL && strcmp(given, MODEL_TOKEN) == 0) {
         self = malloc(sizeof *self);
-    }}
-    if (self != NULL) {{
+    }
+    if (self != NULL) {
         self->is_exchange = is_exchange;
         reset(self);
-    }}
+    }
     return self;
-}}
+}
 
 /* The twin's own state, from temperatures of the nodes; no command was given before. */
-static void begin(const instance_t *self, {name}_state *state)
-{{
-    static const double off[{upper}_CELLS] = {{0.0}};
+static void begin(const instance_t *self, model_state *state)
+{
+    static const double off[MODEL_CELLS] = {0.0};
     int i;
-    {name}_init(state, self->nodes, off);
-    for (i = 0; i < {upper}_CELLS; ++i) {{
+    model_init(state, self->nodes, off);
+    for (i = 0; i < MODEL_CELLS; ++i) {
         state->duty[i] = self->lagged[i];
-    }}
-}}
+    }
+}
 
 static void initialize(instance_t *self)
-{{
+{
     begin(self, &self->state);
     self->is_running = 1;
-}}
+}
 
 /* The derivatives of the states, under the duty that has passed the delay. */
 static void slopes(const instance_t *self, const double *nodes, const double *lagged,
                    const double *delayed, double *values)
-{{
+{
     int i;
-    {name}_slopes(nodes, LAG_S > 0.0 ? lagged : delayed, self->ambient, values);
-    for (i = {upper}_NODES; i < STATES; ++i) {{
-        values[i] = (delayed[i - {upper}_NODES] - lagged[i - {upper}_NODES]) / LAG_S;
-    }}
-}}
+    model_slopes(nodes, MODEL_LAGGED > 0 ? lagged : delayed, self->ambient, values);
+    for (i = MODEL_NODES; i < STATES; ++i) {
+        values[i] = (delayed[i - MODEL_NODES] - lagged[i - MODEL_NODES]) / MODEL_LAG_S;
+    }
+}
 
 static const double *delayed_duty(const instance_t *self)
-{{
-    return DELAY_S > 0.0 ? self->arrived : self->duty;
-}}
+{
+    return MODEL_DELAY_S > 0.0 ? self->arrived : self->duty;
+}
 
 static int get(const instance_t *self, const uint32_t *numbers, size_t count, double *values)
-{{
-    double channels[{upper}_CHANNELS], nodes[{upper}_NODES], changes[STATES];
-    {name}_state state = self->state;
+{
+    double channels[MODEL_CHANNELS], nodes[MODEL_NODES], changes[STATES];
+    model_state state = self->state;
     size_t k;
-    if (!self->is_running || self->is_exchange) {{
+    if (!self->is_running || self->is_exchange) {
         begin(self, &state);
-    }}
-    {name}_output(&state, self->ambient, channels);
-    {name}_nodes(&state, nodes);
+    }
+    model_output(&state, self->ambient, channels);
+    model_nodes(&state, nodes);
     slopes(self, nodes, state.duty, self->is_exchange ? delayed_duty(self) : self->duty, changes);
-    for (k = 0; k < count; ++k) {{
+    for (k = 0; k < count; ++k) {
         const uint32_t number = numbers[k];
-        if (number == 0) {{
+        if (number == 0) {
             values[k] = self->time;
-        }} else if (number < AMBIENT) {{
+        } else if (number < AMBIENT) {
             values[k] = self->duty[number - DUTY];
-        }} else if (number == AMBIENT) {{
+        } else if (number == AMBIENT) {
             values[k] = self->ambient;
-        }} else if (number < NODE) {{
+        } else if (number < NODE) {
             values[k] = channels[number - CHANNEL];
-        }} else if (number < LAGGED) {{
+        } else if (number < LAGGED) {
             values[k] = nodes[number - NODE];
-        }} else if (number < SLOPE) {{
+        } else if (number < SLOPE) {
             values[k] = state.duty[number - LAGGED];
-        }} else if (number < VARIABLES) {{
+        } else if (number < VARIABLES) {
             values[k] = changes[number - SLOPE];
-        }} else {{
+        } else {
             return 0;
-        }}
-    }}
+        }
+    }
     return 1;
-}}
+}
 
 /* Refuses what is no number, duty cycles beyond full duty, and nodes of a twin that runs. */
 static int set(instance_t *self, const uint32_t *numbers, size_t count, const double *values)
-{{
+{
     size_t k;
-    for (k = 0; k < count; ++k) {{
+    for (k = 0; k < count; ++k) {
         const uint32_t number = numbers[k];
-        if (!isfinite(values[k])) {{
+        if (!isfinite(values[k])) {
             return 0;
-        }}
-        if (number >= DUTY && number < AMBIENT) {{
-            if (values[k] < -1.0 || values[k] > 1.0) {{
+        }
+        if (number >= DUTY && number < AMBIENT) {
+            if (values[k] < -1.0 || values[k] > 1.0) {
                 return 0;
-            }}
+            }
             self->duty[number - DUTY] = values[k];
-        }} else if (number == AMBIENT) {{
+        } else if (number == AMBIENT) {
             self->ambient = values[k];
-        }} else if (number >= NODE && number < LAGGED && !self->is_running) {{
+        } else if (number >= NODE && number < LAGGED && !self->is_running) {
             self->nodes[number - NODE] = values[k];
-        }} else if (number >= LAGGED && number < SLOPE && !self->is_running) {{
-            if (values[k] < -1.0 || values[k] > 1.0) {{
+        } else if (number >= LAGGED && number < SLOPE && !self->is_running) {
+            if (values[k] < -1.0 || values[k] > 1.0) {
                 return 0;
-            }}
+            }
             self->lagged[number - LAGGED] = values[k];
-        }} else {{
+        } else {
             return 0;
-        }}
-    }}
+        }
+    }
     return 1;
-}}
+}
 
 static void hold_inputs(instance_t *self)
-{{
+{
     memcpy(self->held_duty, self->duty, sizeof self->held_duty);
     self->held_ambient = self->ambient;
-}}
+}
 
 /* Takes the twin's own steps that end until then, each under the inputs with which it began. */
 static int advance(instance_t *self, double time, double size)
-{{
+{
     double begun, until;
-    if (!self->is_running || self->is_exchange) {{
+    if (!self->is_running || self->is_exchange) {
         return 0;
-    }}
-    if (!isfinite(time) || !isfinite(size) || size < 0.0) {{
+    }
+    if (!isfinite(time) || !isfinite(size) || size < 0.0) {
         return 0;
-    }}
-    begun = (time + size - self->start) / {upper}_SAMPLE_TIME_S;
+    }
+    begun = (time + size - self->start) / MODEL_SAMPLE_TIME_S;
     until = floor(begun + 1e-6);
-    if (!self->is_held) {{
+    if (!self->is_held) {
         hold_inputs(self);
-    }}
-    while (self->steps < until) {{
-        {name}_step(&self->state, self->held_duty, self->held_ambient);
+    }
+    while (self->steps < until) {
+        model_step(&self->state, self->held_duty, self->held_ambient);
         self->steps += 1.0;
         hold_inputs(self);
-    }}
+    }
     self->is_held = begun > until + 1e-6;
     self->time = time + size;
     return 1;
-}}
+}
 
 /* The states as the solver from outside has them. */
 static int get_states(const instance_t *self, double *values, size_t count)
-{{
-    if (count != STATES) {{
+{
+    if (count != STATES) {
         return 0;
-    }}
+    }
     memcpy(values, self->nodes, sizeof self->nodes);
-    memcpy(values + {upper}_NODES, self->lagged, (STATES - {upper}_NODES) * sizeof(double));
+    memcpy(values + MODEL_NODES, self->lagged, (size_t)(STATES - MODEL_NODES) * sizeof(double));
     return 1;
-}}
+}
 
 static int set_states(instance_t *self, const double *values, size_t count)
-{{
-    if (count != STATES || !self->is_exchange) {{
+{
+    if (count != STATES || !self->is_exchange) {
         return 0;
-    }}
+    }
     memcpy(self->nodes, values, sizeof self->nodes);
-    memcpy(self->lagged, values + {upper}_NODES, (STATES - {upper}_NODES) * sizeof(double));
+    memcpy(self->lagged, values + MODEL_NODES, (size_t)(STATES - MODEL_NODES) * sizeof(double));
     return 1;
-}}
+}
 
 static int get_slopes(const instance_t *self, double *values, size_t count)
-{{
-    if (count != STATES) {{
+{
+    if (count != STATES) {
         return 0;
-    }}
+    }
     slopes(self, self->nodes, self->lagged, delayed_duty(self), values);
     return 1;
-}}
+}
 
 static int get_nominals(double *values, size_t count)
-{{
+{
     size_t k;
-    if (count != STATES) {{
+    if (count != STATES) {
         return 0;
-    }}
-    for (k = 0; k < count; ++k) {{
-        values[k] = k < {upper}_NODES ? 10.0 : 1.0;
-    }}
+    }
+    for (k = 0; k < count; ++k) {
+        values[k] = k < MODEL_NODES ? 10.0 : 1.0;
+    }
     return 1;
-}}
+}
 
 /* What happens at an event: a new command is put into the queue, and those that are due arrive.
    Refused where too many are on their way. */
-static int update(instance_t *self, int *is_next, double *next)
-{{
+static int pass_event(instance_t *self, int *is_next, double *next)
+{
     const double now = self->time + 1e-9 * (1.0 + fabs(self->time));
     int left = 0;
     *is_next = 0;
     *next = 0.0;
-    if (!(DELAY_S > 0.0)) {{
+    if (!(MODEL_DELAY_S > 0.0)) {
         return 1;
-    }}
-    if (memcmp(self->seen, self->duty, sizeof self->seen) != 0) {{
-        if (self->waiting == QUEUE) {{
+    }
+    if (memcmp(self->seen, self->duty, sizeof self->seen) != 0) {
+        if (self->waiting == QUEUE) {
             return 0;
-        }}
-        self->due[self->waiting] = self->time + DELAY_S;
+        }
+        self->due[self->waiting] = self->time + MODEL_DELAY_S;
         memcpy(self->late[self->waiting], self->duty, sizeof self->duty);
         memcpy(self->seen, self->duty, sizeof self->seen);
         ++self->waiting;
-    }}
-    while (left < self->waiting && self->due[left] <= now) {{
+    }
+    while (left < self->waiting && self->due[left] <= now) {
         memcpy(self->arrived, self->late[left], sizeof self->arrived);
         ++left;
-    }}
+    }
     self->waiting -= left;
     memmove(self->due, self->due + left, (size_t)self->waiting * sizeof self->due[0]);
     memmove(self->late, self->late + left, (size_t)self->waiting * sizeof self->late[0]);
-    if (self->waiting > 0) {{
+    if (self->waiting > 0) {
         *is_next = 1;
         *next = self->due[0];
-    }}
+    }
     return 1;
-}}
+}
 
 static void *copied(const instance_t *self)
-{{
+{
     instance_t *copy = malloc(sizeof *copy);
-    if (copy != NULL) {{
+    if (copy != NULL) {
         *copy = *self;
-    }}
+    }
     return copy;
-}}
-
-"""
+}

@@ -1,0 +1,126 @@
+"""The C files of this package, with the name and the numbers of what is exported.
+
+The files beside this module, and those of `fmu/`, are C as it is compiled. Their names begin with
+`model_` or `MODEL_`; the name of the exported files takes the place of `model`. Two parts are
+generated: the sizes, which the header needs (`model_sizes.h`, inserted into it), and the numbers
+(`model_numbers.h`, a file).
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .._errors import ControlError
+from ..control._law import Table
+from ._text import number, tables_c
+
+FOLDER = Path(__file__).parent
+
+_INCLUDE = re.compile(r'#include "(.*)"\n')
+
+
+class Code(NamedTuple):
+    """The exported files, the number of constants, and the number of values in the state."""
+
+    header: str
+    source: str
+    numbers: str
+    coefficients: int
+    states: int
+
+
+class Parts(NamedTuple):
+    """What is generated.
+
+    - `about`: the comment at the beginning of the header.
+    - `sizes`: the C that takes the place of `model_sizes.h`.
+    - `constants`: the macros of the numbers, as C. `tables`: name -> values and comment.
+    - `states`: the number of values in the state.
+    - `law`: the C that takes the place of `law.c`; empty without.
+    """
+
+    about: str
+    sizes: str
+    constants: str
+    tables: Mapping[str, Table]
+    states: int
+    law: str = ""
+
+
+def code_of(kind: str, name: str, precision: str, parts: Parts) -> Code:
+    """Puts the files of a kind together, such as `controller.h` and `controller.c`.
+
+    **Raises:** `ControlError` if a number is not finite in this precision.
+    """
+    upper = name.upper()
+    tables = {
+        f"{name}_{key}": (np.asarray(values, float), comment)
+        for key, (values, comment) in parts.tables.items()
+    }
+    arrays, coefficients = tables_c(tables, precision)
+    header = renamed(included(FOLDER / f"{kind}.h", {}), name)
+    header = header.replace(f'#include "{name}_sizes.h"\n', parts.sizes)
+    return Code(
+        parts.about + header,
+        renamed(included(FOLDER / f"{kind}.c", {"law.c": parts.law}), name),
+        f"/* The numbers of {name}.c, written by jaxtwin. */\n#ifndef {upper}_NUMBERS_H\n"
+        f"#define {upper}_NUMBERS_H\n\n{parts.constants}\n{arrays}#endif\n",
+        coefficients,
+        parts.states,
+    )
+
+
+def renamed(text: str, name: str) -> str:
+    """Puts a name in the place of `model`."""
+    text = re.sub(r"\bmodel(?=_|\.h)", name, text)
+    return re.sub(r"\bMODEL(?=_)", name.upper(), text)
+
+
+def type_of_numbers(name: str, precision: str) -> str:
+    """The C that says which type all numbers have."""
+    is_float = int(precision == "float")
+    return f"#define {name.upper()}_IS_FLOAT {is_float}\ntypedef {precision} {name}_real;\n"
+
+
+def defines(
+    name: str,
+    constants: Mapping[str, int | float],
+    precision: str,
+    comments: Mapping[str, str] | None = None,
+) -> str:
+    """Macros as C: whole numbers as they are, others in the given precision.
+
+    **Raises:** `ControlError` if a number is not finite in this precision.
+    """
+    lines = []
+    for key, value in constants.items():
+        text = str(value)
+        if not isinstance(value, int):
+            with np.errstate(over="ignore"):
+                cast = np.float32(value) if precision == "float" else value
+            if not np.isfinite(cast):
+                raise ControlError(
+                    f"export_c: {name}_{key}: expected a finite number in {precision}, got {value}"
+                )
+            text = number(value, precision)
+        comment = f" /* {comments[key]} */" if comments and key in comments else ""
+        lines.append(f"#define {name.upper()}_{key} {text}{comment}\n")
+    return "".join(lines)
+
+
+def included(file: Path, given: Mapping[str, str]) -> str:
+    """The text of a file with those parts that it includes and that stand beside it or are given.
+
+    A part is included where it is asked for, so that each exported model is a single source.
+    """
+
+    def part(found: re.Match[str]) -> str:
+        beside = file.with_name(found[1])
+        if found[1] in given:
+            return given[found[1]]
+        return included(beside, given) if beside.exists() else found[0]
+
+    return _INCLUDE.sub(part, file.read_text(encoding="ascii"))

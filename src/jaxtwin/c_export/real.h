@@ -1,0 +1,21 @@
+/* Functions and limits of the type of all numbers. */
+#include <float.h>
+#include <math.h>
+
+#if MODEL_IS_FLOAT
+#define MODEL_EPSILON FLT_EPSILON
+#define model_sqrt sqrtf
+#define model_fabs fabsf
+#define model_fmin fminf
+#define model_fmax fmaxf
+#define model_exp expf
+#define model_log logf
+#else
+#define MODEL_EPSILON DBL_EPSILON
+#define model_sqrt sqrt
+#define model_fabs fabs
+#define model_fmin fmin
+#define model_fmax fmax
+#define model_exp exp
+#define model_log log
+#endif

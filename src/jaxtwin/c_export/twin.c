@@ -1,0 +1,299 @@
+#include "model.h"
+#include "model_numbers.h"
+#include "real.h"
+
+/* The current through a connected cell, within what its controller allows, A. */
+static model_real model_limited(model_real current)
+{
+#ifdef MODEL_IMAX
+    return model_fmin(model_fmax(current, -MODEL_IMAX), MODEL_IMAX);
+#else
+    return current;
+#endif
+}
+
+/* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. */
+static void model_heat(int cell, model_real duty, model_real cold, model_real hot,
+                       model_real flow[2])
+{
+    const model_real loop = model_R[cell] + MODEL_RON;
+    const model_real emf = model_alpha[cell] * (hot - cold), share = model_fabs(duty);
+#ifdef MODEL_MEAN_VOLTAGE
+    const model_real drive = -duty * MODEL_VS;
+    const model_real current = model_limited((drive - emf) / (loop + share * MODEL_RS));
+    const model_real square = current * current;
+#else
+    const model_real cools = duty < 0 ? MODEL_VS : 0;
+    const model_real drive = duty > 0 ? -MODEL_VS : cools;
+    const model_real on = model_limited((drive - emf) / (loop + MODEL_RS));
+#ifdef MODEL_BRAKES
+    const model_real off = -emf / loop;
+    const model_real current = share * on + (1 - share) * off;
+    const model_real square = share * on * on + (1 - share) * off * off;
+#else
+    const model_real current = share * on;
+    const model_real square = share * on * on;
+#endif
+#endif
+    const model_real peltier = model_alpha[cell] * current;
+    const model_real joule = (model_real)0.5 * model_R[cell] * square;
+    flow[0] = joule - peltier * cold;
+    flow[1] = joule + peltier * hot;
+}
+
+/* What drives the modes beside their own decay. Of the sides of the cells, the cold ones are the
+   first. */
+static void model_force(const model_real *z, const model_real *duty, const model_real *steady,
+                        model_real *force)
+{
+    model_real at[2 * MODEL_CELLS], flow[2 * MODEL_CELLS], both[2];
+    int i, j, m;
+    for (i = 0; i < 2 * MODEL_CELLS; ++i) {
+        at[i] = 0;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            at[i] += model_shape[model_side[i]][m] * z[m];
+        }
+    }
+    for (i = 0; i < MODEL_CELLS; ++i) {
+        model_heat(i, duty[i], MODEL_T0 + at[i], MODEL_T0 + at[MODEL_CELLS + i], both);
+        flow[i] = both[0];
+        flow[MODEL_CELLS + i] = both[1];
+    }
+    for (i = 0; i < 2 * MODEL_CELLS; ++i) {
+        for (j = 0; j < 2 * MODEL_CELLS; ++j) {
+            flow[i] += model_linearised_conductance[i][j] * at[j];
+        }
+    }
+    for (m = 0; m < MODEL_MODES; ++m) {
+        force[m] = steady[m];
+        for (i = 0; i < 2 * MODEL_CELLS; ++i) {
+            force[m] += model_shape[model_side[i]][m] * flow[i];
+        }
+    }
+}
+
+/* Forces by the ambient, by coolant and the like, and by what the plate loses beyond its linear
+   losses. */
+static void model_losses(const model_real *z, model_real ambient, model_real *force)
+{
+    int m;
+#ifdef MODEL_ELEMENTS
+    const model_real room = MODEL_T0 + ambient;
+    int i;
+#endif
+    for (m = 0; m < MODEL_MODES; ++m) {
+        force[m] = model_surroundings[m] * ambient;
+#ifdef MODEL_HAS_RESERVOIRS
+        force[m] += model_reservoirs[m];
+#endif
+    }
+#ifdef MODEL_ELEMENTS
+    for (i = 0; i < MODEL_ELEMENTS; ++i) {
+        model_real at = 0, rise, hot, film, left;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            at += model_shape[i][m] * z[m];
+        }
+        rise = at - ambient;
+        hot = room + rise;
+        film = model_exp(MODEL_HALF_EXPONENT
+                         * model_log((rise * rise + MODEL_CALM) * MODEL_FILM_SCALE));
+        left = model_linearised_loss[i] * at - model_film[i] * (film - 1) * rise;
+        left -= model_radiating[i] * rise * (hot + room) * (hot * hot + room * room);
+        for (m = 0; m < MODEL_MODES; ++m) {
+            force[m] += model_shape[i][m] * left;
+        }
+    }
+#else
+    (void)z;
+#endif
+}
+
+/* The forces that all stages share, at a stage of a part of a step. */
+#ifdef MODEL_ELEMENTS
+#define MODEL_STEADY(stage) (first[m] + model_at[part][stage] * slope[m])
+#else
+#define MODEL_STEADY(stage) first[m]
+#endif
+
+/* A part of a step by ETDRK4-B (Krogstad, J. Comput. Phys. 203, 2005, eq. 51). The losses are those
+   at the start of the step, first, and grow by slope in half a step. */
+static void model_part(model_state *state, int part, const model_real *command,
+                       const model_real *first, const model_real *slope)
+{
+    model_real p[MODEL_MODES], b[MODEL_MODES];
+    model_real f0[MODEL_MODES], fa[MODEL_MODES], fb[MODEL_MODES], fc[MODEL_MODES];
+#ifdef MODEL_HAS_LAG
+    model_real middle[MODEL_CELLS], end[MODEL_CELLS];
+    const model_real *start = state->duty;
+#else
+    const model_real *start = command, *middle = command, *end = command;
+#endif
+    int i, m;
+#ifdef MODEL_HAS_LAG
+    for (i = 0; i < MODEL_CELLS; ++i) {
+        const model_real away = state->duty[i] - command[i];
+        middle[i] = command[i] + away * model_lag[part][0];
+        end[i] = command[i] + away * model_lag[part][1];
+    }
+#endif
+#ifndef MODEL_ELEMENTS
+    (void)slope;
+#endif
+    for (m = 0; m < MODEL_MODES; ++m) {
+        p[m] = MODEL_STEADY(0);
+    }
+    model_force(state->z, start, p, f0);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        p[m] = MODEL_STEADY(1);
+        b[m] = state->z[m] + model_half_decay[part][m] * state->z[m];
+        b[m] += model_half[part][m] * f0[m];
+    }
+    model_force(b, middle, p, fa);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        b[m] = state->z[m] + model_half_decay[part][m] * state->z[m];
+        b[m] += model_half_start[part][m] * f0[m] + model_half_middle[part][m] * fa[m];
+    }
+    model_force(b, middle, p, fb);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        p[m] = MODEL_STEADY(2);
+        b[m] = state->z[m] + model_decay[part][m] * state->z[m];
+        b[m] += model_whole_start[part][m] * f0[m] + model_whole_middle[part][m] * fb[m];
+    }
+    model_force(b, end, p, fc);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        state->z[m] += model_decay[part][m] * state->z[m] + model_first[part][m] * f0[m]
+                       + model_middle[part][m] * (fa[m] + fb[m]) + model_last[part][m] * fc[m];
+    }
+    for (i = 0; i < MODEL_CELLS; ++i) {
+        state->duty[i] = end[i];
+    }
+}
+
+void model_init(model_state *state, const model_real nodes[MODEL_NODES],
+                const model_real duty[MODEL_CELLS])
+{
+    int i, m;
+    for (m = 0; m < MODEL_MODES; ++m) {
+        state->z[m] = 0;
+        for (i = 0; i < MODEL_NODES; ++i) {
+            const model_real rise = nodes[i] + MODEL_ZERO_CELSIUS - MODEL_T0;
+            state->z[m] += model_shape[i][m] * model_capacitance[i] * rise;
+        }
+    }
+    for (i = 0; i < MODEL_CELLS; ++i) {
+        state->duty[i] = duty[i];
+#if MODEL_QUEUE > 0
+        for (m = 0; m < MODEL_QUEUE; ++m) {
+            state->late[m][i] = duty[i];
+        }
+#endif
+    }
+}
+
+/* The command that acts in a part of a step. Of those on their way, the first was given a step
+   ago. */
+static const model_real *model_command(const model_state *state, const model_real *duty, int part)
+{
+#if MODEL_QUEUE > 0
+    if (part < MODEL_QUEUE) {
+        return state->late[MODEL_QUEUE - 1 - part];
+    }
+#else
+    (void)state;
+    (void)part;
+#endif
+    return duty;
+}
+
+void model_step(model_state *state, const model_real duty[MODEL_CELLS], model_real ambient)
+{
+    const model_real deviation = ambient + MODEL_ZERO_CELSIUS - MODEL_T0;
+    model_real first[MODEL_MODES], slope[MODEL_MODES];
+    int part;
+#ifdef MODEL_ELEMENTS
+    model_real b[MODEL_MODES];
+#endif
+#if defined(MODEL_ELEMENTS) || MODEL_QUEUE > 0
+    int m;
+#endif
+    model_losses(state->z, deviation, first);
+#ifdef MODEL_ELEMENTS
+#ifdef MODEL_HAS_LAG
+    model_force(state->z, state->duty, first, slope);
+#else
+    model_force(state->z, model_command(state, duty, 0), first, slope);
+#endif
+    for (m = 0; m < MODEL_MODES; ++m) {
+        b[m] = state->z[m] + model_to_half_decay[m] * state->z[m] + model_to_half[m] * slope[m];
+    }
+    model_losses(b, deviation, slope);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        slope[m] -= first[m];
+    }
+#endif
+    for (part = 0; part < MODEL_PARTS; ++part) {
+        model_part(state, part, model_command(state, duty, part), first, slope);
+    }
+#if MODEL_QUEUE > 0
+    {
+        int i;
+        for (m = MODEL_QUEUE - 1; m > 0; --m) {
+            for (i = 0; i < MODEL_CELLS; ++i) {
+                state->late[m][i] = state->late[m - 1][i];
+            }
+        }
+        for (i = 0; i < MODEL_CELLS; ++i) {
+            state->late[0][i] = duty[i];
+        }
+    }
+#endif
+}
+
+void model_output(const model_state *state, model_real ambient,
+                  model_real temperatures[MODEL_CHANNELS])
+{
+    const model_real deviation = ambient + MODEL_ZERO_CELSIUS - MODEL_T0;
+    int i, m;
+    for (i = 0; i < MODEL_CHANNELS; ++i) {
+        model_real sum = model_by_ambient[i] * deviation;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            sum += model_by_modes[i][m] * state->z[m];
+        }
+        temperatures[i] = sum + (MODEL_T0 - MODEL_ZERO_CELSIUS);
+    }
+}
+
+void model_nodes(const model_state *state, model_real nodes[MODEL_NODES])
+{
+    int i, m;
+    for (i = 0; i < MODEL_NODES; ++i) {
+        model_real sum = 0;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            sum += model_shape[i][m] * state->z[m];
+        }
+        nodes[i] = sum + (MODEL_T0 - MODEL_ZERO_CELSIUS);
+    }
+}
+
+#ifdef MODEL_HAS_SLOPES
+void model_slopes(const model_real nodes[MODEL_NODES], const model_real duty[MODEL_CELLS],
+                  model_real ambient, model_real slopes[MODEL_NODES])
+{
+    const model_real deviation = ambient + MODEL_ZERO_CELSIUS - MODEL_T0;
+    model_real first[MODEL_MODES], force[MODEL_MODES];
+    model_state state;
+    int i, m;
+    model_init(&state, nodes, duty);
+    model_losses(state.z, deviation, first);
+    model_force(state.z, duty, first, force);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        force[m] -= model_rate[m] * state.z[m];
+    }
+    for (i = 0; i < MODEL_NODES; ++i) {
+        slopes[i] = 0;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            slopes[i] += model_shape[i][m] * force[m];
+        }
+    }
+}
+#endif

@@ -1,0 +1,43 @@
+#ifndef MODEL_H
+#define MODEL_H
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#include "model_sizes.h"
+
+typedef struct {
+    model_real z[MODEL_MODES]; /* amplitudes of the modes */
+    model_real duty[MODEL_CELLS]; /* that reaches the cells */
+#if MODEL_QUEUE > 0
+    model_real late[MODEL_QUEUE][MODEL_CELLS]; /* commands on their way */
+#endif
+} model_state;
+
+/* From temperatures of the nodes, degC, and duty cycles that have been commanded for long. */
+void model_init(model_state *state, const model_real nodes[MODEL_NODES],
+                const model_real duty[MODEL_CELLS]);
+
+/* A sample time later, under duty cycles held until then; the ambient in degC. */
+void model_step(model_state *state, const model_real duty[MODEL_CELLS], model_real ambient);
+
+/* What the channels read now, degC. */
+void model_output(const model_state *state, model_real ambient,
+                  model_real temperatures[MODEL_CHANNELS]);
+
+/* The temperatures of the nodes now, degC: a sensor where there is none. */
+void model_nodes(const model_state *state, model_real nodes[MODEL_NODES]);
+
+#ifdef MODEL_HAS_SLOPES
+/* How fast the temperatures of the nodes change, K/s; the duty is what reaches the cells, the
+   ambient in degC. */
+void model_slopes(const model_real nodes[MODEL_NODES], const model_real duty[MODEL_CELLS],
+                  model_real ambient, model_real slopes[MODEL_NODES]);
+#endif
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
