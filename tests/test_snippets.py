@@ -33,7 +33,7 @@ SMALLER = {
     "draws=4096": "draws=16",
     "moment.time > 600": "moment.time > 3",
     '"0:30,300:35", duration_s=600)': '"0:30", duration_s=5)',
-    "duration_s=900, on_decision": "duration_s=5, on_decision",
+    "LiveLoop(twin, relay, 40, duration_s=900)": "LiveLoop(twin, relay, 40, duration_s=5)",
 }
 ADDRESS = "127.0.0.1:7000"
 """Of the virtual rig of docs/live.md and docs/control.md."""
@@ -168,11 +168,11 @@ def host_of_the_camera(names: dict[str, Any]) -> Iterator[None]:
         raise KeyboardInterrupt
 
     names["frames"] = frames
-    with connect(twin.rig, f"socket://{CAMERA}") as bench:
+    with connect(twin.rig, f"socket://{CAMERA}") as connection:
         yield
         names["connection"].close()
         names["server"].close()
-        readings = [record for record in bench.poll() if isinstance(record, Reading)]
+        readings = [record for record in connection.poll() if isinstance(record, Reading)]
     assert [reading.recalibrating for reading in readings].count(True) == 1
     for reading in readings:
         np.testing.assert_allclose(reading.temperatures, 30.0, atol=1e-6)
