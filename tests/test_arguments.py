@@ -21,7 +21,7 @@ import diffrax
 import numpy as np
 import optimistix
 from jaxtwin import *
-from jaxtwin import control, live, plots
+from jaxtwin import control, live, matching, plots
 from jaxtwin.data import synthetic_recordings
 rig = load_rig("paper-2024")
 twin = Twin(rig)
@@ -45,6 +45,7 @@ FIT = "fit: expected a Fit, as match gives it.*, got .*"
 RIG = "rig: expected a Rig, as load_rig reads it.*, got .*"
 PATH = "expected (the path of a file or a folder|a path whose names are not too long).*, got .*"
 WHOLE = "expected a whole number "
+LOSS = "loss: expected a loss, such as jaxtwin.matching.Huber"
 FINITE = "expected a finite number"
 NAMES = "expected one name or several.*, got .*"
 FUNCTION = "expected a function or None.*, got .*"
@@ -203,8 +204,11 @@ CASES = {
     "match(twin, seen, bounds={'R_ph': (None, 3)})": ("MatchError", "R_ph: bounds: expected"),
     "match(twin, seen, bounds={'R_ph': (np.nan, 3)})": ("MatchError", "R_ph: bounds: expected"),
     "match(twin, seen, bounds={'R_ph': ((1, 2), 3)})": ("MatchError", "R_ph: bounds: expected"),
-    "match(twin, seen, robust='huber')": ("MatchError", "robust: " + FINITE),
-    "match(twin, seen, robust=True)": ("MatchError", "robust: " + FINITE),
+    "match(twin, seen, loss='huber')": ("MatchError", LOSS + ".* got 'huber'"),
+    "match(twin, seen, loss=matching.Huber)": ("MatchError", LOSS + ".* got .*Huber"),
+    "matching.Huber('a')": ("MatchError", "Huber: threshold: " + FINITE),
+    "matching.Cauchy(0)": ("MatchError", "Cauchy: threshold: expected a number above 0, got 0"),
+    "matching.register_loss(matching.AbstractLoss)": ("MatchError", "its name in saved fits"),
     "match(twin, seen, starts='2')": ("MatchError", "starts: " + WHOLE + "above 0"),
     "match(twin, seen, seed=-1)": ("MatchError", "seed: " + WHOLE + "of at least 0"),
     "match(twin, seen, solver='lm')": ("MatchError", "solver: " + LEAST_SQUARES + ".* got 'lm'"),

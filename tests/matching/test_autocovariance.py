@@ -114,7 +114,7 @@ def test_standard_errors_with_hubers_loss_are_the_scatter_of_its_estimates(outli
             residuals=left[:, None],
             slopes=slopes,
             entries=np.arange(3),
-            inliers=inlying[:, None].astype(float),
+            curvature=inlying[:, None].astype(float),
             roots=np.ones((TIMES, 1)),
             channels=1.0,
             independent=1.0,

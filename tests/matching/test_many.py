@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match, match_many, simulate
-from jaxtwin.matching import _descent, _make_fit
+from jaxtwin.matching import Huber, _descent, _make_fit
 
 FREE = ["C_load", "T_amb", "T_start"]
 TRUTH = {"C_load": 24.0, "T_amb": 20.0, "T_start": 18.5}
@@ -65,7 +65,9 @@ def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experim
     """A single channel has nothing alone; what counts less is found in what all share."""
     outliers = np.zeros((121, 1))
     outliers[10::40], outliers[30::40] = 8.0, -8.0
-    for fit in matched(*(spoiled(recording, outliers) for recording in benches[:2]), robust=2.0):
+    for fit in matched(
+        *(spoiled(recording, outliers) for recording in benches[:2]), loss=Huber(2.0)
+    ):
         assert fit is not None
         (weights,) = fit.weights.values()
         assert np.all(weights[10::20] < 0.2)

@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as npst
 
 from jaxtwin import Experiment, MatchError, Twin, match, simulate
 from jaxtwin.io import read_recording, write_recording
-from jaxtwin.matching import Fit, estimate_initial_conditions
+from jaxtwin.matching import Fit, Huber, estimate_initial_conditions
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._match import default_solver
 from jaxtwin.matching._problem import SampleOptions, make_match_problem
@@ -86,8 +86,8 @@ def test_a_file_with_a_hole_matches_as_the_same_samples_masked(
     mask = {"day": [(float(whole.time[span][0]), float(whole.time[span][-1]) + 1e-6)]}
     if first + length >= len(whole.time):
         mask = {"day": [(float(whole.time[first]) - 1e-6, float(whole.time[-1]))]}
-    missing = match(start, read_recording(file), free=FREE, robust=3.0)
-    masked = match(start, filled, free=FREE, robust=3.0, masks=mask)
+    missing = match(start, read_recording(file), free=FREE, loss=Huber(3.0))
+    masked = match(start, filled, free=FREE, loss=Huber(3.0), masks=mask)
     assert_same(missing, masked)
 
 
@@ -97,7 +97,7 @@ def test_a_file_with_a_hole_matches_as_the_same_samples_masked(
     seed=st.integers(0, 1000),
     share=st.floats(0.05, 0.6),
     garbage=npst.arrays(np.float64, (51, 3), elements=st.floats(-273.0, 1e9)),
-    robust=st.sampled_from([None, 3.0]),
+    loss=st.sampled_from([None, Huber(3.0)]),
 )
 def test_what_stands_under_weight_0_changes_nothing(
     start: Twin,
@@ -105,14 +105,14 @@ def test_what_stands_under_weight_0_changes_nothing(
     seed: int,
     share: float,
     garbage: np.ndarray,
-    robust: float | None,
+    loss: Huber | None,
 ):
     """Single channels miss samples here, which no mask can say."""
     holes = np.random.default_rng(seed).random((51, 3)) < share
     recording = with_holes(whole, holes)
     unknowns = choose_unknowns(start, (0,), ParameterChoice(FREE))
     missing = make_match_problem(
-        start, {"day": recording}, unknowns, options=SampleOptions(robust=robust)
+        start, {"day": recording}, unknowns, options=SampleOptions(loss=loss)
     )
     filled = with_temperatures(whole, np.where(holes, garbage, np.asarray(whole.temperatures)))
     weighed = replace(missing, experiments=(filled,))
@@ -148,7 +148,7 @@ def test_the_truth_is_recovered_from_what_is_left(start: Twin, whole: Experiment
 def test_no_two_channels_at_the_same_time_have_nothing_alone(start: Twin, whole: Experiment):
     """Deviations from a mean of one channel are nothing; the noise is that of what all share."""
     holes = np.arange(51)[:, None] % 3 != np.arange(3)
-    fit = match(start, with_holes(whole, holes), free=FREE, robust=3.0)
+    fit = match(start, with_holes(whole, holes), free=FREE, loss=Huber(3.0))
     assert fit.noise[0] == fit.noise[1]
     for name, value in TRUTH.items():
         row = fit[name]

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from jaxtwin.matching._camera_error import camera_shapes, detect_events
 from jaxtwin.matching._noise import estimate_noise
-from jaxtwin.matching._robust_loss import huber_weights, limited_variance
 from jaxtwin.rig import CommonError
 
 ERROR = CommonError(
@@ -30,32 +28,6 @@ def test_a_first_order_process_counts_as_its_theory_says():
     noise = estimate_noise([series])
     assert noise.standard_deviation == pytest.approx(1 / np.sqrt(1 - a**2), rel=0.05)
     assert noise.autocorrelation_time == pytest.approx((1 + a) / (1 - a), rel=0.15)
-
-
-def test_hubers_weights_fall_as_one_over_the_residual():
-    residuals = np.append(np.random.default_rng(2).normal(size=1000), [10.0, 20.0])
-    weights = huber_weights(residuals, 3.0, np.ones(1002, dtype=bool))
-    assert weights[-1] == pytest.approx(weights[-2] / 2)
-    assert np.mean(weights[:-2] == 1.0) > 0.99
-
-
-def test_samples_that_do_not_count_do_not_set_the_scale_of_those_that_do():
-    residuals = np.concatenate([np.random.default_rng(2).normal(size=100), np.full(200, 50.0)])
-    weights = huber_weights(residuals, 3.0, np.arange(300) < 100)
-    assert np.all(weights[100:] < 0.1)
-    alone = huber_weights(residuals[:100], 3.0, np.ones(100, dtype=bool))
-    np.testing.assert_array_equal(weights[:100], alone)
-
-
-@pytest.mark.parametrize("threshold", [0.5, 1.345, 3.0])
-def test_limited_variance_is_that_of_limited_normal_numbers(threshold: float):
-    integrand = lambda z: min(z**2, threshold**2) * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)  # noqa: E731
-    expected = quad(integrand, -12, 12, points=[-threshold, threshold])[0]
-    assert limited_variance(threshold) == pytest.approx(expected)
-
-
-def test_residuals_that_are_nothing_all_count():
-    np.testing.assert_array_equal(huber_weights(np.zeros(5), 3.0, np.ones(5, bool)), np.ones(5))
 
 
 def test_corrections_are_found_and_steps_of_the_plate_are_not():

@@ -23,7 +23,7 @@ from jaxtwin import (
     simulate,
     validate,
 )
-from jaxtwin.matching import FittedParameters, Noise
+from jaxtwin.matching import FittedParameters, Huber, Noise
 from jaxtwin.matching._fit import solution_of
 
 FREE = ["C_load", "R_E", "T_amb"]
@@ -53,7 +53,7 @@ def fit(recordings: list[Experiment]) -> Fit:
         free=FREE,
         bounds={"R_E": (1.95, 8.0)},
         masks={"monday": [(30.0, 40.0, 0.5)]},
-        robust=2.0,
+        loss=Huber(2.0),
         starts=2,
         max_iterations=12,
     )
@@ -90,7 +90,7 @@ def same(fit: Fit, other: Fit) -> None:
     assert fit.events == other.events
     mine, theirs = solution_of(fit).problem, solution_of(other).problem
     assert mine.unknowns == theirs.unknowns
-    assert (mine.common_error, mine.robust) == (theirs.common_error, theirs.robust)
+    assert (mine.common_error, mine.loss) == (theirs.common_error, theirs.loss)
     assert mine.twin.values == theirs.twin.values
     assert fit.summary() == other.summary()
 

@@ -17,6 +17,10 @@ from ._initial_conditions import estimate_initial_conditions as estimate_initial
 from ._iterations import Iteration as Iteration
 from ._iterations import Optimum as Optimum
 from ._levenberg_marquardt import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+from ._loss import AbstractLoss as AbstractLoss
+from ._loss import Cauchy as Cauchy
+from ._loss import Huber as Huber
+from ._loss import register_loss as register_loss
 from ._many import match_many as match_many
 from ._match import match as match
 from ._noise import Noise as Noise

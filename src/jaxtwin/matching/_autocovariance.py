@@ -13,9 +13,10 @@ amplitudes of the camera's shapes, can imitate. With $A = J^T J + P$,
 
 $$r = (1 - J A^{-1} J^T) \varepsilon + \text{(the same for the priors)}$$
 
-and the slow part is reduced most. With Huber's loss, the residuals are $\psi(r)$, which for an
-outlier is its limit, whatever the unknowns are. With $D$ the diagonal matrix that is 0 for outliers
-and 1 for all other samples, and the noise $\varepsilon$ that of $\psi$ (Huber 1981, chapter 7),
+and the slow part is reduced most. With a robust loss, the residuals are their influences $\psi(r)$,
+which change with the unknowns by the loss's curvature $\psi'(r)$: not at all for an outlier of
+Huber's loss. With $D$ the diagonal matrix of the curvatures, and the noise $\varepsilon$ that of
+$\psi$ (Huber 1981, chapter 7),
 
 $$A = J^T D J + P, \qquad \psi = (1 - D J A^{-1} J^T) \varepsilon$$
 
@@ -48,10 +49,10 @@ class Series:
     r"""Weighted residuals of one recording whose noise is of one kind.
 
     - `kind`: the number of the kind. `recording`: the number of the recording.
-    - `residuals`: the residuals, `(times, channels)`, with Huber's loss $\psi(r)$.
+    - `residuals`: the residuals, `(times, channels)`, with a robust loss $\psi(r)$.
     - `slopes`: derivatives of the residuals $r$ with respect to some of the unknowns.
     - `entries`: the positions of these unknowns in the vector.
-    - `inliers`: 0 for the samples that Huber's loss treats as outliers, 1 for the others.
+    - `curvature`: the curvature of the loss; by Huber's, 0 for outliers and 1 for all others.
     - `roots`: square roots of the samples' weights from masks, by which residuals and slopes are
       multiplied.
     - `channels`: the number of channels at a time, averaged over the times that have any;
@@ -64,15 +65,15 @@ class Series:
     residuals: Float[np.ndarray, "times channels"]
     slopes: Float[np.ndarray, "times channels entries"]
     entries: Int[np.ndarray, " entries"]
-    inliers: Float[np.ndarray, "times channels"]
+    curvature: Float[np.ndarray, "times channels"]
     roots: Float[np.ndarray, "times channels"]
     channels: float
     independent: float
 
     @property
-    def inlier_slopes(self) -> Float[np.ndarray, "times channels entries"]:
+    def curved_slopes(self) -> Float[np.ndarray, "times channels entries"]:
         r"""$D J$: derivatives of $\psi(r)$ with respect to the unknowns."""
-        return self.slopes * self.inliers[..., None]
+        return self.slopes * self.curvature[..., None]
 
     def dependent_part(self) -> "Series":
         """Returns the series with derivatives only for the unknowns on which it depends."""
@@ -178,7 +179,7 @@ def _add_own(
     periodogram: the direct term, and twice the cross term with the part that the unknowns
     absorb."""
     at = np.ix_(series.entries, series.entries)
-    moved = np.fft.rfft(series.inlier_slopes, axis=0) @ inverse[at]
+    moved = np.fft.rfft(series.curved_slopes, axis=0) @ inverse[at]
     times = len(series.roots)
     overlap = np.fft.irfft(np.abs(np.fft.rfft(series.roots, 2 * times, axis=0)) ** 2, axis=0)
     overlap = overlap[:times].sum(axis=1) * series.independent / series.channels
@@ -199,7 +200,7 @@ def _through_unknowns(
     series: Series, covariances: Float[np.ndarray, "parts unknowns unknowns"]
 ) -> Float[np.ndarray, "parts bands"]:
     """The contribution of errors of the unknowns to the periodogram of a series."""
-    spectra = np.fft.rfft(series.inlier_slopes, axis=0)
+    spectra = np.fft.rfft(series.curved_slopes, axis=0)
     split = np.split(spectra, _bands(series)[1:])
     products = np.stack([np.tensordot(s.conj(), s, ([0, 1], [0, 1])).real for s in split])
     some = covariances[:, series.entries[:, None], series.entries[None, :]]

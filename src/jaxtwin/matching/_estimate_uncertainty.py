@@ -8,11 +8,11 @@ from jaxtyping import Bool, Float
 
 from ._autocovariance import Mixture, Series, fit_noise, noise_in_unknowns
 from ._between_recordings import RecordingScore, estimate_heterogeneity
+from ._loss import influence_variance
 from ._noise import Noise
 from ._noise_model import beside_others
 from ._problem import MatchProblem
 from ._reweighted_least_squares import Estimate
-from ._robust_loss import limited_variance
 from ._uncertainty import Uncertainty, VectorEntries, inverse_of_normal, uncertainty
 from ._unknowns import Unknowns
 
@@ -35,11 +35,11 @@ def estimate_uncertainty(
     normal = camera.copy()
     for series in all_series:
         at = np.ix_(series.entries, series.entries)
-        normal[at] += np.tensordot(series.inlier_slopes, series.slopes, ([0, 1], [0, 1]))
+        normal[at] += np.tensordot(series.curved_slopes, series.slopes, ([0, 1], [0, 1]))
     prior = np.zeros((count, count))
     prior[:values, :values] = precision[np.ix_(inside, inside)]
     mixtures, meat = fit_noise(all_series, inverse_of_normal(normal + prior)[0], camera + prior)
-    limited = 1.0 if problem.robust is None else limited_variance(problem.robust) ** 0.5
+    limited = influence_variance(problem.loss) ** 0.5
     scales = (
         noise_model.channel.effective / limited,
         noise_model.common_mode.effective / limited,
@@ -67,11 +67,13 @@ def _series(
     derivatives with respect to the values and to the amplitudes of the camera's shapes, and the
     matrix by which all of these follow from the values.
 
-    The match multiplies residuals and derivatives by the square roots of Huber's weights. Here the
-    residuals have the whole weights, which makes them Huber's function of the residuals, and the
+    The match multiplies residuals and derivatives by the square roots of the loss's weights. Here
+    the residuals have the whole weights, which makes them the influence of the residuals, and the
     derivatives none.
     """
     result, noise_model = estimate
+    assert noise_model.channel_curvature is not None
+    assert noise_model.common_mode_curvature is not None
     errors = result.recording_errors()
     jacobian = result.jacobian()[:, inside]
     row, count = 0, jacobian.shape[1]
@@ -89,7 +91,7 @@ def _series(
             d_channel, d_common_mode, d_sizes = (block[number] for block in blocks)
             d_channel, d_common_mode = d_channel[times], d_common_mode[times]
             if (beside := beside_others(counted)).any():
-                huber = _ratio(noise_model.channel_weights[position], counted)
+                loss = _ratio(noise_model.channel_weights[position], counted)
                 of_channels = weights.channel[times] * errors[position].channel
                 # Subtracting the mean of the channels leaves one independent channel less.
                 channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
@@ -97,10 +99,10 @@ def _series(
                 series = Series(
                     kind=0,
                     recording=position,
-                    residuals=np.sqrt(huber) * of_channels,
-                    slopes=d_channel / np.sqrt(huber)[..., None],
+                    residuals=np.sqrt(loss) * of_channels,
+                    slopes=d_channel / np.sqrt(loss)[..., None],
                     entries=np.arange(d_channel.shape[-1]),
-                    inliers=(huber == 1).astype(float),
+                    curvature=noise_model.channel_curvature[position],
                     roots=roots,
                     channels=channels,
                     independent=channels - 1,
@@ -113,15 +115,15 @@ def _series(
             slopes = np.zeros((len(shapes), 1, count + int(used.sum())))
             slopes[:, 0, : jacobian.shape[1]] = d_common_mode + shapes @ d_sizes
             slopes[:, 0, count:] = -shapes[:, used]
-            huber = noise_model.common_mode_weights[position][:, None]
+            loss = noise_model.common_mode_weights[position][:, None]
             shared = (common_mode * errors[position].common_mode)[:, None]
             series = Series(
                 kind=1,
                 recording=position,
-                residuals=np.sqrt(huber) * shared,
-                slopes=slopes / np.sqrt(huber)[..., None],
+                residuals=np.sqrt(loss) * shared,
+                slopes=slopes / np.sqrt(loss)[..., None],
                 entries=np.arange(slopes.shape[-1]),
-                inliers=(huber == 1).astype(float),
+                curvature=noise_model.common_mode_curvature[position][:, None],
                 roots=(counted.max(axis=1, keepdims=True) > 0).astype(float),
                 channels=1.0,
                 independent=1.0,
@@ -135,7 +137,7 @@ def _series(
 def _ratio(
     weights: Float[np.ndarray, "times channels"], samples: Float[np.ndarray, "times channels"]
 ) -> Float[np.ndarray, "times channels"]:
-    """The part of Huber's loss in the weights of samples; 1 for samples without weight."""
+    """The part of the loss in the weights of samples; 1 for samples without weight."""
     return np.divide(weights, samples, out=np.ones_like(samples), where=samples > 0)
 
 
@@ -157,7 +159,7 @@ def _between_recordings(
     for series in all_series:
         of, at = scores[series.recording], np.ix_(series.entries, series.entries)
         of.score[series.entries] += np.tensordot(series.slopes, series.residuals, ([0, 1], [0, 1]))
-        of.information[at] += np.tensordot(series.inlier_slopes, series.slopes, ([0, 1], [0, 1]))
+        of.information[at] += np.tensordot(series.curved_slopes, series.slopes, ([0, 1], [0, 1]))
         of.noise[at] += noise_in_unknowns(series, mixtures[series.kind])
     values = int(inside.sum())
     behind = unknowns.size - len(unknowns.per_recording) * unknowns.recordings

@@ -36,6 +36,7 @@ from ._first_sample import FirstSample
 from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
 from ._iterations import Iteration, Optimum
+from ._loss import saved_loss
 from ._noise import Noise
 from ._uncertainty import UnidentifiableDirection
 
@@ -74,7 +75,7 @@ class StoredRecording:
     - `events`: times of the camera's corrections, s. `group`: the name of its group.
     - `fit_percent`: channel -> NRMSE fit, %.
     - `sample_weights`: weights of the samples from masks. `channel_weights`: from masks and the
-      robust loss. `common_mode_weights`: weights of the common mode, from the robust loss.
+      loss. `common_mode_weights`: weights of the common mode, from the loss.
     """
 
     fingerprint: str
@@ -140,7 +141,7 @@ class StoredFit:
     history: tuple[Iteration, ...]
     optima: tuple[Optimum, ...]
     rig_text: str | None = None
-    robust: float | None = None
+    loss: dict[str, str | float] | None = None
     initial: Literal["steady"] | float | tuple[float, ...] | None = None
 
 
@@ -163,7 +164,7 @@ def fit_tables(fit: Fit) -> str:
         "camera_error": fit.camera_error,
         "noise": fit.noise,
         "assumed_noise": (solution.noise_model.channel, solution.noise_model.common_mode),
-        "robust": solution.problem.robust,
+        "loss": saved_loss(solution.problem.loss),
         "initial": _plain_initial(solution.problem.initial),
         "history": fit.history,
         "optima": fit.optima,

@@ -207,7 +207,7 @@ def _descend(
         sample_weights=(_weights(part, sensor.effective),),
         events=None if error is not None and error.detect else ((),),
         common_error=error,
-        robust=None,
+        loss=None,
         groups=("",),
         prior_weights=unknowns.prior_weights(),
         linear_prior=LinearPrior.none(unknowns.size),

@@ -28,6 +28,7 @@ from ._fit import Fit, Solution, solution_of
 from ._fit_file import FORMAT, StoredFit, StoredRecording, unrolled
 from ._fitted_parameters import FittedParameters
 from ._linear_prior import LinearPrior
+from ._loss import AbstractLoss, loaded_loss
 from ._noise_model import NoiseModel
 from ._objective import recording_weights, shapes_needed
 from ._problem import MatchProblem, independent_prior_weights
@@ -74,7 +75,7 @@ def load_fit(
         sample_weights=sample_weights,
         events=noise_model.events,
         common_error=rig.common_error,
-        robust=stored.robust,
+        loss=_loss(source, stored),
         groups=groups,
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
@@ -252,6 +253,13 @@ def _vector(
         ]
         + [row.to_entry(own[row.name]) for own in values for row in unknowns.per_recording]
     )
+
+
+def _loss(source: str, stored: StoredFit) -> AbstractLoss | None:
+    try:
+        return loaded_loss(stored.loss)
+    except MatchError as problem:
+        _refuse(source, "fit.loss", str(problem))
 
 
 def _noise_model(source: str, stored: StoredFit) -> NoiseModel:

@@ -19,6 +19,7 @@ from ..physics import Twin
 from ._descent_result import DescentStep
 from ._fit import Fit
 from ._iterations import Iteration, make_iteration
+from ._loss import AbstractLoss
 from ._make_fit import make_fit
 from ._masks_and_events import Span, check_recording_names
 from ._match import checked_solver
@@ -51,7 +52,7 @@ def match_many(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     events: Events | None = None,
     masks: Mapping[str, Sequence[Span]] | None = None,
-    robust: float | None = None,
+    loss: AbstractLoss | None = None,
     max_iterations: int = 200,
     solver: optx.AbstractLeastSquaresSolver | None = None,
     executor: Executor | None = None,
@@ -120,7 +121,7 @@ def match_many(
             members,
             unknowns,
             groups=names,
-            options=SampleOptions(_of_set(events, members), _of_set(masks, members), robust),
+            options=SampleOptions(_of_set(events, members), _of_set(masks, members), loss),
         )
         for members, (names, _) in zip(recordings, grouped, strict=True)
     ]

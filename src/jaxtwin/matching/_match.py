@@ -19,6 +19,7 @@ from ._descent_result import Callbacks, DescentStep
 from ._fit import Fit
 from ._iterations import Iteration, make_iteration, make_optimum
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
+from ._loss import AbstractLoss
 from ._make_fit import make_fit
 from ._masks_and_events import Span
 from ._nominal_twin import nominal_twin
@@ -54,7 +55,7 @@ def match(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     events: Events | None = None,
     masks: Mapping[str, Sequence[Span]] | None = None,
-    robust: float | None = None,
+    loss: AbstractLoss | None = None,
     initial: Initial = None,
     starts: int = 1,
     seed: int = 0,
@@ -93,7 +94,8 @@ def match(
       `"none"`; by default as the rig file says. Only for rigs whose camera has a common error.
     - `masks`: recording -> spans (from, to) or (from, to, weight) with a smaller weight, 0 by
       default.
-    - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
+    - `loss`: how much a residual counts by its size, such as `jaxtwin.matching.Huber(3.0)` with its
+      threshold in robust standard deviations; None for plain squares.
     - `initial`: the temperatures at the start of each recording, as in `simulate`: `"steady"`, a
       number or a temperature for each node. The parameters of the temperatures at the start are
       then held, because they have no effect.
@@ -145,7 +147,7 @@ def match(
         recordings,
         unknowns,
         groups=group_names,
-        options=SampleOptions(events, masks, robust),
+        options=SampleOptions(events, masks, loss),
         initial=initial,
     )
     solver = checked_solver(solver, problem)

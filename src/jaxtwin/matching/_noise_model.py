@@ -8,16 +8,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ._camera_error import detect_events
+from ._loss import LossWeights, influence_variance, loss_weights
 from ._noise import Noise, estimate_noise
 from ._problem import MatchProblem
 from ._recording_errors import RecordingErrors
-from ._robust_loss import huber_weights, limited_variance
 
 INITIAL_NOISE = Noise(0.25, 64.0)
 """The noise before the first round: 0.25 K, correlated over a minute."""
 
 SETTLED = 0.1
-"""The relative change of Huber's weights below which they are final."""
+"""The relative change of the loss's weights below which they are final."""
 
 
 @final
@@ -29,7 +29,9 @@ class NoiseModel:
     - `common_mode`: the noise of the common mode, times the square root of the number of channels.
     - `events`: times of the camera's corrections in each recording, s.
     - `channel_weights`, `common_mode_weights`: weights of the samples of each recording, 0 to 1,
-      from masks and from Huber's loss.
+      from masks and from the loss.
+    - `channel_curvature`, `common_mode_curvature`: the curvature of the loss at these residuals, 1
+      for plain squares. None in a saved fit, whose uncertainty is in its file.
     """
 
     channel: Noise
@@ -37,17 +39,22 @@ class NoiseModel:
     events: tuple[tuple[float, ...], ...]
     channel_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
     common_mode_weights: tuple[Float[np.ndarray, " _times"], ...]
+    channel_curvature: tuple[Float[np.ndarray, "_times _channels"], ...] | None = None
+    common_mode_curvature: tuple[Float[np.ndarray, " _times"], ...] | None = None
 
 
 def initial_noise_model(problem: MatchProblem) -> NoiseModel:
     """The noise model of the first round."""
     noise = INITIAL_NOISE if problem.is_weighted else Noise(1.0, 1.0)
+    moments = tuple(np.ones(len(weights)) for weights in problem.sample_weights)
     return NoiseModel(
         channel=noise,
         common_mode=noise,
         events=problem.events or tuple(() for _ in problem.experiments),
         channel_weights=problem.sample_weights,
-        common_mode_weights=tuple(np.ones(len(weights)) for weights in problem.sample_weights),
+        common_mode_weights=moments,
+        channel_curvature=tuple(np.ones(weights.shape) for weights in problem.sample_weights),
+        common_mode_curvature=moments,
     )
 
 
@@ -74,27 +81,28 @@ def update_noise_model(
                 problem.experiments, errors, problem.sample_weights, strict=True
             )
         )
-    channel_huber = tuple(np.ones(of_recording.channel.shape) for of_recording in errors)
-    common_mode_huber = tuple(np.ones(len(of_recording.common_mode)) for of_recording in errors)
-    if problem.robust is not None:
-        pairs = list(zip(problem.sample_weights, errors, strict=True))
-        channel_huber = tuple(
-            huber_weights(of_recording.channel, problem.robust, beside_others(weights))
-            if weights.shape[1] > 1  # a single channel is its own common mode
-            else np.ones(weights.shape)
-            for weights, of_recording in pairs
-        )
-        common_mode_huber = tuple(
-            huber_weights(of_recording.common_mode, problem.robust, weights.sum(axis=1) > 0)
-            for weights, of_recording in pairs
-        )
-    channel, common_mode = _residual_noise(problem, errors, channel_huber, common_mode_huber)
+    pairs = list(zip(problem.sample_weights, errors, strict=True))
+    of_channels = [
+        # A single channel is its own common mode; no sample then counts beside others.
+        loss_weights(problem.loss, of_recording.channel, beside_others(weights))
+        for weights, of_recording in pairs
+    ]
+    of_common_mode = [
+        loss_weights(problem.loss, of_recording.common_mode, weights.sum(axis=1) > 0)
+        for weights, of_recording in pairs
+    ]
+    channel, common_mode = _residual_noise(problem, errors, of_channels, of_common_mode)
     return NoiseModel(
         channel=channel if channel.standard_deviation > 0 else noise_model.channel,
         common_mode=common_mode if common_mode.standard_deviation > 0 else noise_model.common_mode,
         events=events,
-        channel_weights=tuple(map(np.multiply, problem.sample_weights, channel_huber)),
-        common_mode_weights=common_mode_huber,
+        channel_weights=tuple(
+            samples * found.weights
+            for samples, found in zip(problem.sample_weights, of_channels, strict=True)
+        ),
+        common_mode_weights=tuple(found.weights for found in of_common_mode),
+        channel_curvature=tuple(found.curvature for found in of_channels),
+        common_mode_curvature=tuple(found.curvature for found in of_common_mode),
     )
 
 
@@ -119,37 +127,40 @@ def beside_others(
 def _residual_noise(
     problem: MatchProblem,
     errors: Sequence[RecordingErrors],
-    channel_huber: Sequence[Float[np.ndarray, "_times _channels"]],
-    common_mode_huber: Sequence[Float[np.ndarray, " _times"]],
+    of_channels: Sequence[LossWeights],
+    of_common_mode: Sequence[LossWeights],
 ) -> tuple[Noise, Noise]:
     """The noise of the channels and of the common mode. If no two channels count at the same time,
     both have the noise of the common mode.
 
-    Huber's loss limits the residuals. The standard deviations are those of normally distributed
-    residuals before they are limited (Huber's proposal 2)."""
-    scale = 1.0 if problem.robust is None else limited_variance(problem.robust) ** -0.5
+    A robust loss limits the influence of residuals. The standard deviations are those of normally
+    distributed residuals before it does (Huber's proposal 2)."""
+    scale = influence_variance(problem.loss) ** -0.5
     several, counted = [], 0.0
-    for of_recording, samples, huber in zip(
-        errors, problem.sample_weights, channel_huber, strict=True
+    for of_recording, samples, loss in zip(
+        errors, problem.sample_weights, of_channels, strict=True
     ):
         beside = beside_others(samples)
         if beside.any():
             # Deviations from a mean of n channels vary less than the channels do, by (n - 1) / n.
             n = np.maximum(beside.sum(axis=1, keepdims=True), 2)
             roots = np.sqrt(samples * beside * n / (n - 1))
-            several.append(scale * of_recording.channel * huber * roots)
+            several.append(scale * of_recording.channel * loss.weights * roots)
             counted += float(np.sum(samples * beside))
     common_modes = [
-        (scale * of_recording.common_mode * moments * np.sqrt((samples * huber).sum(axis=1)))[
-            :, None
-        ]
-        for of_recording, samples, huber, moments in zip(
-            errors, problem.sample_weights, channel_huber, common_mode_huber, strict=True
+        (
+            scale
+            * of_recording.common_mode
+            * moments.weights
+            * np.sqrt((samples * loss.weights).sum(axis=1))
+        )[:, None]
+        for of_recording, samples, loss, moments in zip(
+            errors, problem.sample_weights, of_channels, of_common_mode, strict=True
         )
     ]
     # Samples without weight are left out.
     times = [samples.sum(axis=1) > 0 for samples in problem.sample_weights]
-    of_common_mode = estimate_noise(common_modes, float(sum(part.sum() for part in times)))
+    common_mode_noise = estimate_noise(common_modes, float(sum(part.sum() for part in times)))
     if not several:
-        return of_common_mode, of_common_mode
-    return estimate_noise(several, counted), of_common_mode
+        return common_mode_noise, common_mode_noise
+    return estimate_noise(several, counted), common_mode_noise

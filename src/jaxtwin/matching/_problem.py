@@ -9,7 +9,7 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from .._arguments import finite_number, is_ordered, of_kind
+from .._arguments import is_ordered, of_kind
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
@@ -18,6 +18,7 @@ from ..rig import CommonError
 from ..simulation._initial import Initial
 from ..simulation._simulate import checked_channels
 from ._linear_prior import LinearPrior
+from ._loss import AbstractLoss, checked_loss
 from ._masks_and_events import Span, given_events, span_weights
 from ._plausible_recording import check_units, check_without_gap
 from ._unknowns import Unknowns
@@ -37,7 +38,7 @@ class MatchProblem:
     - `sample_weights`: weight of each sample of each recording, 0 to 1, from masks and gaps.
     - `events`: times of the camera's corrections in each recording, s; None to detect them.
     - `common_error`: the common error of the camera, None for none.
-    - `robust`: threshold of Huber's loss in robust standard deviations, None for least squares.
+    - `loss`: the loss of the residuals, None for plain squares.
     - `prior_weights`: the reciprocal of the prior standard deviation of each unknown; 0 without a
       prior, and for unknowns whose prior is in `linear_prior`.
     - `initial`: the temperatures at the start of each run, as `simulate` takes them.
@@ -50,7 +51,7 @@ class MatchProblem:
     sample_weights: tuple[Float[np.ndarray, "_times _channels"], ...]
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
-    robust: float | None
+    loss: AbstractLoss | None
     groups: tuple[str, ...]
     prior_weights: Float[np.ndarray, " unknowns"]
     linear_prior: LinearPrior
@@ -71,7 +72,7 @@ class MatchProblem:
     def is_weighted(self) -> bool:
         """Whether the scale of the residuals matters, as it does if there are priors."""
         priors = self.unknowns.prior_weights().any()
-        return bool(priors) or self.common_error is not None or self.robust is not None
+        return bool(priors) or self.common_error is not None or self.loss is not None
 
     def labelled(self, vector: Float[np.ndarray, " unknowns"]) -> dict[str, float]:
         """Label -> value in the parameter's unit."""
@@ -86,7 +87,7 @@ class SampleOptions:
 
     events: Events | None = None
     masks: Mapping[str, Sequence[Span]] | None = None
-    robust: float | None = None
+    loss: AbstractLoss | None = None
 
 
 USUAL_OPTIONS = SampleOptions()
@@ -115,7 +116,7 @@ def make_match_problem(
     **Raises:** `MatchError` if there are fewer samples than unknowns, if nothing changes in any
     recording, or if events, masks or the loss are invalid.
     """
-    events, masks, robust = options.events, options.masks, options.robust
+    events, masks = options.events, options.masks
     weights = tuple(span_weights(recordings, masks))
     samples = sum(int(np.count_nonzero(weight)) for weight in weights)
     if samples <= unknowns.size:
@@ -139,8 +140,6 @@ def make_match_problem(
         )
     if not (events is None or isinstance(events, Mapping) or events in ("detect", "none")):
         raise MatchError(f'events: expected "detect", "none" or recording -> times, got {events!r}')
-    if robust is not None and not finite_number("robust", robust, MatchError) > 0:
-        raise MatchError(f"robust: expected a number above 0 or None, got {robust!r}")
     none = tuple(() for _ in recordings)
     if isinstance(events, Mapping):
         times = tuple(given_events(recordings, events))
@@ -155,7 +154,7 @@ def make_match_problem(
         sample_weights=weights,
         events=times,
         common_error=error,
-        robust=robust,
+        loss=checked_loss(options.loss),
         groups=tuple(groups),
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),

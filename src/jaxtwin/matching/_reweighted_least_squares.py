@@ -65,7 +65,7 @@ def reweighted_least_squares(
     estimates = _descend(problems, noise_models, first, starts, max_iterations, on_step)
     for of_round in (second, solver):
         estimates = another_round(problems, of_round, estimates, max_iterations, on_step)
-    for _ in range(MORE_ROUNDS * (problems[0].robust is not None)):
+    for _ in range(MORE_ROUNDS * (problems[0].loss is not None)):
         updated = _updated_noise_models(problems, estimates)
         before = [estimate.noise_model for estimate in estimates]
         if all(map(has_settled, before, updated)):
