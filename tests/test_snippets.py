@@ -36,7 +36,10 @@ SMALLER = {
     "LiveLoop(twin, relay, 40, duration_s=900)": "LiveLoop(twin, relay, 40, duration_s=5)",
 }
 ADDRESS = "127.0.0.1:7000"
-"""Of the virtual rig of docs/live.md and docs/control.md."""
+"""Of the virtual rig in the pages."""
+
+ADDRESSES = {"docs/live.md": "127.0.0.1:7000", "docs/control.md": "127.0.0.1:7002"}
+"""Where it listens in the test, because two pages may run at the same time."""
 
 CAMERA = "127.0.0.1:7001"
 """Of docs/firmware/lepton.md."""
@@ -110,6 +113,7 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
     code = "\n".join(snippets(page))
     for long, short in SMALLER.items():
         code = code.replace(long, short)
+    code = code.replace(ADDRESS, ADDRESSES.get(page, ADDRESS))
     with surroundings_of(page, prepared):
         for statement in ast.parse(code).body:
             with contextlib.suppress(KeyboardInterrupt):
@@ -120,12 +124,10 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
 @contextlib.contextmanager
 def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
     """What a page's reader has already."""
-    if page == "docs/live.md":
-        names["print"] = printing_for(5.0)
-        with rig_that_listens():
-            yield
-    elif page == "docs/control.md":
-        with rig_that_listens():
+    if page in ADDRESSES:
+        if page == "docs/live.md":
+            names["print"] = printing_for(5.0)
+        with rig_that_listens(ADDRESSES[page]):
             yield
     elif page == "docs/experiment-design.md":
         shutil.copy(data_folder() / "rigs/single-cell.toml", "my-rig.toml")
@@ -179,8 +181,8 @@ def host_of_the_camera(names: dict[str, Any]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def rig_that_listens() -> Iterator[None]:
-    server, stop = TcpServer(ADDRESS), threading.Event()
+def rig_that_listens(address: str) -> Iterator[None]:
+    server, stop = TcpServer(address), threading.Event()
     rig = VirtualRig(jt.Twin("dual-cell"))
     thread = threading.Thread(target=serve, args=(rig, server, SystemClock(), stop))
     thread.start()
