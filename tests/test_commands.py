@@ -229,7 +229,7 @@ LIVE = (
 )
 ARRIVED = {
     "rig": "paper-2024", "link": ["socket://a:1", "socket://b:2"], "out": Path("run.db"),
-    "silence": 4.0, "ambient": 21.5, "reset": True, "alarm": None, "operator": "me",
+    "reset": True, "alarm": None, "operator": "me",
     "parameter_file": None,
     "set_name": "published", "baud": 9600,
 }  # fmt: skip
@@ -244,7 +244,8 @@ def test_every_option_of_a_drive_arrives(noted):
     (prepare,) = arguments["positional"]
     command, about = prepare(twin)
     assert command.func is live.drive
-    assert command.keywords["rig"] is twin
+    guard = command.keywords["guard"].settings
+    assert (guard["silence_s"], guard["ambient_degC"]) == (4.0, 21.5)
     plan = command.keywords["plan"]
     assert plan.duration == 30.0
     np.testing.assert_array_equal(plan.duty[[0, 10]], [[0.5, 0.5], [0.2, 0.1]])
@@ -272,14 +273,22 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     assert without(arguments) == ARRIVED | {"doing": "controlling", "duration": 30.0}
     (prepare,) = arguments["positional"]
     checked: list[tuple[object, ...]] = []
-    monkeypatch.setattr(control._control, "checked_loop", lambda *given: checked.append(given))
+    really_checked = control._control.checked_loop
+
+    def check(*given: Any) -> Any:
+        checked.append(given)
+        return really_checked(*given)
+
+    monkeypatch.setattr(control._control, "checked_loop", check)
     command, about = prepare(twin)
     assert command.func is run_controller
-    assert command.keywords["twin"] is twin
-    assert float(command.keywords["controller"].Kp) == 0.02
-    assert command.keywords["references"] == "0:35,20:40"
-    assert command.keywords["duration_s"] == 30.0
-    assert checked == [(twin, command.keywords["controller"], "0:35,20:40", 30.0, 21.5)]
+    guard = command.keywords["guard"].settings
+    assert (guard["silence_s"], guard["ambient_degC"]) == (4.0, 21.5)
+    assert command.keywords["loop"].plan == {"references": "0:35,20:40", "duration_s": 30.0}
+    ((of, pid, *given),) = checked  # once
+    assert of is twin
+    assert float(pid.Kp) == 0.02
+    assert given == ["0:35,20:40", 30.0, 21.5]
     assert about == {
         "plan": {"reference": "0:35,20:40", "duration_s": 30.0},
         "controller": Path("pid.toml").read_text(encoding="utf-8"),

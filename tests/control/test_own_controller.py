@@ -54,7 +54,7 @@ static void model_law(model_state *state, const model_real *reference, int sampl
 class AutomaticReset(AbstractChannelGroupController):
     """A PI controller whose integral part follows the limited duty with a time constant."""
 
-    kind: ClassVar[str] = "automatic-reset"
+    kind: ClassVar[str] = "own-reset"
     fields: ClassVar[Mapping[str, ControllerField]] = {
         "gain": ControllerField("a gain", "1/K", "0.1 1/K", is_required=True),
         "reset_time": ControllerField("a time", "s", "100 s", is_required=True),
@@ -107,7 +107,7 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin):
     controller = AutomaticReset([0.1, 0.05], 80.0, 0.5, measured=(("T11", "T16"),))
     path = tmp_path / "own.toml"
     save_controller(path, controller, twin.rig)
-    assert 'kind = "automatic-reset"' in path.read_text()
+    assert 'kind = "own-reset"' in path.read_text()
     assert 'gain = ["0.1 1/K", "0.05 1/K"]' in path.read_text()
     again = read_controller(path, twin.rig)
     assert isinstance(again, AutomaticReset)
@@ -124,7 +124,11 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin):
         ('"80.0 s"', '"80 K"', "reset_time: expected a time above 0"),
         ('"80.0 s"', '["8 s", "9 s", "9 s"]', "reset_time: expected one value, or one for each"),
         ('[["T11", "T16"]]', '["T11", "T16"]', "measured: expected an output for each of the 2"),
-        ("automatic-reset", "automatic-rest", "did you mean 'automatic-reset'"),
+        (
+            "own-reset",
+            "own-rest",
+            "did you mean 'own-reset'",
+        ),
     ],
 )
 def test_a_wrong_field_is_named(tmp_path: Path, twin: Twin, old: str, new: str, message: str):

@@ -29,7 +29,7 @@ TRUTH = {"C_load": 24.0, "R_E": 1.9, "T_amb": 21.0}
 class Tukey(AbstractLoss):
     """Tukey's biweight: an outlier beyond the threshold does not count at all."""
 
-    kind = "tukey"
+    kind = "own-tukey"
     threshold: float = 4.685
 
     def cost(self, residual):
@@ -205,12 +205,16 @@ def test_a_users_own_loss_matches_and_comes_back_from_a_file(tmp_path: Path):
         assert abs(row.value - TRUTH[free]) < 4 * row.standard_error
     path = tmp_path / "fit.toml"
     fit.save(path)
-    assert 'loss = { kind = "tukey", threshold = 5.0 }' in path.read_text("utf-8")
+    assert 'loss = { kind = "own-tukey", threshold = 5.0 }' in path.read_text("utf-8")
     loaded = Fit.load(path)
     assert solution_of(loaded).problem.loss == Tukey(5.0)
     assert loaded["R_E"].standard_error == fit["R_E"].standard_error
     for old, new, words in (
-        ('kind = "tukey"', 'kind = "biweight"', "expected the kind huber, .*got 'biweight'"),
+        (
+            'kind = "own-tukey"',
+            'kind = "biweight"',
+            "expected the kind huber, .*got 'biweight'",
+        ),
         ("threshold = 5.0", "limit = 5.0", r"expected the fields \['threshold'\] of Tukey"),
     ):
         path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")

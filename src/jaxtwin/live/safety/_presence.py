@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import final
+from typing import Any, final
 
 from ..._errors import JaxtwinError
 from ..protocol._clock import seconds
@@ -36,6 +36,10 @@ class Presence(AbstractInterlock):
             )
         self._silence = silence
         self._boots: Mapping[str, str] | None = None  # at the first command
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        return {"silence_s": self._silence}
 
     def on_record(self, record: Record, state: RigState) -> Finding | None:
         match record:
