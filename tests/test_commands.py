@@ -287,7 +287,7 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     assert command.keywords["loop"].plan == {"references": "0:35,20:40", "duration_s": 30.0}
     ((of, pid, *given),) = checked  # once
     assert of is twin
-    assert float(pid.Kp) == 0.02
+    assert getattr(pid, "Kp", None) == 0.02
     assert given == ["0:35,20:40", 30.0, 21.5]
     assert about == {
         "plan": {"reference": "0:35,20:40", "duration_s": 30.0},

@@ -4,8 +4,7 @@ from abc import abstractmethod
 from typing import Generic, TypeVar
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float
-from numpy.typing import ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 State = TypeVar("State")
 """The state of an observer: a PyTree of arrays."""

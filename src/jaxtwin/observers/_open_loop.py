@@ -4,8 +4,7 @@ from typing import final
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
-from numpy.typing import ArrayLike
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..physics import System, Twin
 from ..simulation import Stepper, StepperState
