@@ -208,6 +208,7 @@ CASES = {
     "match(twin, seen, loss=matching.Huber)": ("MatchError", LOSS + ".* got .*Huber"),
     "matching.Huber('a')": ("MatchError", "Huber: threshold: " + FINITE),
     "matching.Cauchy(0)": ("MatchError", "Cauchy: threshold: expected a number above 0, got 0"),
+    "rig.register_sensor(rig.AbstractSensor)": ("RigError", "its name in rig files"),
     "matching.register_loss(matching.AbstractLoss)": ("MatchError", "its name in saved fits"),
     "match(twin, seen, starts='2')": ("MatchError", "starts: " + WHOLE + "above 0"),
     "match(twin, seen, seed=-1)": ("MatchError", "seed: " + WHOLE + "of at least 0"),

@@ -8,8 +8,8 @@ from small_rigs import MakeRig
 
 from jaxtwin import RigError, load_rig, plate_map
 from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights
-from jaxtwin.physics._zone_means import mean_weights
 from jaxtwin.rig import Rig, bundled_rigs
+from jaxtwin.rig._zone_means import mean_weights
 
 RIGS = bundled_rigs()
 WITH_CAMERA = [name for name in RIGS if load_rig(name).camera is not None]
@@ -66,7 +66,7 @@ def test_linear_field_gives_its_value_at_the_centre_of_each_zone(
     for channel, reading in zip(
         dual_cell.channels, frame_to_channels(dual_cell, frame), strict=True
     ):
-        (x0, x1), (y0, y1) = channel.x or (0, 0), channel.y or (0, 0)
+        [(x0, x1, y0, y1)] = channel.sensor.outline(plate)
         centre = level + along_x * (x0 + x1) / 2 + along_y * (y0 + y1) / 2
         cut = abs(along_x) * pixel_x**2 / (4 * (x1 - x0))
         cut += abs(along_y) * pixel_y**2 / (4 * (y1 - y0))

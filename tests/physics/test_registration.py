@@ -11,7 +11,7 @@ from small_rigs import CAMERA, small_rig_file, zone
 
 from jaxtwin import Experiment, RigError, Twin, load_rig, response, simulate, simulate_batch
 from jaxtwin.physics import channel_weights
-from jaxtwin.rig import Rig
+from jaxtwin.rig import Rig, ZoneSensor
 
 REGISTRATION = """
 [camera.registration]
@@ -114,7 +114,8 @@ def test_scale_and_rotation_by_counting_points(rig: Rig, scale: float, degrees: 
     turn = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     ratios = (np.arange(400) + 0.5) / 400
     for row, channel in zip(found, rig.channels, strict=True):
-        (x0, x1), (y0, y1) = (100 * np.array(channel.x), 100 * np.array(channel.y))
+        assert isinstance(channel.sensor, ZoneSensor)
+        (x0, x1), (y0, y1) = (100 * np.array(channel.sensor.x), 100 * np.array(channel.sensor.y))
         points = np.stack(np.meshgrid(x0 + (x1 - x0) * ratios, y0 + (y1 - y0) * ratios), axis=-1)
         x, y = np.moveaxis((points - middle) @ turn.T + middle + [0.2, 0.1], -1, 0)
         interpolated = [
@@ -158,5 +159,5 @@ def test_draws_of_the_registration_are_the_single_runs(rig: Rig):
 
 def test_named_elements_cannot_be_moved(tmp_path):
     path = rig_file(tmp_path, second='[[channels]]\nname = "T2"\nnodes = ["V13"]')
-    with pytest.raises(RigError, match=r"channels\[T2\].nodes: expected ranges .* named elements"):
+    with pytest.raises(RigError, match=r"channels\[T2\]: expected ranges .* of kind 'nodes'"):
         load_rig(path)

@@ -14,7 +14,7 @@ import jaxtwin
 from jaxtwin import Experiment, ParameterError, RigError, SimulationError, load_rig
 from jaxtwin.physics import Twin
 from jaxtwin.physics._wiring import wiring_of
-from jaxtwin.rig import Channel, Value
+from jaxtwin.rig import Channel, ZoneSensor
 
 
 @eqx.filter_jit
@@ -245,7 +245,7 @@ def test_wiring_is_equal_for_rigs_of_equal_content_only():
     A circuit given link by link does not show how high its rows are, a zone's weights do.
     """
     rig = load_rig("paper-2024")
-    zone = Channel("zone", (), (0.0, 0.1), (0.0, 0.05), Value(1.0))
+    zone = Channel("zone", ZoneSensor((0.0, 0.1), (0.0, 0.05)))
     rig = dataclasses.replace(rig, channels=(zone,))
     same = dataclasses.replace(rig, title="another title")
     taller = dataclasses.replace(rig.plate, rows=(0.03, 0.05, 0.035))

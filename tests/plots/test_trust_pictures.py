@@ -139,7 +139,7 @@ def test_the_plate_stands_beside_what_was_recorded_of_it():
         (image,) = grid[0, column].images
         np.testing.assert_allclose(np.asarray(image.get_array()), expected)
     # As many coloured places as both zones have channels' elements, and the outline.
-    nodes = {c.name: max(1, len(c.nodes)) for c in rig.channels}
+    nodes = {c.name: len(c.sensor.outline(rig.plate)) for c in rig.channels}
     count = sum(nodes[name] for run in runs for name in run.channels) + 1
     assert {len(axes.patches) for axes in grid[1:].flat} == {count}
     colors = {to_hex(patch.get_facecolor()) for patch in grid[2, 1].patches[:-1]}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._arguments import is_ordered
 from .._errors import RecordingError
 from .._pint_quantities import in_unit
-from ..rig._camera import is_channel_name
+from ..rig._channel import is_channel_name
 
 ABSOLUTE_ZERO = -273.15  # degC
 ROUNDING = 1e-9  # counts / 255 and unit conversions may leave this much above full duty

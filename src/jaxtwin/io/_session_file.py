@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, final
 
 from .._errors import RecordingError
-from ..rig._camera import is_channel_name
+from ..rig._channel import is_channel_name
 from ._lock import is_locked
 
 APPLICATION = 0x6A747731

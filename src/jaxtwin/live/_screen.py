@@ -160,13 +160,11 @@ def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:
     x = (np.arange(WIDTH) + 0.5) * plate.width / WIDTH
     y = (np.arange(HEIGHT) + 0.5) * plate.height / HEIGHT
     found = np.full((HEIGHT, WIDTH), -1)
-    boxes = []
-    for number, channel in enumerate(channels):
-        if channel.x is not None and channel.y is not None:
-            boxes.append((*channel.x, *channel.y, number))
-        else:
-            on_plate = [node for node in channel.nodes if node in plate.element_names]
-            boxes += [(*plate.extent(node), number) for node in on_plate]
+    boxes = [
+        (*extent, number)
+        for number, channel in enumerate(channels)
+        for extent in channel.sensor.outline(plate)
+    ]
     for x0, x1, y0, y1, number in sorted(
         boxes, key=lambda box: (box[1] - box[0]) * (box[3] - box[2]), reverse=True
     ):

@@ -96,18 +96,22 @@ def _rig(source: str, table: dict[str, Any], given: Rig | str | os.PathLike[str]
     for key in ("rig", "rig_file", "rig_fingerprint"):
         if not isinstance(table.get(key), str):
             _refuse(source, f"fit.{key}", f"expected text, got {table.get(key)!r}")
+    text, matched = table.get("rig_text"), None
+    if isinstance(text, str):
+        matched = parse_rig(text.encode(), table["rig_file"])
     if given is None:
-        text = table.get("rig_text")
-        if not isinstance(text, str):
+        if matched is None:
             _refuse(
                 source,
                 "fit.rig_text",
                 f"expected the text of the rig file, got {text!r}, as for a rig that is not as its "
                 "file says; pass Fit.load(path, rig=...)",
             )
-        given = parse_rig(text.encode(), table["rig_file"])
+        return matched
     rig = given if isinstance(given, Rig) else load_rig(given)
-    if rig.fingerprint != table["rig_fingerprint"]:
+    # Another version may have written another fingerprint of the same text.
+    expected = table["rig_fingerprint"] if matched is None else matched.fingerprint
+    if rig.fingerprint != expected:
         _refuse(
             source,
             "fit.rig_fingerprint",

@@ -1,26 +1,11 @@
-"""The infrared camera: how pixels of frames, and elements of the plate, become channels."""
+"""The infrared camera: how pixels of frames become channels."""
 
 import numpy as np
 from jaxtyping import Float, Shaped
 
 from .._arguments import of_kind
 from .._errors import RigError
-from ..rig import Camera, Channel, Plate, Rig
-from ._zone_means import mean_weights, point_weights
-
-
-def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
-    """The weight of each plate element in each channel. Every row sums to 1, minus the part of
-    bodies beside the plate.
-
-    A channel that is given by named nodes is their plain mean. A channel that is given by a
-    rectangle is the mean over it of the temperature, interpolated between the centres of the
-    elements, and one at a point is the interpolated temperature there.
-    """
-    weights = np.stack([_plate_weights(channel, rig.plate) for channel in rig.channels])
-    bodies = {body.name for body in rig.bodies}
-    beside = np.array([[len(bodies.intersection(channel.nodes))] for channel in rig.channels])
-    return weights / (weights.sum(axis=1, keepdims=True) + beside)
+from ..rig import Camera, Rig
 
 
 def frame_to_channels(
@@ -81,7 +66,7 @@ def pixel_weights(rig: Rig) -> Float[np.ndarray, "channels height width"]:
     y = _pixel_edges(camera.height, camera.view_y, plate.height)
     weights = np.zeros((len(rig.channels), camera.height, camera.width))
     for number, channel in enumerate(rig.channels):
-        for x0, x1, y0, y1 in _rectangles(channel, plate):
+        for x0, x1, y0, y1 in channel.sensor.outline(plate):
             area = np.outer(_covered(y, y0, y1), _covered(x, x0, x1))
             weights[number] += area / area.sum()
     return weights / weights.sum(axis=(1, 2), keepdims=True)
@@ -97,26 +82,6 @@ def _pixel_edges(pixels: int, view: tuple[float, float], size: float) -> np.ndar
     """Edges of the pixels of one axis in plate coordinates, m."""
     first, last = view
     return (np.arange(pixels + 1) - first) / (last - first) * size
-
-
-def _rectangles(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
-    if channel.x is not None and channel.y is not None:
-        return [(*channel.x, *channel.y)]
-    return [plate.extent(element) for element in channel.nodes]
-
-
-def _plate_weights(channel: Channel, plate: Plate) -> Float[np.ndarray, " elements"]:
-    edges = np.array(plate.column_edges), np.array(plate.row_edges)
-    if channel.point is not None:
-        along_x, along_y = map(point_weights, edges, channel.point)
-        return np.outer(along_y, along_x).ravel()
-    if channel.x is None or channel.y is None:
-        return np.array([float(element in channel.nodes) for element in plate.element_names])
-    along_x, along_y = (
-        mean_weights(along, np.array(low), np.array(high))
-        for along, (low, high) in zip(edges, (channel.x, channel.y), strict=True)
-    )
-    return np.outer(along_y, along_x).ravel()
 
 
 def _covered(edges: np.ndarray, low: float, high: float) -> np.ndarray:

@@ -14,7 +14,7 @@ from jaxtyping import ArrayLike, Bool, Float
 
 from .._errors import SimulationError
 from .._name_suggestions import unknown_name
-from ..rig import Registration, Rig, Value
+from ..rig import Registration, Rig, Value, ZoneSensor
 from ._registration import RegisteredZones
 from ._system import System
 from ._twin import Twin
@@ -130,7 +130,8 @@ def moved_camera(twin: Twin, axis: str, shift: Float[ArrayLike, ""]) -> Fault:
     """
     across = _number("axis", axis, ("x", "y"))
     rig = twin.rig
-    if rig.camera is None or any(channel.x is None for channel in rig.channels):
+    sees_zones = all(isinstance(channel.sensor, ZoneSensor) for channel in rig.channels)
+    if rig.camera is None or not sees_zones:
         raise SimulationError(
             f"{rig.name}: fault: expected a rig whose channels are zones of a camera's picture"
         )

@@ -21,9 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..rig import Registration, Rig
+from ..rig import Registration, Rig, ZoneSensor
+from ..rig._zone_means import mean_weights
 from ._expressions import Expressions
-from ._zone_means import mean_weights
 
 TILES = 4
 """The number of tiles into which a zone is divided in each direction. The tiles move with the
@@ -56,7 +56,8 @@ class RegisteredZones:
         views = (camera.view_x, camera.view_y)
         sizes = zip((plate.width, plate.height), views, strict=True)
         self.pixel_size = tuple(size / (view[1] - view[0]) for size, view in sizes)
-        ranges = np.array([(channel.x, channel.y) for channel in rig.channels], float)
+        sensors = [c.sensor for c in rig.channels if isinstance(c.sensor, ZoneSensor)]
+        ranges = np.array([(zone.x, zone.y) for zone in sensors], float)
         tile_middles = (np.arange(TILES) + 0.5) / TILES
         low, size = ranges[..., 0], ranges[..., 1] - ranges[..., 0]
         middles = low[..., None] + size[..., None] * tile_middles  # (channels, axes, tiles)

@@ -2,7 +2,7 @@ r"""Sensors on the plate: how their temperature follows that of the plate, and w
 channels read.
 
 A thermistor or thermocouple with a time constant $\tau$ (its lag) reads $T_s$, which follows the
-mean $T$ of the elements that its channel names:
+temperature $T$ that it measures, a weighted mean over elements and bodies:
 
 $$\tau \dot T_s = T - T_s$$
 
@@ -17,8 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..rig import Channel, Rig
-from ._camera import channel_weights
+from ..rig import Rig
 from ._netlist import Link, Netlist, Node
 
 SHARE = 1e-6
@@ -37,19 +36,17 @@ def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[L
     sensors, links = [], []
     if all(channel.lag is None for channel in rig.channels):
         return sensors, links
-    named = {node.name: node for node in nodes}
-    for channel, elements in zip(rig.channels, channel_weights(rig), strict=True):
+    for channel in rig.channels:
         if channel.lag is None:
             continue
-        touched = dict(zip(rig.plate.element_names, elements.tolist(), strict=True))
-        touched |= _weights_of_bodies(rig, channel)
-        touched = {node: weight for node, weight in touched.items() if weight > 0}
-        name, first = sensor_name(channel.name), named[next(iter(touched))]
+        weights = channel.sensor.weights(rig.plate)
+        touched = [(node, weights[node.name]) for node in nodes if weights.get(node.name, 0) > 0]
+        name, (first, _) = sensor_name(channel.name), touched[0]
         capacitance = first.capacitance * SHARE
         sensors.append(Node(name, "sensor", capacitance, first.initial_temperature))
         links += [
-            Link(node, name, (channel.lag / (capacitance * weight),), "sensor")
-            for node, weight in touched.items()
+            Link(node.name, name, (channel.lag / (capacitance * weight),), "sensor")
+            for node, weight in touched
         ]
     return sensors, links
 
@@ -57,23 +54,22 @@ def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[L
 def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels nodes"]:
     """The weight of each node in each channel: the plate's elements and the bodies, or the sensor
     of a channel with a lag. Every row sums to 1."""
-    elements = channel_weights(rig)
     weights = np.zeros((len(rig.channels), len(netlist.nodes)))
-    weights[:, : elements.shape[1]] = elements
     for row, channel in zip(weights, rig.channels, strict=True):
-        for body, weight in _weights_of_bodies(rig, channel).items():
-            row[netlist.index[body]] = weight
+        read = channel.sensor.weights(rig.plate)
         if channel.lag is not None:
-            row[:] = 0.0
-            row[netlist.index[sensor_name(channel.name)]] = 1.0
+            read = {sensor_name(channel.name): 1.0}
+        row[[netlist.index[node] for node in read]] = list(read.values())
     return weights
+
+
+def channel_weights(rig: Rig) -> Float[np.ndarray, "channels elements"]:
+    """The weight of each plate element in the temperature that each channel's sensor measures.
+    Every row sums to 1, minus the part of bodies beside the plate."""
+    rows = (channel.sensor.weights(rig.plate) for channel in rig.channels)
+    return np.array([[row.get(name, 0.0) for name in rig.plate.element_names] for row in rows])
 
 
 def sensor_name(channel: str) -> str:
     """The name of the node of a channel's sensor."""
     return f"{channel}.SENSOR"
-
-
-def _weights_of_bodies(rig: Rig, channel: Channel) -> dict[str, float]:
-    bodies = {body.name for body in rig.bodies}
-    return {node: 1 / len(channel.nodes) for node in channel.nodes if node in bodies}

@@ -142,13 +142,13 @@ def _draw_channels(axes: Axes, rig: Rig) -> None:
     extents = [(0.0, rig.plate.width, 0.0, rig.plate.height)]
     axes.add_patch(rectangle(extents[0], fc=palette().faint, ec=palette().muted, lw=1))
     for channel in rig.channels:
-        for place in places(channel, rig.plate):
+        for place in channel.sensor.outline(rig.plate):
             axes.add_patch(rectangle(place, fc="none", ec=palette().blue, lw=1.2))
     for cell in rig.cells:
         look = {"fc": palette().vermilion, "alpha": 0.25, "lw": 0}
         _draw_cell(axes, rig.plate, cell, palette().vermilion, palette().faint, **look)
     for channel in rig.channels:
-        if places(channel, rig.plate):
+        if channel.sensor.outline(rig.plate):
             _name_channel(axes, rig.plate, channel)
     axes.set_title("channels and cells")
 
@@ -156,7 +156,7 @@ def _draw_channels(axes: Axes, rig: Rig) -> None:
 def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
     """Writes the name of a channel in its middle, rotated if the channel is narrow, or below it if
     it is small in both directions."""
-    extents = np.array(places(channel, plate))
+    extents = np.array(channel.sensor.outline(plate))
     x, y = extents[:, :2].mean(), extents[:, 2:].mean()
     narrow = np.ptp(extents[:, :2]) < 0.07 * plate.width
     low = np.ptp(extents[:, 2:]) < 0.07 * plate.width
@@ -187,21 +187,6 @@ def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **loo
         fontsize=points(8),
         color=color, fontweight="bold", path_effects=[withStroke(linewidth=2.2, foreground=rim)],
     )  # fmt: skip
-
-
-def places(channel: Channel, plate: Plate) -> list[tuple[float, float, float, float]]:
-    """The rectangles of the plate that a channel reads: left, right, top and bottom of each, m.
-
-    A point is a square about it that is as large as the smallest side of an element.
-    """
-    if channel.point is not None:
-        x, y = channel.point
-        half = min(*plate.columns, *plate.rows) / 2
-        return [(max(x - half, 0.0), min(x + half, plate.width),
-                 max(y - half, 0.0), min(y + half, plate.height))]  # fmt: skip
-    if channel.x is not None and channel.y is not None:
-        return [(*channel.x, *channel.y)]
-    return [plate.extent(node) for node in channel.nodes if node in plate.element_names]
 
 
 def rectangle(extent: tuple[float, float, float, float], **look) -> Rectangle:

@@ -14,7 +14,7 @@ from .._errors import SimulationError
 from ..physics import plate_map
 from ..rig import Channel, Rig
 from ..simulation import Run
-from ._plate_map import HEAT, draw_cells, frame, places, rectangle
+from ._plate_map import HEAT, draw_cells, frame, rectangle
 from ._style import palette, points, styled
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # width of a panel and room above it, inches
@@ -138,7 +138,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
                 draw_cells(axes, rig)
             else:
                 for column in order:
-                    for place in places(channels[column], rig.plate):
+                    for place in channels[column].sensor.outline(rig.plate):
                         value = np.array([shown[column]])
                         color = "none" if np.isnan(value) else colors.to_rgba(value)[0]
                         axes.add_patch(rectangle(place, fc=color, ec=rim, lw=0.8))
@@ -176,7 +176,7 @@ def _at(run: Run, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _area(channel: Channel, rig: Rig) -> float:
-    extents = places(channel, rig.plate)
+    extents = channel.sensor.outline(rig.plate)
     return sum((right - left) * (bottom - top) for left, right, top, bottom in extents)
 
 

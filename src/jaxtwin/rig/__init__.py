@@ -2,8 +2,9 @@
 
 from ._body import Body
 from ._bundled import bundled_materials, bundled_modules, bundled_rigs
-from ._camera import Camera, Channel, CommonError, Registration, Sensors
+from ._camera import Camera, CommonError, Registration, Sensors
 from ._cell import Cell
+from ._channel import Channel
 from ._circuit import Circuit, CircuitLink
 from ._datasheet import Datasheet, load_module
 from ._driver import Driver
@@ -11,13 +12,21 @@ from ._json_schema import json_schema
 from ._load import load_rig
 from ._material import Material, load_material
 from ._new_rig import CellPlace, new_rig_text
+from ._nodes_sensor import NodesSensor
 from ._parameter import Parameter
 from ._parameter_file import read_parameters, write_parameters
 from ._plate import Plate
+from ._point_sensor import PointSensor
 from ._rig import Rig
+from ._sensor import AbstractSensor, SensorSite, register_sensor
+from ._units import COORDINATE, LENGTH
 from ._value import Value
+from ._zone_sensor import ZoneSensor
 
 __all__ = [
+    "COORDINATE",
+    "LENGTH",
+    "AbstractSensor",
     "Body",
     "Camera",
     "Cell",
@@ -29,12 +38,16 @@ __all__ = [
     "Datasheet",
     "Driver",
     "Material",
+    "NodesSensor",
     "Parameter",
     "Plate",
+    "PointSensor",
     "Registration",
     "Rig",
+    "SensorSite",
     "Sensors",
     "Value",
+    "ZoneSensor",
     "bundled_materials",
     "bundled_modules",
     "bundled_rigs",
@@ -44,5 +57,6 @@ __all__ = [
     "load_rig",
     "new_rig_text",
     "read_parameters",
+    "register_sensor",
     "write_parameters",
 ]

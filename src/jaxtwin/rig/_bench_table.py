@@ -1,16 +1,11 @@
-"""Tables around the plate: `[driver]`, `[camera]`, `[[channels]]`, `[limits]` of a rig file."""
+"""Tables around the plate: `[driver]`, `[camera]`, `[limits]` of a rig file."""
 
-from collections.abc import Sequence
-
-from ._body import Body
-from ._camera import Camera, Channel, CommonError, Registration, is_channel_name
+from ._camera import Camera, CommonError, Registration
 from ._driver import Driver
 from ._fields import Fields
 from ._limits import Limits
-from ._plate import AMBIENT, Plate
 from ._schema import (
     CameraTable,
-    ChannelTable,
     CommonErrorTable,
     DriverTable,
     LimitsTable,
@@ -18,7 +13,6 @@ from ._schema import (
 )
 from ._units import (
     ANGLE,
-    COORDINATE,
     CURRENT,
     DURATION,
     FACTOR,
@@ -31,8 +25,6 @@ from ._units import (
     VOLTAGE,
     Kind,
 )
-
-_ROUNDING = 1e-9  # of the plate's size: sums of element sizes need not meet its edge exactly
 
 
 def build_driver(table: DriverTable, fields: Fields) -> Driver:
@@ -157,69 +149,3 @@ def _common_error(table: CommonErrorTable, fields: Fields) -> CommonError:
         relaxation=tuple(constant("relaxation", text, DURATION) for text in table.relaxation),
         detect=table.events == "detect",
     )
-
-
-def build_channel(
-    table: ChannelTable, plate: Plate, bodies: Sequence[Body], fields: Fields
-) -> Channel:
-    """A channel: over named elements and bodies, over a rectangle of the plate, or at one point.
-
-    **Raises:** `RigError` if it has both or neither, or is not on the plate.
-    """
-    at = f"channels[{table.name}]"
-    if not is_channel_name(table.name) or table.name == AMBIENT:
-        # Recordings have a column for each channel, and one for the ambient temperature.
-        fields.refuse(
-            f"{at}.name",
-            f"expected letters, digits and, between them, '_-.' and blanks, and not {AMBIENT!r}, "
-            f"got {table.name!r}",
-        )
-    gain = fields.value(f"{at}.gain", table.gain, FACTOR)
-    lag = None if table.lag is None else fields.value(f"{at}.lag", table.lag, DURATION)
-    if table.nodes is not None and table.x is None and table.y is None:
-        for node in table.nodes:
-            free = [body.name for body in bodies if body.temperature is None]
-            fields.check_element(f"{at}.nodes", node, plate.element_names, free)
-        fields.check_unique(f"{at}.nodes", table.nodes)
-        return Channel(table.name, tuple(table.nodes), None, None, gain, lag)
-    if table.nodes is not None or table.x is None or table.y is None:
-        fields.refuse(at, "expected either nodes or x with y; give one of them")
-    if len(table.x) != len(table.y):
-        fields.refuse(at, "expected a position in both x and y, or a range in both")
-    if len(table.x) == 1:
-        point = (
-            _place(f"{at}.x", table.x[0], plate.width, fields),
-            _place(f"{at}.y", table.y[0], plate.height, fields),
-        )
-        element = _element_at(plate, *point)
-        return Channel(table.name, (element,), None, None, gain, lag, point)
-    x = _range(f"{at}.x", table.x, plate.width, fields)
-    y = _range(f"{at}.y", table.y, plate.height, fields)
-    return Channel(table.name, (), x, y, gain, lag)
-
-
-def _place(field: str, text: str, size: float, fields: Fields) -> float:
-    place = fields.constant(field, text, COORDINATE)
-    if place > size * (1 + _ROUNDING):
-        fields.refuse(
-            field, f"expected a position on the plate, 0 to {100 * size:g} cm, got {text!r}"
-        )
-    return place
-
-
-def _element_at(plate: Plate, x: float, y: float) -> str:
-    """The element that holds a point; on the border of two, the right or the lower one."""
-    for element in reversed(plate.element_names):
-        left, _, top, _ = plate.extent(element)
-        if left <= x * (1 + _ROUNDING) and top <= y * (1 + _ROUNDING):
-            return element
-    raise AssertionError("the first element begins at the plate's corner")
-
-
-def _range(field: str, texts: list[str], size: float, fields: Fields) -> tuple[float, float]:
-    first, last = (fields.constant(field, text, COORDINATE) for text in texts)
-    if not first < last <= size * (1 + _ROUNDING):
-        fields.refuse(
-            field, f"expected a range inside the plate, 0 to {100 * size:g} cm, got {texts}"
-        )
-    return first, min(last, size)

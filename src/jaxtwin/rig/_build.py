@@ -4,11 +4,12 @@ geometry, part by part."""
 from dataclasses import replace
 from typing import Any
 
-from ._bench_table import build_camera, build_channel, build_driver, build_limits
+from ._bench_table import build_camera, build_driver, build_limits
 from ._body_table import build_bodies, build_links, check_bodies_grounded
 from ._bundled import parse_toml
 from ._camera import Sensors
 from ._cell_table import build_cell
+from ._channel import build_channel
 from ._circuit_table import build_circuit
 from ._fields import Fields
 from ._parameter_table import build_parameter_sets, build_parameters
@@ -17,6 +18,7 @@ from ._rig import Rig
 from ._schema import RigTable
 from ._units import NOISE, TEMPERATURE, TEMPERATURE_RATE
 from ._validate import validate
+from ._zone_sensor import ZoneSensor
 
 
 def parse_rig(content: bytes, source: str) -> Rig:
@@ -88,15 +90,15 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     )
     if rig.camera is not None and rig.camera.registration is not None:
         for channel in rig.channels:
-            if channel.x is None:
+            if not isinstance(channel.sensor, ZoneSensor):
                 fields.refuse(
-                    f"channels[{channel.name}].nodes",
+                    f"channels[{channel.name}]",
                     "expected ranges x and y, because a [camera.registration] moves what channels "
-                    "look at, got named elements",
+                    f"look at, got a sensor of kind {channel.sensor.kind!r}",
                 )
     if rig.camera is not None:
         for channel in rig.channels:
-            for node in channel.nodes:
+            for node in channel.sensor.weights(plate):
                 if node not in plate.element_names:
                     fields.refuse(
                         f"channels[{channel.name}].nodes",

@@ -1,6 +1,5 @@
-"""The sensors: an infrared camera or point sensors, and the channels read from them."""
+"""What reads the channels: an infrared camera, or point sensors."""
 
-import re
 from dataclasses import dataclass
 from typing import final
 
@@ -88,36 +87,3 @@ class Sensors:
     """
 
     noise: float
-
-
-@final
-@dataclass(frozen=True)
-class Channel:
-    """A recorded temperature: reading = ambient + gain * (T - ambient).
-
-    **Arguments:**
-
-    - `name`: the name in recordings, unique in the rig.
-    - `nodes`: the plate elements and bodies of which T is the plain mean; empty for a channel over
-      a rectangle; the element in which the point of a point sensor lies, whose pixels a camera
-      reads for it.
-    - `x`, `y`: the rectangle of the plate over which T is the mean otherwise, m.
-    - `gain`: the gain, dimensionless. It is below 1 if the surface reflects part of the room, as
-      bare metal does.
-    - `lag`: the time constant with which the sensor follows T, s; None for no lag.
-    - `point`: x and y of a point sensor, m, at which T is interpolated between the centres of the
-      elements; None for any other channel.
-    """
-
-    name: str
-    nodes: tuple[str, ...]
-    x: tuple[float, float] | None
-    y: tuple[float, float] | None
-    gain: Value
-    lag: Value | None = None
-    point: tuple[float, float] | None = None
-
-
-def is_channel_name(name: str) -> bool:
-    """Whether a channel may have this name, which is also the name of a column in recordings."""
-    return re.fullmatch(r"\w([\w .-]*\w)?", name) is not None

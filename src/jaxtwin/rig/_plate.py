@@ -3,9 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import final
+from typing import TYPE_CHECKING, final
 
 from ._value import Value
+
+if TYPE_CHECKING:
+    import numpy as np
 
 AMBIENT = "ambient"
 """The reserved name of the surroundings in links."""
@@ -95,6 +98,44 @@ class Plate:
         """
         left, right, top, bottom = self._extents[element]
         return (right - left) * (bottom - top)
+
+    def mean_weights(self, x: tuple[float, float], y: tuple[float, float]) -> dict[str, float]:
+        """The weights of the elements in the mean over a rectangle of the temperature, which is
+        interpolated linearly between their centres. They sum to 1; weights of 0 are left out.
+
+        **Arguments:**
+
+        - `x`, `y`: left and right, top and bottom edge of the rectangle, m.
+        """
+        import numpy as np  # with JAX's types, which only those who ask for numbers should pay for
+
+        from ._zone_means import mean_weights
+
+        (along_x, along_y) = (
+            mean_weights(np.array(edges), np.array(low), np.array(high))
+            for edges, (low, high) in ((self.column_edges, x), (self.row_edges, y))
+        )
+        return self._named(np.outer(along_y, along_x))
+
+    def point_weights(self, x: float, y: float) -> dict[str, float]:
+        """The weights of the elements in the temperature at a point, interpolated linearly between
+        their centres. They sum to 1; weights of 0 are left out.
+
+        **Arguments:**
+
+        - `x`, `y`: the point, m.
+        """
+        import numpy as np
+
+        from ._zone_means import point_weights
+
+        along_x = point_weights(np.array(self.column_edges), x)
+        along_y = point_weights(np.array(self.row_edges), y)
+        return self._named(np.outer(along_y, along_x))
+
+    def _named(self, weights: "np.ndarray") -> dict[str, float]:
+        shares = (weights / weights.sum()).ravel().tolist()
+        return {name: w for name, w in zip(self.element_names, shares, strict=True) if w != 0}
 
     @cached_property
     def _extents(self) -> dict[str, tuple[float, float, float, float]]:

@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import final
 
 from ._body import Body
-from ._camera import Camera, Channel, CommonError, Sensors
+from ._camera import Camera, CommonError, Sensors
 from ._cell import Cell
+from ._channel import Channel
 from ._circuit import Circuit, CircuitLink
 from ._driver import Driver
 from ._limits import Limits
@@ -86,25 +87,12 @@ class Rig:
     def fingerprint(self) -> str:
         """The SHA-256 of everything that affects the rig's temperatures except the values of its
         parameters, as hexadecimal digits."""
-        words = ("name", "title", "description", "references", "source", "text", "parameters")
-        parts = {part.name: getattr(self, part.name) for part in fields(self)}
-        # Fingerprints in earlier saved fits contain only this one of the limits.
-        parts = {
-            "maximum_temperature" if name == "limits" else name: part
-            for name, part in parts.items()
-        }
-        parts["maximum_temperature"] = self.maximum_temperature
-        equations = {
-            name: part
-            for name, part in parts.items()
-            if name not in (*words, "parameter_sets")
-            and (part != () or name not in ("bodies", "links"))
-        }
+        words = ("name", "title", "description", "references", "source", "text", "limits")
+        values = ("parameters", "parameter_sets")
+        names = [part.name for part in fields(self) if part.name not in (*words, *values)]
+        equations = {name: getattr(self, name) for name in names}
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
-        # What lacks a part has the text that it had before there was any such part.
-        text = repr((equations, units))
-        for missing in ("point", "registration", "lag", "current_limit", "area", "sink"):
-            text = text.replace(f", {missing}=None)", ")")
+        text = repr((equations, units, self.maximum_temperature))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def __hash__(self) -> int:

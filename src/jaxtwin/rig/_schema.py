@@ -5,11 +5,21 @@ built.
 """
 
 import reprlib
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
 
 from .._name_suggestions import unknown_name
+from ._sensor import sensor_kinds
 
 
 def _text(value: object) -> Any:
@@ -39,6 +49,12 @@ def _place(value: object) -> Any:
     return [_quantity(item) for item in value] if isinstance(value, list) else [_quantity(value)]
 
 
+def _sensor_kind(value: str) -> str:
+    if value not in sensor_kinds():
+        raise ValueError(unknown_name("kind of sensor", value, sensor_kinds()))
+    return value
+
+
 def _quantity_or_list(value: object) -> Any:
     return [_quantity(item) for item in value] if isinstance(value, list) else _quantity(value)
 
@@ -52,6 +68,7 @@ ONE_OR_SEVERAL = WithJsonSchema(
 QuantityOrList = Annotated[Any, BeforeValidator(_quantity_or_list), ONE_OR_SEVERAL]
 Place = Annotated[list[str] | None, BeforeValidator(_place), ONE_OR_SEVERAL]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
+_PLACES = ("nodes", "x", "y")  # the keys of a channel that say where its sensor is
 PixelRange = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
@@ -65,10 +82,16 @@ class Table(BaseModel):
     def _known_keys(cls, data: object) -> Any:
         if not isinstance(data, dict):
             raise ValueError(f"expected a table, got {reprlib.repr(data)}")
+        known = cls.known_keys(data)
         for key in data:
-            if key not in cls.model_fields:
-                raise ValueError(unknown_name("key", key, cls.model_fields))
+            if key not in known:
+                raise ValueError(unknown_name("key", key, known))
         return data
+
+    @classmethod
+    def known_keys(cls, data: dict[str, Any]) -> Iterable[str]:
+        """The keys that such a table may have."""
+        return cls.model_fields
 
 
 class PlateTable(Table):
@@ -181,12 +204,29 @@ class SensorsTable(Table):
 
 
 class ChannelTable(Table):
+    """A channel. A kind of sensor that somebody registered has keys of its own."""
+
+    model_config = ConfigDict(extra="allow", json_schema_extra={"additionalProperties": False})
+
     name: Text
+    sensor: Annotated[Text, AfterValidator(_sensor_kind)] | None = None
     nodes: Annotated[list[Text], Field(min_length=1)] | None = None
     x: Place = None
     y: Place = None
     gain: Quantity = "1"
     lag: Quantity | None = None
+
+    @classmethod
+    def known_keys(cls, data: dict[str, Any]) -> Iterable[str]:
+        sensor = sensor_kinds().get(str(data.get("sensor")))
+        own = () if sensor is None else sensor.quantities
+        return (*[key for key in cls.model_fields if not own or key not in _PLACES], *own)
+
+    def own_keys(self) -> dict[str, Any]:
+        """The keys that belong to the kind of the sensor."""
+        places = {key: getattr(self, key) for key in _PLACES}
+        given = places | (self.model_extra or {})
+        return {key: value for key, value in given.items() if value is not None}
 
 
 class AmbientTable(Table):

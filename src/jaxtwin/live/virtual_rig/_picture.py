@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from ...physics import System, Twin, pixel_weights
-from ...rig import Camera, Channel, Rig, Value
+from ...rig import Camera, Channel, NodesSensor, Rig
 
 
 @final
@@ -47,7 +47,7 @@ def _elements(rig: Rig, camera: Camera) -> Float[np.ndarray, "pixels elements"]:
     """The fraction of each pixel that each element of the plate covers."""
     plate = rig.plate
     names = plate.element_names
-    channels = tuple(Channel(name, (name,), None, None, Value(1.0)) for name in names)
+    channels = tuple(Channel(name, NodesSensor((name,))) for name in names)
     shares = pixel_weights(replace(rig, channels=channels)).reshape(len(names), -1)
     x = (camera.view_x[1] - camera.view_x[0]) / plate.width
     y = (camera.view_y[1] - camera.view_y[0]) / plate.height
