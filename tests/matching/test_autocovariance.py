@@ -7,7 +7,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from jaxtwin.matching._autocovariance import Series, apply_autocorrelation, fit_noise
-from jaxtwin.matching._noise import estimate_noise
+from jaxtwin.matching._noise_model import estimate_noise
 from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
 
 TIMES, CHANNELS, RHO = 400, 4, float(np.exp(-1 / 8))

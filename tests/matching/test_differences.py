@@ -10,8 +10,7 @@ import pytest
 from jaxtwin import Experiment, Twin, simulate
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.matching import named_recordings
-from jaxtwin.matching._differences import output_errors_and_differences
-from jaxtwin.matching._jacobian import output_error_jacobians
+from jaxtwin.matching._jacobian import output_error_jacobians, output_errors_and_differences
 from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
 from jaxtwin.matching._problem import make_match_problem

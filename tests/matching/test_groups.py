@@ -28,8 +28,8 @@ from jaxtwin import (
 from jaxtwin.matching import prediction_band
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._group_values import new_group_values
-from jaxtwin.matching._linear_prior import LinearPrior
 from jaxtwin.matching._match_group import check_given
+from jaxtwin.matching._problem import LinearPrior
 from jaxtwin.matching._unknowns import Unknowns
 from jaxtwin.rig import Parameter, Rig
 from jaxtwin.validation._validate import _beyond_given

@@ -8,8 +8,12 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from jaxtwin import Experiment, Fit, Twin, match, simulate, validate
 from jaxtwin.matching import estimate_initial_conditions
-from jaxtwin.matching._hidden_starts import MatchedStart, expected_distance
-from jaxtwin.matching._starting_shares import Share, starting_shares
+from jaxtwin.matching._initial_condition_priors import (
+    MatchedStart,
+    Share,
+    expected_distance,
+    starting_shares,
+)
 from jaxtwin.rig._build import build_rig
 
 BOX = """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin.matching._camera_error import camera_shapes, detect_events
-from jaxtwin.matching._noise import estimate_noise
+from jaxtwin.matching._noise_model import estimate_noise
 from jaxtwin.rig import CommonError
 
 ERROR = CommonError(

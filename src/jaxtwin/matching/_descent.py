@@ -29,8 +29,7 @@ from ._descent_result import (
     OnStep,
     Start,
 )
-from ._differences import output_errors_and_differences
-from ._jacobian import output_error_jacobians, weighted_jacobian
+from ._jacobian import output_error_jacobians, output_errors_and_differences, weighted_jacobian
 from ._levenberg_marquardt import (
     RUNNING,
     STATUS,

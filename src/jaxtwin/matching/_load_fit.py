@@ -23,15 +23,14 @@ from ..rig._bundled import read_toml
 from ..rig._parameter_file import parsed_values
 from ..rig._problems import refuse
 from ..simulation import simulate
-from ._comparison import CameraError, Comparison
+from ._camera_error import CameraError, Comparison
 from ._fit import Fit, Solution, solution_of
-from ._fit_file import FORMAT, StoredFit, StoredRecording, unrolled
 from ._fitted_parameters import FittedParameters
-from ._linear_prior import LinearPrior
 from ._loss import AbstractLoss, loaded_loss
 from ._noise_model import NoiseModel
 from ._objective import recording_weights, shapes_needed
-from ._problem import MatchProblem, independent_prior_weights
+from ._problem import LinearPrior, MatchProblem, independent_prior_weights
+from ._save_fit import FORMAT, StoredFit, StoredRecording, unrolled
 from ._uncertainty import Uncertainty, close_pairs, insensitive_labels, physical_covariance
 from ._unknowns import Unknowns
 

@@ -21,16 +21,15 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
 from ._descent import descend
+from ._descent_result import make_optimum
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
-from ._iterations import make_optimum
-from ._linear_prior import LinearPrior
-from ._make_fit import make_fit
-from ._match import default_solver
+from ._match import default_solver, make_fit
 from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
 from ._objective import make_objective
-from ._problem import MatchProblem, check_distinct, make_match_problem, named_recordings
+from ._problem import LinearPrior, MatchProblem, make_match_problem
+from ._recordings import check_distinct, named_recordings
 from ._reweighted_least_squares import Estimate
 from ._unknowns import Unknowns
 

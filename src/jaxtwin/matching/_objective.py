@@ -14,11 +14,10 @@ from ..simulation import TimeGrid
 from ..simulation._initial import checked_initial
 from ..simulation._padding import padded, padded_time_grid
 from ._camera_error import camera_shapes, count_shapes
-from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel
-from ._problem import MatchProblem
+from ._problem import LinearPrior, MatchProblem
 from ._residual_weights import ResidualWeights, residual_weights
-from ._run_start import RunStart
+from ._start import RunStart
 from ._unknowns import Layout
 
 Tree = TypeVar("Tree")

@@ -1,27 +1,71 @@
-"""The problem of a match: recordings, unknowns and the user's settings, all checked."""
+"""The problem of a match: recordings, unknowns, priors and the user's settings, all checked."""
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count as count_from
 from typing import Literal, final
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from .._arguments import is_ordered, of_kind
 from .._errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
-from ..physics._twin import check_twin
 from ..rig import CommonError
 from ..simulation._initial import Initial
-from ..simulation._simulate import checked_channels
-from ._linear_prior import LinearPrior
 from ._loss import AbstractLoss, checked_loss
-from ._masks_and_events import Span, given_events, span_weights
-from ._plausible_recording import check_units, check_without_gap
+from ._recordings import Span, given_events, span_weights
 from ._unknowns import Unknowns
+
+
+@final
+class LinearPrior(eqx.Module):
+    """A prior of linear combinations of unknowns, such as the difference of two of them.
+
+    - `matrix`, `values`: `matrix @ vector - values` has mean 0 and variance 1, independently.
+    """
+
+    matrix: Float[np.ndarray | Array, "combinations unknowns"]
+    values: Float[np.ndarray | Array, " combinations"]
+
+    @classmethod
+    def none(cls, unknowns: int) -> "LinearPrior":
+        """A prior without any combination."""
+        return cls(np.zeros((0, unknowns)), np.zeros(0))
+
+    @classmethod
+    def between_groups(cls, unknowns: Unknowns) -> "LinearPrior":
+        r"""The prior that relates the values of several groups.
+
+        The value of a group is the sum of $\phi \sim N(m, s^2)$, which all groups share, and its
+        difference, $N(0, \tau^2)$. With $\phi$ integrated out, the values of $G$ groups have the
+        covariance $\tau^2 I + s^2 1 1^T$: their mean and their differences from it are independent.
+        """
+        rows, places = unknowns.per_group, unknowns.group_entries()
+        groups = len(places)
+        mean = np.full((groups, groups), 1 / groups)
+        matrix = np.zeros((groups * len(rows), unknowns.size))
+        for number, row in enumerate(rows):
+            assert row.prior_spread is not None
+            assert row.group_spread is not None
+            of_mean = math.hypot(row.group_spread, math.sqrt(groups) * row.prior_spread)
+            block = (np.eye(groups) - mean) / row.group_spread + mean / of_mean
+            matrix[groups * number : groups * (number + 1), places[:, number]] = block
+        return cls(matrix, matrix @ unknowns.prior_means())
+
+    @classmethod
+    def normal(
+        cls, mean: Float[np.ndarray, " unknowns"], covariance: Float[np.ndarray, "some some"]
+    ) -> "LinearPrior":
+        """A normal prior of the first unknowns; the others have none."""
+        some = len(covariance)
+        matrix = np.zeros((some, len(mean)))
+        # L L^T = cov, so the rows of the inverse of L are its whitening.
+        matrix[:, :some] = np.linalg.inv(np.linalg.cholesky(covariance))
+        return cls(matrix, matrix @ mean)
+
 
 Events = Mapping[str, Sequence[float]] | Literal["detect", "none"]
 """Recording -> times of the camera's corrections, s; or whether to detect them."""
@@ -178,92 +222,3 @@ def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels
         warnings.simplefilter("ignore", RuntimeWarning)  # of channels that are masked throughout
         ranges = np.nanmax(counted, axis=0) - np.nanmin(counted, axis=0)
     return bool(np.any(recording.duty) or np.any(ranges > 0))
-
-
-def check_distinct(recordings: Mapping[str, Experiment]) -> None:
-    """Refuses a recording that is there twice, under whatever names: its samples would count as new
-    data, and standard errors would be too small.
-
-    **Raises:** `MatchError` with both names.
-    """
-    seen: dict[str, str] = {}
-    for name, experiment in recordings.items():
-        other = seen.setdefault(experiment.fingerprint, name)
-        if other != name:
-            raise MatchError(
-                f"experiments: {name} is the same recording as {other}: expected each once, "
-                "because the second adds no information; leave it out"
-            )
-
-
-def named_groups(
-    recordings: Mapping[str, Experiment], groups: Sequence[str] | None
-) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """The groups of recordings: their names, and the number of each recording's group.
-
-    **Arguments:**
-
-    - `groups`: the name of each recording's group; by default the groups that the recordings name.
-
-    **Raises:** `MatchError` if there is not a name for each recording.
-    """
-    several = list(recordings.values())
-    if groups is None:
-        named = [experiment.group for experiment in several]
-        if not any(named):
-            return ("",), (0,) * len(named)
-    else:
-        if not is_ordered(groups):
-            raise MatchError(f"groups: expected a name for each recording, got {groups!r}")
-        named = list(groups)
-        for name in named:
-            of_kind("groups", name, str, "text", MatchError)
-    if len(named) != len(several) or not all(named):
-        raise MatchError(
-            "groups: expected a name for each recording, such as its day, got "
-            f"{named!r} for {', '.join(recordings)}"
-        )
-    names = tuple(dict.fromkeys(named))
-    return names, tuple(names.index(name) for name in named)
-
-
-def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str, Experiment]:
-    """Checks recordings, and returns them by the names of their results.
-
-    **Arguments:**
-
-    - `twin`: a twin of the rig to which they must belong.
-    - `experiments`: one or several recordings.
-
-    **Returns:** name -> recording, in order. The name is the recording's own, or its number if it
-    has none. A repeated name is followed by its number, or by the next number that is not taken.
-
-    **Raises:** `MatchError` if there is no recording, or one has no temperatures, or a channel of
-    one has none, or one has a gap or is in kelvin; `SimulationError` for a recording of another
-    rig.
-    """
-    check_twin("twin", twin, MatchError)
-    if not experiments:
-        raise MatchError("experiments: expected one or several recordings, got none")
-    names: list[str] = []
-    for number, experiment in enumerate(experiments, start=1):
-        name = experiment.name or f"recording {number}"
-        if experiment.temperatures is None or not experiment.channels:
-            raise MatchError(f"{name}: expected recorded temperatures, got none")
-        checked_channels(twin, experiment)
-        if experiment.unsampled:
-            raise MatchError(
-                f"{name}: channel {experiment.unsampled[0]}: expected at least one sample, got "
-                "missing ones only; leave the channel out with Experiment.select"
-            )
-        check_units(twin, name, experiment)
-        check_without_gap(name, experiment)
-        names.append(name)
-    # Two recordings of one name must not share a row of a table.
-    found: list[str] = []
-    for number, name in enumerate(names, start=1):
-        free = (f"{name} ({other})" for other in count_from(number))
-        found.append(
-            name if name not in found else next(other for other in free if other not in names)
-        )
-    return dict(zip(found, experiments, strict=True))

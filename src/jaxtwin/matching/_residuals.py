@@ -26,7 +26,7 @@ from ..simulation import TimeGrid, solve_network
 from ..simulation._modes import Modes, run_modes
 from ._objective import Objective, RecordingGroup
 from ._residual_weights import ResidualWeights, SplitErrors
-from ._run_start import OF_THE_RIG, RunStart
+from ._start import OF_THE_RIG, RunStart
 
 Residuals = list[SplitErrors | Float[Array, "..."]]
 """For each group of recordings the weighted parts of their output errors, followed by those of the

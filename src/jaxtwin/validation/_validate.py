@@ -27,7 +27,7 @@ from ..matching import (
 from ..matching._band import UncertainValues, band_about, values_of_matched, values_of_unseen
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..matching._nominal_twin import nominal_twin
-from ..matching._problem import named_groups
+from ..matching._recordings import named_groups
 from ..physics import Twin
 from ..simulation import simulate
 from ..simulation._initial import Initial
