@@ -63,7 +63,7 @@ NO_CALLBACKS = Callbacks()
 class Evaluation(eqx.Module):
     """The recordings simulated at one vector, before any weighting.
 
-    - `output_errors`: simulated minus recorded temperatures of each group of recordings, see
+    - `output_errors`: simulated minus recorded temperatures of each batch of recordings, see
       `_residuals`.
     - `jacobians`: their derivatives, see `_jacobian`.
     """
@@ -101,14 +101,14 @@ class DescentResult:
     def recording_errors(self) -> list[RecordingErrors]:
         """The errors of each recording, split into their parts, K."""
         found: dict[int, RecordingErrors] = {}
-        groups = zip(self.objective.groups, self.evaluation.output_errors, strict=True)
+        batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
         with own_settings():
-            for group, errors in groups:
-                split = _split(group.weights, errors)
+            for batch, errors in batches:
+                split = _split(batch.weights, errors)
                 channel, common_mode, sizes = (np.asarray(part) for part in split)
-                camera = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), sizes)
-                for row, position in enumerate(group.positions):
-                    times = slice(int(group.lengths[row]))  # without what fills up their number
+                camera = np.einsum("rtk,rk->rt", np.asarray(batch.weights.shapes), sizes)
+                for row, position in enumerate(batch.positions):
+                    times = slice(int(batch.lengths[row]))  # without what fills up their number
                     parts = (part[row, times] for part in (channel, common_mode, camera))
                     found[position] = RecordingErrors(*parts)
         return [found[position] for position in sorted(found)]
@@ -116,11 +116,11 @@ class DescentResult:
     def temperatures(self) -> list[Float[np.ndarray, "_times _channels"]]:
         """The simulated readings of each recording, degC."""
         found: dict[int, np.ndarray] = {}
-        groups = zip(self.objective.groups, self.evaluation.output_errors, strict=True)
-        for group, errors in groups:
-            simulated = np.asarray(errors) + np.asarray(group.temperatures)
-            for row, position in enumerate(group.positions):
-                found[position] = simulated[row, : int(group.lengths[row])]
+        batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
+        for batch, errors in batches:
+            simulated = np.asarray(errors) + np.asarray(batch.temperatures)
+            for row, position in enumerate(batch.positions):
+                found[position] = simulated[row, : int(batch.lengths[row])]
         return [found[position] for position in sorted(found)]
 
     def jacobian(self) -> Float[np.ndarray, "residuals unknowns"]:
@@ -211,7 +211,9 @@ def make_optimum(
     # Padded samples have a difference of 0.
     pairs = zip(result.evaluation.output_errors, best.evaluation.output_errors, strict=True)
     squares = sum(float(np.sum((errors - of_best) ** 2)) for errors, of_best in pairs)
-    samples = sum(int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.objective.groups)
+    samples = sum(
+        int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.objective.same_shape_batches
+    )
     return Optimum(
         start=start,
         cost=result.cost,

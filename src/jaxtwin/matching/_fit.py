@@ -177,8 +177,8 @@ class Fit:
     def groups(self) -> dict[str, str]:
         """Recording -> name of its group; a single name if the match had no groups."""
         problem = self._solution.problem
-        numbers = zip(self.recordings, problem.unknowns.groups, strict=True)
-        return {name: problem.groups[number] for name, number in numbers}
+        numbers = zip(self.recordings, problem.unknowns.group_numbers, strict=True)
+        return {name: problem.group_names[number] for name, number in numbers}
 
     @property
     def group_values(self) -> dict[str, dict[str, float]]:
@@ -204,7 +204,7 @@ class Fit:
         from those of the matched groups. See `docs/matching.md`.
         """
         problem = self._solution.problem
-        if group in problem.groups:
+        if group in problem.group_names:
             return self.mean_twin.with_values(self.group_values[group])
         expected = new_group_values(problem.unknowns, self._solution.vector)
         return self.mean_twin.with_values(expected.values)

@@ -213,7 +213,7 @@ def _descend(
         events=None if error is not None and error.detect else ((),),
         common_error=error,
         loss=None,
-        groups=("",),
+        group_names=("",),
         prior_weights=unknowns.prior_weights(),
         linear_prior=LinearPrior.none(unknowns.size),
         initial=initial,

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Int
 from ..physics import Twin
 from ..simulation import TimeGrid
 from ..simulation._modes import Modes
-from ._objective import Objective, RecordingGroup
+from ._objective import Objective, SameShapeBatch
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import camera_readings, channel_rises, errors_of_readings, local_vectors
 from ._search_space import SearchSpace
@@ -46,20 +46,20 @@ def output_error_jacobians(
 
     - `modes`: the `recording_modes` of the vector, None to find them here.
     """
-    known = [None] * len(objective.groups) if modes is None else modes
+    known = [None] * len(objective.same_shape_batches) if modes is None else modes
 
-    def of_recording(inputs: tuple[Array, RecordingGroup, Modes | None]) -> Array:
-        local, group, modes = inputs
+    def of_recording(inputs: tuple[Array, SameShapeBatch, Modes | None]) -> Array:
+        local, batch, modes = inputs
         twin, layout = objective.twin, objective.layout
         return reading_jacobian(
-            local, twin, layout, group.grid, group.columns, modes, start=objective.start
+            local, twin, layout, batch.grid, batch.columns, modes, start=objective.start
         )
 
-    # The groups are solved one after the other, as in `output_errors`.
+    # The batches are solved one after the other, as in `output_errors`.
     return [
-        jax.lax.map(of_recording, (local, group, of_group))
-        for group, local, of_group in zip(
-            objective.groups, local_vectors(vector, objective), known, strict=True
+        jax.lax.map(of_recording, (local, batch, of_batch))
+        for batch, local, of_batch in zip(
+            objective.same_shape_batches, local_vectors(vector, objective), known, strict=True
         )
     ]
 
@@ -70,14 +70,14 @@ def weighted_jacobian(
 ) -> Float[Array, "residuals unknowns"]:
     """Computes the derivatives of `residuals` from those of the output errors."""
     size, columns = np.shape(objective.prior_means)[0], []
-    for group, jacobian in zip(objective.groups, jacobians, strict=True):
+    for batch, jacobian in zip(objective.same_shape_batches, jacobians, strict=True):
 
         def of_recording(jacobian: Array, weights: ResidualWeights) -> SplitErrors:
             return jax.vmap(lambda slope: weights.weigh(weights.split(slope)))(jacobian)
 
-        entries = objective.layout.entry_indices()[list(group.positions)]
+        entries = objective.layout.entry_indices()[list(batch.positions)]
         recording = np.arange(len(entries))[:, None]
-        for part in jax.vmap(of_recording)(jacobian, group.weights):
+        for part in jax.vmap(of_recording)(jacobian, batch.weights):
             flat = part.reshape(*part.shape[:2], -1)
             whole = jnp.zeros((size, len(entries), flat.shape[-1]), flat.dtype)
             columns.append(whole.at[entries, recording].set(flat).reshape(size, -1))
@@ -150,29 +150,29 @@ def output_errors_and_differences(
     """
 
     def of_recording(
-        local: Array, ahead: Array, behind: Array, group: RecordingGroup, modes: Modes
+        local: Array, ahead: Array, behind: Array, batch: SameShapeBatch, modes: Modes
     ) -> tuple[Array, Array]:
         points = [local + jnp.diag(end - local) for end in (ahead, behind)]
         readings = jax.vmap(
-            lambda entries: camera_readings(entries, objective, group.grid, group.columns, modes)
+            lambda entries: camera_readings(entries, objective, batch.grid, batch.columns, modes)
         )(jnp.concatenate([local[None], *points]))
         here, of_ahead, of_behind = jnp.split(readings, [1, 1 + local.size])
         jacobian = (of_ahead - of_behind) / (ahead - behind)[:, None, None]
-        return errors_of_readings(here[0], group), jacobian
+        return errors_of_readings(here[0], batch), jacobian
 
     steps = space.difference_steps
     assert steps is not None
     errors, jacobians = [], []
-    for local, ahead, behind, group, of_group in zip(
+    for local, ahead, behind, batch, of_batch in zip(
         local_vectors(vector, objective),
         local_vectors(space.clip(vector + steps), objective),
         local_vectors(space.clip(vector - steps), objective),
-        objective.groups,
+        objective.same_shape_batches,
         modes,
         strict=True,
     ):
         error, jacobian = jax.lax.map(
-            lambda inputs: of_recording(*inputs), (local, ahead, behind, group, of_group)
+            lambda inputs: of_recording(*inputs), (local, ahead, behind, batch, of_batch)
         )
         errors.append(error)
         jacobians.append(jacobian)

@@ -111,7 +111,7 @@ def match_many(
             twin,
             members,
             unknowns,
-            groups=names,
+            group_names=names,
             options=SampleOptions(_of_set(events, members), _of_set(masks, members), loss),
         )
         for members, (names, _) in zip(recordings, grouped, strict=True)

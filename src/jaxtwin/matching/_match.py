@@ -149,7 +149,7 @@ def match(
         twin,
         recordings,
         unknowns,
-        groups=group_names,
+        group_names=group_names,
         options=SampleOptions(events, masks, loss),
         initial=initial,
     )

@@ -78,7 +78,7 @@ class MatchProblem:
 
     - `twin`: the start, with the values of the held parameters.
     - `experiments`: the recordings. `names`: the names of their results.
-    - `unknowns`: the parameters to match. `groups`: the names of their groups.
+    - `unknowns`: the parameters to match. `group_names`: the names of their groups.
     - `sample_weights`: weight of each sample of each recording, 0 to 1, from masks and gaps.
     - `events`: times of the camera's corrections in each recording, s; None to detect them.
     - `common_error`: the common error of the camera, None for none.
@@ -96,7 +96,7 @@ class MatchProblem:
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
     loss: AbstractLoss | None
-    groups: tuple[str, ...]
+    group_names: tuple[str, ...]
     prior_weights: Float[np.ndarray, " unknowns"]
     linear_prior: LinearPrior
     initial: Initial = None
@@ -104,7 +104,7 @@ class MatchProblem:
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of the unknowns."""
-        return self.unknowns.labels(self.names, self.groups)
+        return self.unknowns.labels(self.names, self.group_names)
 
     @property
     def prior_precision(self) -> Float[np.ndarray, "unknowns unknowns"]:
@@ -142,7 +142,7 @@ def make_match_problem(
     recordings: Mapping[str, Experiment],
     unknowns: Unknowns,
     *,
-    groups: Sequence[str] = ("",),
+    group_names: Sequence[str] = ("",),
     options: SampleOptions = USUAL_OPTIONS,
     initial: Initial = None,
 ) -> MatchProblem:
@@ -153,7 +153,7 @@ def make_match_problem(
     - `twin`: the start of the match.
     - `recordings`: as returned by `named_recordings`.
     - `unknowns`: as returned by `choose_unknowns`.
-    - `groups`: the names of the recordings' groups, as returned by `named_groups`.
+    - `group_names`: the names of the recordings' groups, as returned by `named_groups`.
     - `options`: the options of the samples' weights.
     - `initial`: the temperatures at the start of each run, checked.
 
@@ -199,7 +199,7 @@ def make_match_problem(
         events=times,
         common_error=error,
         loss=checked_loss(options.loss),
-        groups=tuple(groups),
+        group_names=tuple(group_names),
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
         initial=initial,

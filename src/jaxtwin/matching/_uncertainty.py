@@ -338,16 +338,16 @@ def _series(
     jacobian = result.jacobian()[:, inside]
     row, count = 0, jacobian.shape[1]
     lift, all_series = [np.eye(count)], []
-    for group in result.objective.groups:
+    for batch in result.objective.same_shape_batches:
         blocks = []
-        for part in (group.weights.channel, group.weights.common_mode, group.weights.sizes):
+        for part in (batch.weights.channel, batch.weights.common_mode, batch.weights.sizes):
             rows = jacobian[row : row + np.size(part)]
             blocks.append(rows.reshape(*np.shape(part), jacobian.shape[1]))
             row += len(rows)
-        for number, position in enumerate(group.positions):
+        for number, position in enumerate(batch.positions):
             counted = problem.sample_weights[position]
             times = slice(len(counted))  # without the samples that fill up their number
-            weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), group.weights)
+            weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), batch.weights)
             d_channel, d_common_mode, d_sizes = (block[number] for block in blocks)
             d_channel, d_common_mode = d_channel[times], d_common_mode[times]
             if (beside := beside_others(counted)).any():

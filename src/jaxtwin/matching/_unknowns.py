@@ -34,35 +34,35 @@ class Unknowns:
     - `shared`: parameters with one value for all recordings.
     - `per_group`: parameters with a value for each group.
     - `per_recording`: parameters with a value for each recording.
-    - `groups`: the number of each recording's group, counted from 0.
+    - `group_numbers`: the number of each recording's group, counted from 0.
     """
 
     shared: tuple[Parameter, ...]
     per_group: tuple[Parameter, ...]
     per_recording: tuple[Parameter, ...]
-    groups: tuple[int, ...]
+    group_numbers: tuple[int, ...]
 
     @classmethod
-    def of(cls, rows: Sequence[Parameter], groups: Sequence[int]) -> "Unknowns":
+    def of(cls, rows: Sequence[Parameter], group_numbers: Sequence[int]) -> "Unknowns":
         """Sorts parameters by their scope. If there is a single group, the parameters of groups are
         shared."""
-        single = max(groups) == 0
+        single = max(group_numbers) == 0
         return cls(
             shared=tuple(r for r in rows if r.scope == "shared" or (single and r.scope == "group")),
             per_group=tuple(r for r in rows if r.scope == "group" and not single),
             per_recording=tuple(r for r in rows if r.scope == "recording"),
-            groups=tuple(groups),
+            group_numbers=tuple(group_numbers),
         )
 
     @property
     def recordings(self) -> int:
         """The number of recordings."""
-        return len(self.groups)
+        return len(self.group_numbers)
 
     @property
     def entry_parameters(self) -> tuple[Parameter, ...]:
         """The parameter of each entry of the vector."""
-        groups = max(self.groups) + 1
+        groups = max(self.group_numbers) + 1
         return self.shared + self.per_group * groups + self.per_recording * self.recordings
 
     @property
@@ -99,7 +99,7 @@ class Unknowns:
 
     def group_entries(self) -> Int[np.ndarray, "groups entries"]:
         """The positions of each group's values in the vector."""
-        groups, size = max(self.groups) + 1, len(self.per_group)
+        groups, size = max(self.group_numbers) + 1, len(self.per_group)
         return len(self.shared) + size * np.arange(groups)[:, None] + np.arange(size)
 
     def rows_of_groups(self) -> tuple[tuple[Parameter, ...], Int[np.ndarray, "rows groups"]]:
@@ -137,10 +137,10 @@ class Unknowns:
         pairs = zip(self.entry_parameters, vector, strict=True)
         return np.array([np.exp(entry) if row.is_logarithmic else 1.0 for row, entry in pairs])
 
-    def labels(self, recordings: Sequence[str], groups: Sequence[str]) -> tuple[str, ...]:
+    def labels(self, recordings: Sequence[str], group_names: Sequence[str]) -> tuple[str, ...]:
         """Names of the entries; the value of a group or recording is `name[group]` or
         `name[recording]`."""
-        own = [f"{row.name}[{group}]" for group in groups for row in self.per_group]
+        own = [f"{row.name}[{group}]" for group in group_names for row in self.per_group]
         own += [
             f"{row.name}[{recording}]" for recording in recordings for row in self.per_recording
         ]
@@ -153,7 +153,7 @@ class Unknowns:
             shared=tuple((row.name, row.is_logarithmic) for row in self.shared),
             per_group=tuple((row.name, row.is_logarithmic) for row in self.per_group),
             per_recording=tuple((row.name, row.is_logarithmic) for row in self.per_recording),
-            groups=self.groups,
+            group_numbers=self.group_numbers,
         )
 
     def to_values(
@@ -190,13 +190,13 @@ class Layout:
     **Arguments:**
 
     - `shared`, `per_group`, `per_recording`: pairs (name, whether it enters by its logarithm).
-    - `groups`: the number of each recording's group.
+    - `group_numbers`: the number of each recording's group.
     """
 
     shared: tuple[tuple[str, bool], ...]
     per_group: tuple[tuple[str, bool], ...]
     per_recording: tuple[tuple[str, bool], ...]
-    groups: tuple[int, ...]
+    group_numbers: tuple[int, ...]
 
     @property
     def names(self) -> tuple[tuple[str, bool], ...]:
@@ -206,9 +206,9 @@ class Layout:
     def entry_indices(self) -> Int[np.ndarray, "recordings entries"]:
         """The positions of the entries on which each recording depends."""
         shared, grouped, own = map(len, (self.shared, self.per_group, self.per_recording))
-        recordings, group = len(self.groups), np.array(self.groups)[:, None]
+        recordings, group = len(self.group_numbers), np.array(self.group_numbers)[:, None]
         of_group = shared + grouped * group + np.arange(grouped)
-        behind = shared + grouped * (max(self.groups) + 1)
+        behind = shared + grouped * (max(self.group_numbers) + 1)
         of_recording = behind + own * np.arange(recordings)[:, None] + np.arange(own)
         first = np.broadcast_to(np.arange(shared), (recordings, shared))
         return np.concatenate([first, of_group, of_recording], axis=1)
@@ -252,14 +252,14 @@ AS_IN_THE_TABLE = ParameterChoice()
 
 
 def choose_unknowns(
-    twin: Twin, groups: Sequence[int], choice: ParameterChoice = AS_IN_THE_TABLE
+    twin: Twin, group_numbers: Sequence[int], choice: ParameterChoice = AS_IN_THE_TABLE
 ) -> Unknowns:
     """Chooses the unknowns of a match: the rig's parameter table, changed by a choice.
 
     **Arguments:**
 
     - `twin`: its values are the start of the match.
-    - `groups`: the number of each recording's group, counted from 0.
+    - `group_numbers`: the number of each recording's group, counted from 0.
     - `choice`: the changes of the table.
 
     **Raises:** `ParameterError` for unknown names and for a parameter with several values;
@@ -329,7 +329,7 @@ def choose_unknowns(
         limits = bounds.get(name, (row.lower, row.upper))
         bounded = _bounded(row, float(twin.values[name]), limits)
         rows.append(replace(bounded, free=True, scope=scope))
-    return Unknowns.of(rows, groups)
+    return Unknowns.of(rows, group_numbers)
 
 
 def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
