@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match, match_many, simulate
-from jaxtwin.matching import Huber, _descent, _make_fit
+from jaxtwin.matching import Huber, _descent, _match
 
 FREE = ["C_load", "T_amb", "T_start"]
 TRUTH = {"C_load": 24.0, "T_amb": 20.0, "T_start": 18.5}
@@ -130,7 +130,7 @@ def test_a_set_of_which_no_fit_can_be_made_loses_no_other(
             raise error
         return simulate(twin, experiment, **options)
 
-    monkeypatch.setattr(_make_fit, "simulate", give_up)
+    monkeypatch.setattr(_match, "simulate", give_up)
     good, bad = matched(*benches[:2])
     assert bad is None
     assert value(good) == value(fits[0])

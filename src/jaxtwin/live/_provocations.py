@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .._celsius import ZERO_CELSIUS
 from .protocol._messages import VERSION, Hello
 from .protocol._records import Event, Greeting, Reading, Record, Sample
 from .protocol._rig_connection import RigConnection
@@ -143,7 +144,7 @@ _ALWAYS: Sequence[Provocation] = (
     Provocation(
         "a short-circuited sensor",
         ("implausible",),
-        _readings(lambda r, s: _one(r.temperatures, -273.15)),
+        _readings(lambda r, s: _one(r.temperatures, -ZERO_CELSIUS)),
     ),
     Provocation(
         "a failed channel",

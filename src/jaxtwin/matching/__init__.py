@@ -9,7 +9,7 @@ where $D$ is the simulated minus the recorded temperature, and $m$ its mean over
 covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which file holds what:
 
 - the unknowns: `_unknowns` (vector), `_search_space` (bounds), `_group_values` (days that differ)
-- the recordings: `_recordings` (checks, masks), `_start` (how they begin), `_problem` (all settings)
+- the recordings: `_recordings` (checks, masks), `_start` (how they begin), `_problem` (all)
 - what a sample counts: `_noise_model`, `_loss`, `_camera_error`, `_residual_weights`
 - the cost: `_objective` (recordings as arrays), `_residuals` and `_jacobian` (solve and subtract)
 - the minimum: `_descent`, `_descent_result`, `_levenberg_marquardt`, `_optimistix` (other solvers),

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import is_ordered, of_kind
+from .._celsius import ZERO_CELSIUS
 from .._errors import MatchError
 from .._name_suggestions import did_you_mean
 from ..io import Experiment
@@ -14,7 +15,7 @@ from ..physics import Twin
 from ..physics._twin import check_twin
 from ..rig import Parameter, Rig, Value
 from ..simulation._simulate import checked_channels
-from ._start import ABSOLUTE_ZERO, first_sample, room_temperature
+from ._start import first_sample, room_temperature
 
 FIRST_SAMPLES = 50
 """The number of samples at the start that are looked at, of all channels together."""
@@ -132,7 +133,7 @@ def check_units(twin: Twin, name: str, experiment: Experiment) -> None:
     first = float(np.median(experiment.temperatures[experiment.sampled][:FIRST_SAMPLES]))
     recorded = first_sample(experiment).ambient
     start = room_temperature(twin.rig, twin.numbers_si, recorded)
-    celsius = first + ABSOLUTE_ZERO
+    celsius = first - ZERO_CELSIUS
     if abs(celsius - start) < NEAR_KELVIN and abs(first - start) > NEAR_KELVIN:
         raise MatchError(
             f"{name}: temperatures: expected degC, got {first:.1f} degC at the start in a room of "
@@ -166,7 +167,7 @@ def check_start(rig: Rig, free: Iterable[Parameter], name: str, experiment: Expe
     for row in free:
         if rig.initial_temperature != Value(1.0, ((row.name, 1.0),)):
             continue
-        lower, upper = (row.to_si(bound) + ABSOLUTE_ZERO for bound in (row.lower, row.upper))
+        lower, upper = (row.to_si(bound) - ZERO_CELSIUS for bound in (row.lower, row.upper))
         if not lower - BEYOND_BOUNDS <= first <= upper + BEYOND_BOUNDS:
             raise MatchError(
                 f"{name}: temperatures: expected a start within the bounds of {row.name}, "

@@ -14,6 +14,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._celsius import ZERO_CELSIUS
 from ..io import Experiment
 from ..physics import System
 from ..rig import Rig, Value
@@ -53,9 +54,6 @@ def first_readings(experiment: Experiment) -> Float[np.ndarray, " channels"]:
     assert experiment.temperatures is not None
     rows = experiment.sampled.argmax(axis=0)
     return experiment.temperatures[rows, np.arange(len(rows))]
-
-
-ABSOLUTE_ZERO = -273.15
 
 
 def names_in(*values: Value | None) -> frozenset[str]:
@@ -101,7 +99,7 @@ def room_temperature(rig: Rig, values_si: Mapping[str, float], recorded: float |
     """The room temperature at the start, degC: the recorded one, or that of the twin."""
     if recorded is not None:
         return recorded
-    return float(rig.ambient_temperature.evaluate(values_si)) + ABSOLUTE_ZERO
+    return float(rig.ambient_temperature.evaluate(values_si)) - ZERO_CELSIUS
 
 
 @final

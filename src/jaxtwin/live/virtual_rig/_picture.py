@@ -6,6 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, UInt16
 
+from ..._celsius import ZERO_CELSIUS
 from ...physics import System, Twin, pixel_weights
 from ...rig import Camera, Channel, Rig, Value
 
@@ -40,7 +41,7 @@ class Picture:
         """Returns a frame in units of 0.01 K, for temperatures in degC and an error of the camera
         in K."""
         celsius = ambient + (self._map @ (nodes - ambient)).reshape(self._shape) + error
-        return np.clip(np.rint((celsius + 273.15) * 100), 0, 65535).astype(np.uint16)
+        return np.clip(np.rint((celsius + ZERO_CELSIUS) * 100), 0, 65535).astype(np.uint16)
 
 
 def _elements(rig: Rig, camera: Camera) -> Float[np.ndarray, "pixels elements"]:

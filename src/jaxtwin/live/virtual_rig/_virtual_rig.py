@@ -11,6 +11,7 @@ from typing import final
 import jax
 import numpy as np
 
+from ..._celsius import ZERO_CELSIUS
 from ..._errors import LinkError
 from ...physics import Fault, Faults, Twin
 from ...physics._recalibrations import Recalibrations
@@ -102,7 +103,7 @@ class VirtualRig:
         self._hottest = (
             math.inf
             if rig.maximum_temperature is None
-            else (rig.maximum_temperature - 273.15 + OVER_LIMIT)
+            else (rig.maximum_temperature - ZERO_CELSIUS + OVER_LIMIT)
         )
         self._rests: dict[object, bytes] = {}
         self._recalibrations = Recalibrations(self.faults.jumps, seed, rig.common_error)
