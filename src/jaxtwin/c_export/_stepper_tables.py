@@ -33,9 +33,7 @@ def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
     """The arrays: name -> values and comment."""
     system, field = stepper.system, stepper.field
     modes, shapes = field.modes, np.asarray(field.modes.shapes, float)
-    gain = np.asarray(system.gain, float)
-    weights = np.asarray(system.channel_weights, float)
-    on_plate = np.broadcast_to(np.asarray(system.on_plate, float), gain.shape)
+    by_nodes, by_ambient = system.output_matrices()
     module = system.module
     rates, h = np.asarray(modes.rates, float), np.asarray(stepper.sizes, float)
     factors = {
@@ -50,8 +48,8 @@ def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
     }
     tables = {
         "shape": (shapes, "temperatures of the nodes by the modes, K"),
-        "by_modes": (gain[:, None] * (weights @ shapes), "readings of the channels, K"),
-        "by_ambient": (1 - gain * on_plate, "and by the ambient"),
+        "by_modes": (np.asarray(by_nodes, float) @ shapes, "readings of the channels, K"),
+        "by_ambient": (np.asarray(by_ambient, float), "and by the ambient"),
         "capacitance": (np.asarray(modes.capacitance, float), "of the nodes, J/K"),
         "surroundings": (np.asarray(field.surroundings, float), "forces by the ambient"),
         **(

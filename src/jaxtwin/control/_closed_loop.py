@@ -139,10 +139,9 @@ class _Outputs(NamedTuple):
 def _outputs(stepper: Stepper, scenario: Scenario) -> _Outputs:
     system, celsius = stepper.system, stepper.reference - ZERO_CELSIUS
     weights = jnp.asarray(scenario.output_weights)
-    gain = jnp.broadcast_to(system.gain, (len(system.wiring.channels),))[:, None]
-    by_nodes = gain * jnp.asarray(system.channel_weights, celsius.dtype)
+    by_nodes, by_ambient = system.output_matrices()
     by_modes = weights @ by_nodes @ stepper.field.modes.shapes
-    return _Outputs(weights, by_modes, weights @ (1 - gain[:, 0] * system.on_plate), celsius)
+    return _Outputs(weights, by_modes, weights @ by_ambient, celsius)
 
 
 class _Loop(NamedTuple):

@@ -198,5 +198,5 @@ def _temperatures(problem: DesignProblem, grid: TimeGrid) -> tuple[Array, Array]
     drive, rise = solve_network(system, grid, system.initial_temperature, readout)
     ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
     read, at_sides = rise[:, : len(channels)], rise[:, len(channels) :]
-    readings = drive.reference + ambient + system.gain * (read - system.on_plate * ambient)
-    return readings - 273.15, drive.reference + at_sides - 273.15
+    celsius = drive.reference - 273.15
+    return system.readings(read, ambient) + celsius, at_sides + celsius

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics import System
-from ..simulation import TimeGrid, solve_network
+from ..simulation import Drive, TimeGrid, solve_network
 from ..simulation._modes import Modes, run_modes
 from ._objective import Objective, SameShapeBatch
 from ._residual_weights import ResidualWeights, SplitErrors
@@ -138,8 +138,8 @@ def camera_readings(
     """The readings of the camera without its common error, degC."""
     twin = objective.twin.with_values(objective.layout.local_values(local))
     system = twin.system(lumped=objective.start.is_lumped)
-    surroundings, rise = channel_rises(system, grid, columns, modes, objective.start)
-    return surroundings + system.gain[columns] * rise - 273.15
+    drive, zones, ambient = _solved(system, grid, columns, modes, objective.start)
+    return drive.reference + system.readings(zones, ambient, columns) - 273.15
 
 
 def channel_rises(
@@ -151,10 +151,20 @@ def channel_rises(
 ) -> tuple[Float[Array, "times #channels"], Float[Array, "times channels"]]:
     """The temperature of the surroundings, K, and the rise of each channel's target above it; both
     are relative to the start of the rig."""
+    drive, zones, ambient = _solved(system, grid, columns, modes, start)
+    return drive.reference + ambient, system.rises(zones, ambient, columns)
+
+
+def _solved(
+    system: System,
+    grid: TimeGrid,
+    columns: Int[Array | np.ndarray, " columns"],
+    modes: Modes | None,
+    start: RunStart,
+) -> tuple[Drive, Float[Array, "times channels"], Float[Array, "times 1"]]:
+    """The drive, and the deviations of the channels' zones and of the ambient at the samples, K."""
     weights = jnp.asarray(system.channel_weights)[columns]
     initial = start.node_temperatures(system, grid)
-    drive, rise = solve_network(system, grid, initial, weights, modes)
-    ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
-    ambient = jnp.broadcast_to(ambient, (rise.shape[0], 1))
-    on_plate = jnp.broadcast_to(system.on_plate, system.gain.shape)[columns]
-    return drive.reference + ambient, rise - on_plate * ambient
+    drive, zones = solve_network(system, grid, initial, weights, modes)
+    ambient = jnp.asarray(drive.ambient_at_samples(), zones.dtype)
+    return drive, zones, jnp.broadcast_to(ambient, (zones.shape[0], 1))

@@ -200,18 +200,42 @@ class System(eqx.Module):
         weights = jnp.asarray(self.channel_weights, deviation.dtype)
         return self.readings(deviation @ weights.T, ambient_deviation)
 
+    def rises(
+        self,
+        zone_deviation: Float[Array, "*times channels"],
+        ambient_deviation: Float[Array, "*times 1"] | Float[Array, ""] | float = 0.0,
+        columns: Int[Array | np.ndarray, " channels"] | slice = slice(None),
+    ) -> Float[Array, "*times channels"]:
+        """The temperatures above the ambient that the channels see; a part of a zone that lies
+        beside the plate is at the ambient temperature.
+
+        **Arguments:**
+
+        - `zone_deviation`: the mean over the zone of each channel, weighted by `channel_weights`,
+          as a deviation from the reference.
+        - `columns`: the positions of these channels among those of the rig.
+        """
+        on_plate = jnp.broadcast_to(self.on_plate, self.gain.shape)[columns]
+        return zone_deviation - on_plate * ambient_deviation
+
     def readings(
         self,
         zone_deviation: Float[Array, "*times channels"],
-        ambient_deviation: Float[Array, "*times 1"] | float = 0.0,
+        ambient_deviation: Float[Array, "*times 1"] | Float[Array, ""] | float = 0.0,
+        columns: Int[Array | np.ndarray, " channels"] | slice = slice(None),
     ) -> Float[Array, "*times channels"]:
-        """The readings of the channels as deviations from the reference: ambient + gain (T -
-        ambient), and the ambient if a channel looks beside the plate.
+        """The readings of the channels as deviations from the reference, ambient + gain * rise,
+        for the arguments of `rises`."""
+        rise = self.rises(zone_deviation, ambient_deviation, columns)
+        return self.gain[columns] * rise + ambient_deviation
 
-        `zone_deviation` is the mean over the zone of each channel, weighted by
-        `channel_weights`."""
-        rise = zone_deviation - self.on_plate * ambient_deviation
-        return self.gain * rise + ambient_deviation
+    def output_matrices(
+        self,
+    ) -> tuple[Float[Array, "channels nodes"], Float[Array, " channels"]]:
+        """$C$ and $d$ of the readings $y = C x + d a$, with the deviations $x$ of the nodes and $a$
+        of the ambient: the formula of `readings` as numbers."""
+        gain = jnp.asarray(self.gain)
+        return gain[:, None] * jnp.asarray(self.channel_weights), 1 - gain * self.on_plate
 
 
 def conductance_entries(

@@ -166,10 +166,9 @@ def sample_chunk(
         drive = draw.drive(grid)
         deviation = stepped.channels.at_samples(drive.grid, which)
         ambient = drive.ambient_at_samples(which)
-        gain = draw.system.gain[columns]
-        on_plate = jnp.broadcast_to(draw.system.on_plate, draw.system.gain.shape)[columns]
-        reading = ambient + gain * (deviation - on_plate * ambient) + (drive.reference - 273.15)
-        return jnp.where(stepped.failed, jnp.nan, reading)
+        reading = draw.system.readings(deviation, ambient, columns)
+        celsius = reading + (drive.reference - 273.15)
+        return jnp.where(stepped.failed, jnp.nan, celsius)
 
     return jax.vmap(sample_draw)(prepared, stepped)
 
@@ -224,10 +223,11 @@ def compressed_errors(
     compressed recording keeps, K; NaN for failed draws."""
 
     def draw_errors(system: System, stepped: Stepped) -> Array:
-        rise = system.gain[columns] * stepped.channels.at_samples(recorded.grid)
+        rows = stepped.channels.at_samples(recorded.grid)
+        reading = system.readings(rows, columns=columns)
         offset = system.ambient_temperature - 273.15
-        target = jnp.asarray(recorded.target, rise.dtype)
-        error = rise + offset * jnp.asarray(recorded.ones, rise.dtype)[:, None] - target
+        target = jnp.asarray(recorded.target, reading.dtype)
+        error = reading + offset * jnp.asarray(recorded.ones, reading.dtype)[:, None] - target
         return jnp.where(stepped.failed, jnp.nan, error)
 
     return jax.vmap(draw_errors)(prepared.system, stepped)

@@ -29,7 +29,7 @@ class Picture:
         plain = np.zeros((self._shape[0] * self._shape[1], nodes))
         plain[:, : elements.shape[1]] = elements
         means = pixel_weights(rig).reshape(len(rig.channels), -1)
-        wanted = np.asarray(system.gain)[:, None] * np.asarray(system.channel_weights)
+        wanted = np.asarray(system.output_matrices()[0])
         self._map = plain + np.linalg.pinv(means) @ (wanted - means @ plain)
 
     def frame(
