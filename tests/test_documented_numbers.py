@@ -112,7 +112,7 @@ def test_a_host_refuses_a_watchdog_and_a_rate_beyond_those_of_the_protocol():
 
 
 OF_USERS = {
-    "jaxtwin._waiting.PATIENCE": 2.0,  # performance.md: more than two seconds
+    "jaxtwin._waiting.PRINTED_AFTER": 2.0,  # performance.md: more than two seconds
     "jaxtwin._compilation._persistent_jit.MOST_PROGRAMS": 16,
     "jaxtwin.matching._descent.BATCH": 16,
     "jaxtwin.simulation._reduced_modes.LARGEST_RESIDUAL": 3e-4,  # K

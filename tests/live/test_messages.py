@@ -154,5 +154,5 @@ def test_a_channel_that_has_failed_does_not_take_the_line_with_it() -> None:
 @example("Zone 1")
 @example("Tü")
 @example("a,b=c*%41~")
-def test_names_survive_the_way(name: str) -> None:
+def test_any_name_is_read_as_it_was_written(name: str) -> None:
     assert read_name(write_name(name)) == name

@@ -21,7 +21,7 @@ NAMES = ["T_amb", "T_start", "T_sink"]
 
 
 @pytest.mark.parametrize("at_bound", [False, True])
-def test_they_are_the_derivatives_also_at_a_bound(at_bound: bool):
+def test_central_differences_are_the_exact_derivatives_also_at_a_bound(at_bound: bool):
     drive = Experiment.schedule("0:0,10:0.5", duration=40)
     twin = Twin("single-cell")
     seen = simulate(twin.with_values({"T_amb": 21.0}), drive).temperatures

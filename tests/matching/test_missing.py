@@ -145,7 +145,9 @@ def test_the_truth_is_recovered_from_what_is_left(start: Twin, whole: Experiment
 
 
 @pytest.mark.slow
-def test_no_two_channels_at_the_same_time_have_nothing_alone(start: Twin, whole: Experiment):
+def test_without_two_channels_at_the_same_time_both_noises_are_the_same(
+    start: Twin, whole: Experiment
+):
     """Deviations from a mean of one channel are nothing; the noise is that of what all share."""
     holes = np.arange(51)[:, None] % 3 != np.arange(3)
     fit = match(start, with_holes(whole, holes), free=FREE, loss=Huber(3.0))

@@ -7,9 +7,9 @@ mean $T$ of the elements that its channel names:
 $$\tau \dot T_s = T - T_s$$
 
 In the network it is a node of heat capacity $C_s$ with a link of $\tau / (w_i C_s)$ to each
-element, whose weight in the mean is $w_i$. It must not affect the plate. $C_s$ is therefore `SHARE`
-of the heat capacity of an element: the heat that it takes changes temperatures by about this
-fraction.
+element, whose weight in the mean is $w_i$. It must not affect the plate. $C_s$ is therefore the
+fraction `RELATIVE_CAPACITY` of the heat capacity of an element: the heat that it takes changes
+temperatures by about this fraction.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from ..rig import Channel, Rig
 from ._camera import channel_weights
 from ._netlist import Link, Netlist, Node
 
-SHARE = 1e-6
+RELATIVE_CAPACITY = 1e-6
 """The heat capacity of a sensor, as a fraction of an element's."""
 
 
@@ -45,7 +45,7 @@ def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[L
         touched |= _weights_of_bodies(rig, channel)
         touched = {node: weight for node, weight in touched.items() if weight > 0}
         name, first = sensor_name(channel.name), named[next(iter(touched))]
-        capacitance = first.capacitance * SHARE
+        capacitance = first.capacitance * RELATIVE_CAPACITY
         sensors.append(Node(name, "sensor", capacitance, first.initial_temperature))
         links += [
             Link(node, name, (channel.lag / (capacitance * weight),), "sensor")

@@ -151,22 +151,22 @@ class VirtualRig:
         """
         # Each host has a separate remainder, so that its incomplete line does not mix with others.
         lines, self._rests[client] = delines(self._rests.get(client, b""), data)
-        heard = False
+        understood = False
         for frame in lines:
             try:
                 message = parse(frame)
             except LinkError:
                 continue
             if isinstance(message, Ask):
-                heard = True
+                understood = True
                 self._answer += encode(self.hello)
             elif isinstance(message, Duty | Order):
-                heard = True
+                understood = True
                 answer = self.stage.obey(message, self.twin.time / self.hello.rate)
                 if answer is not None:
                     self._answer += self._notice(answer, message)
                 self._follow()
-        return heard
+        return understood
 
     def due(self, now: int) -> bytes:
         """Advances the rig to host time `now`, ns. Returns the bytes that it sends meanwhile."""
@@ -205,7 +205,7 @@ class VirtualRig:
                 self._to_come.remove((begin, fault))
                 self._replace(fault)
         self._recalibrations.advance(time)
-        answer = self.stage.check(time / self.hello.rate)
+        answer = self.stage.on_time(time / self.hello.rate)
         if any(self.pwm) and self.twin.temperatures.max() > self._hottest:
             answer = self.stage.trip("over-temperature")
         self._follow()
