@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import final
 
+import jax
 import numpy as np
 from jaxtyping import Float, UInt16
 
@@ -29,7 +30,8 @@ class Picture:
         plain = np.zeros((self._shape[0] * self._shape[1], nodes))
         plain[:, : elements.shape[1]] = elements
         means = pixel_weights(rig).reshape(len(rig.channels), -1)
-        wanted = np.asarray(system.output_matrices()[0])
+        with jax.enable_x64(True):
+            wanted = np.asarray(system.output_matrices()[0])
         self._map = plain + np.linalg.pinv(means) @ (wanted - means @ plain)
 
     def frame(
