@@ -41,7 +41,7 @@ def wrong(rig: Rig, device: VirtualRig, clock: HandClock) -> list[str]:
 
 
 def test_the_virtual_rig_conforms(rig: Rig, twin: Twin, clock: HandClock) -> None:
-    assert wrong(rig, VirtualRig(twin, camera_hz=1), clock) == []
+    assert wrong(rig, VirtualRig(twin, camera_rate=1), clock) == []
 
 
 def names(step: str, rig: Rig, device: VirtualRig, clock: HandClock) -> bool:
@@ -54,7 +54,7 @@ def names(step: str, rig: Rig, device: VirtualRig, clock: HandClock) -> bool:
 def test_each_defect_of_an_output_stage_is_named(
     rig: Rig, twin: Twin, clock: HandClock, mutant: type[Stage], step: str
 ) -> None:
-    device = VirtualRig(twin, camera_hz=1)
+    device = VirtualRig(twin, camera_rate=1)
     device.stage = mutant(2, 255, 2.0)
     assert names(step, rig, device, clock)
 
@@ -63,7 +63,7 @@ def test_each_defect_of_an_output_stage_is_named(
 def test_each_defect_in_the_reading_of_lines_is_named(
     rig: Rig, twin: Twin, clock: HandClock, mutant: type[VirtualRig], step: str
 ) -> None:
-    device = mutant(twin, camera_hz=1)
+    device = mutant(twin, camera_rate=1)
     device.stage = Stage(2, 255, 2.0)
     assert names(step, rig, device, clock)
 
@@ -71,7 +71,7 @@ def test_each_defect_in_the_reading_of_lines_is_named(
 def test_the_device_of_the_mutants_conforms_without_a_defect(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
-    device = HonestRig(twin, camera_hz=1)
+    device = HonestRig(twin, camera_rate=1)
     device.stage = Stage(2, 255, 2.0)
     assert wrong(rig, device, clock) == []
 

@@ -13,9 +13,8 @@ from jaxtwin.matching import named_recordings
 from jaxtwin.matching._jacobian import output_error_jacobians, output_errors_and_differences
 from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
-from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._problem import ParameterChoice, choose_unknowns, make_match_problem
 from jaxtwin.matching._residuals import output_errors, recording_modes
-from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 NAMES = ["T_amb", "T_start", "T_sink"]
 

@@ -14,9 +14,13 @@ from jaxtwin.io import read_recording, write_recording
 from jaxtwin.matching import Fit, Huber, estimate_initial_conditions
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._match import default_solver
-from jaxtwin.matching._problem import SampleOptions, make_match_problem
+from jaxtwin.matching._problem import (
+    ParameterChoice,
+    SampleOptions,
+    choose_unknowns,
+    make_match_problem,
+)
 from jaxtwin.matching._reweighted_least_squares import reweighted_least_squares
-from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 FREE = ["R_E", "R_pc", "T_amb"]
 TRUTH = {"R_E": 1.4, "R_pc": 0.25, "T_amb": 17.0}

@@ -28,10 +28,9 @@ from jaxtwin.matching._fitted_parameters import near_bound, parameter_warnings
 from jaxtwin.matching._jacobian import residual_jacobian
 from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
-from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._problem import ParameterChoice, choose_unknowns, make_match_problem
 from jaxtwin.matching._residuals import residuals
 from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
-from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 from jaxtwin.simulation import _time_grid
 
 # No recording here has the channel T26.

@@ -20,8 +20,9 @@ from .._errors import MatchError
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..matching._group_values import new_group_values
+from ..matching._problem import choose_unknowns
 from ..matching._uncertainty import inverse_of_normal
-from ..matching._unknowns import Unknowns, choose_unknowns
+from ..matching._unknowns import Unknowns
 from ..physics import Twin
 from ..rig import Parameter
 

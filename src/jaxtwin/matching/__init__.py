@@ -8,8 +8,8 @@ $$\sum_{tc} \frac{w_{tc} (D_{tc} - m_t)^2}{\sigma_i^2} + \sum_t \frac{w_t (m_t -
 where $D$ is the simulated minus the recorded temperature, and $m$ its mean over the channels. Their
 covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which file holds what:
 
-- the unknowns: `_unknowns` (vector), `_search_space` (bounds), `_group_values` (days that differ)
-- the recordings: `_recordings` (checks, masks), `_start` (how they begin), `_problem` (all)
+- the unknowns: `_unknowns` (vector, bounds), `_group_values` (days that differ)
+- what is given: `_recordings` (checks, masks), `_start` (how they begin), `_problem` (arguments)
 - what a sample counts: `_noise_model`, `_loss`, `_camera_error`, `_residual_weights`
 - the cost: `_objective` (recordings as arrays), `_residuals` and `_jacobian` (solve and subtract)
 - the minimum: `_descent`, `_descent_result`, `_levenberg_marquardt`, `_optimistix` (other solvers),

@@ -42,7 +42,7 @@ from ._levenberg_marquardt import (
 from ._objective import Objective
 from ._optimistix import descend_with
 from ._residuals import output_errors, recording_modes, weighted_residuals
-from ._search_space import SearchSpace
+from ._unknowns import SearchSpace
 
 Tree = TypeVar("Tree")
 

@@ -65,16 +65,13 @@ ROOM_DEVIATION = 2.0
 
 ROOM_WEIGHT = 1.0
 
-
-OFFSET = 1.0
+OFFSET_DEVIATION = 1.0
 """Standard deviation of the offset, K."""
 
-
-DEVIATION = 1.0
+LINE_DEVIATION = 1.0
 """Prior standard deviation of a recording about the line, K. It counts as much as one recording."""
 
-
-RISE = 10.0
+LINEARISED_AT = 10.0
 """The rise above the room at which nonlinear losses are linearised, K."""
 
 
@@ -231,11 +228,11 @@ def expected_distance(
     plate = np.array([*(start.reading - start.room for start in known), away])
     errors = np.array([start.variances[name] for start in known])
     beyond = distances - share.mean * plate[:-1]
-    weights = DEVIATION**2 / (DEVIATION**2 + errors)
+    weights = LINE_DEVIATION**2 / (LINE_DEVIATION**2 + errors)
     spread = float(np.sum(weights * (beyond - beyond.mean()) ** 2)) if len(known) else 0.0
-    variance = (DEVIATION**2 + spread) / (1 + max(0, len(known) - 1))
+    variance = (LINE_DEVIATION**2 + spread) / (1 + max(0, len(known) - 1))
     covariance = (
-        OFFSET**2
+        OFFSET_DEVIATION**2
         + share.standard_deviation**2 * np.outer(plate, plate)
         + np.diag([*(variance + errors), variance])
     )
@@ -294,7 +291,7 @@ def _network(twin: Twin, names: tuple[str, ...], values: Float[Array, " paramete
         started = twin.with_values(dict(zip(names, values, strict=True)))
         return started.system(lumped=False).initial_temperature
 
-    slopes = jax.jacfwd(heat)(jnp.full_like(system.capacitance, RISE))
+    slopes = jax.jacfwd(heat)(jnp.full_like(system.capacitance, LINEARISED_AT))
     reading = jnp.asarray(system.channel_weights).mean(axis=0)
     return _Network(system.capacitance, -slopes, reading, jax.jacfwd(starts)(values))
 

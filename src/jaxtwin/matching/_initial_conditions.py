@@ -37,7 +37,7 @@ from ._initial_condition_priors import (
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise_model import Noise, initial_noise_model, update_noise_model
 from ._objective import make_objective
-from ._problem import LinearPrior, MatchProblem
+from ._problem import LinearPrior, MatchProblem, ParameterChoice, choose_unknowns
 from ._recordings import named_recordings
 from ._start import (
     FirstSample,
@@ -50,7 +50,7 @@ from ._start import (
     room_parameters,
     room_temperature,
 )
-from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
+from ._unknowns import Unknowns
 
 WARM_UP = 60.0
 """Length of the part of a recording from which its own values are estimated, s."""

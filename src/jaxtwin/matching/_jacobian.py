@@ -22,9 +22,8 @@ from ..simulation._modes import Modes
 from ._objective import Objective, SameShapeBatch
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import camera_readings, channel_rises, errors_of_readings, local_vectors
-from ._search_space import SearchSpace
 from ._start import OF_THE_RIG, RunStart
-from ._unknowns import Layout
+from ._unknowns import Layout, SearchSpace
 
 Tree = TypeVar("Tree")
 

@@ -21,10 +21,16 @@ from ._fit import Fit
 from ._loss import AbstractLoss
 from ._match import checked_solver, make_fit
 from ._nominal_twin import nominal_twin
-from ._problem import Events, MatchProblem, SampleOptions, make_match_problem
+from ._problem import (
+    Events,
+    MatchProblem,
+    ParameterChoice,
+    SampleOptions,
+    choose_unknowns,
+    make_match_problem,
+)
 from ._recordings import Span, check_recording_names, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
-from ._unknowns import ParameterChoice, choose_unknowns
 
 UNIT = 4
 """The number of sets that a worker of an executor matches side by side."""

@@ -34,12 +34,19 @@ from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._loss import AbstractLoss
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
-from ._problem import Events, MatchProblem, SampleOptions, make_match_problem
+from ._problem import (
+    Events,
+    MatchProblem,
+    ParameterChoice,
+    SampleOptions,
+    choose_unknowns,
+    make_match_problem,
+)
 from ._recordings import Span, check_distinct, check_start, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, another_round, reweighted_least_squares
 from ._start import first_sample, hidden_parameters, plate_parameters
 from ._uncertainty import estimate_uncertainty
-from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
+from ._unknowns import Unknowns
 
 SAME_COST = 1e-3
 """The relative difference below which two weighted costs are taken as equal."""

@@ -51,8 +51,8 @@ class VirtualRig:
     - `twin`: the twin that it simulates.
     - `speed`: the seconds of the rig in a second.
     - `seed`: the seed of noise and faults; the same seed, boot and calls give the same bytes.
-    - `camera_hz`, `controller_hz`: frames and controller samples per rig second. Without a camera
-      the controller reads the sensors.
+    - `camera_rate`, `controller_rate`: frames and controller samples per rig second. Without a
+      camera the controller reads the sensors.
     - `faults`: the faults that it simulates.
     - `watchdog`: time without a duty command after which the cells are switched off, s of the host:
       0.1 to 5.
@@ -69,8 +69,8 @@ class VirtualRig:
         *,
         speed: float | int = 1.0,
         seed: int = 0,
-        camera_hz: float | int = 9.0,
-        controller_hz: float | int = 10.0,
+        camera_rate: float | int = 9.0,
+        controller_rate: float | int = 10.0,
         faults: Faults | None = None,
         watchdog: float | int = 2.0,
         boot: str | None = None,
@@ -88,10 +88,10 @@ class VirtualRig:
         self._noise = rig.noise
         self._twin, self._camera = twin, rig.camera
         camera, self._picture = rig.camera, None
-        self._periods = {"data": 1 / controller_hz}
+        self._periods = {"data": 1 / controller_rate}
         if camera is not None:
             self._picture = Picture(twin, camera, self.twin.system)
-            self._periods["image"] = 1 / camera_hz
+            self._periods["image"] = 1 / camera_rate
         elif self.faults.jumps:
             raise LinkError(
                 f"faults: jumps: expected 0 for a rig without a camera, got {self.faults.jumps:g}"
