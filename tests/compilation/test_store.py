@@ -86,7 +86,7 @@ def test_files_of_others_in_the_folder_are_neither_counted_nor_deleted(folder, m
 
 
 @pytest.mark.parametrize("damage", [b"", b"short", b"x" * 39], ids=["empty", "cut", "overwritten"])
-def test_a_damaged_program_is_none(folder, damage):
+def test_a_damaged_program_is_not_loaded(folder, damage):
     save(folder, "name", b"program")
     (folder / f"name{ENDING}").write_bytes(damage)
     assert load(folder, "name") is None

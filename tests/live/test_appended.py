@@ -173,7 +173,7 @@ def test_a_clock_that_has_stepped_in_one_run_is_known_in_the_next(rig: Rig, file
     assert boots == [("b1",), ("b1.1",), ("b1.1",), ("b1.1",), ("b1.2",)]
 
 
-def test_a_device_cannot_say_what_only_the_recorder_may(rig: Rig, file: Path) -> None:
+def test_events_of_a_device_are_recorded_as_its_own(rig: Rig, file: Path) -> None:
     clock = HandClock()
     forged = ["link-loss", "link-down", "recording-end", "drive-stop"]
     reads = [encode(HELLO), *[encode(Notice(n, n, kind)) for n, kind in enumerate(forged)]]

@@ -228,7 +228,7 @@ def test_an_address_says_all_that_a_broker_wants() -> None:
         "mqtts://h/t?other=f",
     ],
 )
-def test_an_address_that_is_none_is_refused_with_what_is_expected(url: str, rig: Rig) -> None:
+def test_an_invalid_address_is_refused_with_what_is_expected(url: str, rig: Rig) -> None:
     with pytest.raises(JaxtwinError, match="expected"):
         Publisher(url, rig)
 

@@ -221,7 +221,7 @@ def test_faults_happen_when_they_should(twin: Twin) -> None:
         "age=P1@3/0",
     ],
 )
-def test_a_fault_that_is_none_is_quoted(text: str) -> None:
+def test_an_unknown_or_malformed_fault_is_refused_and_quoted(text: str) -> None:
     with pytest.raises(JaxtwinError, match="expected words like drop="):
         Faults.parse(text)
 

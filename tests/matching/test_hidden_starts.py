@@ -172,7 +172,7 @@ def test_recordings_that_agree_pull_the_prior_to_them_and_narrow_it():
     assert standard_deviation < 0.3
 
 
-def test_a_start_that_a_match_did_not_determine_tells_nothing():
+def test_an_undetermined_start_of_a_matched_recording_does_not_change_the_prior():
     unknown = MatchedStart(20.0, 24.0, {"T": 60.0}, {"T": np.inf})
     found = expected_distance("T", Share(0.1, 0.2), 4.0, [unknown])
     assert found == expected_distance("T", Share(0.1, 0.2), 4.0, ())

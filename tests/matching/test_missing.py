@@ -103,7 +103,7 @@ def test_a_file_with_a_hole_matches_as_the_same_samples_masked(
     garbage=npst.arrays(np.float64, (51, 3), elements=st.floats(-273.0, 1e9)),
     loss=st.sampled_from([None, Huber(3.0)]),
 )
-def test_what_stands_under_weight_0_changes_nothing(
+def test_samples_of_weight_0_have_no_effect(
     start: Twin,
     whole: Experiment,
     seed: int,
