@@ -35,7 +35,6 @@ class Noise:
 INITIAL_NOISE = Noise(0.25, 64.0)
 """The noise before the first round: 0.25 K, correlated over a minute."""
 
-
 SETTLED = 0.1
 """The relative change of the loss's weights below which they are final."""
 

@@ -20,15 +20,12 @@ from ._start import first_sample, room_temperature
 FIRST_SAMPLES = 50
 """The number of samples at the start that are looked at, of all channels together."""
 
-
 NEAR_KELVIN = 60.0
 """How far from the room the first reading of a recording in kelvin is at most, K: a warm rig."""
-
 
 BEYOND_BOUNDS = 5.0
 """How far the first reading may lie outside the bounds of the plate's temperature at the start, K:
 sensors err, and a plate may be uneven."""
-
 
 Span = tuple[float, float] | tuple[float, float, float]
 """Beginning and end of a span, s, and the weight in between, which is 0 if it is not given."""
