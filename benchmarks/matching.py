@@ -26,9 +26,8 @@ from jaxtwin.matching import named_recordings
 from jaxtwin.matching._jacobian import residual_jacobian
 from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
-from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._problem import ParameterChoice, choose_unknowns, make_match_problem
 from jaxtwin.matching._residuals import residuals
-from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 from ._measure import rounds, run_alone, warm_median
 

@@ -49,7 +49,7 @@ def falls_of_cost(fit: Fit) -> np.ndarray:
     with_priors = result.jacobian()
     size = with_priors.shape[1]
     slopes = with_priors[: len(with_priors) - size - len(problem.linear_prior.values)]
-    (group,) = objective.groups
+    (group,) = objective.same_shape_batches
     rows, residuals, row = np.zeros(len(slopes), int), [], 0
     errors = result.recording_errors()
     for kind in ("channel", "common_mode", "sizes"):

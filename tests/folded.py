@@ -17,13 +17,13 @@ class Watched:
     def __init__(self, lock: AbstractInterlock, *before: Record):
         self._lock, self.state = lock, RigState()
         for record in before:
-            self.see(record)
+            self.on_record(record)
 
-    def see(self, record: Record) -> Finding | None:
+    def on_record(self, record: Record) -> Finding | None:
         self.state = self.state.after(record)
         return self._lock.on_record(record, self.state)
 
-    def check(self, now: int) -> Finding | None:
+    def on_time(self, now: int) -> Finding | None:
         return self._lock.on_time(self.state, now)
 
     def before_start(self) -> Finding | None:

@@ -184,7 +184,7 @@ def run_hazard(
         twin = Twin(rig, dict(twin.values))
     clock = HandClock()
     real = Twin(twin.rig, {**twin.values, **truth, "T_amb": room})
-    device = VirtualRig(real, seed=seed, camera_hz=random.uniform(4, 9))
+    device = VirtualRig(real, seed=seed, camera_rate=random.uniform(4, 9))
     nodes = np.full(len(device.twin.nodes), room)
     nodes[: twin.wiring.elements] += warm
     device.twin.start(0.0, nodes)

@@ -39,12 +39,12 @@ class FedByOrders(Stage):
 
 
 class KeepsAnOwnerAtRest(Stage):
-    def check(self, now: float) -> Answer | None:
-        return super().check(now) if any(self.pwm) else None
+    def on_time(self, now: float) -> Answer | None:
+        return super().on_time(now) if any(self.pwm) else None
 
 
 class TripsAtRest(Stage):
-    def check(self, now: float) -> Answer | None:
+    def on_time(self, now: float) -> Answer | None:
         silent = self.owner and now - self._commanded > self._watchdog
         return self.trip("watchdog") if silent else None
 
@@ -174,18 +174,18 @@ class ForgetsWhoCommanded(Stage):
 
 
 class NeverTrips(Stage):
-    def check(self, now: float) -> Answer | None:
+    def on_time(self, now: float) -> Answer | None:
         return None
 
 
 class TripsEarly(Stage):
-    def check(self, now: float) -> Answer | None:
-        return super().check(now + 0.7 * self._watchdog)
+    def on_time(self, now: float) -> Answer | None:
+        return super().on_time(now + 0.7 * self._watchdog)
 
 
 class TripsLate(Stage):
-    def check(self, now: float) -> Answer | None:
-        return super().check(now - self._watchdog)
+    def on_time(self, now: float) -> Answer | None:
+        return super().on_time(now - self._watchdog)
 
 
 class ForgetsItsTrip(Stage):
@@ -193,12 +193,12 @@ class ForgetsItsTrip(Stage):
 
     tripped = 0.0
 
-    def check(self, now: float) -> Answer | None:
+    def on_time(self, now: float) -> Answer | None:
         if not self.trip_reason:
             self.tripped = now
         elif now - self.tripped > 0.5:
             self.trip_reason = ""
-        return super().check(now)
+        return super().on_time(now)
 
 
 class RevivedByADuty(Stage):

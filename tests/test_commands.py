@@ -91,7 +91,8 @@ DEFAULTS = {
         "duration": 1000.0, "spread": 0.25, "precision": "float64", "chunk": 65_536, "seed": 0,
     },
     "validate": {"warm_up": 60.0},
-    "virtual-rig": {"speed": 1.0, "camera_hz": 9.0, "controller_hz": 10.0, "faults": "", "seed": 0},
+    "virtual-rig": {"speed": 1.0, "camera_rate": 9.0, "controller_rate": 10.0, "faults": "",
+                    "seed": 0},
     "watch": {"speed": 1.0, "baud": 115_200},
 }  # fmt: skip
 """What scripts rely on where they say nothing. Every other option is off, or none."""

@@ -115,8 +115,8 @@ DEFAULTS = {
         "VirtualRig": {
             "speed": 1.0,
             "seed": 0,
-            "camera_hz": 9.0,
-            "controller_hz": 10.0,
+            "camera_rate": 9.0,
+            "controller_rate": 10.0,
             "watchdog": 2.0,
         },
         "connect": {"baud": 115_200},

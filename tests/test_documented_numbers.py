@@ -112,7 +112,7 @@ def test_a_host_refuses_a_watchdog_and_a_rate_beyond_those_of_the_protocol():
 
 
 OF_USERS = {
-    "jaxtwin._waiting.PATIENCE": 2.0,  # performance.md: more than two seconds
+    "jaxtwin._waiting.PRINTED_AFTER": 2.0,  # performance.md: more than two seconds
     "jaxtwin._compilation._persistent_jit.MOST_PROGRAMS": 16,
     "jaxtwin.matching._descent.BATCH": 16,
     "jaxtwin.simulation._reduced_modes.LARGEST_RESIDUAL": 3e-4,  # K
@@ -126,7 +126,7 @@ def test_a_number_that_other_tests_replace_is_this_for_users(path):
 
 FORMATS = {
     "jaxtwin.sweeps._plan.FORMAT": 2,
-    "jaxtwin.matching._fit_file.FORMAT": 1,
+    "jaxtwin.matching._save_fit.FORMAT": 1,
     "jaxtwin.live.protocol._messages.VERSION": 2,
 }
 

@@ -90,7 +90,7 @@ def test_results_are_the_same_to_the_last_bit(call, twin, setting, expected):
 
 
 @pytest.mark.slow
-def test_response_and_its_derivative_run_too(twin, setting):
+def test_response_and_its_derivative_are_finite_under_every_setting_of_jax(twin, setting):
     """In the precision of their surroundings: float32 is right to a few millikelvin here."""
     readings = response(twin, DRIVE)
     np.testing.assert_allclose(readings, simulate(twin, DRIVE).temperatures, atol=0.05)

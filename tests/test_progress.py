@@ -15,7 +15,9 @@ from jaxtwin.commands._show_progress import LiveProgress, PlainProgress, show_pr
         (False, "xterm-256color", PlainProgress),
     ],
 )
-def test_a_line_lives_where_a_terminal_can_show_one(monkeypatch, terminal, term, form):
+def test_progress_is_drawn_live_only_on_a_terminal_that_can_move_its_cursor(
+    monkeypatch, terminal, term, form
+):
     """On TERM=dumb rich would show nothing, and nobody would know that something goes on."""
     monkeypatch.setenv("TERM", term)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)

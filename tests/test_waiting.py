@@ -19,7 +19,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture(autouse=True)
 def screen(monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    monkeypatch.setattr(_waiting, "PATIENCE", 0.05)
+    monkeypatch.setattr(_waiting, "PRINTED_AFTER", 0.05)
     terminal = Terminal()
     monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=terminal, modules={}))
     return terminal
@@ -36,7 +36,7 @@ def test_long_work_is_announced_and_timed(screen):
     assert 0.2 <= seconds <= longest + 0.05
 
 
-def test_short_work_is_not(screen):
+def test_short_work_is_not_announced(screen):
     with announced("match"):
         pass
     time.sleep(0.1)
@@ -52,9 +52,7 @@ def test_it_says_how_much_was_compilation(screen, monkeypatch):
 
 
 @pytest.mark.parametrize(("seconds", "is_said"), [(0.024, False), (0.026, True)])
-def test_compilation_is_spoken_of_from_half_the_time_that_one_waits_for(
-    screen, monkeypatch, seconds, is_said
-):
+def test_compilation_is_mentioned_from_half_of_printed_after(screen, monkeypatch, seconds, is_said):
     """Here 0.05 s, for users 2 s."""
     clock = iter([1.0, 1.0 + seconds])
     monkeypatch.setattr(_waiting, "compiling_seconds", lambda: next(clock))
@@ -81,7 +79,7 @@ def test_nothing_is_written_where_nobody_reads(monkeypatch):
     assert pipe.getvalue() == ""
 
 
-def test_a_notebook_is_read(screen, monkeypatch):
+def test_work_is_announced_in_a_notebook(screen, monkeypatch):
     notebook = io.StringIO()
     modules = {"ipykernel": None}
     monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=notebook, modules=modules))
@@ -90,7 +88,7 @@ def test_a_notebook_is_read(screen, monkeypatch):
     assert notebook.getvalue().startswith("jaxtwin: match ...")
 
 
-def test_it_ends_with_a_word_where_the_work_fails(screen):
+def test_the_time_is_printed_also_where_the_work_fails(screen):
     def fail() -> None:
         time.sleep(0.1)
         raise ValueError("broken")

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import final
 
-PATIENCE = 2.0
+PRINTED_AFTER = 2.0
 """The time after which a message is printed, s."""
 
 PAUSE = 10.0
@@ -124,7 +124,7 @@ def _duration(seconds: float) -> str:
 def _printed(work: str, prints: bool) -> Iterator[None]:
     """Prints the beginning of long work and its end, and logs the end."""
     start, compiled = time.perf_counter(), compiling_seconds()
-    timer = threading.Timer(PATIENCE, _say, [f"{work} ..."])
+    timer = threading.Timer(PRINTED_AFTER, _say, [f"{work} ..."])
     timer.daemon = True
     if prints:
         timer.start()
@@ -133,7 +133,7 @@ def _printed(work: str, prints: bool) -> Iterator[None]:
     finally:
         timer.cancel()
         seconds = time.perf_counter() - start
-        if seconds > PATIENCE:
+        if seconds > PRINTED_AFTER:
             text = f"{work}: {seconds:.1f} s{_share(compiling_seconds() - compiled)}"
             log.info("%s", text)
             if prints:
@@ -168,7 +168,7 @@ def _somebody_reads() -> bool:
 
 
 def _share(compiling: float) -> str:
-    if compiling < PATIENCE / 2:
+    if compiling < PRINTED_AFTER / 2:
         return ""
     return f", {compiling:.1f} s of it compilation, which is kept for the next time"
 

@@ -77,7 +77,7 @@ def test_what_would_compile_to_another_program_has_another_digest(first, second)
     assert fingerprint(first) != fingerprint(second)
 
 
-def test_code_that_may_change_under_its_name_has_none(monkeypatch):
+def test_code_outside_of_the_package_has_no_fingerprint(monkeypatch):
     monkeypatch.undo()
     for own in (twice, Pair, Pair(1, 2)):
         with pytest.raises(NoFingerprintError):
@@ -85,7 +85,7 @@ def test_code_that_may_change_under_its_name_has_none(monkeypatch):
 
 
 @pytest.mark.parametrize("value", [lambda: 0, object(), [Pair(1, lambda: 0)], {1: object()}])
-def test_what_means_nothing_elsewhere_has_none(value):
+def test_values_that_mean_nothing_in_another_process_have_no_fingerprint(value):
     with pytest.raises(NoFingerprintError):
         fingerprint(value)
 

@@ -134,7 +134,7 @@ def test_new_values_share_a_program_and_anything_else_has_its_own():
     assert len(traced) == 7
 
 
-def test_it_can_be_transformed():
+def test_a_compiled_function_can_be_vmapped_and_differentiated():
     call = another_process()
     x = jnp.arange(3.0)
     slopes = jax.vmap(lambda slope: call(Line(slope, "a"), x)[1]["y"])(jnp.array([1.0, 2.0]))
@@ -189,7 +189,7 @@ def test_few_programs_stay_in_memory(monkeypatch):
     assert len(call._programs) == 2
 
 
-def test_where_jax_keeps_programs_itself_it_is_the_only_one(folder, tmp_path_factory):
+def test_no_program_is_kept_where_jax_has_a_compilation_cache_of_its_own(folder, tmp_path_factory):
     """What comes out of JAX's cache cannot be serialized again."""
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("jax")))
     another_process()(Line(jnp.array(3.0), "a"), jnp.ones(1))

@@ -86,7 +86,7 @@ def test_files_of_others_in_the_folder_are_neither_counted_nor_deleted(folder, m
 
 
 @pytest.mark.parametrize("damage", [b"", b"short", b"x" * 39], ids=["empty", "cut", "overwritten"])
-def test_a_damaged_program_is_none(folder, damage):
+def test_a_damaged_program_is_not_loaded(folder, damage):
     save(folder, "name", b"program")
     (folder / f"name{ENDING}").write_bytes(damage)
     assert load(folder, "name") is None
@@ -104,7 +104,7 @@ def test_a_full_folder_loses_what_was_not_used_for_longest(folder, monkeypatch):
     assert {file.stem for file in folder.iterdir()} == {"old", "new", "newest"}
 
 
-def test_another_process_that_makes_room_at_the_same_time_stops_nobody(folder, monkeypatch):
+def test_a_program_is_saved_although_another_process_deletes_the_same_old_ones(folder, monkeypatch):
     """What was there when the folder was read is gone when it is its turn to go."""
     monkeypatch.setattr(_store, "LARGEST_CACHE", 200)
     monkeypatch.setattr(_store, "_programs", lambda _: [(0.0, folder / "gone", 100)])

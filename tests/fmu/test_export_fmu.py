@@ -160,7 +160,7 @@ def test_inputs_are_held_from_the_beginning_of_each_step_of_the_twin(fmu: FMU):
 @pytest.mark.parametrize(
     ("name", "value"), [("duty.P1", 1.5), ("duty.P1", np.nan), ("ambient", np.inf)]
 )
-def test_inputs_that_are_none_are_refused(fmu: FMU, name: str, value: float):
+def test_inputs_that_are_out_of_range_or_not_finite_are_refused(fmu: FMU, name: str, value: float):
     with pytest.raises(Exception, match=r"fmi[23]Set(Real|Float64)"):
         simulated(fmu, None, stop_time=2.0, start_values={name: value})
 

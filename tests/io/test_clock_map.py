@@ -56,6 +56,6 @@ def test_a_drift_that_changes_is_followed() -> None:
     assert np.abs(error).max() < 0.003
 
 
-def test_one_stamp_is_its_own_arrival() -> None:
+def test_a_map_of_one_stamp_has_its_arrival_and_the_nominal_rate() -> None:
     clock = ClockMap.fit(np.array([5_000_000]), np.array([START]), 1.0)
     assert clock.host_seconds(np.array([6_000_000])) == pytest.approx([START * 1e-9 + 1.0])

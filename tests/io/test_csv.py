@@ -318,7 +318,7 @@ def test_plain_numbers_are_no_time_stamps(read):
         read("time,duty_P1,T_degC\n0,0.5,21\n1,0.5,21\n")
 
 
-def test_german_titles(read):
+def test_german_titles_and_dates_are_read(read):
     found = read(
         "Zeit;duty_P1 [%];Temperatur 1 [°C];Umgebung [°C]\n"
         "05.03.2024 14:03:20;50;21,5;20,1\n05.03.2024 14:03:21;50;21,9;20,1\n"
@@ -349,6 +349,6 @@ def test_time_stamps_are_exact_to_a_microsecond(parts: list[int], unit: str):
     assert found.tolist() == stamps
 
 
-def test_a_zone_belongs_to_other_files(read):
+def test_a_zone_is_refused_for_a_csv_file(read):
     with pytest.raises(RecordingError, match=r"zone: expected none, .* two-cell \.mat .* got 'A'"):
         read(GOOD, zone="A")

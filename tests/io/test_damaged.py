@@ -69,7 +69,7 @@ def test_undamaged_they_can_be_read(folder, files, name):
 
 @pytest.mark.parametrize("name", [*FORMATS, "netCDF 4.nc"])
 @given(data=st.data())
-def test_cut_off(folder, files, name, data):
+def test_a_file_cut_off_anywhere_is_refused(folder, files, name, data):
     content = files[name][: data.draw(st.integers(0, len(files[name]) - 1))]
     result = read_or_error(folder, name, content)
     # A text that ends early, at the end of a number, is a shorter recording.
@@ -84,7 +84,7 @@ def test_cut_off(folder, files, name, data):
         max_size=6,
     )
 )
-def test_bytes_overwritten(folder, files, name, damage):
+def test_a_file_with_bytes_overwritten_is_read_or_refused(folder, files, name, damage):
     content = bytearray(files[name])
     for place, new in damage:
         start = int(place * len(content))
@@ -94,7 +94,7 @@ def test_bytes_overwritten(folder, files, name, damage):
 
 @pytest.mark.parametrize("name", FORMATS)
 @given(place=st.floats(0, 1), new=st.binary(min_size=1, max_size=40))
-def test_bytes_inserted(folder, files, name, place, new):
+def test_a_file_with_bytes_inserted_is_read_or_refused(folder, files, name, place, new):
     content = files[name]
     start = int(place * len(content))
     read_or_error(folder, name, content[:start] + new + content[start:])
@@ -102,12 +102,12 @@ def test_bytes_inserted(folder, files, name, place, new):
 
 @pytest.mark.parametrize("name", ["SecA.mat", "run.csv", "run.nc", "run"])
 @given(content=st.binary() | st.text().map(str.encode))
-def test_any_bytes(folder, name, content):
+def test_a_file_of_any_bytes_is_refused(folder, name, content):
     assert isinstance(read_or_error(folder, name, content), str)
 
 
 @given(content=st.binary(max_size=400))
-def test_any_bytes_behind_the_header_of_a_matlab_file(folder, files, content):
+def test_any_bytes_after_the_header_of_a_matlab_file_are_refused(folder, files, content):
     result = read_or_error(folder, "SecA.mat", files["plain SecA.mat"][:128] + content)
     assert isinstance(result, str)
 

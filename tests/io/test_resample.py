@@ -47,14 +47,14 @@ def test_a_reading_that_lacks_one_channel_counts_in_the_others() -> None:
     np.testing.assert_array_equal(means[:, 1], [5.0, np.nan, 7.0, np.nan])
 
 
-def test_a_value_is_in_force_until_the_next_but_not_for_ever() -> None:
+def test_a_value_is_held_until_the_next_and_for_at_most_the_longest_hold() -> None:
     time, values = np.array([10.0, 10.9]), np.array([[0.5], [0.78]])
     duty, there = zero_order_hold(time, values, GRID + 0.5, longest=2.0)
     assert duty[:, 0].tolist()[:2] == [0.5, 0.78]
     assert there.tolist() == [True, True, True, False]
 
 
-def test_nothing_is_in_force_before_the_first_value() -> None:
+def test_no_value_is_held_before_the_first() -> None:
     _, there = zero_order_hold(np.array([11.0]), np.array([[0.5]]), np.array([10.9, 11.0]), 5.0)
     assert there.tolist() == [False, True]
 

@@ -79,12 +79,12 @@ def test_numbers_elsewhere_have_no_unit():
         finite_number("t0", UNITS.Quantity(1, "min"), RecordingError)
 
 
-def test_a_room_in_kelvin_is_none():
+def test_an_ambient_temperature_in_kelvin_is_refused():
     with pytest.raises(RecordingError, match=r"ambient: .* got 294; in K, that is 20.85 degC"):
         jt.Experiment([0, 1], [0, 0], ambient=294)
 
 
-def test_times_in_nanoseconds_are_none():
+def test_times_in_nanoseconds_are_refused():
     with pytest.raises(RecordingError, match=r"a hundred years, got 2e.12; are they in ms or ns"):
         jt.Experiment([0, 1e12, 2e12], [0, 0, 0])
 

@@ -173,7 +173,7 @@ def test_a_clock_that_has_stepped_in_one_run_is_known_in_the_next(rig: Rig, file
     assert boots == [("b1",), ("b1.1",), ("b1.1",), ("b1.1",), ("b1.2",)]
 
 
-def test_a_device_cannot_say_what_only_the_recorder_may(rig: Rig, file: Path) -> None:
+def test_events_of_a_device_are_recorded_as_its_own(rig: Rig, file: Path) -> None:
     clock = HandClock()
     forged = ["link-loss", "link-down", "recording-end", "drive-stop"]
     reads = [encode(HELLO), *[encode(Notice(n, n, kind)) for n, kind in enumerate(forged)]]
@@ -193,7 +193,7 @@ def test_a_device_cannot_say_what_only_the_recorder_may(rig: Rig, file: Path) ->
     assert "link-asleep" in kinds
 
 
-def test_one_writer_whatever_the_name(rig: Rig, file: Path) -> None:
+def test_a_second_writer_is_refused_also_through_a_link(rig: Rig, file: Path) -> None:
     link = file.with_name("link.db")
     link.symlink_to(file)
     with Recorder(file, rig):
@@ -349,7 +349,7 @@ def test_names_that_differ_in_case_only_are_refused(rig: Rig, file: Path) -> Non
     assert not file.exists()
 
 
-def test_names_survive_the_way_into_a_recording(rig: Rig, file: Path) -> None:
+def test_names_with_spaces_and_umlauts_are_recorded(rig: Rig, file: Path) -> None:
     first, second, *rest = rig.channels
     named = replace(
         rig, channels=(replace(first, name="Zone 1"), replace(second, name="Tü"), *rest)
@@ -363,7 +363,9 @@ def test_names_survive_the_way_into_a_recording(rig: Rig, file: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", [".csv", ".nc"])
-def test_names_survive_the_whole_way(rig: Rig, file: Path, ending: str) -> None:
+def test_names_with_spaces_and_umlauts_reach_the_export_and_the_twin(
+    rig: Rig, file: Path, ending: str
+) -> None:
     """From the rig file by the greeting of its device into a recording, an export, and the twin."""
     first, second, *rest = rig.channels
     channels = (replace(first, name="Zone 1"), replace(second, name="Tü"), *rest)

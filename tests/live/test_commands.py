@@ -118,7 +118,7 @@ def test_a_wrong_command_is_one_clear_line(
 
 
 @pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:", "127.0.0.1:99999", "no such host:1"])
-def test_an_address_that_is_none_is_refused_with_what_is_expected(address: str) -> None:
+def test_an_invalid_address_is_refused_with_what_is_expected(address: str) -> None:
     with pytest.raises(LinkError, match="expected HOST:PORT"):
         TcpServer(address)
 

@@ -41,7 +41,7 @@ def wrong(rig: Rig, device: VirtualRig, clock: HandClock) -> list[str]:
 
 
 def test_the_virtual_rig_conforms(rig: Rig, twin: Twin, clock: HandClock) -> None:
-    assert wrong(rig, VirtualRig(twin, camera_hz=1), clock) == []
+    assert wrong(rig, VirtualRig(twin, camera_rate=1), clock) == []
 
 
 def names(step: str, rig: Rig, device: VirtualRig, clock: HandClock) -> bool:
@@ -54,7 +54,7 @@ def names(step: str, rig: Rig, device: VirtualRig, clock: HandClock) -> bool:
 def test_each_defect_of_an_output_stage_is_named(
     rig: Rig, twin: Twin, clock: HandClock, mutant: type[Stage], step: str
 ) -> None:
-    device = VirtualRig(twin, camera_hz=1)
+    device = VirtualRig(twin, camera_rate=1)
     device.stage = mutant(2, 255, 2.0)
     assert names(step, rig, device, clock)
 
@@ -63,13 +63,15 @@ def test_each_defect_of_an_output_stage_is_named(
 def test_each_defect_in_the_reading_of_lines_is_named(
     rig: Rig, twin: Twin, clock: HandClock, mutant: type[VirtualRig], step: str
 ) -> None:
-    device = mutant(twin, camera_hz=1)
+    device = mutant(twin, camera_rate=1)
     device.stage = Stage(2, 255, 2.0)
     assert names(step, rig, device, clock)
 
 
-def test_the_honest_parts_of_the_mutants_conform(rig: Rig, twin: Twin, clock: HandClock) -> None:
-    device = HonestRig(twin, camera_hz=1)
+def test_the_device_of_the_mutants_conforms_without_a_defect(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
+    device = HonestRig(twin, camera_rate=1)
     device.stage = Stage(2, 255, 2.0)
     assert wrong(rig, device, clock) == []
 
@@ -114,7 +116,7 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 """
 
 
-def test_a_host_that_does_not_read_keeps_no_watchdog_waiting() -> None:
+def test_the_watchdog_trips_while_a_host_reads_nothing() -> None:
     """As a host that is frozen: its buffers fill, and the cells must go off nevertheless."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

@@ -271,7 +271,9 @@ def test_an_interlock_leaves_the_device_tripped(rig: Rig, twin: Twin, clock: Han
     assert device.stage.trip_reason == "stop"
 
 
-def test_what_waited_before_the_start_is_no_silence(rig: Rig, twin: Twin, clock: HandClock) -> None:
+def test_time_before_the_start_does_not_count_as_silence(
+    rig: Rig, twin: Twin, clock: HandClock
+) -> None:
     device = VirtualRig(twin)
     bench = virtual_bench(rig, device, clock)
     for _ in range(200):  # more than the bench takes at once
@@ -311,7 +313,7 @@ def test_nothing_but_duties_reaches_a_device(rig: Rig, twin: Twin, clock: HandCl
         assert device.pwm == OFF
 
 
-def test_what_a_command_is_late_does_not_delay_the_next_ones(
+def test_a_late_command_does_not_delay_the_next_ones(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
     """Each multiple of 0.25 s has its command at the next poll, also where polls are 0.07 s

@@ -150,7 +150,7 @@ def test_one_commander_at_a_time(sketch: Path) -> None:
 
 
 @pytest.mark.parametrize("pwm", [(99999, 0), (256, 0), (0, -256), (1, 1, 1), (1,)])
-def test_what_cannot_be_is_refused_and_not_cut_to_fit(sketch: Path, pwm: tuple[int, ...]) -> None:
+def test_a_duty_out_of_range_is_refused_and_not_clipped(sketch: Path, pwm: tuple[int, ...]) -> None:
     ran = run(sketch, 500, encode(Duty(1, pwm, "me")))
     assert ran.counts(at=500) == (0, 0)
     assert ran.notices() == [("refused", "range")]
@@ -164,7 +164,7 @@ def test_what_cannot_be_is_refused_and_not_cut_to_fit(sketch: Path, pwm: tuple[i
         "duty owner=me pwm=128,-20 n=1",
     ],
 )
-def test_keys_come_in_any_order_and_lines_end_as_they_like(sketch: Path, line: str) -> None:
+def test_keys_come_in_any_order_and_lines_end_with_lf_or_crlf(sketch: Path, line: str) -> None:
     plain = encode_line(line)
     for command in (plain, plain.replace(b"\n", b"\r\n")):
         assert run(sketch, 100, command).counts(at=100) == (128, -20)
@@ -205,7 +205,7 @@ def test_after_garbage_and_a_newline_it_obeys_again(sketch: Path) -> None:
     assert ran.counts(at=500) == (1, 2)
 
 
-def test_a_flood_keeps_no_trip_waiting(sketch: Path) -> None:
+def test_trips_are_in_time_under_a_flood_of_noise(sketch: Path) -> None:
     """Noise comes faster than it is read, for ever: the line is never empty."""
     ran = run(sketch, 4000, encode(Duty(1, (128, -255), "me")), b"~", hot=1000)
     assert ran.counts(at=999) == (128, -255)

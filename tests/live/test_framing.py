@@ -89,7 +89,7 @@ def test_a_frame_with_changed_bytes_is_not_accepted(
 
 
 @given(st.lists(st.binary(max_size=9000), max_size=20))
-def test_what_waits_for_its_end_stays_bounded(chunks: list[bytes]) -> None:
+def test_the_remainder_is_at_most_a_packet_long(chunks: list[bytes]) -> None:
     rest = b""
     for chunk in [b"\x00\x02", *chunks]:
         rest = deframe(rest, chunk.replace(b"\x00", b"\x01") * 8).remainder

@@ -70,7 +70,7 @@ def sample(seconds: float, pwm: tuple[int, int] = ON, **state: object) -> Sample
 def plausible(*records: Record) -> Finding | None:
     """The first trip that these records cause."""
     lock = Watched(Plausibility(("T11", "T12"), LIMITS, load_rig("dual-cell").driver))
-    return next(filter(None, map(lock.see, records)), None)
+    return next(filter(None, map(lock.on_record, records)), None)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def plausible(*records: Record) -> Finding | None:
         ((20.0, float("nan")), "channel-fault", "T12 has failed: no number"),
     ],
 )
-def test_a_reading_must_be_one_that_can_be(
+def test_a_reading_that_is_too_hot_impossible_or_no_number_trips(
     values: tuple[float, float], kind: str | None, words: str
 ) -> None:
     trip = plausible(reading(1, *values))
@@ -93,7 +93,7 @@ def test_a_reading_must_be_one_that_can_be(
     ("ambient", "kind"),
     [(None, None), (-13.0, None), (45.0, None), (-273.15, "implausible"), (85.0, "implausible")],
 )
-def test_a_room_must_be_one_that_can_be(ambient: float | None, kind: str | None) -> None:
+def test_an_impossible_ambient_temperature_trips(ambient: float | None, kind: str | None) -> None:
     trip = plausible(replace(sample(1), ambient=ambient))
     assert (trip and trip.kind) == kind
 
@@ -108,14 +108,14 @@ def test_a_channel_that_says_why_it_has_failed_is_quoted() -> None:
 @pytest.mark.parametrize(
     ("per_second", "kind"), [(1.5, None), (-1.5, None), (10.0, "rate"), (-10.0, "rate")]
 )
-def test_a_reading_that_runs_faster_than_the_rig_can_is_none(
+def test_a_reading_that_changes_faster_than_the_rig_can_trips(
     per_second: float, kind: str | None
 ) -> None:
     trip = plausible(*(reading(n / 9, 20.0, 20.0 + per_second * n / 9) for n in range(40)))
     assert (trip and trip.kind) == kind
 
 
-def test_a_jump_of_a_recalibration_is_no_rate() -> None:
+def test_a_jump_of_2_kelvin_by_a_recalibration_does_not_trip() -> None:
     jumped = [reading(n / 9, *(20.0 + 2.0 * (n > 20),) * 2) for n in range(40)]
     assert plausible(*jumped) is None
 
@@ -124,7 +124,7 @@ def stood_still(pwm: Callable[[int], tuple[int, int]]) -> int | None:
     """The time at which a reading that never changes trips, s; `pwm` are the counts at a time."""
     lock = Watched(Plausibility(("T11", "T12"), LIMITS, load_rig("dual-cell").driver))
     for n in range(100):
-        trip = lock.see(sample(n, pwm(n))) or lock.see(reading(n, 20.0 + n / 100, 25.0))
+        trip = lock.on_record(sample(n, pwm(n))) or lock.on_record(reading(n, 20.0 + n / 100, 25.0))
         if trip is not None:
             assert trip.kind == "frozen"
             return n
@@ -140,7 +140,7 @@ def stood_still(pwm: Callable[[int], tuple[int, int]]) -> int | None:
         (lambda n: (255 * (n % 2), 0), 22),  # on every other second
     ],
 )
-def test_a_reading_may_stand_still_for_the_heat_of_ten_seconds_at_full_duty(
+def test_a_reading_is_frozen_after_the_heat_of_ten_seconds_at_full_duty(
     pwm: Callable[[int], tuple[int, int]], after: int | None
 ) -> None:
     assert stood_still(pwm) == after
@@ -156,12 +156,12 @@ def commanded() -> Watched:
     return Watched(Presence(3.0), greeting, sample(0), reading(0, 20.0), command(0))
 
 
-def test_frames_of_a_recalibration_end_no_silence() -> None:
+def test_frames_of_a_recalibration_count_as_silence() -> None:
     lock = commanded()
     for second in range(1, 5):
-        assert lock.see(sample(second)) is None
-        assert lock.see(reading(second, 20.0, 20.0, recalibrating=True)) is None
-        trip = lock.check(at(second))
+        assert lock.on_record(sample(second)) is None
+        assert lock.on_record(reading(second, 20.0, 20.0, recalibrating=True)) is None
+        trip = lock.on_time(at(second))
         assert (trip and trip.detail) == (
             None if second <= 3 else "no temperature for 4.0 s: the camera recalibrates itself"
         )
@@ -178,25 +178,25 @@ def test_frames_of_a_recalibration_end_no_silence() -> None:
 )
 def test_a_lost_link_and_a_restart_trip(record: Record, kind: str | None) -> None:
     lock = commanded()
-    trip = lock.see(record)
+    trip = lock.on_record(record)
     assert (trip and trip.kind) == kind
 
 
 def test_silence_of_either_kind_trips() -> None:
     for heard, missing in ((sample(3), "temperature"), (reading(3, 20.0), "controller sample")):
         lock = commanded()
-        lock.see(heard)
-        trip = lock.check(at(3.5))
+        lock.on_record(heard)
+        trip = lock.on_time(at(3.5))
         assert trip == Finding("silence", f"no {missing} for 3.5 s")
 
 
 def test_samples_of_a_device_without_cells_do_not_hide_a_silent_controller() -> None:
     watch = commanded()
     for second in range(1, 5):
-        watch.see(reading(second, 20.0))
-        watch.see(sample(second, ()))  # pyright: ignore[reportArgumentType]
-    assert watch.check(at(3)) is None
-    assert watch.check(at(4)) == Finding("silence", "no controller sample for 4.0 s")
+        watch.on_record(reading(second, 20.0))
+        watch.on_record(sample(second, ()))  # pyright: ignore[reportArgumentType]
+    assert watch.on_time(at(3)) is None
+    assert watch.on_time(at(4)) == Finding("silence", "no controller sample for 4.0 s")
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_samples_of_a_device_without_cells_do_not_hide_a_silent_controller() -> 
 )
 def test_what_a_device_reports_is_what_was_commanded(record: Sample, kind: str | None) -> None:
     lock = Watched(Obedience(("P1", "P2"), 1.0), command(0.1))
-    trip = lock.see(record)
+    trip = lock.on_record(record)
     assert (trip and trip.kind) == kind
 
 
@@ -227,21 +227,21 @@ def test_a_number_that_was_never_sent_acknowledges_nothing(last: int) -> None:
     before = command(0, (last - 1) % 2**32)
     lock = Watched(Obedience(("P1", "P2"), 1.0), before, command(0.25, last))
     for behind in (0, 1):
-        assert lock.see(sample(1.1, number=(last - behind) % 2**32)) is None
+        assert lock.on_record(sample(1.1, number=(last - behind) % 2**32)) is None
     for ahead in (1, 2, 1000, 2**31 - 1):
-        trip = lock.see(sample(1.1, number=(last + ahead) % 2**32))
+        trip = lock.on_record(sample(1.1, number=(last + ahead) % 2**32))
         assert trip is not None
         assert trip.kind == "disobedience"
         assert f"the last one sent was {last}" in trip.detail
 
 
-def test_a_change_may_take_its_time_and_no_longer() -> None:
+def test_a_change_of_duty_is_obeyed_within_the_delay_of_one_second() -> None:
     lock = Watched(Obedience(("P1", "P2"), 1.0))
     for number in range(24):  # a quarter of a second each; off from 5 s on
-        lock.see(command(number / 4, number, ON if number < 20 else (0, 0)))
-        lock.check(at(number / 4))
-    assert lock.see(sample(5.9, (60, 0), number=19)) is None
-    trip = lock.see(sample(6.1, (60, 0), number=22))
+        lock.on_record(command(number / 4, number, ON if number < 20 else (0, 0)))
+        lock.on_time(at(number / 4))
+    assert lock.on_record(sample(5.9, (60, 0), number=19)) is None
+    trip = lock.on_record(sample(6.1, (60, 0), number=22))
     assert trip == Finding("disobedience", "P1 gets 60 counts; 0 were commanded", "P1")
 
 
@@ -252,7 +252,7 @@ def heated(twin: Twin, seconds: int, measured: float | None, limits: OperatingLi
     off = np.zeros(2)
     for second in range(seconds):
         values = live.temperatures if measured is None else np.full(15, measured)
-        trip = lock.see(reading(second, *values)) or lock.see(
+        trip = lock.on_record(reading(second, *values)) or lock.on_record(
             Sample("l", "b", at(second), second * 10**6, 0, (255, 255), live.ambient)
         )
         if trip is not None:
@@ -298,8 +298,8 @@ class Plate:
             values[self._detached] = self._room
             values += self._random.normal(0, 0.1, len(values))
             counts = (255, 255) if second else (0, 0)
-            trip = lock.see(Sample("l", "b", at(second), second * 10**6, 0, counts, ambient))
-            trip = trip or lock.see(reading(second, *values))
+            trip = lock.on_record(Sample("l", "b", at(second), second * 10**6, 0, counts, ambient))
+            trip = trip or lock.on_record(reading(second, *values))
             if trip is None and second == 0:
                 trip = lock.before_start()
             if trip is not None:
@@ -373,7 +373,7 @@ def test_a_reading_that_does_not_follow_the_duty_is_named(twin: Twin) -> None:
 
 def test_a_start_far_from_the_file_s_room_asks_for_the_ambient_temperature(twin: Twin) -> None:
     lock = Watched(TwinWatch(twin, LIMITS))
-    assert lock.see(reading(0, *[30.0] * 15)) is None
+    assert lock.on_record(reading(0, *[30.0] * 15)) is None
     trip = lock.before_start()
     assert trip == Finding(
         "ambient-unknown",
@@ -400,10 +400,10 @@ def test_a_cell_that_fails_while_it_is_driven_is_noticed() -> None:
         if second == 300:
             with jax.enable_x64(True):
                 live.replace(FAULT_MODELS["fail"](twin, "P1", 1.0)(live.system))
-        trip = lock.see(
+        trip = lock.on_record(
             Sample("l", "b", at(second), second * 10**6, 0, full if second else (0,), live.ambient)
         )
-        trip = trip or lock.see(reading(second, *live.temperatures))
+        trip = trip or lock.on_record(reading(second, *live.temperatures))
         if trip is not None:
             assert trip.kind in ("unresponsive", "deviation")
             trips.append(second)
@@ -420,9 +420,9 @@ def test_a_reading_of_a_plate_as_warm_as_the_room_may_deviate_by_the_limit(
 ) -> None:
     """10 K; half of the predicted rise, which is added, is nothing."""
     lock = Watched(TwinWatch(twin, LIMITS))
-    assert lock.see(Sample("l", "b", at(0), 0, 0, (0, 0), 16.0)) is None
-    assert lock.see(reading(0, *[16.0] * 15)) is None
-    trip = lock.see(reading(1, value, *[16.0] * 14))
+    assert lock.on_record(Sample("l", "b", at(0), 0, 0, (0, 0), 16.0)) is None
+    assert lock.on_record(reading(0, *[16.0] * 15)) is None
+    trip = lock.on_record(reading(1, value, *[16.0] * 14))
     assert (trip is not None) is trips
     if trip is not None:
         assert trip.kind == "deviation"
@@ -457,7 +457,7 @@ def test_a_resistive_heater_cools_nothing_below_a_cold_room() -> None:
     assert OperatingLimits.of(Twin(stated)).lowest == pytest.approx(22 - 20)
 
 
-def test_a_guard_tells_the_plainest_reason_first(twin: Twin) -> None:
+def test_a_guard_reports_a_wrong_reading_or_heat_before_silence(twin: Twin) -> None:
     greeting = Greeting("l", at(0), Hello(2, "r", "b"))
     cold = Guard.of(twin)
     state = feed(cold, [greeting, reading(0, *[16.0] * 15)], at(0), RigState())

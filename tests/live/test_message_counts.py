@@ -3,7 +3,7 @@
 from jaxtwin.live.protocol._message_counts import BOOTS, Counted, Counters, MessageCounts
 
 
-def test_a_start_that_greets_again_after_many_others_goes_on_counting():
+def test_a_device_start_that_greets_again_goes_on_counting():
     """The oldest of all starts in a recording is the one that its appending begins with."""
     earlier: Counters = {f"b{k}": {"data": Counted(20, 2_000_000)} for k in range(BOOTS + 1)}
     counts = MessageCounts(earlier)

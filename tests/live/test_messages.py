@@ -129,7 +129,7 @@ def test_a_wrong_line_is_refused_with_what_is_wrong(line: str, reason: str) -> N
         parse(line)
 
 
-def test_what_c_prints_for_no_number_and_just_below_zero_is_read() -> None:
+def test_nan_and_minus_zero_are_read_as_c_prints_them() -> None:
     data = parse("data seq=1 t=1 ambient=-0.00 temp=nan,-0.0,0.5")
     assert isinstance(data, Data)
     assert data.faults == {0: "nan"}
@@ -154,5 +154,5 @@ def test_a_channel_that_has_failed_does_not_take_the_line_with_it() -> None:
 @example("Zone 1")
 @example("Tü")
 @example("a,b=c*%41~")
-def test_names_survive_the_way(name: str) -> None:
+def test_any_name_is_read_as_it_was_written(name: str) -> None:
     assert read_name(write_name(name)) == name

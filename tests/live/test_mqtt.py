@@ -119,7 +119,7 @@ def test_a_broker_that_goes_away_is_a_lost_link(broker: str) -> None:
 
 
 @pytest.mark.mosquitto
-def test_a_retained_command_does_not_reach_a_device_and_a_huge_message_nobody(broker: str) -> None:
+def test_a_retained_command_and_an_oversized_message_do_not_reach_a_device(broker: str) -> None:
     address = MqttAddress.parse(f"mqtt://{broker}/rig")
     host = MqttTransport(address)
     command = encode(Duty(1, (255, 255), "me"))
@@ -228,7 +228,7 @@ def test_an_address_says_all_that_a_broker_wants() -> None:
         "mqtts://h/t?other=f",
     ],
 )
-def test_an_address_that_is_none_is_refused_with_what_is_expected(url: str, rig: Rig) -> None:
+def test_an_invalid_address_is_refused_with_what_is_expected(url: str, rig: Rig) -> None:
     with pytest.raises(JaxtwinError, match="expected"):
         Publisher(url, rig)
 

@@ -12,14 +12,14 @@ def stage() -> OutputStage:
     return made
 
 
-def test_the_first_who_speaks_commands_and_another_is_refused(stage: OutputStage) -> None:
+def test_the_first_host_owns_the_cells_and_a_duty_of_another_is_refused(stage: OutputStage) -> None:
     assert stage.obey(Duty(9, (255, 255), "second"), 0.5) == ("refused", "owner")
     assert (stage.pwm, stage.owner, stage.number) == ((100, -100), "first", 1)
 
 
 def test_silence_with_cells_on_trips_and_the_trip_stays_until_a_reset(stage: OutputStage) -> None:
-    assert stage.check(2.0) is None
-    assert stage.check(2.1) == ("trip", "watchdog")
+    assert stage.on_time(2.0) is None
+    assert stage.on_time(2.1) == ("trip", "watchdog")
     assert stage.pwm == (0, 0)
     assert stage.obey(Duty(2, (50, 50), "first"), 3.0) == ("refused", "tripped")
     assert stage.obey(Order("reset", 3, "second"), 3.0) == ("reset", "")
@@ -30,7 +30,7 @@ def test_silence_with_cells_on_trips_and_the_trip_stays_until_a_reset(stage: Out
 
 def test_silence_with_cells_off_ends_the_command_without_a_trip(stage: OutputStage) -> None:
     stage.obey(Duty(2, (0, 0), "first"), 1.0)
-    assert stage.check(3.1) is None
+    assert stage.on_time(3.1) is None
     assert (stage.owner, stage.trip_reason) == ("", "")
     assert stage.obey(Duty(1, (1, 1), "second"), 3.2) is None
 
@@ -51,10 +51,10 @@ def test_a_duty_that_is_not_newer_is_refused_and_feeds_no_watchdog(
     for tenth in range(1, 20):
         assert stage.obey(Duty(number, (200, 200), "first"), tenth / 10) == ("refused", "old")
     assert stage.pwm == (100, -100)
-    assert stage.check(2.1) == ("trip", "watchdog")
+    assert stage.on_time(2.1) == ("trip", "watchdog")
 
 
-def test_numbers_go_on_behind_the_largest(stage: OutputStage) -> None:
+def test_command_numbers_wrap_around_after_2_to_the_32(stage: OutputStage) -> None:
     for number in (2**31, 2**32 - 1, 0):
         assert stage.obey(Duty(number, (5, 5), "first"), 0.1) is None
     assert stage.obey(Duty(2**32 - 1, (9, 9), "first"), 0.1) == ("refused", "old")
@@ -82,7 +82,7 @@ def test_a_reset_without_a_trip_does_not_take_the_cells_from_their_commander(
 
 
 @pytest.mark.parametrize("pwm", [(99999, 0), (0, -256), (1,), (1, 1, 1), ()])
-def test_what_cannot_be_is_refused_and_not_cut_to_fit(
+def test_a_duty_out_of_range_is_refused_and_not_clipped(
     stage: OutputStage, pwm: tuple[int, ...]
 ) -> None:
     assert stage.obey(Duty(2, pwm, "first"), 0.1) == ("refused", "range")

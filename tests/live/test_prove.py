@@ -103,7 +103,7 @@ def keeps_the_relay_closed(stage: OutputStage) -> None:
 
 
 def has_no_watchdog(stage: OutputStage) -> None:
-    stage.check = lambda now: None  # pyright: ignore[reportAttributeAccessIssue]
+    stage.on_time = lambda now: None  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @pytest.mark.usefixtures("few")

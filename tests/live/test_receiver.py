@@ -186,12 +186,12 @@ def test_recalibrations_are_marked_at_their_begin_and_end(receiver: Receiver) ->
 
 def test_silence_makes_a_link_stale_and_then_not_worth_waiting_for(receiver: Receiver) -> None:
     heard(receiver, HELLO, data(1))
-    assert receiver.check(START + round(1.9e9)) == []
-    (change,) = receiver.check(START + round(2.1e9))
+    assert receiver.on_time(START + round(1.9e9)) == []
+    (change,) = receiver.on_time(START + round(2.1e9))
     assert isinstance(change, LinkChange)
     assert change.state is LinkState.STALE
     assert receiver.verdict is None
-    receiver.check(START + round(6.1e9))
+    receiver.on_time(START + round(6.1e9))
     assert receiver.verdict == "silent for 6.1 s"
 
 

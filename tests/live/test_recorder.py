@@ -90,7 +90,9 @@ def test_a_frame_is_in_the_file_before_anyone_sees_it(
     recorder.close()
 
 
-def test_what_the_journal_refuses_nobody_sees(rig: Rig, file: Path, clock: HandClock) -> None:
+def test_a_record_that_the_journal_refuses_reaches_no_consumer(
+    rig: Rig, file: Path, clock: HandClock
+) -> None:
     recorder = Recorder(file, rig, clock=clock)
     transport = ScriptedTransport(encode(HELLO), encode(Data(0, 0, (0, 0))))
     bench = stepped_bench(rig, {"link": lambda: transport}, clock, journal=recorder)
@@ -223,7 +225,7 @@ def changed_copy(rig: Rig, file: Path, *statements: str) -> Path:
     return file
 
 
-def test_a_name_of_a_channel_is_no_statement(rig: Rig, file: Path) -> None:
+def test_a_channel_name_with_sql_in_it_is_refused(rig: Rig, file: Path) -> None:
     """Names become parts of SQL: this one would read another table."""
     name = 'T", (SELECT value FROM session) AS "x'
     names = json.dumps([name]).replace("'", "''")

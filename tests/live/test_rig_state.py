@@ -72,7 +72,7 @@ def test_a_frame_of_a_recalibration_is_no_reading() -> None:
     assert state.reading.arrival == at(1)
 
 
-def test_the_clock_of_a_device_that_stands_still_stops_nothing() -> None:
+def test_a_device_clock_that_stands_still_does_not_stop_time() -> None:
     """A twin that followed it would stand still as well."""
     state = after(CONTROLLER, *(reading(0.0, float(second), 20.0) for second in range(60)))
     assert state.measured.tolist() == [at(49)]

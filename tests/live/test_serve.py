@@ -29,7 +29,7 @@ def ticks(server: TcpServer, device: VirtualRig, times: int = 20) -> None:
 
 
 @pytest.mark.parametrize("noise", [b"\x00\x02", b"duty n=1 own", b"\x00" * 50, b"x" * 5000])
-def test_noise_of_one_host_does_not_deafen_the_rig_for_another(
+def test_noise_from_one_host_does_not_hide_commands_of_another(
     twin: Twin, server: TcpServer, noise: bytes
 ) -> None:
     device = VirtualRig(twin)
@@ -68,7 +68,7 @@ def test_idle_hosts_make_room_for_one_that_speaks(twin: Twin, server: TcpServer)
         client.close()
 
 
-def test_lines_are_found_behind_anything() -> None:
+def test_a_line_is_found_after_noise_and_across_two_pieces() -> None:
     line = encode(Ask(2))
     for noise in (b"\x00\x02", b"\x00", b"\xff\n", b"x" * 3000 + b"\n"):
         lines, rest = delines(b"", noise + line)

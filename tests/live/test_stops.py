@@ -241,7 +241,9 @@ def test_an_alarm_that_fails_does_not_end_the_stop(rig: Rig, twin: Twin, clock: 
 
 
 @pytest.mark.parametrize("silence", [5.1, 3600.0, 0.0, float("nan")])
-def test_a_rig_is_not_driven_unseen(rig: Rig, twin: Twin, clock: HandClock, silence: float) -> None:
+def test_a_silence_of_0_or_above_5_s_is_refused(
+    rig: Rig, twin: Twin, clock: HandClock, silence: float
+) -> None:
     device = VirtualRig(twin)
     with pytest.raises(JaxtwinError, match="silence: expected at most 5 s, for which the watchdog"):
         drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig), silence=silence), PLAN)

@@ -112,7 +112,7 @@ def test_a_recalibration_jumps_and_fades_as_the_rig_file_says(
     assert rig.camera is not None
     if not is_stated:
         rig = replace(rig, camera=replace(rig.camera, common_error=None))
-    device = VirtualRig(Twin(rig), seed=5, camera_hz=1, faults=Faults.parse("jumps=20"))
+    device = VirtualRig(Twin(rig), seed=5, camera_rate=1, faults=Faults.parse("jumps=20"))
     frames, _, _ = deframe(b"", heard(device, HandClock(), 40.0))
     images = [message for message in map(parse, frames) if isinstance(message, Image)]
     mean = np.array([image.pixels.mean() / 100 for image in images])
@@ -132,7 +132,7 @@ def test_each_start_has_another_name_whatever_the_seed(twin: Twin) -> None:
 
 
 def test_rates_are_those_that_were_asked_for(twin: Twin) -> None:
-    device = VirtualRig(twin, speed=10, camera_hz=4, controller_hz=5)
+    device = VirtualRig(twin, speed=10, camera_rate=4, controller_rate=5)
     kinds = Counter(
         type(parse(frame)).__name__
         for frame in deframe(b"", heard(device, HandClock(), 10.0)).frames
@@ -221,7 +221,7 @@ def test_faults_happen_when_they_should(twin: Twin) -> None:
         "age=P1@3/0",
     ],
 )
-def test_a_fault_that_is_none_is_quoted(text: str) -> None:
+def test_an_unknown_or_malformed_fault_is_refused_and_quoted(text: str) -> None:
     with pytest.raises(JaxtwinError, match="expected words like drop="):
         Faults.parse(text)
 

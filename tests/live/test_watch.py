@@ -128,7 +128,7 @@ def test_the_name_of_a_channel_is_written_upon_its_own_place(rig: Rig) -> None:
     assert [name for n, name in enumerate(names) if not written[n]] == ["TAM", "TBM", "TCM"]
 
 
-def test_a_name_gives_way_to_a_channel_inside_of_its_own() -> None:
+def test_a_label_leaves_out_cells_of_another_channel() -> None:
     where = np.array([[0, 0, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0]])
     assert _labels(where, ["ab", "c"]) == {(0, 0): "a", (0, 1): "b", (1, 1): "c"}
 

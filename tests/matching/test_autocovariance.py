@@ -7,7 +7,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from jaxtwin.matching._autocovariance import Series, apply_autocorrelation, fit_noise
-from jaxtwin.matching._noise import estimate_noise
+from jaxtwin.matching._noise_model import estimate_noise
 from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
 
 TIMES, CHANNELS, RHO = 400, 4, float(np.exp(-1 / 8))
@@ -43,14 +43,14 @@ def residuals_of(
     return Series(0, 0, left, slopes, entries, every, roots, size, size), inverse
 
 
-def test_the_two_filters_are_the_matrix():
+def test_apply_autocorrelation_is_the_product_with_the_toeplitz_matrix():
     table = np.random.default_rng(0).standard_normal((50, 2, 3))
     matrix = toeplitz(RHO ** np.arange(50))
     expected = np.einsum("ts,sij->tij", matrix, table)
     np.testing.assert_allclose(apply_autocorrelation(RHO, table), expected, atol=1e-12)
 
 
-def test_the_middle_is_that_of_the_noise_that_is_found():
+def test_the_meat_is_that_of_the_estimated_autocovariance():
     # J^T Gamma J written out, samples that count half or not at all among them.
     rng = np.random.default_rng(1)
     roots = np.ones((TIMES, CHANNELS))
@@ -128,7 +128,7 @@ def test_standard_errors_with_hubers_loss_are_the_scatter_of_its_estimates(outli
 
 
 @pytest.mark.slow
-def test_what_the_unknowns_take_from_the_residuals_is_given_back():
+def test_noise_is_not_underestimated_where_unknowns_absorb_slow_residuals():
     # Six polynomials a channel leave little of what is slow: the plain sum of autocorrelations is
     # far too small, and so is the noise that would be read from it.
     time = np.linspace(-1, 1, TIMES)
@@ -148,7 +148,7 @@ def test_what_the_unknowns_take_from_the_residuals_is_given_back():
     assert np.median(ours) == pytest.approx(true, rel=0.2)
 
 
-def test_white_noise_is_white_and_nothing_is_nothing():
+def test_white_noise_has_no_autocorrelation_and_zero_residuals_no_noise():
     slopes = slow_and_fast()
     white = np.random.default_rng(5).standard_normal((TIMES, CHANNELS))
     series, inverse = residuals_of(0.3 * white, slopes)
@@ -162,7 +162,7 @@ def test_white_noise_is_white_and_nothing_is_nothing():
     assert not meat.any()
 
 
-def test_a_level_that_the_prior_holds_is_known_as_well_as_both_say():
+def test_the_variance_with_a_prior_is_one_over_the_sum_of_both_precisions():
     # One unknown: n samples of white noise of variance 1, and a prior whose standard deviation
     # is 1 / p: the variance is 1 / (n + p^2), and the recordings alone narrow it by sqrt(n) / p.
     normal = np.array([[25.0]])

@@ -59,7 +59,7 @@ def test_a_band_holds_95_percent_of_readings_that_were_not_matched(
 
 
 @pytest.mark.slow
-def test_a_band_is_no_wider_than_it_must_be(fit: Fit, unseen: list[Experiment]):
+def test_the_mean_width_of_a_band_is_below_5_kelvin(fit: Fit, unseen: list[Experiment]):
     """A load that is 5 % off moves a reading by a kelvin, not by ten."""
     band = prediction_band(fit, experiment=unseen[0])
     assert np.mean(band.upper - band.lower) < 5.0

@@ -53,7 +53,7 @@ def test_recordings_of_one_rig_differ_by_little():
     assert found < 0.05
 
 
-def test_one_recording_says_nothing_of_others():
+def test_with_one_recording_the_heterogeneity_is_that_of_its_prior():
     """What is left is the prior: a half-normal distribution with a scale of a quarter."""
     found = estimate_heterogeneity(*scores(0.5, 1, 0), np.arange(3), PRIOR_SPREADS)
     assert found == pytest.approx(0.25, rel=0.01)

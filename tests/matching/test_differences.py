@@ -10,19 +10,17 @@ import pytest
 from jaxtwin import Experiment, Twin, simulate
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.matching import named_recordings
-from jaxtwin.matching._differences import output_errors_and_differences
-from jaxtwin.matching._jacobian import output_error_jacobians
+from jaxtwin.matching._jacobian import output_error_jacobians, output_errors_and_differences
 from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
-from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._problem import ParameterChoice, choose_unknowns, make_match_problem
 from jaxtwin.matching._residuals import output_errors, recording_modes
-from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 NAMES = ["T_amb", "T_start", "T_sink"]
 
 
 @pytest.mark.parametrize("at_bound", [False, True])
-def test_they_are_the_derivatives_also_at_a_bound(at_bound: bool):
+def test_central_differences_are_the_exact_derivatives_also_at_a_bound(at_bound: bool):
     drive = Experiment.schedule("0:0,10:0.5", duration=40)
     twin = Twin("single-cell")
     seen = simulate(twin.with_values({"T_amb": 21.0}), drive).temperatures

@@ -28,8 +28,8 @@ from jaxtwin import (
 from jaxtwin.matching import prediction_band
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._group_values import new_group_values
-from jaxtwin.matching._linear_prior import LinearPrior
 from jaxtwin.matching._match_group import check_given
+from jaxtwin.matching._problem import LinearPrior
 from jaxtwin.matching._unknowns import Unknowns
 from jaxtwin.rig import Parameter, Rig
 from jaxtwin.validation._validate import _beyond_given
@@ -300,7 +300,9 @@ def test_a_prediction_far_outside_of_what_was_given_is_warned_of():
 
 
 @pytest.mark.slow
-def test_what_is_given_of_a_new_day_makes_it_known(rig: Rig, first: Fit, friday):
+def test_a_first_part_or_another_recording_of_a_new_day_improves_its_prediction(
+    rig: Rig, first: Fit, friday
+):
     """A minute and a half of it, or another recording of the same day: each better than nothing."""
     unseen = recording(rig, "friday", 2)
     nothing = validate(first, unseen).rmse
@@ -365,7 +367,7 @@ def test_a_recording_without_a_group_among_others_is_refused(rig: Rig, monday):
 
 
 @pytest.mark.slow
-def test_what_is_known_cannot_be_given(rig: Rig, first: Fit, monday):
+def test_a_group_that_the_fit_knows_cannot_be_given(rig: Rig, first: Fit, monday):
     with pytest.raises(MatchError, match="does not know, got for the group 'monday'"):
         validate(first, monday[0], given=150)
     with pytest.raises(MatchError, match=r"given: expected beside a Fit, .* got beside a Twin"):

@@ -8,8 +8,12 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from jaxtwin import Experiment, Fit, Twin, match, simulate, validate
 from jaxtwin.matching import estimate_initial_conditions
-from jaxtwin.matching._hidden_starts import MatchedStart, expected_distance
-from jaxtwin.matching._starting_shares import Share, starting_shares
+from jaxtwin.matching._initial_condition_priors import (
+    MatchedStart,
+    Share,
+    expected_distance,
+    starting_shares,
+)
 from jaxtwin.rig._build import build_rig
 
 BOX = """
@@ -168,7 +172,7 @@ def test_recordings_that_agree_pull_the_prior_to_them_and_narrow_it():
     assert standard_deviation < 0.3
 
 
-def test_a_start_that_a_match_did_not_determine_tells_nothing():
+def test_an_undetermined_start_of_a_matched_recording_does_not_change_the_prior():
     unknown = MatchedStart(20.0, 24.0, {"T": 60.0}, {"T": np.inf})
     found = expected_distance("T", Share(0.1, 0.2), 4.0, [unknown])
     assert found == expected_distance("T", Share(0.1, 0.2), 4.0, ())

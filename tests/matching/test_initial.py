@@ -53,7 +53,7 @@ def test_parameters_of_the_start_are_held_where_the_start_is_given():
         match(TRUTH, seen, initial=WARM, free=["T_start"])
 
 
-def test_temperatures_that_are_none_are_refused():
+def test_invalid_temperatures_at_the_start_are_refused():
     seen = warm("0:0.3", 1, WARM)
     with pytest.raises(SimulationError, match="initial: expected None"):
         match(TRUTH, seen, initial="warm")

@@ -27,7 +27,7 @@ def test_ends_are_the_quantiles_of_a_normal_distribution(value, error):
     assert found == pytest.approx(norm.interval(0.95, value, error), rel=1e-9, abs=1e-9)
 
 
-def test_what_nothing_tells_is_unbounded_and_what_was_held_has_no_interval():
+def test_an_undetermined_value_has_an_unbounded_interval_and_a_held_one_none():
     assert interval_95(2.0, math.inf, is_logarithmic=True) == (0.0, math.inf)
     assert interval_95(2.0, 1e4, is_logarithmic=True) == (0.0, math.inf)  # beyond a float
     assert interval_95(2.0, math.inf, is_logarithmic=False) == (-math.inf, math.inf)
@@ -48,7 +48,7 @@ def test_what_nothing_tells_is_unbounded_and_what_was_held_has_no_interval():
         ((2.0, 2.0), "2 to 2"),
     ],
 )
-def test_digits_tell_the_ends_apart(interval, text):
+def test_an_interval_has_enough_digits_to_tell_its_ends_apart(interval, text):
     assert interval_text(interval) == text
 
 

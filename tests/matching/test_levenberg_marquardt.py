@@ -85,7 +85,7 @@ def test_a_parameter_that_changes_nothing_stays_where_it_is():
     np.testing.assert_allclose(solution.value, [2.0, 5.0], atol=1e-8)
 
 
-def test_units_do_not_matter():
+def test_the_steps_do_not_depend_on_the_units_of_the_unknowns():
     # The same problem with the second parameter in units a million times smaller.
     def fn(y, args):
         return rosenbrock(jnp.stack([y[0], y[1] * 1e-6]), args)

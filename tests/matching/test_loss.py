@@ -85,7 +85,7 @@ def test_samples_that_do_not_count_do_not_set_the_scale_of_those_that_do():
 
 
 @pytest.mark.parametrize("loss", [None, Huber(3.0)])
-def test_residuals_that_are_nothing_all_count(loss: AbstractLoss | None):
+def test_residuals_of_zero_have_full_weight(loss: AbstractLoss | None):
     weights, curvature = loss_weights(loss, np.zeros(5), np.ones(5, bool))
     np.testing.assert_array_equal([weights, curvature], np.ones((2, 5)))
 

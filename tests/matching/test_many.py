@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match, match_many, simulate
-from jaxtwin.matching import Huber, _descent, _make_fit
+from jaxtwin.matching import Huber, _descent, _match
 
 FREE = ["C_load", "T_amb", "T_start"]
 TRUTH = {"C_load": 24.0, "T_amb": 20.0, "T_start": 18.5}
@@ -61,7 +61,9 @@ def value(fit: Fit | None) -> float:
 
 
 @pytest.mark.slow
-def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experiment]):
+def test_with_hubers_loss_outliers_of_the_only_channel_do_not_bias_the_match(
+    benches: list[Experiment],
+):
     """A single channel has nothing alone; what counts less is found in what all share."""
     outliers = np.zeros((121, 1))
     outliers[10::40], outliers[30::40] = 8.0, -8.0
@@ -78,7 +80,7 @@ def test_hubers_loss_forgives_outliers_of_the_only_channel(benches: list[Experim
 
 
 @pytest.mark.slow
-def test_masks_and_events_are_those_of_their_recordings(benches: list[Experiment]):
+def test_masks_of_a_batch_act_as_in_a_match_of_each_set(benches: list[Experiment]):
     """As in a match of each set on its own; the mask takes away what was spoiled."""
     hand = np.where((np.arange(121.0) >= 30) & (np.arange(121.0) <= 45), 6.0, 0.0)[:, None]
     sets = [spoiled(benches[0], hand), benches[1]]
@@ -130,7 +132,7 @@ def test_a_set_of_which_no_fit_can_be_made_loses_no_other(
             raise error
         return simulate(twin, experiment, **options)
 
-    monkeypatch.setattr(_make_fit, "simulate", give_up)
+    monkeypatch.setattr(_match, "simulate", give_up)
     good, bad = matched(*benches[:2])
     assert bad is None
     assert value(good) == value(fits[0])

@@ -14,9 +14,13 @@ from jaxtwin.io import read_recording, write_recording
 from jaxtwin.matching import Fit, Huber, estimate_initial_conditions
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._match import default_solver
-from jaxtwin.matching._problem import SampleOptions, make_match_problem
+from jaxtwin.matching._problem import (
+    ParameterChoice,
+    SampleOptions,
+    choose_unknowns,
+    make_match_problem,
+)
 from jaxtwin.matching._reweighted_least_squares import reweighted_least_squares
-from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 
 FREE = ["R_E", "R_pc", "T_amb"]
 TRUTH = {"R_E": 1.4, "R_pc": 0.25, "T_amb": 17.0}
@@ -99,7 +103,7 @@ def test_a_file_with_a_hole_matches_as_the_same_samples_masked(
     garbage=npst.arrays(np.float64, (51, 3), elements=st.floats(-273.0, 1e9)),
     loss=st.sampled_from([None, Huber(3.0)]),
 )
-def test_what_stands_under_weight_0_changes_nothing(
+def test_samples_of_weight_0_have_no_effect(
     start: Twin,
     whole: Experiment,
     seed: int,
@@ -145,7 +149,9 @@ def test_the_truth_is_recovered_from_what_is_left(start: Twin, whole: Experiment
 
 
 @pytest.mark.slow
-def test_no_two_channels_at_the_same_time_have_nothing_alone(start: Twin, whole: Experiment):
+def test_without_two_channels_at_the_same_time_both_noises_are_the_same(
+    start: Twin, whole: Experiment
+):
     """Deviations from a mean of one channel are nothing; the noise is that of what all share."""
     holes = np.arange(51)[:, None] % 3 != np.arange(3)
     fit = match(start, with_holes(whole, holes), free=FREE, loss=Huber(3.0))

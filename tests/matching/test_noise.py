@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin.matching._camera_error import camera_shapes, detect_events
-from jaxtwin.matching._noise import estimate_noise
+from jaxtwin.matching._noise_model import estimate_noise
 from jaxtwin.rig import CommonError
 
 ERROR = CommonError(
@@ -66,7 +66,7 @@ def test_corrections_beside_short_holes_are_found_and_long_holes_give_none():
     assert detect_events(time, between, np.zeros(1000, bool)) == ()
 
 
-def test_nothing_is_found_in_noise():
+def test_no_correction_is_found_in_noise():
     time = np.arange(1000.0)
     count = sum(
         len(detect_events(time, rng.standard_normal(1000), np.ones(1000, bool)))

@@ -6,7 +6,7 @@ import optimistix as optx
 import pytest
 
 from jaxtwin import Experiment, Fit, Twin, match, simulate
-from jaxtwin.matching._search_space import SearchSpace
+from jaxtwin.matching._unknowns import SearchSpace
 
 TRUTH = {"C_load": 24.0, "T_amb": 20.0, "T_start": 18.5}
 TOLERANCE = 1e-8

@@ -28,10 +28,9 @@ from jaxtwin.matching._fitted_parameters import near_bound, parameter_warnings
 from jaxtwin.matching._jacobian import residual_jacobian
 from jaxtwin.matching._noise_model import initial_noise_model
 from jaxtwin.matching._objective import make_objective
-from jaxtwin.matching._problem import make_match_problem
+from jaxtwin.matching._problem import ParameterChoice, choose_unknowns, make_match_problem
 from jaxtwin.matching._residuals import residuals
 from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
-from jaxtwin.matching._unknowns import ParameterChoice, choose_unknowns
 from jaxtwin.simulation import _time_grid
 
 # No recording here has the channel T26.
@@ -92,7 +91,7 @@ def test_a_saved_fit_has_the_cameras_error_again(disturbed: Fit, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_without_corrections_none_are_found_and_the_camera_takes_nothing(calm: Fit):
+def test_without_corrections_none_are_found_and_the_cameras_error_is_below_0_3_kelvin(calm: Fit):
     for camera in calm.camera.values():
         assert camera.events == ()
         assert np.abs(camera.error).max() < 0.3
@@ -126,7 +125,7 @@ def test_the_jacobian_is_that_of_the_residuals(
 
 
 @pytest.mark.slow
-def test_what_no_sample_tells_stays_at_its_prior(calm: Fit):
+def test_a_parameter_without_effect_stays_at_its_prior(calm: Fit):
     row = calm["g_T26"]
     assert row.prior_to_data_ratio == 0
     assert "no effect" in row.warnings
@@ -210,7 +209,7 @@ def test_masked_spans_do_not_count(start: Twin):
 
 
 @pytest.mark.slow
-def test_hubers_loss_forgives_what_plain_squares_do_not(start: Twin):
+def test_with_hubers_loss_outliers_do_not_bias_the_match(start: Twin):
     clean = recording(2, False, "day 1")
     assert clean.temperatures is not None
     broken = clean.temperatures.copy()
@@ -402,7 +401,7 @@ def test_a_temperature_is_near_its_bound_on_its_own_scale(calm: Fit):
 
 
 @pytest.mark.slow
-def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
+def test_results_are_equal_only_to_themselves_and_can_be_hashed(calm: Fit):
     solution = solution_of(calm)
     problem, noise_model = solution.problem, solution.noise_model
     copied = replace(solution, vector=solution.vector.copy())
@@ -420,7 +419,7 @@ def test_results_are_compared_by_what_they_are_not_by_their_arrays(calm: Fit):
 
 
 @pytest.mark.slow
-def test_tables_can_be_pasted(disturbed: Fit):
+def test_tables_in_markdown_and_latex_have_a_row_for_each_free_parameter(disturbed: Fit):
     names = [row.name for row in disturbed.parameters.values() if row.free]
     markdown = disturbed.summary("markdown").splitlines()
     assert len(markdown) == 2 + len(names)

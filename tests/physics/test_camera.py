@@ -163,7 +163,7 @@ def test_many_frames_at_once_and_whole_numbers(dual_cell):
     np.testing.assert_allclose(readings[1, 2], frame_to_channels(dual_cell, frames[1, 2]))
 
 
-def test_outside_of_the_view_counts_nothing(dual_cell):
+def test_pixels_beside_the_plate_have_no_weight(dual_cell):
     """The plate is seen in rows 12 ... 48."""
     frame = np.full((60, 80), 1e6)
     frame[12:48] = 20.0

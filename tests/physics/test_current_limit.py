@@ -111,7 +111,7 @@ def test_a_limited_heater_warms_up_as_by_hand():
         ("I_max", "unknown parameter 'I_max'"),
     ],
 )
-def test_a_limit_that_is_none_is_refused_by_its_field(text, words):
+def test_an_invalid_current_limit_is_refused_by_its_field(text, words):
     with pytest.raises(RigError, match=rf"^hand\.toml: driver\.current_limit: .*{words}"):
         hand_rig(driver=f'current_limit = "{text}"')
 

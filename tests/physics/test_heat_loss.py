@@ -76,7 +76,7 @@ def test_ngspice_finds_the_same_temperatures(twin, tmp_path):
 
 
 @pytest.mark.slow
-def test_each_part_can_be_left_out():
+def test_film_exponent_emissivity_lag_and_delay_can_each_be_left_out():
     linear = changed(
         "dual-cell",
         ('film_exponent = "n_film"\n', ""),

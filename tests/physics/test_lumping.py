@@ -70,7 +70,7 @@ def test_capacitance_and_way_to_the_air_are_kept_in_sum(float64):
         assert float(getattr(lumped, name).sum()) == pytest.approx(total, rel=1e-13)
 
 
-def test_a_link_of_one_s_own_tells_mirror_images_apart():
+def test_nodes_with_different_links_are_not_lumped():
     """Without the link from V38 to the air, V18 is no longer its image, nor is V17 that of V37."""
     rig = load_rig("paper-2024")
     lumped = wiring_of(without_link(rig, ("V38", "ambient")), lumped=True)
@@ -87,7 +87,7 @@ def without_link(rig: Rig, ends: tuple[str, str]) -> Rig:
 
 
 @pytest.mark.parametrize("name", ["R_E", "R_pc", "R_Tez", "C_element", "C_esp"])
-def test_values_that_no_network_has_are_told(name):
+def test_negative_resistances_and_heat_capacities_are_not_valid(name):
     """`physical` is what a sweep marks a draw by: a resistance or capacitance below 0."""
     with jax.enable_x64(True):
         assert bool(assembled(Twin("paper-2024")).is_valid)

@@ -221,7 +221,7 @@ def test_both_rigs_record_the_same_channels(paper, dual):
 
 
 @pytest.mark.parametrize("name", ["paper-2024", "dual-cell"])
-def test_a_rig_tells_what_it_is(name):
+def test_a_rig_prints_its_size_and_parameters(name):
     rig = load_rig(name)
     assert str(rig).startswith(f"{name}: ")
     assert "25.5 cm x 11.5 cm, 3 x 8 elements" in str(rig)

@@ -118,7 +118,7 @@ def test_what_does_not_fit_is_named(changed: dict[str, Any], message: str):
     assert "\n" not in str(caught.value)
 
 
-def test_a_name_is_one_line():
+def test_a_name_of_two_lines_is_refused():
     with pytest.raises(RigError, match="name: expected text on one line"):
         new_rig_text("a\nb", **PLAIN)
 
@@ -229,7 +229,7 @@ def test_all_answers_are_kept_from_a_wrong_option(
     assert asked == []
 
 
-def test_who_answers_wrongly_is_asked_again(
+def test_a_wrong_answer_is_asked_for_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     answers = {

@@ -66,7 +66,7 @@ def test_few_draws_leave_an_honest_interval():
         assert np.mean((low <= 0) & (high >= 0)) == pytest.approx(0.95, abs=0.033)
 
 
-def test_of_a_constant_nothing_is_known():
+def test_the_correlation_with_a_constant_has_the_interval_from_minus_1_to_1():
     for interval in (pearson_interval, spearman_interval):
         assert interval(np.full((9, 1), 0.1), np.arange(9.0)[:, None]).tolist() == [[[-1.0, 1.0]]]
 

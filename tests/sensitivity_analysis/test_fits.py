@@ -62,7 +62,7 @@ def test_a_sweep_of_a_fit_is_that_of_its_twins(matched):
     assert plan.recordings == ("synthetic-A", "synthetic-B")
 
 
-def test_a_twin_brings_no_experiments():
+def test_a_twin_without_experiments_is_refused():
     with pytest.raises(
         SimulationError, match="sensitivity: experiments: expected one or several, got none"
     ):

@@ -173,7 +173,7 @@ def test_effects_of_a_linear_function_are_its_slopes():
     assert (np.count_nonzero(moves, axis=1) == 1).all()
 
 
-def test_a_grid_leaves_tails_out():
+def test_the_samples_of_morris_lie_within_95_percent_of_a_normal_distribution():
     design = Morris().design(STANDARD, 20, 0, "random")
     assert np.abs(design.samples).max() == pytest.approx(1.959964, abs=1e-5)
 
@@ -341,7 +341,7 @@ def test_an_output_without_variance_has_no_index(method: AbstractMethod):
     assert (counted == design.blocks).all()
 
 
-def test_nothing_is_said_of_runs_that_all_failed():
+def test_indices_are_nan_where_all_runs_failed():
     design = Sobol().design(STANDARD, 8, 0, "sobol")
     found, counted = indices_of(Sobol(), design, np.full((len(design.unit), 1), np.nan))
     assert np.isnan(found["ST"]).all()

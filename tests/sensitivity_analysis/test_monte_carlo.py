@@ -133,7 +133,7 @@ def test_the_table_has_a_row_for_each_channel_and_parameter(result: jt.Sensitivi
     assert (row["rank_lower"], row["rank_upper"]) == tuple(result.rank_interval[place])
 
 
-def test_told_are_those_whose_interval_leaves_zero_out(result: jt.Sensitivity):
+def test_a_parameter_is_significant_where_its_interval_excludes_zero(result: jt.Sensitivity):
     for ranks, interval in ((False, result.interval), (True, result.rank_interval)):
         low, high = interval[2].T
         signs = np.where(low > 0, 1, np.where(high < 0, -1, 0))

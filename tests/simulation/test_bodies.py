@@ -223,7 +223,7 @@ def test_a_wrong_sink_is_refused_by_its_field(cell, field, words):
         hand_rig(cell=cell, more=BODIES)
 
 
-def test_coolant_is_not_read():
+def test_a_channel_that_reads_coolant_is_refused():
     with pytest.raises(
         RigError, match=r"channels\[T1\]\.nodes: .* bodies block, pipe, got 'water'"
     ):

@@ -43,7 +43,7 @@ def test_a_delay_shifts_all_of_it_and_begins_at_nothing():
 
 
 @pytest.mark.usefixtures("float64")
-def test_from_a_steady_start_the_first_command_has_been_held_for_ever():
+def test_from_a_steady_start_the_lagged_duty_is_the_first_command():
     found = lagged_duty(
         jnp.array(3.0), None, jnp.array(STARTS), jnp.array(COMMANDS), jnp.array([0.0, 9.0]), True
     )

@@ -80,7 +80,7 @@ def test_sizes_grow_by_an_eighth_at_most():
         pytest.param("dual-cell", "recorded", marks=pytest.mark.slow),
     ],
 )
-def test_steps_of_no_length_change_nothing(rig, ambient, float64):
+def test_padding_a_grid_with_steps_of_zero_length_changes_nothing(rig, ambient, float64):
     """Values and forward derivatives, with a lagging driver and a delay in `dual-cell`."""
     twin = jt.Twin(rig)
     time = np.arange(61.0)
@@ -120,7 +120,7 @@ def test_reverse_derivatives_of_filled_schedules_are_finite(twin, float64):
     np.testing.assert_allclose(jax.grad(last)(at), jax.jacfwd(last)(at), rtol=1e-9)
 
 
-def test_sessions_that_hold_their_drive_or_do_not_are_alike(twin):
+def test_grids_of_held_and_changing_drives_have_equal_shapes(twin):
     """One step size or eleven."""
     changing = np.random.default_rng(0).uniform(-1, 1, 600)
     held = np.append(changing[:595], np.full(5, 0.3))
@@ -144,7 +144,7 @@ def test_another_session_is_simulated_without_a_compilation(twin, compilations):
 
 
 @pytest.mark.slow
-def test_so_are_draws(twin, compilations):
+def test_draws_of_another_session_are_simulated_without_a_compilation(twin, compilations):
     draws = {"R_pc": np.array([0.1, 0.2, 0.3])}
     wanted = ("cost", "final", "minimum", "maximum", "plate_range")
     first, second = (recorded(twin, session(*what)) for what in ((118, 1), (114, 4)))

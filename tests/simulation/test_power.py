@@ -47,7 +47,7 @@ def test_energy_behind_a_delay_and_a_lag_is_that_of_the_delayed_and_lagged_duty(
 
 
 @pytest.mark.slow
-def test_what_is_drawn_is_stored_or_lost():
+def test_energy_drawn_is_the_heat_stored_and_lost():
     """`paper-2024` with switches that have no resistance: heat stored in all nodes and lost through
     all links to the surroundings, summed outside of the package, to 1e-4 of the energy."""
     twin = bundled("paper-2024", {"on_resistance": "0 ohm"})

@@ -95,7 +95,7 @@ def test_at_rest_it_reads_the_plate():
         ("tau", "unknown parameter 'tau'"),
     ],
 )
-def test_a_lag_that_is_none_is_refused_by_its_field(text, words):
+def test_an_invalid_lag_is_refused_by_its_field(text, words):
     with pytest.raises(RigError, match=rf"^hand\.toml: channels\[T1\]\.lag: .*{words}"):
         hand_rig(channel=f'lag = "{text}"')
 

@@ -56,7 +56,7 @@ def test_draws_that_are_not_done_are_left_out(tmp_path, twin, experiment, engine
     assert (table.attrs["draws"], table.attrs["done"]) == (20, 8)
 
 
-def test_only_what_is_looked_at_is_read(tmp_path, twin, experiment, engine):
+def test_only_the_chunks_that_are_used_are_read(tmp_path, twin, experiment, engine):
     """A chunk that cannot be read does not stand in the way of another one."""
     sweep(twin, experiment, tmp_path, **ASKED)
     (tmp_path / "final" / "2.0").write_bytes(b"torn")

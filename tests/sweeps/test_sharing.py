@@ -106,8 +106,8 @@ def test_progress_counts_draws_from_where_it_goes_on(tmp_path, twin, experiment,
         (15, 30), (20, 30), (25, 30), (30, 30)
     ]  # fmt: skip
     assert seen[0].rate is None
-    assert all(advance.rate and advance.remaining_s is not None for advance in seen[1:])
-    assert seen[-1].remaining_s == 0
+    assert all(advance.rate and advance.remaining is not None for advance in seen[1:])
+    assert seen[-1].remaining == 0
     assert (
         str(SweepProgress(20, 100, 12.3, 6600.0)) == "20 of 100 draws, 12 draws/s, 1 h 50 min left"
     )

@@ -188,7 +188,7 @@ def replace_name(experiment: Experiment, name: str) -> Experiment:
     return Experiment(experiment.time, experiment.duty, channels=experiment.channels, name=name)
 
 
-def test_words_about_a_rig_do_not_count(tmp_path, twin, experiment, engine):
+def test_a_changed_description_is_the_same_rig(tmp_path, twin, experiment, engine):
     """A better description, or the same file in another place, is the same rig."""
     sweep(twin, experiment, tmp_path, **ASKED)
     rig = replace(load_rig("paper-2024"), description="better", source="elsewhere.toml")

@@ -7,9 +7,9 @@ factors keep all digits of a `float` even if a slow mode decays by a thousandth.
 
 import numpy as np
 
+from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..simulation import Stepper
-from ..simulation._stepper import ZERO_CELSIUS
 from ._sources import Code, Parts, code_of, defines, type_of_numbers
 from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_tables
 from ._text import comment_block

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .._celsius import ZERO_CELSIUS
 from ._alarm_command import AlarmCommand
 from ._heartbeat import Heartbeat
 from ._options import BaudOption, JsonOption, LinkOption, RigArgument
@@ -90,7 +91,7 @@ def record(
         command = stack.enter_context(AlarmCommand(alarm))
         connection = stack.enter_context(connect(loaded, *link, journal=days.recorder, baud=baud))
         limit = loaded.maximum_temperature
-        hottest = None if limit is None else limit - 273.15
+        hottest = None if limit is None else limit - ZERO_CELSIUS
 
         def ring(alarm: Finding) -> None:
             detail = f"{alarm.kind}: {alarm.detail} ({alarm.severity})"

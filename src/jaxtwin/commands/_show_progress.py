@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from .._progress import Progress
 from .._waiting import silent
 
-PATIENCE = 1.0  # s before a step is worth a plain line
+SHOWN_AFTER = 1.0  # s before a step is worth a plain line
 PAUSE = 10.0  # s between two plain lines of progress
 
 
@@ -44,19 +44,19 @@ class PlainProgress:
     def step(self, text: str) -> None:
         self.stop()
         self.last_line = time.monotonic()
-        self.timer = threading.Timer(PATIENCE, self._tell, [f"{text} ..."])
+        self.timer = threading.Timer(SHOWN_AFTER, self._print_line, [f"{text} ..."])
         self.timer.daemon = True
         self.timer.start()
 
     def update(self, text: str) -> None:
         if time.monotonic() - self.last_line >= PAUSE:
-            self._tell(f"  {text}")
+            self._print_line(f"  {text}")
 
     def stop(self) -> None:
         if self.timer is not None:
             self.timer.cancel()
 
-    def _tell(self, line: str) -> None:
+    def _print_line(self, line: str) -> None:
         self.last_line = time.monotonic()
         print(line, file=sys.stderr, flush=True)
 

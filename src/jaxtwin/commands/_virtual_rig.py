@@ -28,10 +28,10 @@ def virtual_rig(
     speed: Annotated[
         float, typer.Option(min=0.1, max=1e3, help="Seconds of the rig in a second.")
     ] = 1.0,
-    camera_hz: Annotated[
+    camera_rate: Annotated[
         float, typer.Option(min=0.01, max=1000, help="Frames in a second of the rig.")
     ] = 9.0,
-    controller_hz: Annotated[
+    controller_rate: Annotated[
         float, typer.Option(min=0.01, max=1000, help="Controller lines in a second of the rig.")
     ] = 10.0,
     faults: Annotated[
@@ -58,8 +58,8 @@ def virtual_rig(
             open_twin(load_rig(rig), set_name, parameter_file),
             speed=speed,
             seed=seed,
-            camera_hz=camera_hz,
-            controller_hz=controller_hz,
+            camera_rate=camera_rate,
+            controller_rate=controller_rate,
             faults=Faults.parse(faults),
         )
         # The port is opened only when the rig can answer: a port that accepts connections and is

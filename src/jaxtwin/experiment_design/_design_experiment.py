@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .._arguments import check_callable, finite_number, names_of, whole_number
+from .._celsius import ZERO_CELSIUS
 from .._errors import MatchError
 from .._name_suggestions import did_you_mean
 from .._waiting import advanced, announced
@@ -132,8 +133,8 @@ class _Search:
         self.hottest = self.hottest_side = math.inf
         if limits is not None:
             side = limits.cell_temperature
-            self.hottest = limits.temperature - 273.15 - margin
-            self.hottest_side = (SOLDER if side is None else side - 273.15) - margin
+            self.hottest = limits.temperature - ZERO_CELSIUS - margin
+            self.hottest_side = (SOLDER if side is None else side - ZERO_CELSIUS) - margin
         self.evaluations = 0
         self.today = self._covariance(None)
         self.history: list[DesignStep] = []

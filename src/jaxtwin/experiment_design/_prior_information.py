@@ -20,8 +20,9 @@ from .._errors import MatchError
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..matching._group_values import new_group_values
+from ..matching._problem import choose_unknowns
 from ..matching._uncertainty import inverse_of_normal
-from ..matching._unknowns import Unknowns, choose_unknowns
+from ..matching._unknowns import Unknowns
 from ..physics import Twin
 from ..rig import Parameter
 
@@ -72,13 +73,15 @@ class PriorInformation:
         **Raises:** `MatchError` for a group that the match does not have.
         """
         problem = solution_of(fit).problem
-        matched, groups = problem.unknowns, problem.groups
-        if group is not None and group not in groups:
+        matched, names = problem.unknowns, problem.group_names
+        if group is not None and group not in names:
             raise MatchError(
-                f"design_experiment: group: expected one of {', '.join(groups)}, or None for a new "
+                f"design_experiment: group: expected one of {', '.join(names)}, or None for a new "
                 f"one, got {group!r}"
             )
-        unknowns = Unknowns(matched.shared, matched.per_group, matched.per_recording, groups=(0,))
+        unknowns = Unknowns(
+            matched.shared, matched.per_group, matched.per_recording, group_numbers=(0,)
+        )
         inside = np.isfinite(np.diag(fit.uncertainty.inverse_hessian))
         normal, _ = inverse_of_normal(fit.uncertainty.inverse_hessian[np.ix_(inside, inside)])
         meat = normal @ fit.uncertainty.vector_covariance[np.ix_(inside, inside)] @ normal
@@ -87,7 +90,7 @@ class PriorInformation:
         if not matched.per_group:
             of_group = np.zeros(0, int)
         elif group is not None:
-            of_group = position[matched.group_entries()[groups.index(group)]]
+            of_group = position[matched.group_entries()[names.index(group)]]
         else:
             normal, meat, of_group = _with_new_group(fit, normal, meat, inside)
         rows = matched.per_recording
@@ -96,7 +99,7 @@ class PriorInformation:
         ]
         own = len(normal) + np.arange(len(rows))
         return cls._make(
-            fit.twin_of_group(groups[0] if len(groups) == 1 else group or ""),
+            fit.twin_of_group(names[0] if len(names) == 1 else group or ""),
             unknowns,
             _with_block(normal, np.diag(weights)),
             _with_block(meat, np.diag(weights)),

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
+from .._celsius import ZERO_CELSIUS
 from ._variables import Variable
 
 
@@ -60,7 +61,7 @@ def model_description(
     for name, base in (
         ("s", {"s": "1"}),
         ("1/s", {"s": "-1"}),
-        ("degC", {"K": "1", "offset": "273.15"}),
+        ("degC", {"K": "1", "offset": str(ZERO_CELSIUS)}),
         ("K/s", {"K": "1", "s": "-1"}),
     ):
         ET.SubElement(ET.SubElement(units, "Unit", {"name": name}), "BaseUnit", base)

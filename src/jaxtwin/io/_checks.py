@@ -10,11 +10,12 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from .._arguments import is_ordered
+from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
 from .._pint_quantities import in_unit
 from ..rig._channel import is_channel_name
 
-ABSOLUTE_ZERO = -273.15  # degC
+ABSOLUTE_ZERO = -ZERO_CELSIUS  # degC
 ROUNDING = 1e-9  # counts / 255 and unit conversions may leave this much above full duty
 
 LONGEST = 3.2e9
@@ -203,7 +204,7 @@ def checked_ambient(
     if values.max() > HOTTEST_ROOM:
         raise RecordingError(
             f"ambient: expected the temperature of a room in degC, at most {HOTTEST_ROOM:g}, got "
-            f"{values.max():g}; in K, that is {values.max() + ABSOLUTE_ZERO:g} degC"
+            f"{values.max():g}; in K, that is {values.max() - ZERO_CELSIUS:g} degC"
         )
     if np.all(values == values.flat[0]):
         return float(values.flat[0])

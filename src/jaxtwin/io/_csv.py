@@ -16,8 +16,9 @@ from typing import IO
 import numpy as np
 from jaxtyping import Float
 
+from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
-from ._checks import ABSOLUTE_ZERO, WrongSampleError, duty_from_counts
+from ._checks import WrongSampleError, duty_from_counts
 from ._delimited import CELL, STAMPS, TEMPERATURE, TIME, Column, read_columns
 from ._experiment import Experiment
 
@@ -174,7 +175,7 @@ def _hint(name: str) -> str:
 
 
 def _celsius(column: Column) -> np.ndarray:
-    return column.values + ABSOLUTE_ZERO if column.name.endswith("_K") else column.values
+    return column.values - ZERO_CELSIUS if column.name.endswith("_K") else column.values
 
 
 def write_csv(experiment: Experiment, stream: IO[bytes]) -> None:

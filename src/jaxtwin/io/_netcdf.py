@@ -6,8 +6,8 @@ from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
+from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
-from ._checks import ABSOLUTE_ZERO
 from ._experiment import Experiment
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def _variable(
     values = variable.transpose(*(dim for dim in dims if dim in variable.dims)).values
     if values.dtype.kind not in "iuf":
         raise RecordingError(f"variable {name!r}: expected real numbers, got {values.dtype.name}")
-    return values + ABSOLUTE_ZERO if unit in KELVIN else values
+    return values - ZERO_CELSIUS if unit in KELVIN else values
 
 
 def _check_cells(cells: list[str]) -> None:

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._celsius import ZERO_CELSIUS
 from ..observers import AbstractObserver, OpenLoop
 from ..physics import Twin
 from .protocol._clock import seconds
@@ -36,7 +37,7 @@ class Follower:
             self._observer: AbstractObserver[Any] = OpenLoop(twin) if observer is None else observer
         self._driver = twin.rig.driver
         room = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
-        self.ambient = float(room) - 273.15
+        self.ambient = float(room) - ZERO_CELSIUS
         """The ambient temperature of the twin, degC."""
         self._duty = np.zeros(len(twin.rig.cells))
         self._state: Any = None

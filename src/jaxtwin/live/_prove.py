@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, final
 from .._errors import JaxtwinError, SafetyStop
 from ..physics import Twin
 from ._operate import Moment, counts_of, operate
-from ._provocations import PATIENCE, Provocation, Scene, provocations
+from ._provocations import STOPS_WITHIN, Provocation, Scene, provocations
 from ._switch_off import switch_off
 from .protocol._clock import seconds
 from .protocol._records import Command, Event, Reading, Record, Sample
@@ -25,7 +25,7 @@ SETTLED = 1.0
 """The time for which the device must stay off, before and after a duty that it must refuse, s."""
 
 WATCHDOG = Provocation(
-    "a host that falls silent", ("device-trip", "silence"), trip="watchdog", patience=0.0
+    "a host that falls silent", ("device-trip", "silence"), trip="watchdog", trips_within=0.0
 )
 """The device has had its time before the next command."""
 
@@ -141,7 +141,7 @@ class _Attempt:
             self._begin = now
             if self._step.cell_limit:  # the heat itself provokes
                 self.onset = now
-        if self.onset is not None and seconds(now - self.onset) > self._step.patience:
+        if self.onset is not None and seconds(now - self.onset) > self._step.trips_within:
             self._distorts = False
             return None
         if self.onset is None and seconds(now - self._begin) >= HEAT_SECONDS:
@@ -237,7 +237,7 @@ class _Attempt:
         """Limits at which the cells are too hot inside after little heating."""
         warmest: float | None = None
         begin = self._connection.clock.now()
-        while warmest is None and seconds(self._connection.clock.now() - begin) < PATIENCE:
+        while warmest is None and seconds(self._connection.clock.now() - begin) < STOPS_WITHIN:
             for record in self._connection.poll(0.05):
                 if isinstance(record, Reading) and not record.recalibrating:
                     warmest = float(record.temperatures.max())

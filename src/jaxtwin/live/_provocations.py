@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .._celsius import ZERO_CELSIUS
 from .protocol._messages import VERSION, Hello
 from .protocol._records import Event, Greeting, Reading, Record, Sample
 from .protocol._rig_connection import RigConnection
 from .safety._operating_limits import OperatingLimits
 
-PATIENCE = 120.0
+STOPS_WITHIN = 120.0
 """The longest time from a provocation to the stop, s. A drift at a low rate takes the longest."""
 
 Readings = Float[np.ndarray, " channels"]
@@ -48,7 +49,7 @@ class Provocation(NamedTuple):
     - `act`: done once to the rig itself.
     - `trip`: the reason that the device must report; `""` for any.
     - `cell_limit`: whether the limit of a cell's sides is set 1 K above the warmest reading.
-    - `patience`: the longest time until something must have tripped, s.
+    - `trips_within`: the longest time until something must have tripped, s.
     """
 
     name: str
@@ -57,7 +58,7 @@ class Provocation(NamedTuple):
     act: Callable[[RigConnection], object] | None = None
     trip: str = ""
     cell_limit: bool = False
-    patience: float = PATIENCE
+    trips_within: float = STOPS_WITHIN
 
 
 def provocations(limits: OperatingLimits, relay: str) -> list[Provocation]:
@@ -143,7 +144,7 @@ _ALWAYS: Sequence[Provocation] = (
     Provocation(
         "a short-circuited sensor",
         ("implausible",),
-        _readings(lambda r, s: _one(r.temperatures, -273.15)),
+        _readings(lambda r, s: _one(r.temperatures, -ZERO_CELSIUS)),
     ),
     Provocation(
         "a failed channel",

@@ -13,6 +13,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
+from .._celsius import ZERO_CELSIUS
 from ..physics import Twin
 from ..rig import Channel, Plate
 from ._follower import Follower
@@ -136,9 +137,9 @@ class Screen:
         limits = self._rig.limits
         if limits is None:
             return "no limit in the rig file"
-        text = f"off above {limits.temperature - 273.15:g} degC"
+        text = f"off above {limits.temperature - ZERO_CELSIUS:g} degC"
         if limits.cell_temperature is not None:
-            text += f", inside a cell above {limits.cell_temperature - 273.15:g}"
+            text += f", inside a cell above {limits.cell_temperature - ZERO_CELSIUS:g}"
         return text
 
     def _age(self) -> tuple[str, str]:

@@ -1,8 +1,24 @@
-"""Behavioural matching: parameters from recordings, step 4 of the paper.
+r"""Behavioural matching: parameters from recordings, step 4 of the paper.
 
-The way from a recording to a fit: `_problem` checks it, `_noise_model` says how its samples count,
-`_objective` stacks it, `_residuals` and `_jacobian` solve the twin and subtract, `_descent`
-minimises, `_reweighted_least_squares` repeats, `_make_fit` puts the `Fit` together.
+A match finds the unknowns $u$, the free parameters, that minimise
+
+$$\sum_{tc} \frac{w_{tc} (D_{tc} - m_t)^2}{\sigma_i^2} + \sum_t \frac{w_t (m_t - c_t)^2}{\sigma_m^2}
++ \text{priors of } u \text{ and of the camera's error } c,$$
+
+where $D$ is the simulated minus the recorded temperature, and $m$ its mean over the channels. Their
+covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which file holds what:
+
+- the unknowns: `_unknowns` (vector, bounds), `_group_values` (days that differ)
+- what is given: `_recordings` (checks, masks), `_start` (how they begin), `_problem` (arguments)
+- what a sample counts: `_noise_model`, `_loss`, `_camera_error`, `_residual_weights`
+- the cost: `_objective` (recordings as arrays), `_residuals` and `_jacobian` (solve and subtract)
+- the minimum: `_descent`, `_descent_result`, `_levenberg_marquardt`, `_optimistix` (other solvers),
+  `_reweighted_least_squares` (rounds with new weights)
+- the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_between_recordings`
+- the entries: `_match`, `_many` (sets side by side), `_match_group` (a new group)
+- the result: `_fit`, `_fitted_parameters`, `_summary`, `_save_fit`, `_load_fit`, `_nominal_twin`
+- what follows from it: `_band`, `_posterior_draws`, `_profile`, `_compare_fits`
+- a recording that was not matched: `_initial_conditions`, `_initial_condition_priors`
 
 The public names stand in `__init__.pyi` and are imported when they are first used.
 """

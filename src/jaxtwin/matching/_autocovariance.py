@@ -33,7 +33,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from ._noise import Noise
+from ._noise_model import Noise
 
 LONGEST = 0.1
 """The longest time constant as a part of the longest recording. Slower noise cannot be

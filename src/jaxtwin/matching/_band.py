@@ -263,8 +263,8 @@ def values_of_matched(fit: Fit, recording: str) -> UncertainValues:
 def values_of_unseen(fit: Fit, group: str, start: InitialConditions) -> UncertainValues:
     """The values of a recording that was not matched."""
     solution = solution_of(fit)
-    groups = solution.problem.groups
-    number = groups.index(group) if group in groups else None
+    names = solution.problem.group_names
+    number = names.index(group) if group in names else None
     match = group_and_shared_values(solution.problem.unknowns, solution.vector, number)
     between = np.diag(fit.uncertainty.between_recordings**2)
     covariance = match.covariance(fit.uncertainty.vector_covariance + between)

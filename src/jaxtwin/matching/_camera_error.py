@@ -10,10 +10,14 @@ form (variable projection, Golub and Pereyra 2003), and the optimiser does not s
 amplitude has a prior standard deviation; without it the shapes could imitate the plate.
 """
 
+from dataclasses import dataclass, replace
+from typing import final
+
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..rig import CommonError
+from ..simulation import Run
 
 BLOCK = 64
 """The number of shapes is a multiple of this; the rest are zeros. Corrections that are found
@@ -155,3 +159,39 @@ SHORTEST = 60.0
 
 WINDOW = 10.0
 """The length of the lines that are fitted on both sides of a jump, s."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class CameraError:
+    """The camera's error that all channels of a recording share.
+
+    - `events`: times of its flat-field corrections, s.
+    - `error`: the part of simulated minus recorded temperature that is the camera's, `(times,)`, K.
+    """
+
+    events: tuple[float, ...]
+    error: Float[np.ndarray, " times"]
+
+    @property
+    def offset(self) -> Float[np.ndarray, " times"]:
+        """The amount by which the camera reads too warm, K."""
+        return -self.error
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The fitted twin compared with a recording.
+
+    - `run`: the run of the fitted twin, without the camera's common error.
+    - `camera`: the camera's common error.
+    """
+
+    run: Run
+    camera: CameraError
+
+    @property
+    def reading(self) -> Run:
+        """The run with the camera's common error added to its temperatures."""
+        return replace(self.run, temperatures=self.run.temperatures + self.camera.offset[:, None])

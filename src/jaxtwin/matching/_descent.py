@@ -29,8 +29,7 @@ from ._descent_result import (
     OnStep,
     Start,
 )
-from ._differences import output_errors_and_differences
-from ._jacobian import output_error_jacobians, weighted_jacobian
+from ._jacobian import output_error_jacobians, output_errors_and_differences, weighted_jacobian
 from ._levenberg_marquardt import (
     RUNNING,
     STATUS,
@@ -43,7 +42,7 @@ from ._levenberg_marquardt import (
 from ._objective import Objective
 from ._optimistix import descend_with
 from ._residuals import output_errors, recording_modes, weighted_residuals
-from ._search_space import SearchSpace
+from ._unknowns import SearchSpace
 
 Tree = TypeVar("Tree")
 
@@ -282,8 +281,8 @@ def _stacked(trees: Sequence[Tree]) -> Tree:
 
 Vectors = Float[Array, "descents unknowns"]
 Costs = Float[Array, " descents"]
-Groups = list[Float[Array, "..."]]
-"""One array for each group of recordings, with a leading descents axis."""
+BatchArrays = list[Float[Array, "..."]]
+"""One array for each batch of recordings of equal shapes, with a leading descents axis."""
 
 
 @persistent_jit_unoptimised
@@ -307,12 +306,12 @@ def _find_modes(vectors: Vectors, objectives: Objective) -> list[Modes]:
 
 
 @persistent_jit
-def _solve(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> Groups:
+def _solve(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> BatchArrays:
     return _side_by_side(output_errors)(vectors, objectives, modes)
 
 
 @persistent_jit
-def _differentiate(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> Groups:
+def _differentiate(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> BatchArrays:
     return _side_by_side(output_error_jacobians)(vectors, objectives, modes)
 
 
@@ -322,7 +321,7 @@ def _solve_and_difference(
     objectives: Objective,
     modes: list[Modes],
     space: SearchSpace,
-) -> tuple[Groups, Groups]:
+) -> tuple[BatchArrays, BatchArrays]:
     return _side_by_side(
         lambda vector, objective, modes: output_errors_and_differences(
             vector, space, objective, modes
@@ -332,7 +331,7 @@ def _solve_and_difference(
 
 @persistent_jit
 def _weigh(
-    errors: Groups, vectors: Vectors, objectives: Objective
+    errors: BatchArrays, vectors: Vectors, objectives: Objective
 ) -> tuple[Float[Array, "descents residuals"], Costs, Costs]:
     """Weighted residuals, half the sum of their squares, and the mean squared error, K^2."""
 
@@ -348,7 +347,7 @@ def _weigh(
 
 @persistent_jit
 def _factorise(
-    jacobians: Groups, residuals: Float[Array, "descents residuals"], objectives: Objective
+    jacobians: BatchArrays, residuals: Float[Array, "descents residuals"], objectives: Objective
 ) -> Factors:
     return _side_by_side(lambda j, r, o: factorise(weighted_jacobian(j, o), r))(
         jacobians, residuals, objectives

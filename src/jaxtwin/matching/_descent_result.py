@@ -1,6 +1,10 @@
-"""The result of a descent and its steps."""
+"""The steps and the result of a descent: as the optimiser has them, and as the user sees them.
 
-from collections.abc import Callable
+`DescentStep` and `DescentResult` hold the optimiser's vector; `Iteration` and `Optimum` hold the
+same in the parameters' units.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
@@ -14,8 +18,8 @@ from .._jax_settings import own_settings
 from ._jacobian import weighted_jacobian
 from ._levenberg_marquardt import LMState
 from ._objective import Objective
-from ._recording_errors import RecordingErrors
-from ._residual_weights import ResidualWeights, SplitErrors
+from ._problem import MatchProblem
+from ._residual_weights import RecordingErrors, ResidualWeights, SplitErrors
 
 
 @final
@@ -59,7 +63,7 @@ NO_CALLBACKS = Callbacks()
 class Evaluation(eqx.Module):
     """The recordings simulated at one vector, before any weighting.
 
-    - `output_errors`: simulated minus recorded temperatures of each group of recordings, see
+    - `output_errors`: simulated minus recorded temperatures of each batch of recordings, see
       `_residuals`.
     - `jacobians`: their derivatives, see `_jacobian`.
     """
@@ -97,14 +101,14 @@ class DescentResult:
     def recording_errors(self) -> list[RecordingErrors]:
         """The errors of each recording, split into their parts, K."""
         found: dict[int, RecordingErrors] = {}
-        groups = zip(self.objective.groups, self.evaluation.output_errors, strict=True)
+        batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
         with own_settings():
-            for group, errors in groups:
-                split = _split(group.weights, errors)
+            for batch, errors in batches:
+                split = _split(batch.weights, errors)
                 channel, common_mode, sizes = (np.asarray(part) for part in split)
-                camera = np.einsum("rtk,rk->rt", np.asarray(group.weights.shapes), sizes)
-                for row, position in enumerate(group.positions):
-                    times = slice(int(group.lengths[row]))  # without what fills up their number
+                camera = np.einsum("rtk,rk->rt", np.asarray(batch.weights.shapes), sizes)
+                for row, position in enumerate(batch.positions):
+                    times = slice(int(batch.lengths[row]))  # without what fills up their number
                     parts = (part[row, times] for part in (channel, common_mode, camera))
                     found[position] = RecordingErrors(*parts)
         return [found[position] for position in sorted(found)]
@@ -112,11 +116,11 @@ class DescentResult:
     def temperatures(self) -> list[Float[np.ndarray, "_times _channels"]]:
         """The simulated readings of each recording, degC."""
         found: dict[int, np.ndarray] = {}
-        groups = zip(self.objective.groups, self.evaluation.output_errors, strict=True)
-        for group, errors in groups:
-            simulated = np.asarray(errors) + np.asarray(group.temperatures)
-            for row, position in enumerate(group.positions):
-                found[position] = simulated[row, : int(group.lengths[row])]
+        batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
+        for batch, errors in batches:
+            simulated = np.asarray(errors) + np.asarray(batch.temperatures)
+            for row, position in enumerate(batch.positions):
+                found[position] = simulated[row, : int(batch.lengths[row])]
         return [found[position] for position in sorted(found)]
 
     def jacobian(self) -> Float[np.ndarray, "residuals unknowns"]:
@@ -137,3 +141,86 @@ def _split(
     weights: ResidualWeights, errors: Float[Array | np.ndarray, "recordings times channels"]
 ) -> SplitErrors:
     return jax.vmap(lambda weights, error: weights.split(error))(weights, errors)
+
+
+@final
+@dataclass(frozen=True)
+class Iteration:
+    """One iteration of the optimiser, for Fig. 14 of the paper.
+
+    - `number`: the number of the iteration; 0 is the start. `start`: the number of the start; for
+      `match_many` the number of the set, for `profile` the number of the point.
+    - `cost`: mean squared error, eq. (11), K^2. `rmse`: its root, K.
+    - `gradient`: the largest cosine between the residuals and a column of the Jacobian, 0 at an
+      optimum.
+    - `accepted`: whether the step was accepted.
+    - `values`: parameter -> value; a value of a single recording is `name[recording]`.
+    """
+
+    number: int
+    start: int
+    cost: float
+    rmse: float
+    gradient: float
+    accepted: bool
+    values: Mapping[str, float]
+
+    def __str__(self) -> str:
+        return f"iteration {self.number}: RMSE {self.rmse:.4f} K"
+
+
+@final
+@dataclass(frozen=True)
+class Optimum:
+    """The end of the descent from one of several starts.
+
+    - `start`: the number of the start. `cost`: half the sum of squared weighted residuals and
+      priors.
+    - `apart`: root mean square difference between the simulated channels of this optimum and those
+      of the best one, K. Optima with different parameters may predict the same.
+    - `rmse`: K. `iterations`, `status`, `converged`: as in `Fit`. `values`: parameter -> value.
+    """
+
+    start: int
+    cost: float
+    apart: float
+    rmse: float
+    iterations: int
+    status: str
+    converged: bool
+    values: Mapping[str, float]
+
+
+def make_iteration(problem: MatchProblem, step: DescentStep, start: int) -> Iteration:
+    """An iteration of the descent from one of the starts, in the parameters' units."""
+    return Iteration(
+        number=step.number,
+        start=start,
+        cost=step.mean_square,
+        rmse=float(np.sqrt(step.mean_square)),
+        gradient=step.gradient,
+        accepted=step.accepted,
+        values=problem.labelled(step.vector),
+    )
+
+
+def make_optimum(
+    problem: MatchProblem, result: DescentResult, start: int, best: DescentResult
+) -> Optimum:
+    """The end of the descent from one of the starts, compared with the best."""
+    # Padded samples have a difference of 0.
+    pairs = zip(result.evaluation.output_errors, best.evaluation.output_errors, strict=True)
+    squares = sum(float(np.sum((errors - of_best) ** 2)) for errors, of_best in pairs)
+    samples = sum(
+        int(g.lengths.sum()) * g.temperatures.shape[-1] for g in best.objective.same_shape_batches
+    )
+    return Optimum(
+        start=start,
+        cost=result.cost,
+        apart=float(np.sqrt(squares / samples)),
+        rmse=float(np.sqrt(result.mean_square)),
+        iterations=result.iterations,
+        status=result.status,
+        converged=result.converged,
+        values=problem.labelled(result.vector),
+    )

@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -16,17 +16,16 @@ from .._errors import MatchError
 from .._goodness_of_fit import mean_fit_percent
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Parameter, Rig, write_parameters
+from ..rig import Rig
 from ..simulation import Run
-from ._comparison import CameraError, Comparison
-from ._first_sample import FirstSample
+from ._camera_error import CameraError, Comparison
+from ._descent_result import Iteration, Optimum
 from ._fitted_parameters import FittedParameter, FittedParameters
 from ._group_values import new_group_values
-from ._iterations import Iteration, Optimum
-from ._noise import Noise
-from ._noise_model import NoiseModel
+from ._noise_model import Noise, NoiseModel
 from ._problem import MatchProblem
-from ._summary import Style, summary_table
+from ._start import FirstSample
+from ._summary import Style, fit_dataset, summary_table
 from ._uncertainty import Uncertainty
 
 if TYPE_CHECKING:
@@ -178,8 +177,8 @@ class Fit:
     def groups(self) -> dict[str, str]:
         """Recording -> name of its group; a single name if the match had no groups."""
         problem = self._solution.problem
-        numbers = zip(self.recordings, problem.unknowns.groups, strict=True)
-        return {name: problem.groups[number] for name, number in numbers}
+        numbers = zip(self.recordings, problem.unknowns.group_numbers, strict=True)
+        return {name: problem.group_names[number] for name, number in numbers}
 
     @property
     def group_values(self) -> dict[str, dict[str, float]]:
@@ -205,7 +204,7 @@ class Fit:
         from those of the matched groups. See `docs/matching.md`.
         """
         problem = self._solution.problem
-        if group in problem.groups:
+        if group in problem.group_names:
             return self.mean_twin.with_values(self.group_values[group])
         expected = new_group_values(problem.unknowns, self._solution.vector)
         return self.mean_twin.with_values(expected.values)
@@ -324,48 +323,7 @@ class Fit:
         correlation (entry, other_entry) of the matched values, with the labels of `uncertainty`;
         rmse (iteration). The runs have their own `to_xarray`.
         """
-        import xarray
-
-        table = tuple(self.parameters.values())
-        numbers = {
-            name: ("parameter", [getattr(row, name) for row in table])
-            for name in ("value", "initial", "standard_error", "lower", "upper")
-        }
-        own = list(next(iter(self.recording_values.values())))
-        channels = list(dict.fromkeys(channel for names in self.channels for channel in names))
-        fits = [
-            [self.fit_percent.get((name, channel), math.nan) for channel in channels]
-            for name in self.recordings
-        ]
-        own_values = [[values[n] for n in own] for values in self.recording_values.values()]
-        entries = ("entry", "other_entry")
-        return xarray.Dataset(
-            {
-                **numbers,
-                "free": ("parameter", [row.free for row in table]),
-                "interval": (("parameter", "bound"), [row.interval for row in table]),
-                "recording_value": (
-                    ("recording", "own_parameter"),
-                    np.reshape(own_values, (len(self.recordings), len(own))),
-                ),
-                "fit_percent": (("recording", "channel"), fits, {"units": "%"}),
-                "covariance": (entries, self.uncertainty.covariance),
-                "correlation": (entries, self.uncertainty.correlation, {"units": "1"}),
-                "rmse": ("iteration", [step.rmse for step in self.history], {"units": "K"}),
-            },
-            coords={
-                "parameter": [row.name for row in table],
-                "unit": ("parameter", [row.unit for row in table]),
-                "bound": ["lower", "upper"],
-                "recording": list(self.recordings),
-                "own_parameter": own,
-                "channel": channels,
-                "entry": list(self.uncertainty.labels),
-                "other_entry": list(self.uncertainty.labels),
-                "iteration": [step.number for step in self.history],
-            },
-            attrs={"rig": self.twin.rig.name, "status": self.status, "date": self.date},
-        )
+        return fit_dataset(self)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for every parameter, its name as index and the fields of
@@ -387,18 +345,9 @@ class Fit:
         **Raises:** `ParameterError` if the file name does not end in .toml or the file cannot be
         written.
         """
-        from ._fit_file import fit_tables
+        from ._save_fit import save_fit
 
-        write_parameters(
-            path,
-            fitted_table(self.twin.rig.parameters, tuple(self.parameters.values())),
-            recordings={k: v for k, v in self.recording_values.items() if v} or None,
-            comment=(
-                f"{self.twin.rig.name} matched to {', '.join(self.recordings)}\n"
-                f"mean fit {self.mean_fit_percent:.2f} %, RMSE {self.rmse:.4f} K\n{self.status}"
-            ),
-            tables=fit_tables(self),
-        )
+        save_fit(self, path)
 
     @classmethod
     def load(
@@ -462,23 +411,6 @@ def solution_of(fit: Fit) -> Solution:
     """The solved problem behind a fit, for the other modules of the package. Users have the
     properties of `Fit`."""
     return fit._solution
-
-
-def fitted_table(
-    table: Mapping[str, Parameter], rows: tuple[FittedParameter, ...]
-) -> list[Parameter]:
-    """The rig's parameter table with the fitted values, bounds, free flags and scopes."""
-    return [
-        replace(
-            table[row.name],
-            value=row.value,
-            lower=row.lower,
-            upper=row.upper,
-            free=row.free,
-            scope=row.scope,
-        )
-        for row in rows
-    ]
 
 
 def _plain(value: object) -> Any:

@@ -26,17 +26,23 @@ from ..physics import Twin
 from ..simulation._initial import Initial, checked_initial
 from ._descent import descend
 from ._descent_result import DescentResult
-from ._first_sample import FirstSample, first_readings, first_sample
 from ._fit import Fit
-from ._hidden_starts import HiddenStarts, matched_starts
-from ._initial_condition_priors import prior_of_differences, with_prior
+from ._initial_condition_priors import (
+    HiddenStarts,
+    matched_starts,
+    prior_of_differences,
+    starting_shares,
+    with_prior,
+)
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
-from ._linear_prior import LinearPrior
-from ._noise import Noise
-from ._noise_model import initial_noise_model, update_noise_model
+from ._noise_model import Noise, initial_noise_model, update_noise_model
 from ._objective import make_objective
-from ._problem import MatchProblem, named_recordings
-from ._starting_parameters import (
+from ._problem import LinearPrior, MatchProblem, ParameterChoice, choose_unknowns
+from ._recordings import named_recordings
+from ._start import (
+    FirstSample,
+    first_readings,
+    first_sample,
     hidden_parameters,
     names_in,
     plate_parameters,
@@ -44,8 +50,7 @@ from ._starting_parameters import (
     room_parameters,
     room_temperature,
 )
-from ._starting_shares import starting_shares
-from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
+from ._unknowns import Unknowns
 
 WARM_UP = 60.0
 """Length of the part of a recording from which its own values are estimated, s."""
@@ -208,7 +213,7 @@ def _descend(
         events=None if error is not None and error.detect else ((),),
         common_error=error,
         loss=None,
-        groups=("",),
+        group_names=("",),
         prior_weights=unknowns.prior_weights(),
         linear_prior=LinearPrior.none(unknowns.size),
         initial=initial,

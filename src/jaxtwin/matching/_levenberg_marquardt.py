@@ -25,7 +25,7 @@ import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
-from ._search_space import SearchSpace
+from ._unknowns import SearchSpace
 
 Vector = Float[Array, " unknowns"]
 Options = dict[str, Any]

@@ -23,15 +23,14 @@ from ..rig._bundled import read_toml
 from ..rig._parameter_file import parsed_values
 from ..rig._problems import refuse
 from ..simulation import simulate
-from ._comparison import CameraError, Comparison
+from ._camera_error import CameraError, Comparison
 from ._fit import Fit, Solution, solution_of
-from ._fit_file import FORMAT, StoredFit, StoredRecording, unrolled
 from ._fitted_parameters import FittedParameters
-from ._linear_prior import LinearPrior
 from ._loss import AbstractLoss, loaded_loss
 from ._noise_model import NoiseModel
 from ._objective import recording_weights, shapes_needed
-from ._problem import MatchProblem, independent_prior_weights
+from ._problem import LinearPrior, MatchProblem, independent_prior_weights
+from ._save_fit import FORMAT, StoredFit, StoredRecording, unrolled
 from ._uncertainty import Uncertainty, close_pairs, insensitive_labels, physical_covariance
 from ._unknowns import Unknowns
 
@@ -58,11 +57,11 @@ def load_fit(
     stored = _stored(source, data["fit"], rows)
     names = tuple(stored.recordings)
     values = [parsed_values(data, source, rig, name) for name in names]
-    groups = tuple(dict.fromkeys(record.group for record in stored.recordings.values()))
-    unknowns = _unknowns(rig, stored, groups)
+    group_names = tuple(dict.fromkeys(record.group for record in stored.recordings.values()))
+    unknowns = _unknowns(rig, stored, group_names)
     _check_own_values(source, data, names, unknowns)
-    vector = _vector(unknowns, groups, values)
-    known = _uncertainty(source, stored, unknowns, groups, vector)
+    vector = _vector(unknowns, group_names, values)
+    known = _uncertainty(source, stored, unknowns, group_names, vector)
     sample_weights = _weights_of_all(source, stored, "sample_weights")
     noise_model = _noise_model(source, stored)
     start = Twin(rig, {name: row.initial for name, row in stored.parameters.items()})
@@ -76,7 +75,7 @@ def load_fit(
         events=noise_model.events,
         common_error=rig.common_error,
         loss=_loss(source, stored),
-        groups=groups,
+        group_names=group_names,
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
         initial=np.array(stored.initial) if isinstance(stored.initial, tuple) else stored.initial,
@@ -245,14 +244,14 @@ def _check_own_values(
 
 
 def _vector(
-    unknowns: Unknowns, groups: Sequence[str], values: Sequence[Mapping[str, float]]
+    unknowns: Unknowns, group_names: Sequence[str], values: Sequence[Mapping[str, float]]
 ) -> Float[np.ndarray, " unknowns"]:
     """The optimiser's vector: shared values, then those of each group, then of each recording."""
     return np.array(
         [row.to_entry(values[0][row.name]) for row in unknowns.shared]
         + [
-            row.to_entry(values[unknowns.groups.index(group)][row.name])
-            for group in range(len(groups))
+            row.to_entry(values[unknowns.group_numbers.index(group)][row.name])
+            for group in range(len(group_names))
             for row in unknowns.per_group
         ]
         + [row.to_entry(own[row.name]) for own in values for row in unknowns.per_recording]
@@ -285,7 +284,7 @@ def _weights_of_all(
     return tuple(_weights(source, name, kind, record) for name, record in stored.recordings.items())
 
 
-def _unknowns(rig: Rig, stored: StoredFit, groups: tuple[str, ...]) -> Unknowns:
+def _unknowns(rig: Rig, stored: StoredFit, group_names: tuple[str, ...]) -> Unknowns:
     rows = [
         replace(
             rig.parameters[row.name],
@@ -301,18 +300,20 @@ def _unknowns(rig: Rig, stored: StoredFit, groups: tuple[str, ...]) -> Unknowns:
         for row in stored.parameters.values()
         if row.free
     ]
-    return Unknowns.of(rows, [groups.index(record.group) for record in stored.recordings.values()])
+    return Unknowns.of(
+        rows, [group_names.index(record.group) for record in stored.recordings.values()]
+    )
 
 
 def _uncertainty(
     source: str,
     stored: StoredFit,
     unknowns: Unknowns,
-    groups: tuple[str, ...],
+    group_names: tuple[str, ...],
     vector: Float[np.ndarray, " unknowns"],
 ) -> Uncertainty:
     found, size = stored.unknowns, unknowns.size
-    labels = unknowns.labels(tuple(stored.recordings), groups)
+    labels = unknowns.labels(tuple(stored.recordings), group_names)
     if found.labels != labels:
         _refuse(
             source,

@@ -16,24 +16,21 @@ from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
-from ._descent_result import DescentStep
+from ._descent_result import DescentStep, Iteration, make_iteration
 from ._fit import Fit
-from ._iterations import Iteration, make_iteration
 from ._loss import AbstractLoss
-from ._make_fit import make_fit
-from ._masks_and_events import Span, check_recording_names
-from ._match import checked_solver
+from ._match import checked_solver, make_fit
 from ._nominal_twin import nominal_twin
 from ._problem import (
     Events,
     MatchProblem,
+    ParameterChoice,
     SampleOptions,
+    choose_unknowns,
     make_match_problem,
-    named_groups,
-    named_recordings,
 )
+from ._recordings import Span, check_recording_names, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, reweighted_least_squares
-from ._unknowns import ParameterChoice, choose_unknowns
 
 UNIT = 4
 """The number of sets that a worker of an executor matches side by side."""
@@ -120,7 +117,7 @@ def match_many(
             twin,
             members,
             unknowns,
-            groups=names,
+            group_names=names,
             options=SampleOptions(_of_set(events, members), _of_set(masks, members), loss),
         )
         for members, (names, _) in zip(recordings, grouped, strict=True)

@@ -1,42 +1,52 @@
-"""Matches parameters of a twin to recordings: step 4 of the paper."""
+"""Matches parameters of a twin to recordings: step 4 of the paper, from arguments to a `Fit`."""
 
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 
+import jax
 import numpy as np
 import optimistix as optx
 from jaxtyping import Float
 
+from .. import __version__
 from .._arguments import check_callable, names_of, of_kind, whole_number
 from .._errors import MatchError
 from .._waiting import advanced, announced
 from ..io._experiment import Recordings, as_experiments
 from ..physics import Twin
+from ..simulation import simulate
 from ..simulation._initial import Initial, checked_initial
+from ._camera_error import CameraError, Comparison
 from ._descent import descend
-from ._descent_result import Callbacks, DescentStep
-from ._fit import Fit
-from ._iterations import Iteration, make_iteration, make_optimum
+from ._descent_result import (
+    Callbacks,
+    DescentStep,
+    Iteration,
+    Optimum,
+    make_iteration,
+    make_optimum,
+)
+from ._fit import Fit, Solution
+from ._fitted_parameters import fitted_parameters
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._loss import AbstractLoss
-from ._make_fit import make_fit
-from ._masks_and_events import Span
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
-from ._plausible_recording import check_start
 from ._problem import (
     Events,
     MatchProblem,
+    ParameterChoice,
     SampleOptions,
-    check_distinct,
+    choose_unknowns,
     make_match_problem,
-    named_groups,
-    named_recordings,
 )
+from ._recordings import Span, check_distinct, check_start, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, another_round, reweighted_least_squares
-from ._starting_parameters import hidden_parameters, plate_parameters
-from ._unknowns import ParameterChoice, Unknowns, choose_unknowns
+from ._start import first_sample, hidden_parameters, plate_parameters
+from ._uncertainty import estimate_uncertainty
+from ._unknowns import Unknowns
 
 SAME_COST = 1e-3
 """The relative difference below which two weighted costs are taken as equal."""
@@ -146,7 +156,7 @@ def match(
         twin,
         recordings,
         unknowns,
-        groups=group_names,
+        group_names=group_names,
         options=SampleOptions(events, masks, loss),
         initial=initial,
     )
@@ -191,6 +201,80 @@ def match(
             [problem], solver, [estimate], max_iterations, lambda _, step: report_step(number, step)
         )
     return make_fit(problem, estimate, number, optima, began)
+
+
+def make_fit(
+    problem: MatchProblem,
+    estimate: Estimate,
+    start: int,
+    optima: tuple[Optimum, ...],
+    began: float,
+) -> Fit:
+    """Makes the fit of the best descent.
+
+    **Arguments:**
+
+    - `start`: the number of the start of the best descent.
+    - `optima`: the ends of the descents from all starts, best first.
+    - `began`: the time at which the match began, by `time.perf_counter`.
+    """
+    twin, unknowns, names = problem.twin, problem.unknowns, problem.names
+    result, noise_model = estimate
+    values = [
+        {name: float(value) for name, value in of_recording.items()}
+        for of_recording in unknowns.recording_values(result.vector)
+    ]
+    runs = [
+        simulate(twin.with_values(of_recording), experiment, initial=problem.initial)
+        for of_recording, experiment in zip(values, problem.experiments, strict=True)
+    ]
+    errors = result.recording_errors()
+    cameras = [
+        CameraError(events, of_recording.camera)
+        for events, of_recording in zip(noise_model.events, errors, strict=True)
+    ]
+    comparisons = tuple(map(Comparison, runs, cameras))
+    gaps = [
+        run.temperatures - solved for run, solved in zip(runs, result.temperatures(), strict=True)
+    ]
+    uncertainty, noise = estimate_uncertainty(problem, estimate)
+    return Fit(
+        twin=twin.with_values(values[0]),
+        recordings=names,
+        fingerprints=tuple(experiment.fingerprint for experiment in problem.experiments),
+        channels=tuple(experiment.channels for experiment in problem.experiments),
+        first_samples=tuple(map(first_sample, problem.experiments)),
+        parameters=fitted_parameters(problem, result.vector, uncertainty),
+        recording_values={
+            name: {
+                row.name: of_recording[row.name]
+                for row in unknowns.per_group + unknowns.per_recording
+            }
+            for name, of_recording in zip(names, values, strict=True)
+        },
+        fit_percent={
+            (name, channel): percent
+            for name, comparison in zip(names, comparisons, strict=True)
+            for channel, percent in comparison.reading.fit_percent.items()
+        },
+        rmse=float(np.sqrt(result.mean_square)),
+        status=result.status,
+        converged=result.converged,
+        history=tuple(make_iteration(problem, step, start) for step in result.steps),
+        optima=optima,
+        wall_time=time.perf_counter() - began,
+        solver_gap=max(float(np.abs(gap).max()) for gap in gaps),
+        camera_error=float(
+            np.sqrt(np.mean(np.concatenate([camera.error for camera in cameras]) ** 2))
+        ),
+        noise=noise,
+        uncertainty=uncertainty,
+        cost=result.cost,
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        versions={"jaxtwin": __version__, "jax": jax.__version__},
+        comparisons=comparisons,
+        _solution=Solution(problem, noise_model, result.vector),
+    )
 
 
 def without_starts(twin: Twin, fixed: Iterable[str], initial: Initial) -> tuple[str, ...]:

@@ -21,16 +21,15 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
 from ._descent import descend
+from ._descent_result import make_optimum
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
-from ._iterations import make_optimum
-from ._linear_prior import LinearPrior
-from ._make_fit import make_fit
-from ._match import default_solver
+from ._match import default_solver, make_fit
 from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
 from ._objective import make_objective
-from ._problem import MatchProblem, check_distinct, make_match_problem, named_recordings
+from ._problem import LinearPrior, MatchProblem, make_match_problem
+from ._recordings import check_distinct, named_recordings
 from ._reweighted_least_squares import Estimate
 from ._unknowns import Unknowns
 
@@ -81,7 +80,7 @@ def match_group(
         shared=tuple(map(started, known.rows)),
         per_group=(),
         per_recording=tuple(own.get(row.name) or started(row) for row in before.per_recording),
-        groups=(0,) * len(recordings),
+        group_numbers=(0,) * len(recordings),
     )
     size = len(known.rows)
     covariance = known.covariance(
@@ -90,7 +89,7 @@ def match_group(
     # A value that was held at a bound stays there.
     covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD**2))
     mean = np.concatenate([known.mean, unknowns.prior_means()[size:]])
-    problem = make_match_problem(twin, recordings, unknowns, groups=(group,))
+    problem = make_match_problem(twin, recordings, unknowns, group_names=(group,))
     weights = problem.prior_weights.copy()
     weights[:size] = 0.0
     prior = LinearPrior.normal(mean, covariance)
@@ -117,7 +116,7 @@ def check_given(fit: Twin | Fit, groups: Sequence[str]) -> Fit:
             "given: expected beside a Fit, which knows what is expected of a group of recordings, "
             "got beside a Twin"
         )
-    if known := sorted({*groups} & {*solution_of(fit).problem.groups}):
+    if known := sorted({*groups} & {*solution_of(fit).problem.group_names}):
         raise MatchError(
             "given: expected for a group that the fit does not know, got for the group "
             f"{known[0]!r}, which it knows; name another with group=..., or leave given out"

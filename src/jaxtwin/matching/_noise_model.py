@@ -1,4 +1,4 @@
-"""The noise that a match assumes for its residuals, and its estimation from these residuals."""
+"""The noise of residuals: what a match assumes, and its estimation from the residuals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,9 +9,28 @@ from jaxtyping import Bool, Float
 
 from ._camera_error import detect_events
 from ._loss import LossWeights, influence_variance, loss_weights
-from ._noise import Noise, estimate_noise
 from ._problem import MatchProblem
-from ._recording_errors import RecordingErrors
+from ._residual_weights import RecordingErrors
+
+
+@final
+@dataclass(frozen=True)
+class Noise:
+    """The noise of residuals of one kind, over all recordings.
+
+    - `standard_deviation`: the standard deviation of a single sample, K.
+    - `autocorrelation_time`: the integrated autocorrelation time in samples, 1 plus twice the sum
+      of the autocorrelations: the number of samples with the information of one independent sample.
+    """
+
+    standard_deviation: float
+    autocorrelation_time: float
+
+    @property
+    def effective(self) -> float:
+        """Standard deviation of independent samples with the same information, K."""
+        return self.standard_deviation * float(np.sqrt(self.autocorrelation_time))
+
 
 INITIAL_NOISE = Noise(0.25, 64.0)
 """The noise before the first round: 0.25 K, correlated over a minute."""
@@ -41,6 +60,35 @@ class NoiseModel:
     common_mode_weights: tuple[Float[np.ndarray, " _times"], ...]
     channel_curvature: tuple[Float[np.ndarray, "_times _channels"], ...] | None = None
     common_mode_curvature: tuple[Float[np.ndarray, " _times"], ...] | None = None
+
+
+def estimate_noise(
+    series: Sequence[Float[np.ndarray, "_times _channels"]], samples: float | int | None = None
+) -> Noise:
+    """Estimates standard deviation and autocorrelation time of several series of residuals about
+    zero.
+
+    The sum of autocorrelations ends before the first two neighbours whose sum is not positive
+    (Geyer 1992, initial positive sequence), because later ones are only noise.
+
+    **Arguments:**
+
+    - `series`: a series for each recording, times the square roots of the samples' weights.
+    - `samples`: the sum of these weights; by default all are 1.
+    """
+    longest = max(len(residuals) for residuals in series)
+    covariances = np.zeros(longest)
+    counted = sum(residuals.size for residuals in series) if samples is None else samples
+    for residuals in series:
+        times = len(residuals)
+        padded = np.fft.rfft(residuals, 2 * times, axis=0)
+        covariances[:times] += np.fft.irfft(np.abs(padded) ** 2, axis=0)[:times].sum(axis=1)
+    if covariances[0] <= 0:
+        return Noise(0.0, 1.0)
+    pairs = (covariances[: longest // 2 * 2] / covariances[0]).reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(pairs <= 0)
+    total = 2 * pairs[: ends[0] if ends.size else len(pairs)].sum() - 1
+    return Noise(float(np.sqrt(covariances[0] / counted)), float(max(1.0, total)))
 
 
 def initial_noise_model(problem: MatchProblem) -> NoiseModel:

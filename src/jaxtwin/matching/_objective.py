@@ -14,18 +14,17 @@ from ..simulation import TimeGrid
 from ..simulation._initial import checked_initial
 from ..simulation._padding import padded, padded_time_grid
 from ._camera_error import camera_shapes, count_shapes
-from ._linear_prior import LinearPrior
 from ._noise_model import NoiseModel
-from ._problem import MatchProblem
+from ._problem import LinearPrior, MatchProblem
 from ._residual_weights import ResidualWeights, residual_weights
-from ._run_start import RunStart
+from ._start import RunStart
 from ._unknowns import Layout
 
 Tree = TypeVar("Tree")
 
 
 @final
-class RecordingGroup(eqx.Module):
+class SameShapeBatch(eqx.Module):
     """Recordings of equal shapes, stacked so that they are simulated together.
 
     Their samples, like their grids, are padded to a few sizes, so that recordings of another length
@@ -55,7 +54,7 @@ class Objective(eqx.Module):
     """Everything on which the residuals depend, except the unknowns.
 
     - `twin`: the twin with the values of the held parameters.
-    - `groups`: the recordings, grouped by shape.
+    - `same_shape_batches`: the recordings, those of equal shapes together.
     - `prior_means`: prior means of the vector's entries. `prior_weights`: the reciprocals of their
       prior standard deviations, 0 for an entry without a prior or with one in `linear_prior`.
     - `linear_prior`: priors of combinations of entries.
@@ -64,7 +63,7 @@ class Objective(eqx.Module):
     """
 
     twin: Twin
-    groups: tuple[RecordingGroup, ...]
+    same_shape_batches: tuple[SameShapeBatch, ...]
     prior_means: Float[np.ndarray | Array, " unknowns"]
     prior_weights: Float[np.ndarray | Array, " unknowns"]
     linear_prior: LinearPrior
@@ -96,24 +95,24 @@ def make_objective(
         for number in range(len(experiments))
     ]
     # Recordings whose grids have equal shapes share compiled code.
-    groups: dict[tuple, list[int]] = {}
+    positions_of_shapes: dict[tuple, list[int]] = {}
     for position, (grid, experiment) in enumerate(zip(grids, experiments, strict=True)):
         leaves = jax.tree.leaves((grid, weights[position]))
         shapes_of_leaves = tuple(np.shape(leaf) for leaf in leaves)
         key = (shapes_of_leaves, grid.ambient is None, len(experiment.channels))
-        groups.setdefault(key, []).append(position)
+        positions_of_shapes.setdefault(key, []).append(position)
     unknowns = problem.unknowns
     return Objective(
         twin=problem.twin,
-        groups=tuple(
-            _group(
+        same_shape_batches=tuple(
+            _batch(
                 problem.twin,
                 [experiments[position] for position in positions],
                 _stacked([grids[position] for position in positions]),
                 _stacked([weights[position] for position in positions]),
                 positions,
             )
-            for positions in groups.values()
+            for positions in positions_of_shapes.values()
         ),
         prior_means=unknowns.prior_means(),
         prior_weights=problem.prior_weights,
@@ -157,15 +156,15 @@ def recording_weights(
     )
 
 
-def _group(
+def _batch(
     twin: Twin,
     members: Sequence[Experiment],
     grid: TimeGrid,
     weights: ResidualWeights,
     positions: Sequence[int],
-) -> RecordingGroup:
+) -> SameShapeBatch:
     columns = [[twin.channels.index(name) for name in e.channels] for e in members]
-    return RecordingGroup(
+    return SameShapeBatch(
         grid=grid,
         columns=np.array(columns, dtype=np.int32),
         # Missing samples have a weight of 0, but 0 times NaN is NaN.

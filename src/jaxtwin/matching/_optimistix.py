@@ -17,7 +17,7 @@ from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Sta
 from ._jacobian import output_error_jacobians, residual_jacobian, weighted_jacobian
 from ._objective import Objective
 from ._residuals import output_errors, residuals, weighted_residuals
-from ._search_space import SearchSpace
+from ._unknowns import SearchSpace
 
 FORWARD = {"jac": "fwd"}
 """The option of optimistix's Gauss-Newton solvers for derivatives in forward mode, which suits many

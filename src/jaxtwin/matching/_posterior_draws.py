@@ -41,13 +41,13 @@ def posterior_draws(
     of_kind("posterior_draws: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     count = whole_number("posterior_draws: draws", draws, 1, MatchError)
     solution = solution_of(fit)
-    groups = solution.problem.groups
-    if group is not None and group not in groups:
+    names = solution.problem.group_names
+    if group is not None and group not in names:
         raise MatchError(
-            f"posterior_draws: group: expected one of {', '.join(groups)}, or None, got {group!r}"
-            f"{did_you_mean([group], groups)}"
+            f"posterior_draws: group: expected one of {', '.join(names)}, or None, got {group!r}"
+            f"{did_you_mean([group], names)}"
         )
-    number = 0 if len(groups) == 1 else None if group is None else groups.index(group)
+    number = 0 if len(names) == 1 else None if group is None else names.index(group)
     known = group_and_shared_values(solution.problem.unknowns, solution.vector, number)
     between = np.diag(fit.uncertainty.between_recordings**2)
     covariance = known.covariance(fit.uncertainty.vector_covariance + between)

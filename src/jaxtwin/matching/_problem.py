@@ -1,27 +1,77 @@
-"""The problem of a match: recordings, unknowns and the user's settings, all checked."""
+"""The problem of a match: recordings, unknowns, priors and the user's settings, all checked."""
 
+import math
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import count as count_from
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, final
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from .._arguments import is_ordered, of_kind
-from .._errors import MatchError
+from .._arguments import mapping_of, names_of
+from .._errors import MatchError, ParameterError
+from .._name_suggestions import did_you_mean
 from ..io import Experiment
 from ..physics import Twin
-from ..physics._twin import check_twin
-from ..rig import CommonError
+from ..rig import CommonError, Parameter
 from ..simulation._initial import Initial
-from ..simulation._simulate import checked_channels
-from ._linear_prior import LinearPrior
 from ._loss import AbstractLoss, checked_loss
-from ._masks_and_events import Span, given_events, span_weights
-from ._plausible_recording import check_units, check_without_gap
+from ._recordings import Span, given_events, span_weights
 from ._unknowns import Unknowns
+
+NARROWEST = 1e-100
+"""The smallest spread of a prior, and the reciprocal of the largest: their squares must be finite
+and positive."""
+
+
+@final
+class LinearPrior(eqx.Module):
+    """A prior of linear combinations of unknowns, such as the difference of two of them.
+
+    - `matrix`, `values`: `matrix @ vector - values` has mean 0 and variance 1, independently.
+    """
+
+    matrix: Float[np.ndarray | Array, "combinations unknowns"]
+    values: Float[np.ndarray | Array, " combinations"]
+
+    @classmethod
+    def none(cls, unknowns: int) -> "LinearPrior":
+        """A prior without any combination."""
+        return cls(np.zeros((0, unknowns)), np.zeros(0))
+
+    @classmethod
+    def between_groups(cls, unknowns: Unknowns) -> "LinearPrior":
+        r"""The prior that relates the values of several groups.
+
+        The value of a group is the sum of $\phi \sim N(m, s^2)$, which all groups share, and its
+        difference, $N(0, \tau^2)$. With $\phi$ integrated out, the values of $G$ groups have the
+        covariance $\tau^2 I + s^2 1 1^T$: their mean and their differences from it are independent.
+        """
+        rows, places = unknowns.per_group, unknowns.group_entries()
+        groups = len(places)
+        mean = np.full((groups, groups), 1 / groups)
+        matrix = np.zeros((groups * len(rows), unknowns.size))
+        for number, row in enumerate(rows):
+            assert row.prior_spread is not None
+            assert row.group_spread is not None
+            of_mean = math.hypot(row.group_spread, math.sqrt(groups) * row.prior_spread)
+            block = (np.eye(groups) - mean) / row.group_spread + mean / of_mean
+            matrix[groups * number : groups * (number + 1), places[:, number]] = block
+        return cls(matrix, matrix @ unknowns.prior_means())
+
+    @classmethod
+    def normal(
+        cls, mean: Float[np.ndarray, " unknowns"], covariance: Float[np.ndarray, "some some"]
+    ) -> "LinearPrior":
+        """A normal prior of the first unknowns; the others have none."""
+        some = len(covariance)
+        matrix = np.zeros((some, len(mean)))
+        # L L^T = cov, so the rows of the inverse of L are its whitening.
+        matrix[:, :some] = np.linalg.inv(np.linalg.cholesky(covariance))
+        return cls(matrix, matrix @ mean)
+
 
 Events = Mapping[str, Sequence[float]] | Literal["detect", "none"]
 """Recording -> times of the camera's corrections, s; or whether to detect them."""
@@ -34,7 +84,7 @@ class MatchProblem:
 
     - `twin`: the start, with the values of the held parameters.
     - `experiments`: the recordings. `names`: the names of their results.
-    - `unknowns`: the parameters to match. `groups`: the names of their groups.
+    - `unknowns`: the parameters to match. `group_names`: the names of their groups.
     - `sample_weights`: weight of each sample of each recording, 0 to 1, from masks and gaps.
     - `events`: times of the camera's corrections in each recording, s; None to detect them.
     - `common_error`: the common error of the camera, None for none.
@@ -52,7 +102,7 @@ class MatchProblem:
     events: tuple[tuple[float, ...], ...] | None
     common_error: CommonError | None
     loss: AbstractLoss | None
-    groups: tuple[str, ...]
+    group_names: tuple[str, ...]
     prior_weights: Float[np.ndarray, " unknowns"]
     linear_prior: LinearPrior
     initial: Initial = None
@@ -60,7 +110,7 @@ class MatchProblem:
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of the unknowns."""
-        return self.unknowns.labels(self.names, self.groups)
+        return self.unknowns.labels(self.names, self.group_names)
 
     @property
     def prior_precision(self) -> Float[np.ndarray, "unknowns unknowns"]:
@@ -93,12 +143,159 @@ class SampleOptions:
 USUAL_OPTIONS = SampleOptions()
 
 
+@final
+@dataclass(frozen=True)
+class ParameterChoice:
+    """The arguments of `match` that change the rig's parameter table, not checked yet.
+
+    - `free`: the free parameters, in place of those that the table marks as free.
+    - `fixed`: parameters to hold.
+    - `shared`, `per_recording`: parameters that are free in addition, with one value for all
+      recordings or a value for each, whatever their scope in the table.
+    - `bounds`: bounds that replace those of the table, name -> (lower, upper) in the parameter's
+      unit.
+    """
+
+    free: Iterable[str] | None = None
+    fixed: Iterable[str] = ()
+    shared: Iterable[str] = ()
+    per_recording: Iterable[str] = ()
+    bounds: Mapping[str, tuple[float, float]] | None = None
+
+
+AS_IN_THE_TABLE = ParameterChoice()
+
+
+def choose_unknowns(
+    twin: Twin, group_numbers: Sequence[int], choice: ParameterChoice = AS_IN_THE_TABLE
+) -> Unknowns:
+    """Chooses the unknowns of a match: the rig's parameter table, changed by a choice.
+
+    **Arguments:**
+
+    - `twin`: its values are the start of the match.
+    - `group_numbers`: the number of each recording's group, counted from 0.
+    - `choice`: the changes of the table.
+
+    **Raises:** `ParameterError` for unknown names and for a parameter with several values;
+    `MatchError` if a name has contradictory roles, or has bounds without being free; if bounds
+    exclude the value or the prior's centre, or change the meaning of the prior's spread; if that
+    spread is too small or too large; or if nothing is left free.
+    """
+    table = twin.rig.parameters
+    twin.numbers_si  # noqa: B018 - refuses a parameter with several values
+    if isinstance(choice.free, Mapping):
+        raise MatchError(
+            f"free: expected one name or several, got values beside them; free them by name and "
+            f"give bounds as bounds={dict(choice.free)!r}"
+        )
+    free = None if choice.free is None else set(names_of("free", choice.free, MatchError))
+    fixed = set(names_of("fixed", choice.fixed, MatchError))
+    shared = set(names_of("shared", choice.shared, MatchError))
+    per_recording = set(names_of("per_recording", choice.per_recording, MatchError))
+    bounds = {} if choice.bounds is None else choice.bounds
+    mapping_of("bounds", bounds, "name -> (lower, upper)", MatchError)
+    keywords = {
+        "free": free or set(),
+        "fixed": fixed,
+        "shared": shared,
+        "per_recording": per_recording,
+        "bounds": set(bounds),
+    }
+    for keyword, names in keywords.items():
+        unknown = sorted(names - set(table))
+        if unknown:
+            raise ParameterError(
+                f"{twin.rig.name}: {keyword}: expected some of the parameters {', '.join(table)}, "
+                f"got {', '.join(unknown)}{did_you_mean(unknown, table)}"
+            )
+    opposites = (
+        ("free", "fixed"),
+        ("shared", "fixed"),
+        ("per_recording", "fixed"),
+        ("shared", "per_recording"),
+    )
+    for keyword, other in opposites:
+        both = sorted(keywords[keyword] & keywords[other])
+        if both:
+            raise MatchError(
+                f"{', '.join(both)}: expected in either {keyword} or {other}, got in both"
+            )
+    chosen = {
+        name: row
+        for name, row in table.items()
+        if name not in fixed
+        and (name in shared | per_recording or (row.free if free is None else name in free))
+    }
+    if not chosen:
+        raise MatchError(
+            f"{twin.rig.name}: no free parameter; set free = true in the rig file's table or pass "
+            "free=[...]"
+        )
+    held = sorted(set(bounds) - set(chosen))
+    if held:
+        raise MatchError(
+            f"bounds: expected some of the free parameters {', '.join(chosen)}, got "
+            f"{', '.join(held)}; free it or leave its bounds out"
+        )
+    rows = []
+    for name, row in chosen.items():
+        scope = "recording" if name in per_recording else "shared" if name in shared else row.scope
+        limits = bounds.get(name, (row.lower, row.upper))
+        bounded = _bounded(row, float(twin.values[name]), limits)
+        rows.append(replace(bounded, free=True, scope=scope))
+    return Unknowns.of(rows, group_numbers)
+
+
+def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
+    """A parameter with a start value and bounds that do not change the meaning of its prior."""
+    lower, upper = _pair(row.name, bounds)
+    given = f"{lower:g} to {upper:g} {row.unit}".rstrip()
+    if not lower <= value <= upper or lower == upper:
+        raise MatchError(
+            f"{row.name}: expected a start within its bounds, {lower:g} to {upper:g}, got "
+            f"{value:g} {row.unit}; move the start or the bounds"
+        )
+    if row.prior_value is not None and not lower <= row.prior_value <= upper:
+        raise MatchError(
+            f"{row.name}: expected bounds that contain the centre of the prior, "
+            f"{row.prior_value:g}, got {given}"
+        )
+    if row.prior_spread is not None and not NARROWEST <= row.prior_spread <= 1 / NARROWEST:
+        raise MatchError(
+            f"{row.name}: expected a prior spread of {NARROWEST:g} to {1 / NARROWEST:g}, got "
+            f"{row.prior_spread:g}; hold a parameter that is known, and leave the prior out where "
+            "nothing is known"
+        )
+    bounded = replace(row, value=value, lower=lower, upper=upper)
+    if row.prior_spread is not None and bounded.is_logarithmic != row.is_logarithmic:
+        kept = "above 0" if row.is_logarithmic else "with a lower one of 0 or less"
+        kind = "relative" if row.is_logarithmic else f"in {row.unit or 'its unit'}"
+        raise MatchError(
+            f"{row.name}: expected bounds {kept}, because the prior's spread is {kind}, got {given}"
+        )
+    return bounded
+
+
+def _pair(name: str, bounds: object) -> tuple[float, float]:
+    """Two numbers in order; they may be infinite."""
+    try:
+        pair = np.asarray(bounds)
+    except ValueError:  # of different lengths
+        pair = np.array(None)
+    if pair.dtype.kind not in "iuf" or pair.shape != (2,) or not pair[0] < pair[1]:
+        raise MatchError(
+            f"{name}: bounds: expected (lower, upper), numbers in that order, got {bounds!r}"
+        )
+    return float(pair[0]), float(pair[1])
+
+
 def make_match_problem(
     twin: Twin,
     recordings: Mapping[str, Experiment],
     unknowns: Unknowns,
     *,
-    groups: Sequence[str] = ("",),
+    group_names: Sequence[str] = ("",),
     options: SampleOptions = USUAL_OPTIONS,
     initial: Initial = None,
 ) -> MatchProblem:
@@ -109,7 +306,7 @@ def make_match_problem(
     - `twin`: the start of the match.
     - `recordings`: as returned by `named_recordings`.
     - `unknowns`: as returned by `choose_unknowns`.
-    - `groups`: the names of the recordings' groups, as returned by `named_groups`.
+    - `group_names`: the names of the recordings' groups, as returned by `named_groups`.
     - `options`: the options of the samples' weights.
     - `initial`: the temperatures at the start of each run, checked.
 
@@ -155,7 +352,7 @@ def make_match_problem(
         events=times,
         common_error=error,
         loss=checked_loss(options.loss),
-        groups=tuple(groups),
+        group_names=tuple(group_names),
         prior_weights=independent_prior_weights(unknowns),
         linear_prior=LinearPrior.between_groups(unknowns),
         initial=initial,
@@ -178,92 +375,3 @@ def _is_excited(recording: Experiment, weight: Float[np.ndarray, "times channels
         warnings.simplefilter("ignore", RuntimeWarning)  # of channels that are masked throughout
         ranges = np.nanmax(counted, axis=0) - np.nanmin(counted, axis=0)
     return bool(np.any(recording.duty) or np.any(ranges > 0))
-
-
-def check_distinct(recordings: Mapping[str, Experiment]) -> None:
-    """Refuses a recording that is there twice, under whatever names: its samples would count as new
-    data, and standard errors would be too small.
-
-    **Raises:** `MatchError` with both names.
-    """
-    seen: dict[str, str] = {}
-    for name, experiment in recordings.items():
-        other = seen.setdefault(experiment.fingerprint, name)
-        if other != name:
-            raise MatchError(
-                f"experiments: {name} is the same recording as {other}: expected each once, "
-                "because the second adds no information; leave it out"
-            )
-
-
-def named_groups(
-    recordings: Mapping[str, Experiment], groups: Sequence[str] | None
-) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """The groups of recordings: their names, and the number of each recording's group.
-
-    **Arguments:**
-
-    - `groups`: the name of each recording's group; by default the groups that the recordings name.
-
-    **Raises:** `MatchError` if there is not a name for each recording.
-    """
-    several = list(recordings.values())
-    if groups is None:
-        named = [experiment.group for experiment in several]
-        if not any(named):
-            return ("",), (0,) * len(named)
-    else:
-        if not is_ordered(groups):
-            raise MatchError(f"groups: expected a name for each recording, got {groups!r}")
-        named = list(groups)
-        for name in named:
-            of_kind("groups", name, str, "text", MatchError)
-    if len(named) != len(several) or not all(named):
-        raise MatchError(
-            "groups: expected a name for each recording, such as its day, got "
-            f"{named!r} for {', '.join(recordings)}"
-        )
-    names = tuple(dict.fromkeys(named))
-    return names, tuple(names.index(name) for name in named)
-
-
-def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str, Experiment]:
-    """Checks recordings, and returns them by the names of their results.
-
-    **Arguments:**
-
-    - `twin`: a twin of the rig to which they must belong.
-    - `experiments`: one or several recordings.
-
-    **Returns:** name -> recording, in order. The name is the recording's own, or its number if it
-    has none. A repeated name is followed by its number, or by the next number that is not taken.
-
-    **Raises:** `MatchError` if there is no recording, or one has no temperatures, or a channel of
-    one has none, or one has a gap or is in kelvin; `SimulationError` for a recording of another
-    rig.
-    """
-    check_twin("twin", twin, MatchError)
-    if not experiments:
-        raise MatchError("experiments: expected one or several recordings, got none")
-    names: list[str] = []
-    for number, experiment in enumerate(experiments, start=1):
-        name = experiment.name or f"recording {number}"
-        if experiment.temperatures is None or not experiment.channels:
-            raise MatchError(f"{name}: expected recorded temperatures, got none")
-        checked_channels(twin, experiment)
-        if experiment.unsampled:
-            raise MatchError(
-                f"{name}: channel {experiment.unsampled[0]}: expected at least one sample, got "
-                "missing ones only; leave the channel out with Experiment.select"
-            )
-        check_units(twin, name, experiment)
-        check_without_gap(name, experiment)
-        names.append(name)
-    # Two recordings of one name must not share a row of a table.
-    found: list[str] = []
-    for number, name in enumerate(names, start=1):
-        free = (f"{name} ({other})" for other in count_from(number))
-        found.append(
-            name if name not in found else next(other for other in free if other not in names)
-        )
-    return dict(zip(found, experiments, strict=True))

@@ -33,9 +33,8 @@ from .._name_suggestions import did_you_mean
 from .._number_text import short_number
 from .._waiting import announced
 from ._descent import descend
-from ._descent_result import Callbacks, DescentStep
+from ._descent_result import Callbacks, DescentStep, Iteration, make_iteration
 from ._fit import Fit, solution_of
-from ._iterations import Iteration, make_iteration
 from ._match import default_solver
 from ._objective import make_objective
 

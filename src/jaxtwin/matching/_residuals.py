@@ -24,12 +24,12 @@ from jaxtyping import Array, Float, Int
 from ..physics import System
 from ..simulation import Drive, TimeGrid, solve_network
 from ..simulation._modes import Modes, run_modes
-from ._objective import Objective, RecordingGroup
+from ._objective import Objective, SameShapeBatch
 from ._residual_weights import ResidualWeights, SplitErrors
-from ._run_start import OF_THE_RIG, RunStart
+from ._start import OF_THE_RIG, RunStart
 
 Residuals = list[SplitErrors | Float[Array, "..."]]
-"""For each group of recordings the weighted parts of their output errors, followed by those of the
+"""For each batch of recordings the weighted parts of their output errors, followed by those of the
 priors."""
 
 
@@ -41,7 +41,7 @@ def residuals(
 
 
 def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> list[Modes]:
-    """The modes of the network in each recording, with a leading recordings axis for each group.
+    """The modes of the network in each recording, with a leading recordings axis for each batch.
 
     They have no derivatives: residuals and their derivatives can share them.
     """
@@ -51,39 +51,41 @@ def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> 
         return run_modes(twin.system(lumped=objective.start.is_lumped), grid.summary())
 
     return [
-        jax.lax.map(lambda inputs: of_recording(*inputs), (local, group.grid))
-        for group, local in zip(objective.groups, local_vectors(vector, objective), strict=True)
+        jax.lax.map(lambda inputs: of_recording(*inputs), (local, batch.grid))
+        for batch, local in zip(
+            objective.same_shape_batches, local_vectors(vector, objective), strict=True
+        )
     ]
 
 
 def output_errors(
     vector: Float[Array, " unknowns"], objective: Objective, modes: Sequence[Modes] | None = None
 ) -> list[Float[Array, "_recordings _times _channels"]]:
-    """Simulated minus recorded temperatures, `(recordings, times, channels)` for each group, K; 0
+    """Simulated minus recorded temperatures, `(recordings, times, channels)` for each batch, K; 0
     for padding.
 
     **Arguments:**
 
     - `modes`: the `recording_modes` of the vector, None to find them here.
     """
-    known = [None] * len(objective.groups) if modes is None else modes
+    known = [None] * len(objective.same_shape_batches) if modes is None else modes
 
-    # The groups are solved one after the other, which on a CPU is as fast as side by side and
+    # The batches are solved one after the other, which on a CPU is as fast as side by side and
     # compiles in two thirds of the time.
-    def of_recording(local: Array, group: RecordingGroup, modes: Modes | None) -> Array:
-        simulated = camera_readings(local, objective, group.grid, group.columns, modes)
-        return errors_of_readings(simulated, group)
+    def of_recording(local: Array, batch: SameShapeBatch, modes: Modes | None) -> Array:
+        simulated = camera_readings(local, objective, batch.grid, batch.columns, modes)
+        return errors_of_readings(simulated, batch)
 
     return [
-        jax.lax.map(lambda inputs: of_recording(*inputs), (local, group, of_group))
-        for group, local, of_group in zip(
-            objective.groups, local_vectors(vector, objective), known, strict=True
+        jax.lax.map(lambda inputs: of_recording(*inputs), (local, batch, of_batch))
+        for batch, local, of_batch in zip(
+            objective.same_shape_batches, local_vectors(vector, objective), known, strict=True
         )
     ]
 
 
 def errors_of_readings(
-    simulated: Float[Array, "times channels"], recording: RecordingGroup
+    simulated: Float[Array, "times channels"], recording: SameShapeBatch
 ) -> Float[Array, "times channels"]:
     """Simulated readings minus those of a single recording, K; 0 for padding."""
     error = simulated - recording.temperatures
@@ -98,7 +100,7 @@ def weighted_residuals(
     """Computes the result of `residuals` from the output errors."""
     parts: Residuals = []
     squares, samples = jnp.zeros(()), jnp.zeros((), int)
-    for group, group_errors in zip(objective.groups, errors, strict=True):
+    for batch, batch_errors in zip(objective.same_shape_batches, errors, strict=True):
 
         def of_recording(
             errors: Array, weights: ResidualWeights, sampled: Array | np.ndarray
@@ -108,10 +110,10 @@ def weighted_residuals(
             unexplained = errors - (jnp.asarray(weights.shapes) @ split.sizes)[:, None]
             return weights.weigh(split), jnp.sum(unexplained**2, where=sampled)
 
-        part, square = jax.vmap(of_recording)(group_errors, group.weights, group.sampled)
+        part, square = jax.vmap(of_recording)(batch_errors, batch.weights, batch.sampled)
         parts.append(part)
         squares += square.sum()
-        samples += jnp.sum(group.sampled)
+        samples += jnp.sum(batch.sampled)
     linear = objective.linear_prior
     parts.append((vector - objective.prior_means) * objective.prior_weights)
     parts.append(jnp.asarray(linear.matrix) @ vector - linear.values)
@@ -121,9 +123,9 @@ def weighted_residuals(
 def local_vectors(
     vector: Float[Array, " unknowns"], objective: Objective
 ) -> list[Float[Array, "_recordings _entries"]]:
-    """For each group of recordings, the entries of the vector on which each recording depends."""
+    """For each batch of recordings, the entries of the vector on which each recording depends."""
     indices = objective.layout.entry_indices()
-    return [vector[indices[list(group.positions)]] for group in objective.groups]
+    return [vector[indices[list(batch.positions)]] for batch in objective.same_shape_batches]
 
 
 def camera_readings(

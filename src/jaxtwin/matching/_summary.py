@@ -1,14 +1,18 @@
-"""A fit as a table in plain text, Markdown or LaTeX."""
+"""A fit as a table in plain text, Markdown or LaTeX, and as a labelled dataset."""
 
 import math
 from textwrap import wrap
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
-from ._starting_parameters import replaced_by_recorded_room
+from ._start import replaced_by_recorded_room
 
 if TYPE_CHECKING:
+    import xarray
+
     from ._fit import Fit
     from ._fitted_parameters import FittedParameter
 
@@ -47,6 +51,52 @@ def summary_table(fit: "Fit", style: Style = "text") -> str:
     if style == "latex":
         return _latex(rows)
     return _text(fit, rows)
+
+
+def fit_dataset(fit: "Fit") -> "xarray.Dataset":
+    """Implements `Fit.to_xarray`."""
+    import xarray
+
+    table = tuple(fit.parameters.values())
+    numbers = {
+        name: ("parameter", [getattr(row, name) for row in table])
+        for name in ("value", "initial", "standard_error", "lower", "upper")
+    }
+    own = list(next(iter(fit.recording_values.values())))
+    channels = list(dict.fromkeys(channel for names in fit.channels for channel in names))
+    fits = [
+        [fit.fit_percent.get((name, channel), math.nan) for channel in channels]
+        for name in fit.recordings
+    ]
+    own_values = [[values[n] for n in own] for values in fit.recording_values.values()]
+    entries = ("entry", "other_entry")
+    return xarray.Dataset(
+        {
+            **numbers,
+            "free": ("parameter", [row.free for row in table]),
+            "interval": (("parameter", "bound"), [row.interval for row in table]),
+            "recording_value": (
+                ("recording", "own_parameter"),
+                np.reshape(own_values, (len(fit.recordings), len(own))),
+            ),
+            "fit_percent": (("recording", "channel"), fits, {"units": "%"}),
+            "covariance": (entries, fit.uncertainty.covariance),
+            "correlation": (entries, fit.uncertainty.correlation, {"units": "1"}),
+            "rmse": ("iteration", [step.rmse for step in fit.history], {"units": "K"}),
+        },
+        coords={
+            "parameter": [row.name for row in table],
+            "unit": ("parameter", [row.unit for row in table]),
+            "bound": ["lower", "upper"],
+            "recording": list(fit.recordings),
+            "own_parameter": own,
+            "channel": channels,
+            "entry": list(fit.uncertainty.labels),
+            "other_entry": list(fit.uncertainty.labels),
+            "iteration": [step.number for step in fit.history],
+        },
+        attrs={"rig": fit.twin.rig.name, "status": fit.status, "date": fit.date},
+    )
 
 
 def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:

@@ -1,23 +1,74 @@
-"""The parameters that a match may change, and their positions in the optimiser's vector."""
+"""The parameters that a match may change, as the optimiser's vector: positions, scales, bounds."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import final
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._arguments import mapping_of, names_of
-from .._errors import MatchError, ParameterError
-from .._name_suggestions import did_you_mean
 from ..physics import Twin
 from ..rig import Parameter
-from ._search_space import SearchSpace
 
-NARROWEST = 1e-100
-"""The smallest spread of a prior, and the reciprocal of the largest: their squares must be finite
-and positive."""
+Vector = Float[np.ndarray | Array, "*descents unknowns"]
+
+WALL = 1e-6
+"""A start at a bound is moved inside by this part of the range, because the derivative of the
+transform is 0 at a bound."""
+
+
+@final
+class SearchSpace(eqx.Module):
+    """Bounds of the optimiser's vector, and the distances that its entries are expected to move.
+
+    - `lower`, `upper`: bounds, infinite if there are none.
+    - `scale`: the reciprocal of the distance that each entry is expected to move; None if that is
+      not known.
+    - `difference_steps`: the steps of central differences, for `BoundedLevenbergMarquardt`; None
+      for exact derivatives. Differences take less time to compile.
+    """
+
+    lower: Vector
+    upper: Vector
+    scale: Vector | None = None
+    difference_steps: Vector | None = None
+
+    def clip(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+        """The nearest vector inside the bounds."""
+        return jnp.clip(vector, self.lower, self.upper)
+
+    def to_unbounded(
+        self, vector: Float[np.ndarray, " unknowns"]
+    ) -> Float[np.ndarray, " unknowns"]:
+        r"""Transforms a vector to the variables of an optimiser without bounds.
+
+        An entry between two bounds becomes the angle $z$ of MINUIT (James and Roos, Computer
+        Physics Communications 10 (1975) 343-367),
+
+        $$u = l + \frac{h - l}{2} (1 + \sin z),$$
+
+        which can reach its bounds, unlike a logistic curve. Any other entry is only scaled, and
+        clipped at its bound.
+        """
+        lower, upper = np.asarray(self.lower), np.asarray(self.upper)
+        walled = np.isfinite(lower) & np.isfinite(upper)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = np.clip((vector - lower) / (upper - lower), WALL, 1 - WALL)
+        angle = np.arcsin(2 * np.where(walled, share, 0.5) - 1)
+        return np.where(walled, angle, vector * self._plain_scale())
+
+    def from_unbounded(self, variables: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+        """The vector that belongs to such variables."""
+        lower, upper = jnp.asarray(self.lower), jnp.asarray(self.upper)
+        walled = jnp.isfinite(lower) & jnp.isfinite(upper)
+        low, high = jnp.where(walled, lower, 0.0), jnp.where(walled, upper, 1.0)
+        inside = low + (high - low) * 0.5 * (1 + jnp.sin(variables))
+        return self.clip(jnp.where(walled, inside, variables / self._plain_scale()))
+
+    def _plain_scale(self) -> Vector:
+        return np.ones(np.shape(self.lower)) if self.scale is None else self.scale
 
 
 @final
@@ -34,35 +85,35 @@ class Unknowns:
     - `shared`: parameters with one value for all recordings.
     - `per_group`: parameters with a value for each group.
     - `per_recording`: parameters with a value for each recording.
-    - `groups`: the number of each recording's group, counted from 0.
+    - `group_numbers`: the number of each recording's group, counted from 0.
     """
 
     shared: tuple[Parameter, ...]
     per_group: tuple[Parameter, ...]
     per_recording: tuple[Parameter, ...]
-    groups: tuple[int, ...]
+    group_numbers: tuple[int, ...]
 
     @classmethod
-    def of(cls, rows: Sequence[Parameter], groups: Sequence[int]) -> "Unknowns":
+    def of(cls, rows: Sequence[Parameter], group_numbers: Sequence[int]) -> "Unknowns":
         """Sorts parameters by their scope. If there is a single group, the parameters of groups are
         shared."""
-        single = max(groups) == 0
+        single = max(group_numbers) == 0
         return cls(
             shared=tuple(r for r in rows if r.scope == "shared" or (single and r.scope == "group")),
             per_group=tuple(r for r in rows if r.scope == "group" and not single),
             per_recording=tuple(r for r in rows if r.scope == "recording"),
-            groups=tuple(groups),
+            group_numbers=tuple(group_numbers),
         )
 
     @property
     def recordings(self) -> int:
         """The number of recordings."""
-        return len(self.groups)
+        return len(self.group_numbers)
 
     @property
     def entry_parameters(self) -> tuple[Parameter, ...]:
         """The parameter of each entry of the vector."""
-        groups = max(self.groups) + 1
+        groups = max(self.group_numbers) + 1
         return self.shared + self.per_group * groups + self.per_recording * self.recordings
 
     @property
@@ -99,7 +150,7 @@ class Unknowns:
 
     def group_entries(self) -> Int[np.ndarray, "groups entries"]:
         """The positions of each group's values in the vector."""
-        groups, size = max(self.groups) + 1, len(self.per_group)
+        groups, size = max(self.group_numbers) + 1, len(self.per_group)
         return len(self.shared) + size * np.arange(groups)[:, None] + np.arange(size)
 
     def rows_of_groups(self) -> tuple[tuple[Parameter, ...], Int[np.ndarray, "rows groups"]]:
@@ -137,10 +188,10 @@ class Unknowns:
         pairs = zip(self.entry_parameters, vector, strict=True)
         return np.array([np.exp(entry) if row.is_logarithmic else 1.0 for row, entry in pairs])
 
-    def labels(self, recordings: Sequence[str], groups: Sequence[str]) -> tuple[str, ...]:
+    def labels(self, recordings: Sequence[str], group_names: Sequence[str]) -> tuple[str, ...]:
         """Names of the entries; the value of a group or recording is `name[group]` or
         `name[recording]`."""
-        own = [f"{row.name}[{group}]" for group in groups for row in self.per_group]
+        own = [f"{row.name}[{group}]" for group in group_names for row in self.per_group]
         own += [
             f"{row.name}[{recording}]" for recording in recordings for row in self.per_recording
         ]
@@ -153,7 +204,7 @@ class Unknowns:
             shared=tuple((row.name, row.is_logarithmic) for row in self.shared),
             per_group=tuple((row.name, row.is_logarithmic) for row in self.per_group),
             per_recording=tuple((row.name, row.is_logarithmic) for row in self.per_recording),
-            groups=self.groups,
+            group_numbers=self.group_numbers,
         )
 
     def to_values(
@@ -190,13 +241,13 @@ class Layout:
     **Arguments:**
 
     - `shared`, `per_group`, `per_recording`: pairs (name, whether it enters by its logarithm).
-    - `groups`: the number of each recording's group.
+    - `group_numbers`: the number of each recording's group.
     """
 
     shared: tuple[tuple[str, bool], ...]
     per_group: tuple[tuple[str, bool], ...]
     per_recording: tuple[tuple[str, bool], ...]
-    groups: tuple[int, ...]
+    group_numbers: tuple[int, ...]
 
     @property
     def names(self) -> tuple[tuple[str, bool], ...]:
@@ -206,9 +257,9 @@ class Layout:
     def entry_indices(self) -> Int[np.ndarray, "recordings entries"]:
         """The positions of the entries on which each recording depends."""
         shared, grouped, own = map(len, (self.shared, self.per_group, self.per_recording))
-        recordings, group = len(self.groups), np.array(self.groups)[:, None]
+        recordings, group = len(self.group_numbers), np.array(self.group_numbers)[:, None]
         of_group = shared + grouped * group + np.arange(grouped)
-        behind = shared + grouped * (max(self.groups) + 1)
+        behind = shared + grouped * (max(self.group_numbers) + 1)
         of_recording = behind + own * np.arange(recordings)[:, None] + np.arange(own)
         first = np.broadcast_to(np.arange(shared), (recordings, shared))
         return np.concatenate([first, of_group, of_recording], axis=1)
@@ -226,150 +277,3 @@ class Layout:
         """The entries of a recording that act on the network, not only on gains."""
         outer = twin.wiring.gain_names
         return [number for number, (name, _) in enumerate(self.names) if name not in outer]
-
-
-@final
-@dataclass(frozen=True)
-class ParameterChoice:
-    """The arguments of `match` that change the rig's parameter table, not checked yet.
-
-    - `free`: the free parameters, in place of those that the table marks as free.
-    - `fixed`: parameters to hold.
-    - `shared`, `per_recording`: parameters that are free in addition, with one value for all
-      recordings or a value for each, whatever their scope in the table.
-    - `bounds`: bounds that replace those of the table, name -> (lower, upper) in the parameter's
-      unit.
-    """
-
-    free: Iterable[str] | None = None
-    fixed: Iterable[str] = ()
-    shared: Iterable[str] = ()
-    per_recording: Iterable[str] = ()
-    bounds: Mapping[str, tuple[float, float]] | None = None
-
-
-AS_IN_THE_TABLE = ParameterChoice()
-
-
-def choose_unknowns(
-    twin: Twin, groups: Sequence[int], choice: ParameterChoice = AS_IN_THE_TABLE
-) -> Unknowns:
-    """Chooses the unknowns of a match: the rig's parameter table, changed by a choice.
-
-    **Arguments:**
-
-    - `twin`: its values are the start of the match.
-    - `groups`: the number of each recording's group, counted from 0.
-    - `choice`: the changes of the table.
-
-    **Raises:** `ParameterError` for unknown names and for a parameter with several values;
-    `MatchError` if a name has contradictory roles, or has bounds without being free; if bounds
-    exclude the value or the prior's centre, or change the meaning of the prior's spread; if that
-    spread is too small or too large; or if nothing is left free.
-    """
-    table = twin.rig.parameters
-    twin.numbers_si  # noqa: B018 - refuses a parameter with several values
-    if isinstance(choice.free, Mapping):
-        raise MatchError(
-            f"free: expected one name or several, got values beside them; free them by name and "
-            f"give bounds as bounds={dict(choice.free)!r}"
-        )
-    free = None if choice.free is None else set(names_of("free", choice.free, MatchError))
-    fixed = set(names_of("fixed", choice.fixed, MatchError))
-    shared = set(names_of("shared", choice.shared, MatchError))
-    per_recording = set(names_of("per_recording", choice.per_recording, MatchError))
-    bounds = {} if choice.bounds is None else choice.bounds
-    mapping_of("bounds", bounds, "name -> (lower, upper)", MatchError)
-    keywords = {
-        "free": free or set(),
-        "fixed": fixed,
-        "shared": shared,
-        "per_recording": per_recording,
-        "bounds": set(bounds),
-    }
-    for keyword, names in keywords.items():
-        unknown = sorted(names - set(table))
-        if unknown:
-            raise ParameterError(
-                f"{twin.rig.name}: {keyword}: expected some of the parameters {', '.join(table)}, "
-                f"got {', '.join(unknown)}{did_you_mean(unknown, table)}"
-            )
-    opposites = (
-        ("free", "fixed"),
-        ("shared", "fixed"),
-        ("per_recording", "fixed"),
-        ("shared", "per_recording"),
-    )
-    for keyword, other in opposites:
-        both = sorted(keywords[keyword] & keywords[other])
-        if both:
-            raise MatchError(
-                f"{', '.join(both)}: expected in either {keyword} or {other}, got in both"
-            )
-    chosen = {
-        name: row
-        for name, row in table.items()
-        if name not in fixed
-        and (name in shared | per_recording or (row.free if free is None else name in free))
-    }
-    if not chosen:
-        raise MatchError(
-            f"{twin.rig.name}: no free parameter; set free = true in the rig file's table or pass "
-            "free=[...]"
-        )
-    held = sorted(set(bounds) - set(chosen))
-    if held:
-        raise MatchError(
-            f"bounds: expected some of the free parameters {', '.join(chosen)}, got "
-            f"{', '.join(held)}; free it or leave its bounds out"
-        )
-    rows = []
-    for name, row in chosen.items():
-        scope = "recording" if name in per_recording else "shared" if name in shared else row.scope
-        limits = bounds.get(name, (row.lower, row.upper))
-        bounded = _bounded(row, float(twin.values[name]), limits)
-        rows.append(replace(bounded, free=True, scope=scope))
-    return Unknowns.of(rows, groups)
-
-
-def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Parameter:
-    """A parameter with a start value and bounds that do not change the meaning of its prior."""
-    lower, upper = _pair(row.name, bounds)
-    given = f"{lower:g} to {upper:g} {row.unit}".rstrip()
-    if not lower <= value <= upper or lower == upper:
-        raise MatchError(
-            f"{row.name}: expected a start within its bounds, {lower:g} to {upper:g}, got "
-            f"{value:g} {row.unit}; move the start or the bounds"
-        )
-    if row.prior_value is not None and not lower <= row.prior_value <= upper:
-        raise MatchError(
-            f"{row.name}: expected bounds that contain the centre of the prior, "
-            f"{row.prior_value:g}, got {given}"
-        )
-    if row.prior_spread is not None and not NARROWEST <= row.prior_spread <= 1 / NARROWEST:
-        raise MatchError(
-            f"{row.name}: expected a prior spread of {NARROWEST:g} to {1 / NARROWEST:g}, got "
-            f"{row.prior_spread:g}; hold a parameter that is known, and leave the prior out where "
-            "nothing is known"
-        )
-    bounded = replace(row, value=value, lower=lower, upper=upper)
-    if row.prior_spread is not None and bounded.is_logarithmic != row.is_logarithmic:
-        kept = "above 0" if row.is_logarithmic else "with a lower one of 0 or less"
-        kind = "relative" if row.is_logarithmic else f"in {row.unit or 'its unit'}"
-        raise MatchError(
-            f"{row.name}: expected bounds {kept}, because the prior's spread is {kind}, got {given}"
-        )
-    return bounded
-
-
-def _pair(name: str, bounds: object) -> tuple[float, float]:
-    """Two numbers in order; they may be infinite."""
-    try:
-        pair = np.asarray(bounds)
-    except ValueError:  # of different lengths
-        pair = np.array(None)
-    if pair.dtype.kind not in "iuf" or pair.shape != (2,) or not pair[0] < pair[1]:
-        raise MatchError(
-            f"{name}: bounds: expected (lower, upper), numbers in that order, got {bounds!r}"
-        )
-    return float(pair[0]), float(pair[1])

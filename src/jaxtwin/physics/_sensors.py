@@ -7,9 +7,9 @@ temperature $T$ that it measures, a weighted mean over elements and bodies:
 $$\tau \dot T_s = T - T_s$$
 
 In the network it is a node of heat capacity $C_s$ with a link of $\tau / (w_i C_s)$ to each
-element, whose weight in the mean is $w_i$. It must not affect the plate. $C_s$ is therefore `SHARE`
-of the heat capacity of an element: the heat that it takes changes temperatures by about this
-fraction.
+element, whose weight in the mean is $w_i$. It must not affect the plate. $C_s$ is therefore the
+fraction `RELATIVE_CAPACITY` of the heat capacity of an element: the heat that it takes changes
+temperatures by about this fraction.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from jaxtyping import Float
 from ..rig import Rig
 from ._netlist import Link, Netlist, Node
 
-SHARE = 1e-6
+RELATIVE_CAPACITY = 1e-6
 """The heat capacity of a sensor, as a fraction of an element's."""
 
 
@@ -42,7 +42,7 @@ def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[L
         weights = channel.sensor.weights(rig.plate)
         touched = [(node, weights[node.name]) for node in nodes if weights.get(node.name, 0) > 0]
         name, (first, _) = sensor_name(channel.name), touched[0]
-        capacitance = first.capacitance * SHARE
+        capacitance = first.capacitance * RELATIVE_CAPACITY
         sensors.append(Node(name, "sensor", capacitance, first.initial_temperature))
         links += [
             Link(node.name, name, (channel.lag / (capacitance * weight),), "sensor")

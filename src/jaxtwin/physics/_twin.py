@@ -14,6 +14,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .._arguments import mapping_of, of_kind
+from .._celsius import ZERO_CELSIUS
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._name_suggestions import did_you_mean, unknown_name
 from .._pint_quantities import in_unit
@@ -272,11 +273,11 @@ def _check_not_kelvin(where: str, parameter: Parameter, values: np.ndarray) -> N
     if parameter.unit != "degC":
         return
     outside = (values < parameter.lower) | (values > parameter.upper)
-    celsius = values - 273.15
+    celsius = values - ZERO_CELSIUS
     kelvin = outside & (celsius >= parameter.lower) & (celsius <= parameter.upper)
     if kelvin.any():
         value = values[kelvin].flat[0]
         raise ParameterError(
             f"{where}: expected {parameter.lower:g} to {parameter.upper:g} degC, got {value:g}; in "
-            f'K, that is {value - 273.15:g} degC: write "{value:g} K"'
+            f'K, that is {value - ZERO_CELSIUS:g} degC: write "{value:g} K"'
         )

@@ -18,7 +18,7 @@ from ._units import unit_text
 if TYPE_CHECKING:
     import xarray
 
-MOST = 100_000
+MOST_DRAWS = 100_000
 """The largest number of draws that are read: the quantiles of more draws would look the same."""
 
 PANELS = 3
@@ -61,7 +61,7 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
             f"plot_distributions: expected quantities over draws, got {', '.join(names) or 'none'} "
             f"over {draws.sizes.get('draw', 0)} draws; ask simulate_batch for reductions"
         )
-    first = draws[names].isel(draw=slice(MOST))
+    first = draws[names].isel(draw=slice(MOST_DRAWS))
     quantities = [_columns(first[name]) for name in names]
     lines = math.ceil(len(names) / PANELS)
     across = math.ceil(len(names) / lines)

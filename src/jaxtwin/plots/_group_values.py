@@ -78,7 +78,7 @@ def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None
 def _of_one_match(fit: Fit) -> dict[str, _Row]:
     problem = solution_of(fit).problem
     parameters, _ = problem.unknowns.rows_of_groups()
-    if len(problem.groups) < 2 or not parameters:
+    if len(problem.group_names) < 2 or not parameters:
         raise MatchError(
             "plot_group_values: expected a match of several groups with parameters of scope group, "
             f"got {fit!r}; pass groups=[...] to match, or a fit of each group"
@@ -87,7 +87,7 @@ def _of_one_match(fit: Fit) -> dict[str, _Row]:
     rows = {}
     for parameter in parameters:
         name, found, intervals = parameter.name, [], []
-        for group in problem.groups:
+        for group in problem.group_names:
             value, error = values[group][name], errors[f"{name}[{group}]"]
             logarithmic = parameter.is_logarithmic
             relative = error / value if logarithmic else error

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from matplotlib.axes import Axes
 
+from .._celsius import ZERO_CELSIUS
 from ..physics import Twin
 from ..physics._sensors import sensor_name
 from ..rig._plate import AMBIENT
@@ -55,7 +56,7 @@ def draw_bodies(
         if body.temperature is None:
             text = f"body, {texts[body.name]}"
         else:
-            text = f"held at {body.temperature.evaluate(values) - 273.15:.3g} °C"
+            text = f"held at {body.temperature.evaluate(values) - ZERO_CELSIUS:.3g} °C"
         draw_box(ax, x, top, layout.inch, body.name, text)
         y = top + BOX_HEIGHT * layout.inch
         for link in twin.netlist.links:

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
+from .._celsius import ZERO_CELSIUS
 from ..physics import ThermoelectricElement, Twin
 from ..rig._plate import AMBIENT
 from ._netlist_layout import BOX, BOX_HEIGHT, GAP, Layout
@@ -143,7 +144,7 @@ def _draw_column(
         draw_note(ax, x + 0.12 * inch, y + (BOX_HEIGHT + 0.45 * GAP) * inch, resistance)
         node, y = link.b, below
     ax.plot(x, y, "o", mfc=palette().ground, mec=palette().blue, mew=1.6, ms=8, zorder=4)
-    ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15
+    ambient = twin.rig.ambient_temperature.evaluate(values) - ZERO_CELSIUS
     end = f"air, {ambient:.3g} °C" if node == AMBIENT else node
     draw_note(ax, x + 0.17 * inch, y + 0.03 * inch, end)
     return y

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple, final
 
+from .._celsius import ZERO_CELSIUS
+
 
 @final
 class Unit(NamedTuple):
@@ -49,7 +51,7 @@ COMMON_UNITS = MappingProxyType(
         "mohm": _unit(0.001, 1, 2, -3, -2, 0),
         "W": _unit(1.0, 1, 2, -3, 0, 0),
         "K": _unit(1.0, 0, 0, 0, 0, 1),
-        "degC": _unit(1.0, 0, 0, 0, 0, 1, offset=273.15),
+        "degC": _unit(1.0, 0, 0, 0, 0, 1, offset=ZERO_CELSIUS),
         "K/W": _unit(1.0, -1, -2, 3, 0, 1),
         "K/s": _unit(1.0, 0, 0, -1, 0, 1),
         "K/hour": _unit(1 / 3600, 0, 0, -1, 0, 1),

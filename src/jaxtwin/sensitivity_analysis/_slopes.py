@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._errors import SimulationError
 from .._jax_settings import own_settings
@@ -100,7 +101,7 @@ def _slopes_of_chunk(
     ) -> tuple[dict[str, Array], tuple[Float[Array, ""], Float[Array, ""]]]:
         drawn = twin.with_values(dict(zip(names, vector, strict=True)))
         states, readings, number, error = _run_exponential(drawn, grid, None)
-        trajectory = readings[:, columns] - 273.15
+        trajectory = readings[:, columns] - ZERO_CELSIUS
         parts = {
             "trajectory": trajectory[:count],
             "padded_trajectory": trajectory,

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from ..io import Experiment
 from ..physics import Twin
@@ -78,7 +79,7 @@ def diffrax_chunk(
         failed = ~(system.is_valid & is_resolved & is_solved)
         plate = states[-1, : len(system.wiring.rig_elements)]
         temperatures, plate = (
-            jnp.where(failed, jnp.nan, kelvin - 273.15) for kelvin in (readings, plate)
+            jnp.where(failed, jnp.nan, kelvin - ZERO_CELSIUS) for kelvin in (readings, plate)
         )
         drawn = None
         if with_power:

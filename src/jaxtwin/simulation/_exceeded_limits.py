@@ -5,23 +5,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from .._celsius import ZERO_CELSIUS
 from ..rig import Rig
 from ..rig._limits import SOLDER
 
 if TYPE_CHECKING:
     from ._run import Run
 
-ABSOLUTE_ZERO = -273.15
-
 
 def exceeded_limits(run: "Run", rig: Rig) -> tuple[str, ...]:
     """A sentence for each kind of limit that is exceeded, about the hottest channel or cell."""
     found = []
     if rig.limits is not None:
-        limit = rig.limits.temperature + ABSOLUTE_ZERO
+        limit = rig.limits.temperature - ZERO_CELSIUS
         found += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
     given = None if rig.limits is None else rig.limits.cell_temperature
-    limit = SOLDER if given is None else given + ABSOLUTE_ZERO
+    limit = SOLDER if given is None else given - ZERO_CELSIUS
     # A resistive heater has no solder between two plates.
     cells = [c.name for c in rig.cells if given is not None or c.seebeck_coefficient.factor != 0]
     sides = [node for cell in cells for node in (f"{cell}.TC", f"{cell}.TH")]

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from .._celsius import ZERO_CELSIUS
 from .._errors import SimulationError
 from ..physics import System, Twin
 
@@ -60,10 +61,11 @@ def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
         raise SimulationError(
             f"initial: expected {expected}, got shape {values.shape} with {values.tolist()}"
         )
-    kelvin = np.atleast_1d(values.astype(float)) + 273.15
+    kelvin = np.atleast_1d(values.astype(float)) + ZERO_CELSIUS
     if kelvin.min() < 0:
         raise SimulationError(
-            f"initial: expected -273.15 degC and above, got {kelvin.min() - 273.15:g} degC"
+            f"initial: expected {-ZERO_CELSIUS:g} degC and above, got "
+            f"{kelvin.min() - ZERO_CELSIUS:g} degC"
         )
     return kelvin
 

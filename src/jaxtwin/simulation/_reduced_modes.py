@@ -39,7 +39,7 @@ POLES, FASTEST_POLE = 12, 100.0
 """The number of rates at which responses are computed, without that at rest; and the largest,
 1/s."""
 
-LOST = 6
+RESPONSES_OF_LOSSES = 6
 """The number of responses, from the slowest, to which responses to nonlinear losses are added."""
 
 DEPENDENT = 1e-10
@@ -53,7 +53,7 @@ LARGEST_RESIDUAL = 3e-4
 """The largest change of a temperature by the residual that is accepted, K."""
 
 ROUNDS = 4
-LOOKS = 32
+RESIDUAL_STEPS = 32
 """The largest number of times that the space grows, and the number of steps at which the residual
 is evaluated."""
 
@@ -66,7 +66,7 @@ RunResult: TypeAlias = tuple[
 
 
 @final
-class Looks(eqx.Module):
+class ResidualTerms(eqx.Module):
     """The terms of the equations of all nodes at some steps of a run, from which the residual is
     computed.
 
@@ -74,8 +74,8 @@ class Looks(eqx.Module):
     - `heat`: the heat flows into the nodes without conduction, minus heat capacity times slope, W.
     """
 
-    deviation: Float[Array, "looks nodes"]
-    heat: Float[Array, "looks nodes"]
+    deviation: Float[Array, "steps nodes"]
+    heat: Float[Array, "steps nodes"]
 
 
 def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResult | None:
@@ -113,11 +113,13 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
         # The nonlinear part of the losses follows the temperatures of the plate.
         lost = np.zeros(count)
         lost[: system.wiring.elements] = np.asarray(point.loss)
-        space += [at_rest.solve(lost[:, None] * response) for response in responses[:LOST]]
+        space += [
+            at_rest.solve(lost[:, None] * response) for response in responses[:RESPONSES_OF_LOSSES]
+        ]
     for _ in range(ROUNDS):
         modes = _projected(system, linear, np.concatenate(space, axis=1), point)
-        read, looks, stability = _steps_in_modes(system, modes, grid, initial)
-        residual = np.asarray(looks.heat).T - network @ np.asarray(looks.deviation).T
+        read, terms, stability = _steps_in_modes(system, modes, grid, initial)
+        residual = np.asarray(terms.heat).T - network @ np.asarray(terms.deviation).T
         missing = at_rest.solve(residual)
         size = np.abs(missing).max()
         if size <= LARGEST_RESIDUAL or not np.isfinite(size):
@@ -213,9 +215,9 @@ def _linearised(
 @persistent_jit
 def _steps_in_modes(
     system: System, modes: Modes, grid: TimeGrid, initial: CheckedInitial
-) -> tuple[StepReadings, Looks, Array]:
-    """Returns the amplitudes of the modes at the ends of the steps, the looks, and the
-    `stability_number`."""
+) -> tuple[StepReadings, ResidualTerms, Array]:
+    """Returns the amplitudes of the modes at the ends of the steps, the terms of the residual, and
+    the `stability_number`."""
     # The modes replace the conductance matrix. Only derivatives would need it, and none are
     # computed.
     nodes = system.capacitance.size
@@ -224,7 +226,7 @@ def _steps_in_modes(
     start = initial_temperatures(system, initial, grid.duty[0], drive.reference)
     read = integrate(system, drive, modes, start, None)
     stability = stability_number(system, modes, grid.summary())
-    return read, _looks(system, modes, drive, read), stability
+    return read, _residual_terms(system, modes, drive, read), stability
 
 
 @persistent_jit
@@ -241,9 +243,11 @@ def _at_samples(
     return nodes + drive.reference, readings + drive.reference
 
 
-def _looks(system: System, modes: Modes, drive: Drive, read: StepReadings) -> Looks:
+def _residual_terms(
+    system: System, modes: Modes, drive: Drive, read: StepReadings
+) -> ResidualTerms:
     inputs = jax.vmap(lambda row: row.at(0))(drive.inputs())
-    steps = np.unique(np.linspace(0, len(drive.grid.size) - 1, LOOKS).astype(int))
+    steps = np.unique(np.linspace(0, len(drive.grid.size) - 1, RESIDUAL_STEPS).astype(int))
     deviations, slopes = (rows[steps] @ modes.shapes.T for rows in (read.values, read.slopes))
 
     def heat(step: Array, deviation: Array, slope: Array) -> Array:
@@ -251,4 +255,4 @@ def _looks(system: System, modes: Modes, drive: Drive, read: StepReadings) -> Lo
         heat = system.heat_without_conduction(deviation, duty, drive.reference, ambient)
         return heat - system.capacitance * slope
 
-    return Looks(deviations, jax.vmap(heat)(jnp.asarray(steps), deviations, slopes))
+    return ResidualTerms(deviations, jax.vmap(heat)(jnp.asarray(steps), deviations, slopes))

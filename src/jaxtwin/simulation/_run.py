@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number, whole_number
+from .._celsius import ZERO_CELSIUS
 from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
 from .._goodness_of_fit import fit_percent, fit_text, rmse
@@ -146,7 +147,7 @@ class Run:
         with own_settings():
             found = power_of_states(
                 self.twin,
-                padded(self.states + 273.15),
+                padded(self.states + ZERO_CELSIUS),
                 padded(self.time),
                 padded(self.experiment.duty),
                 self.is_steady_start,

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arguments import of_kind
+from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._errors import SimulationError
 from .._jax_settings import own_settings
@@ -145,9 +146,9 @@ def simulate(
     return Run(
         experiment=experiment,
         channels=channels,
-        temperatures=readings[:, [twin.channels.index(name) for name in channels]] - 273.15,
+        temperatures=readings[:, [twin.channels.index(name) for name in channels]] - ZERO_CELSIUS,
         nodes=tuple(node.name for node in twin.netlist.nodes),
-        states=states - 273.15,
+        states=states - ZERO_CELSIUS,
         rig=twin.rig.name,
         elements=len(twin.rig.plate.element_names),
         twin=twin,
@@ -217,7 +218,7 @@ def response(
 
             _, readings, result = diffrax_run(twin, start, experiment, method)
             readings = jnp.where(is_successful(result), readings, jnp.nan)
-        return readings[: len(experiment.time), columns] - 273.15
+        return readings[: len(experiment.time), columns] - ZERO_CELSIUS
 
 
 def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:

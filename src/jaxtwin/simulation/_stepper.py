@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number
+from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._errors import SimulationError
 from .._jax_settings import in_precision, is_traced, settings_for
@@ -19,8 +20,6 @@ from ..physics._twin import check_twin
 from ._check_values import check_values
 from ._exponential import Inputs, ModalField, StepFactors, exponential_step
 from ._step_preparation import check_stable, is_multiple, prepare_steps, queue_length
-
-ZERO_CELSIUS = 273.15
 
 
 @final

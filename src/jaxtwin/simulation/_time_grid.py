@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._celsius import ZERO_CELSIUS
 from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
@@ -198,7 +199,7 @@ def build_time_grid(
     step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
     part = np.clip((time - edges[step_of]) / lengths[step_of], 0.0, 1.0)
     polynomials = step_polynomials([np.asarray(span) for span in spans])
-    celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + 273.15
+    celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + ZERO_CELSIUS
     return TimeGrid(
         times=time - time[0],
         sizes=sizes,

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from .._celsius import ZERO_CELSIUS
 from .._errors import SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
@@ -67,8 +68,8 @@ def to_spice(
     ambient = experiment.ambient
     if ambient is None:
         drift = 0.0 if twin.rig.ambient_drift is None else twin.rig.ambient_drift.evaluate(values)
-        ambient = twin.rig.ambient_temperature.evaluate(values) - 273.15 + drift * time
-    ambient = np.broadcast_to(np.asarray(ambient, float) + 273.15, experiment.time.shape)
+        ambient = twin.rig.ambient_temperature.evaluate(values) - ZERO_CELSIUS + drift * time
+    ambient = np.broadcast_to(np.asarray(ambient, float) + ZERO_CELSIUS, experiment.time.shape)
     names = _node_names(twin.netlist)
     return "\n".join(
         [
@@ -243,7 +244,7 @@ def _run(
 ) -> list[str]:
     step = min(_LONGEST_STEP, float(np.median(np.diff(time))))
     nodes = [names[node.name] for node in netlist.nodes]
-    offset = float(reference - 273.15)
+    offset = float(reference - ZERO_CELSIUS)
     return [
         "*",
         ".options reltol=1e-8",

@@ -17,19 +17,19 @@ class SweepProgress:
       runs and of other processes.
     - `rate`: draws per second, without the first chunk, which waits for the compiler; None until
       it is known.
-    - `remaining_s`: the time until the sweep is complete, s; None until it is known.
+    - `remaining`: the time until the sweep is complete, s; None until it is known.
     """
 
     done: int
     total: int
     rate: float | None
-    remaining_s: float | None
+    remaining: float | None
 
     def __str__(self) -> str:
         text = f"{self.done} of {self.total} draws"
-        if self.rate is None or self.remaining_s is None:
+        if self.rate is None or self.remaining is None:
             return text
-        return f"{text}, {self.rate:.0f} draws/s, {_clock(self.remaining_s)} left"
+        return f"{text}, {self.rate:.0f} draws/s, {_clock(self.remaining)} left"
 
 
 @final
@@ -66,11 +66,11 @@ class ProgressMeter:
         before, since = self.first
         draws = self.finished // self.simulations
         done = self.done_before + draws
-        rate = remaining_s = None
+        rate = remaining = None
         if self.finished > before and now > since:
             rate = (self.finished - before) / self.simulations / (now - since)
-            remaining_s = (self.total - done) / rate
-        self.on_progress(SweepProgress(done, self.total, rate, remaining_s))
+            remaining = (self.total - done) / rate
+        self.on_progress(SweepProgress(done, self.total, rate, remaining))
 
     def add_elsewhere(self, draws: int) -> None:
         """Adds draws that another process is working on or has finished."""

@@ -27,7 +27,7 @@ from ..matching import (
 from ..matching._band import UncertainValues, band_about, values_of_matched, values_of_unseen
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..matching._nominal_twin import nominal_twin
-from ..matching._problem import named_groups
+from ..matching._recordings import named_groups
 from ..physics import Twin
 from ..simulation import simulate
 from ..simulation._initial import Initial
@@ -120,7 +120,7 @@ def validate(
             )
         else:
             predictions.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
-        _tell(on_progress, predictions[-1])
+        _report_progress(on_progress, predictions[-1])
     if all(prediction.is_matched for prediction in predictions):
         kind = "matched, not a prediction"
     return Validation(twin.rig.name, kind, tuple(predictions))
@@ -176,7 +176,7 @@ def validate_split(
         band = partial(_band, fit, recording, values_of_matched(fit, name), at)
         own = fit.recording_values[name]
         predictions.append(Prediction(name, run, fit.twins[name], own, (), fit, make_band=band))
-        _tell(on_progress, predictions[-1])
+        _report_progress(on_progress, predictions[-1])
     kind = f"matched before {at:g} s, predicted from there"
     return Validation(twin.rig.name, kind, tuple(predictions))
 
@@ -240,7 +240,7 @@ def leave_one_out(
             predictions.append(
                 _predict(names[number], fit, several[number], warm_up, fit=fit, group=group)
             )
-            _tell(on_progress, predictions[-1])
+            _report_progress(on_progress, predictions[-1])
     others_are = "the others" if by == "recording" else "the other groups"
     kind = f"each predicted by a match to {others_are}"
     return Validation(twin.rig.name, kind, tuple(predictions))
@@ -333,7 +333,9 @@ def _samples(recording: Experiment, part: Bool[np.ndarray, " times"]) -> int:
     return int(recording.sampled[part].sum(axis=0).min(initial=len(recording.time)))
 
 
-def _tell(on_progress: Callable[[Prediction], None] | None, prediction: Prediction) -> None:
+def _report_progress(
+    on_progress: Callable[[Prediction], None] | None, prediction: Prediction
+) -> None:
     if on_progress is not None:
         on_progress(prediction)
 

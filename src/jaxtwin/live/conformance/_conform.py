@@ -15,7 +15,7 @@ from ..protocol._identity import Identity
 from ..protocol._messages import VERSION, Ask, Beat, Hello, Message
 from ..protocol._transport import Transport
 from ._commands import command_results, line_results
-from ._dialogue import PATIENCE, Dialogue
+from ._dialogue import ANSWERS_WITHIN, Dialogue
 from ._step_result import StepResult, found
 from ._trips import trip_results
 from ._watchdog import watchdog_results
@@ -35,7 +35,7 @@ def conform(rig: Rig, transport: Transport, clock: Clock) -> Iterator[StepResult
     # Another name each time: a device refuses the old numbers of a host that it knows.
     talk = Dialogue(transport, clock, f"conform-{secrets.token_hex(4)}")
     hello = _greeting(talk, encode(Ask(VERSION)))
-    refusal = Identity.of(rig).refusal(hello) if hello else f"no hello in {PATIENCE:g} s"
+    refusal = Identity.of(rig).refusal(hello) if hello else f"no hello in {ANSWERS_WITHIN:g} s"
     yield StepResult("answers hello with a greeting that fits the rig", refusal or "")
     if hello is None or refusal is not None:
         return
@@ -58,7 +58,9 @@ def _greeting(talk: Dialogue, question: bytes) -> Hello | None:
     for _ in talk.listen(0.1):
         pass
     talk.say(question)
-    return next((message for message in talk.listen(PATIENCE) if isinstance(message, Hello)), None)
+    return next(
+        (message for message in talk.listen(ANSWERS_WITHIN) if isinstance(message, Hello)), None
+    )
 
 
 def _counts(talk: Dialogue) -> str:

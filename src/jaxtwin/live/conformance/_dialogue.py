@@ -11,7 +11,7 @@ from ..protocol._framing import deframe
 from ..protocol._messages import Data, Duty, Message, Notice, Order
 from ..protocol._transport import Transport
 
-PATIENCE = 3.0
+ANSWERS_WITHIN = 3.0
 """The longest time that an answer may take, s."""
 
 
@@ -79,11 +79,11 @@ class Dialogue:
                 except LinkError as error:
                     self.nonsense.append(str(error))
 
-    def hears(self, what: Callable[[Message], bool], seconds: float = PATIENCE) -> bool:
+    def hears(self, what: Callable[[Message], bool], seconds: float = ANSWERS_WITHIN) -> bool:
         """Whether the device sends an expected message."""
         return any(what(message) for message in self.listen(seconds))
 
-    def reports(self, seconds: float = PATIENCE, **wanted: object) -> bool:
+    def reports(self, seconds: float = ANSWERS_WITHIN, **wanted: object) -> bool:
         """Whether a sample has these values."""
         return self.hears(
             lambda message: isinstance(message, Data) and _has(message, wanted), seconds

@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, UInt16
 
+from ..._celsius import ZERO_CELSIUS
 from ..._errors import LinkError
 from ...physics import pixel_weights
 from ...rig import Rig
@@ -14,8 +15,6 @@ from ._messages import VERSION, Hello
 from ._words import LONGEST_NAME, read_name, write_name
 
 CENTIKELVIN = 0.01
-ZERO_CELSIUS = 273.15
-
 WATCHDOG_SECONDS = 0.1, 5.0
 """The shortest and the longest time of a device's watchdog, s."""
 

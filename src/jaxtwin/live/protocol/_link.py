@@ -44,7 +44,7 @@ class Link:
 
     The thread opens, reads and closes, and does nothing else: no parsing, no waiting for a disk.
     It puts what it has read, and whether the link is open, into the inbox, in order. The connection
-    parses the bytes; it calls `heard` if they are valid and `drop` if they are not.
+    parses the bytes; it calls `mark_valid` if they are valid and `drop` if they are not.
 
     **Arguments:**
 

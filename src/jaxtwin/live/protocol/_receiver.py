@@ -133,7 +133,7 @@ class Receiver:
         self._judge(arrival, len(frames))
         return records
 
-    def check(self, now: int) -> list[Record]:
+    def on_time(self, now: int) -> list[Record]:
         """Checks for silence at host time `now`, ns, after all arrived bytes were received."""
         silent = seconds(now - self.last_valid)
         if self.state is LinkState.DOWN or silent <= self._stale_after:

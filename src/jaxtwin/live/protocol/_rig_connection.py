@@ -178,7 +178,7 @@ class RigConnection:
         now = self.clock.now()
         for name, receiver in self._receivers.items():
             if self._inbox.empty():
-                records += receiver.check(now)
+                records += receiver.on_time(now)
             self._request_greeting(name, receiver, now)
         if self._journal is not None:
             self._journal.write(records)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from urllib.parse import quote, unquote_to_bytes
 
+from ..._celsius import ZERO_CELSIUS
 from ._messages import MOST_NAMES
 
 LONGEST_NAME = 32
@@ -24,7 +25,7 @@ def read_integer(text: str, least: int, most: int) -> int:
     return int(text)
 
 
-def read_number(text: str, least: float = -273.15, most: float = 2000.0) -> float:
+def read_number(text: str, least: float = -ZERO_CELSIUS, most: float = 2000.0) -> float:
     """A number in plain digits. **Raises:** `ValueError` if it is none or out of its bounds."""
     if not _NUMBER.fullmatch(text) or not least <= float(text) <= most:
         raise ValueError(f"expected a number from {least:g} to {most:g}, got {text[:24]!r}")

@@ -187,7 +187,8 @@ def _uneven(system: System, apart: Float[np.ndarray, " channels"]) -> Float[np.n
     covariance $G^{-1}$. Given the readings $A x$, their mean is
     $G^{-1} A^T (A G^{-1} A^T + \epsilon I)^{-1} A x$ (Gauss-Markov estimate).
     """
-    weights = np.asarray(system.output_matrices()[0])
+    with jax.enable_x64(True):
+        weights = np.asarray(system.output_matrices()[0])
     spread = np.linalg.solve(np.asarray(system.conductance), weights.T)
     between = weights @ spread
     noise = NOISE_TO_UNEVENNESS**2 * float(np.trace(between)) / len(between)

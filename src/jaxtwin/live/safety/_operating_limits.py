@@ -7,6 +7,7 @@ from typing import final
 import numpy as np
 from jaxtyping import ArrayLike
 
+from ..._celsius import ZERO_CELSIUS
 from ..._errors import JaxtwinError
 from ...physics import Twin
 from ...rig._limits import SOLDER
@@ -75,15 +76,16 @@ class OperatingLimits:
                 f"{rig.source}: limits.temperature: expected the temperature at which the cells "
                 'are switched off, such as "90 degC", got none; a rig is not driven without it'
             )
-        room = float(rig.ambient_temperature.evaluate(twin.numbers_si)) - 273.15
-        lowest = _lowest(twin, room) if given.lowest is None else given.lowest - 273.15
+        room = float(rig.ambient_temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS
+        lowest = _lowest(twin, room) if given.lowest is None else given.lowest - ZERO_CELSIUS
+        inside = given.cell_temperature
         # A reading without any noise may stay the same.
         frozen = _FROZEN_CAMERA if rig.camera is not None else _FROZEN_SENSOR
         frozen = frozen if rig.noise > 0 else math.inf
         return cls(
-            hottest=given.temperature - 273.15,
+            hottest=given.temperature - ZERO_CELSIUS,
             lowest=lowest,
-            cell=SOLDER if given.cell_temperature is None else given.cell_temperature - 273.15,
+            cell=SOLDER if inside is None else inside - ZERO_CELSIUS,
             rate=_fastest(Stepper(twin, 1 / PROBES_PER_SECOND))
             if given.rate is None
             else given.rate,
@@ -102,13 +104,13 @@ def _lowest(twin: Twin, room: float) -> float:
     A resistive heater, with a figure of merit $Z$ of 0, does not cool: the result is the
     temperature of the room.
     """
-    hot = room - _ROOM + 273.15
+    hot = room - _ROOM + ZERO_CELSIUS
     coldest = math.inf
     for cell in twin.rig.cells:
         module = twin.module(cell.name)
         seebeck, resistance = module.seebeck_coefficient, module.electrical_resistance
         merit = _number(seebeck) ** 2 * _number(module.thermal_resistance) / _number(resistance)
-        coldest = min(coldest, 2 * hot / (1 + math.sqrt(1 + 2 * merit * hot)) - 273.15)
+        coldest = min(coldest, 2 * hot / (1 + math.sqrt(1 + 2 * merit * hot)) - ZERO_CELSIUS)
     return max(coldest, COLDEST)
 
 

@@ -65,7 +65,7 @@ class OutputStage:
             self._switch_off()
         return None
 
-    def check(self, now: float) -> Answer | None:
+    def on_time(self, now: float) -> Answer | None:
         """Checks for silence. Returns the event to send, if there is any."""
         if not self.owner or now - self._commanded <= self._watchdog:
             return None

@@ -14,7 +14,7 @@ from ._interlock import AbstractInterlock
 from ._operating_limits import OperatingLimits
 from ._responsiveness import Responsiveness
 
-SHARE = 0.5
+ALLOWED_PART_OF_RISE = 0.5
 """The part of the predicted rise by which a reading may differ from it: a rig may be driven before
 its twin is matched."""
 
@@ -89,7 +89,7 @@ class TwinWatch(AbstractInterlock):
     def _deviation(self, reading: Reading) -> Finding | None:
         predicted = self._response.predicted
         unknown = np.hypot(self._limits.deviation, self._response.unknown)
-        limit = SHARE * self._response.rise + unknown
+        limit = ALLOWED_PART_OF_RISE * self._response.rise + unknown
         apart = reading.temperatures - predicted
         worst = int(np.argmax(np.abs(apart) - limit))
         if abs(apart[worst]) <= limit[worst]:

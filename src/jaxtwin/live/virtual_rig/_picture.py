@@ -3,9 +3,11 @@
 from dataclasses import replace
 from typing import final
 
+import jax
 import numpy as np
 from jaxtyping import Float, UInt16
 
+from ..._celsius import ZERO_CELSIUS
 from ...physics import System, Twin, pixel_weights
 from ...rig import Camera, Channel, NodesSensor, Rig
 
@@ -28,7 +30,8 @@ class Picture:
         plain = np.zeros((self._shape[0] * self._shape[1], nodes))
         plain[:, : elements.shape[1]] = elements
         means = pixel_weights(rig).reshape(len(rig.channels), -1)
-        wanted = np.asarray(system.output_matrices()[0])
+        with jax.enable_x64(True):
+            wanted = np.asarray(system.output_matrices()[0])
         self._map = plain + np.linalg.pinv(means) @ (wanted - means @ plain)
 
     def frame(
@@ -40,7 +43,7 @@ class Picture:
         """Returns a frame in units of 0.01 K, for temperatures in degC and an error of the camera
         in K."""
         celsius = ambient + (self._map @ (nodes - ambient)).reshape(self._shape) + error
-        return np.clip(np.rint((celsius + 273.15) * 100), 0, 65535).astype(np.uint16)
+        return np.clip(np.rint((celsius + ZERO_CELSIUS) * 100), 0, 65535).astype(np.uint16)
 
 
 def _elements(rig: Rig, camera: Camera) -> Float[np.ndarray, "pixels elements"]:

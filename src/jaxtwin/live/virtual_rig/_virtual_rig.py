@@ -11,6 +11,7 @@ from typing import final
 import jax
 import numpy as np
 
+from ..._celsius import ZERO_CELSIUS
 from ..._errors import LinkError
 from ...physics import Fault, Faults, Twin
 from ...physics._recalibrations import Recalibrations
@@ -50,8 +51,8 @@ class VirtualRig:
     - `twin`: the twin that it simulates.
     - `speed`: the seconds of the rig in a second.
     - `seed`: the seed of noise and faults; the same seed, boot and calls give the same bytes.
-    - `camera_hz`, `controller_hz`: frames and controller samples per rig second. Without a camera
-      the controller reads the sensors.
+    - `camera_rate`, `controller_rate`: frames and controller samples per rig second. Without a
+      camera the controller reads the sensors.
     - `faults`: the faults that it simulates.
     - `watchdog`: time without a duty command after which the cells are switched off, s of the host:
       0.1 to 5.
@@ -68,8 +69,8 @@ class VirtualRig:
         *,
         speed: float | int = 1.0,
         seed: int = 0,
-        camera_hz: float | int = 9.0,
-        controller_hz: float | int = 10.0,
+        camera_rate: float | int = 9.0,
+        controller_rate: float | int = 10.0,
         faults: Faults | None = None,
         watchdog: float | int = 2.0,
         boot: str | None = None,
@@ -87,10 +88,10 @@ class VirtualRig:
         self._noise = rig.noise
         self._twin, self._camera = twin, rig.camera
         camera, self._picture = rig.camera, None
-        self._periods = {"data": 1 / controller_hz}
+        self._periods = {"data": 1 / controller_rate}
         if camera is not None:
             self._picture = Picture(twin, camera, self.twin.system)
-            self._periods["image"] = 1 / camera_hz
+            self._periods["image"] = 1 / camera_rate
         elif self.faults.jumps:
             raise LinkError(
                 f"faults: jumps: expected 0 for a rig without a camera, got {self.faults.jumps:g}"
@@ -102,7 +103,7 @@ class VirtualRig:
         self._hottest = (
             math.inf
             if rig.maximum_temperature is None
-            else (rig.maximum_temperature - 273.15 + OVER_LIMIT)
+            else (rig.maximum_temperature - ZERO_CELSIUS + OVER_LIMIT)
         )
         self._rests: dict[object, bytes] = {}
         self._recalibrations = Recalibrations(self.faults.jumps, seed, rig.common_error)
@@ -150,22 +151,22 @@ class VirtualRig:
         """
         # Each host has a separate remainder, so that its incomplete line does not mix with others.
         lines, self._rests[client] = delines(self._rests.get(client, b""), data)
-        heard = False
+        understood = False
         for frame in lines:
             try:
                 message = parse(frame)
             except LinkError:
                 continue
             if isinstance(message, Ask):
-                heard = True
+                understood = True
                 self._answer += encode(self.hello)
             elif isinstance(message, Duty | Order):
-                heard = True
+                understood = True
                 answer = self.stage.obey(message, self.twin.time / self.hello.rate)
                 if answer is not None:
                     self._answer += self._notice(answer, message)
                 self._follow()
-        return heard
+        return understood
 
     def due(self, now: int) -> bytes:
         """Advances the rig to host time `now`, ns. Returns the bytes that it sends meanwhile."""
@@ -204,7 +205,7 @@ class VirtualRig:
                 self._to_come.remove((begin, fault))
                 self._replace(fault)
         self._recalibrations.advance(time)
-        answer = self.stage.check(time / self.hello.rate)
+        answer = self.stage.on_time(time / self.hello.rate)
         if any(self.pwm) and self.twin.temperatures.max() > self._hottest:
             answer = self.stage.trip("over-temperature")
         self._follow()

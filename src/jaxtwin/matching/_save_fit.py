@@ -1,4 +1,4 @@
-"""The tables of a saved fit beside the parameter table, and the functions that write them.
+"""Writes a fit to a file: a parameter file, with the tables that `_load_fit` needs besides.
 
 ```toml
 [parameters]                # and [recordings.NAME]: a parameter file, see `jaxtwin.rig`
@@ -22,22 +22,23 @@ fingerprint = "9f86d081..."
 """
 
 import json
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
 from jaxtyping import Float
 
 from .._errors import RigError
-from ..rig import Rig
+from ..rig import Rig, write_parameters
 from ..simulation._initial import Initial
-from ._first_sample import FirstSample
+from ._descent_result import Iteration, Optimum
 from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
-from ._iterations import Iteration, Optimum
 from ._loss import saved_loss
-from ._noise import Noise
+from ._noise_model import Noise
+from ._start import FirstSample
 from ._uncertainty import UnidentifiableDirection
 
 FORMAT = 1
@@ -145,7 +146,33 @@ class StoredFit:
     initial: Literal["steady"] | float | tuple[float, ...] | None = None
 
 
-def fit_tables(fit: Fit) -> str:
+def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
+    """Implements `Fit.save`."""
+    table = fit.twin.rig.parameters
+    rows = [
+        replace(
+            table[row.name],
+            value=row.value,
+            lower=row.lower,
+            upper=row.upper,
+            free=row.free,
+            scope=row.scope,
+        )
+        for row in fit.parameters.values()
+    ]
+    write_parameters(
+        path,
+        rows,
+        recordings={k: v for k, v in fit.recording_values.items() if v} or None,
+        comment=(
+            f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}\n"
+            f"mean fit {fit.mean_fit_percent:.2f} %, RMSE {fit.rmse:.4f} K\n{fit.status}"
+        ),
+        tables=_fit_tables(fit),
+    )
+
+
+def _fit_tables(fit: Fit) -> str:
     """The table [fit] with all that belongs to it, as TOML."""
     rig, known, solution = fit.twin.rig, fit.uncertainty, solution_of(fit)
     head = {

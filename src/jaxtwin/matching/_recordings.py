@@ -1,0 +1,243 @@
+"""The recordings of a match, checked: names, groups, masks, times of corrections, units."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import count as count_from
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import is_ordered, of_kind
+from .._celsius import ZERO_CELSIUS
+from .._errors import MatchError
+from .._name_suggestions import did_you_mean
+from ..io import Experiment
+from ..physics import Twin
+from ..physics._twin import check_twin
+from ..rig import Parameter, Rig, Value
+from ..simulation._simulate import checked_channels
+from ._start import first_sample, room_temperature
+
+FIRST_SAMPLES = 50
+"""The number of samples at the start that are looked at, of all channels together."""
+
+NEAR_KELVIN = 60.0
+"""How far from the room the first reading of a recording in kelvin is at most, K: a warm rig."""
+
+BEYOND_BOUNDS = 5.0
+"""How far the first reading may lie outside the bounds of the plate's temperature at the start, K:
+sensors err, and a plate may be uneven."""
+
+Span = tuple[float, float] | tuple[float, float, float]
+"""Beginning and end of a span, s, and the weight in between, which is 0 if it is not given."""
+
+
+def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str, Experiment]:
+    """Checks recordings, and returns them by the names of their results.
+
+    **Arguments:**
+
+    - `twin`: a twin of the rig to which they must belong.
+    - `experiments`: one or several recordings.
+
+    **Returns:** name -> recording, in order. The name is the recording's own, or its number if it
+    has none. A repeated name is followed by its number, or by the next number that is not taken.
+
+    **Raises:** `MatchError` if there is no recording, or one has no temperatures, or a channel of
+    one has none, or one has a gap or is in kelvin; `SimulationError` for a recording of another
+    rig.
+    """
+    check_twin("twin", twin, MatchError)
+    if not experiments:
+        raise MatchError("experiments: expected one or several recordings, got none")
+    names: list[str] = []
+    for number, experiment in enumerate(experiments, start=1):
+        name = experiment.name or f"recording {number}"
+        if experiment.temperatures is None or not experiment.channels:
+            raise MatchError(f"{name}: expected recorded temperatures, got none")
+        checked_channels(twin, experiment)
+        if experiment.unsampled:
+            raise MatchError(
+                f"{name}: channel {experiment.unsampled[0]}: expected at least one sample, got "
+                "missing ones only; leave the channel out with Experiment.select"
+            )
+        check_units(twin, name, experiment)
+        check_without_gap(name, experiment)
+        names.append(name)
+    # Two recordings of one name must not share a row of a table.
+    found: list[str] = []
+    for number, name in enumerate(names, start=1):
+        free = (f"{name} ({other})" for other in count_from(number))
+        found.append(
+            name if name not in found else next(other for other in free if other not in names)
+        )
+    return dict(zip(found, experiments, strict=True))
+
+
+def named_groups(
+    recordings: Mapping[str, Experiment], groups: Sequence[str] | None
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """The groups of recordings: their names, and the number of each recording's group.
+
+    **Arguments:**
+
+    - `groups`: the name of each recording's group; by default the groups that the recordings name.
+
+    **Raises:** `MatchError` if there is not a name for each recording.
+    """
+    several = list(recordings.values())
+    if groups is None:
+        named = [experiment.group for experiment in several]
+        if not any(named):
+            return ("",), (0,) * len(named)
+    else:
+        if not is_ordered(groups):
+            raise MatchError(f"groups: expected a name for each recording, got {groups!r}")
+        named = list(groups)
+        for name in named:
+            of_kind("groups", name, str, "text", MatchError)
+    if len(named) != len(several) or not all(named):
+        raise MatchError(
+            "groups: expected a name for each recording, such as its day, got "
+            f"{named!r} for {', '.join(recordings)}"
+        )
+    names = tuple(dict.fromkeys(named))
+    return names, tuple(names.index(name) for name in named)
+
+
+def check_distinct(recordings: Mapping[str, Experiment]) -> None:
+    """Refuses a recording that is there twice, under whatever names: its samples would count as new
+    data, and standard errors would be too small.
+
+    **Raises:** `MatchError` with both names.
+    """
+    seen: dict[str, str] = {}
+    for name, experiment in recordings.items():
+        other = seen.setdefault(experiment.fingerprint, name)
+        if other != name:
+            raise MatchError(
+                f"experiments: {name} is the same recording as {other}: expected each once, "
+                "because the second adds no information; leave it out"
+            )
+
+
+def check_units(twin: Twin, name: str, experiment: Experiment) -> None:
+    """Refuses a recording in kelvin that says degC: its first readings are 273 K above a room.
+
+    **Raises:** `MatchError` that names the recording and its first reading.
+    """
+    assert experiment.temperatures is not None, "named_recordings has checked it"
+    # A median, because the first sample of all may be a wrong one.
+    first = float(np.median(experiment.temperatures[experiment.sampled][:FIRST_SAMPLES]))
+    recorded = first_sample(experiment).ambient
+    start = room_temperature(twin.rig, twin.numbers_si, recorded)
+    celsius = first - ZERO_CELSIUS
+    if abs(celsius - start) < NEAR_KELVIN and abs(first - start) > NEAR_KELVIN:
+        raise MatchError(
+            f"{name}: temperatures: expected degC, got {first:.1f} degC at the start in a room of "
+            f"{start:.0f} degC; are they in K, {celsius:.1f} degC? A column of kelvin is called "
+            "NAME_K"
+        )
+
+
+def check_without_gap(name: str, experiment: Experiment) -> None:
+    """Refuses a recording with lost samples.
+
+    **Raises:** `MatchError` that names the recording and the gap.
+    """
+    if len(experiment.gaps):
+        start, end = experiment.gaps[0]
+        raise MatchError(
+            f"{name}: expected no gap in the times, got one from {start:g} s to {end:g} s; "
+            "Experiment.parts are the parts between gaps"
+        )
+
+
+def check_start(rig: Rig, free: Iterable[Parameter], name: str, experiment: Experiment) -> None:
+    """Refuses a recording that begins where the bounds do not let the twin begin.
+
+    A free parameter that is by itself the temperature of the plate at the start, such as `T_start`
+    of the bundled rigs, is checked.
+
+    **Raises:** `MatchError` that names the recording, the parameter and its bounds.
+    """
+    first = first_sample(experiment).reading
+    for row in free:
+        if rig.initial_temperature != Value(1.0, ((row.name, 1.0),)):
+            continue
+        lower, upper = (row.to_si(bound) - ZERO_CELSIUS for bound in (row.lower, row.upper))
+        if not lower - BEYOND_BOUNDS <= first <= upper + BEYOND_BOUNDS:
+            raise MatchError(
+                f"{name}: temperatures: expected a start within the bounds of {row.name}, "
+                f"{lower:g} to {upper:g} degC, got {first:.1f} degC; other bounds are given by "
+                f'bounds={{"{row.name}": (lowest, highest)}}'
+            )
+
+
+def span_weights(
+    recordings: Mapping[str, Experiment],
+    spans: Mapping[str, Sequence[Span]] | None,
+) -> list[Float[np.ndarray, "_times _channels"]]:
+    """Weights of all samples, 0 to 1; missing samples have the weight 0.
+
+    **Raises:** `MatchError` for unknown recordings, spans outside their recording, and weights that
+    are not 0 to 1.
+    """
+    check_recording_names("masks", recordings, spans or {})
+    weights = []
+    for name, experiment in recordings.items():
+        weight = experiment.sampled.astype(float)
+        for span in (spans or {}).get(name, ()):
+            if len(span) not in (2, 3):
+                raise MatchError(
+                    f"masks: {name}: expected (from, to) or (from, to, weight), got {span!r}"
+                )
+            start, end, value = (*span, 0.0)[:3]
+            first, last = experiment.time[0], experiment.time[-1]
+            if not (first <= start < end <= last and 0 <= value <= 1):
+                raise MatchError(
+                    f"masks: {name}: expected spans inside {first:g} to {last:g} s with a weight "
+                    f"of 0 to 1, got {span!r}"
+                )
+            weight[(experiment.time >= start) & (experiment.time <= end)] *= value
+        if not weight.any():
+            raise MatchError(
+                f"masks: {name}: expected at least one sample outside the masks, got none"
+            )
+        weights.append(weight)
+    return weights
+
+
+def given_events(
+    recordings: Mapping[str, Experiment], events: Mapping[str, Sequence[float]]
+) -> list[tuple[float, ...]]:
+    """Times of the camera's corrections in each recording, s.
+
+    **Raises:** `MatchError` for unknown recordings and times outside their recording.
+    """
+    check_recording_names("events", recordings, events)
+    times = []
+    for name, experiment in recordings.items():
+        first, last = experiment.time[0], experiment.time[-1]
+        for event in events.get(name, ()):
+            if not first < event <= last:
+                raise MatchError(
+                    f"events: {name}: expected times inside the recording, {first:g} to {last:g} "
+                    f"s, got {event:g} s"
+                )
+        times.append(tuple(sorted(float(event) for event in events.get(name, ()))))
+    return times
+
+
+def check_recording_names(
+    what: str, recordings: Collection[str], given: Mapping[str, object]
+) -> None:
+    """Refuses names that are not those of recordings.
+
+    **Raises:** a `MatchError` whose message starts with `what`.
+    """
+    unknown = [name for name in given if name not in recordings]
+    if unknown:
+        raise MatchError(
+            f"{what}: expected some of the recordings {', '.join(recordings)}, got {unknown[0]!r}"
+            f"{did_you_mean(unknown[:1], recordings)}"
+        )
