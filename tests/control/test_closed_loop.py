@@ -20,8 +20,8 @@ from jaxtwin.control import (
     scenario,
     simulate_closed_loop,
 )
-from jaxtwin.control._many_loops import twin_at_medians
-from jaxtwin.control._measures import units_of
+from jaxtwin.control.loops._many_loops import twin_at_medians
+from jaxtwin.control.loops._measures import units_of
 
 DURATION = 120.0
 """Of all loops, s: the same shapes compile nothing anew."""

@@ -31,7 +31,7 @@ from jaxtwin.control import (
     save_controller,
     ultimate_point,
 )
-from jaxtwin.control._stability import check_stability
+from jaxtwin.control.loops._stability import check_stability
 from jaxtwin.io import Session
 from jaxtwin.live import (
     Clock,

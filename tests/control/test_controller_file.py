@@ -26,7 +26,7 @@ from jaxtwin.control import (
     read_controller,
     save_controller,
 )
-from jaxtwin.control._controller import with_values
+from jaxtwin.control.controllers._controller import with_values
 
 PID_FILE = """
 format = 1

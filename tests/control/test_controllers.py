@@ -17,8 +17,8 @@ from jaxtwin.control import (
     Relay,
     decoupling_of,
 )
-from jaxtwin.control._controller import checked_measured
-from jaxtwin.control._decoupled_pi import inverse
+from jaxtwin.control.controllers._controller import checked_measured
+from jaxtwin.control.controllers._decoupled_pi import inverse
 
 GROUPS = (("T11",), ("T16",))
 

@@ -10,8 +10,8 @@ import pytest
 
 from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
 from jaxtwin.control import LQI, DiscreteModel, HeatInput, LinearModel
-from jaxtwin.control._plant import plant_of
-from jaxtwin.control._riccati import filter_gain, regulator
+from jaxtwin.control.controllers._plant import plant_of
+from jaxtwin.control.linear._riccati import filter_gain, regulator
 
 GOLDEN = (1 + 5**0.5) / 2
 

@@ -10,8 +10,8 @@ from scipy.linalg import block_diag
 
 from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
 from jaxtwin.control import MPC, DiscreteModel, HeatInput, LinearModel
-from jaxtwin.control._mpc import MPCState
-from jaxtwin.control._riccati import regulator
+from jaxtwin.control.controllers._mpc import MPCState
+from jaxtwin.control.linear._riccati import regulator
 
 BOTH = ("left", "right")
 

@@ -22,8 +22,11 @@ from jaxtwin.control import (
     register_controller,
     save_controller,
 )
-from jaxtwin.control._controller import AbstractChannelGroupController, AbstractController
-from jaxtwin.control._stability import check_stability
+from jaxtwin.control.controllers._controller import (
+    AbstractChannelGroupController,
+    AbstractController,
+)
+from jaxtwin.control.loops._stability import check_stability
 
 LAW = """
 static void model_law_init(model_state *state, const model_real *duty,
