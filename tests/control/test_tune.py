@@ -74,8 +74,8 @@ def test_the_tuned_loop_is_better_and_keeps_to_the_limit(twin: Twin, tuning: Tun
     controller = tuning.controller
     assert isinstance(controller, PID)
     np.testing.assert_allclose([controller.Kp, controller.Ki], tuning.after.values)
-    # The same loops by simulate_closed_loop.
-    again = jt.simulate_closed_loop(
+    # The same loops by simulate_closed_loops.
+    again = jt.simulate_closed_loops(
         twin, controller, 24, duration_s=150, draws=DRAWS, noise=False, quantised=False
     )
     for number, name in enumerate(tuning.measures):

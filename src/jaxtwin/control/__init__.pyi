@@ -40,6 +40,7 @@ from .loops._measures import MEASURES as MEASURES  # name -> function of a Close
 from .loops._scenario import Scenario as Scenario  # what a closed loop goes through
 from .loops._scenario import scenario as scenario
 from .loops._simulate_closed_loop import simulate_closed_loop as simulate_closed_loop
+from .loops._simulate_closed_loops import simulate_closed_loops as simulate_closed_loops
 from .tuning._frontier import Frontier as Frontier  # the trade between two aims
 from .tuning._frontier import frontier as frontier  # controllers tuned by several weights
 from .tuning._most_even_point import most_even_point as most_even_point  # the least range at rest

@@ -1,6 +1,6 @@
 """The state of a run at a time, about which a twin is linearised."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +14,7 @@ from ...simulation._delay import lagged_duty
 from ._operating_point import ZERO_CELSIUS
 
 
+@runtime_checkable
 class HasRun(Protocol):
     """A result that holds a run of the twin, such as a `ClosedLoopRun`."""
 

@@ -73,7 +73,7 @@ def simulate_many_loops(
 ) -> Reductions:
     """Simulates `count` loops, with a draw of the plant, of the controller or of both in each.
 
-    The arguments have been checked by `simulate_closed_loop`; `scenario` allows for the longest
+    The arguments have been checked by `simulate_closed_loops`; `scenario` allows for the longest
     delay of all draws.
     """
     dtype = jnp.float32 if precision == "float32" else jnp.float64
