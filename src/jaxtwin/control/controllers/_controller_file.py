@@ -36,8 +36,8 @@ from ._controller_fields import (
     SAMPLE_TIME,
     FileContents,
     argument_name,
+    channel_groups,
     constructor_arguments,
-    groups,
     numbers,
     quantity,
 )
@@ -169,41 +169,43 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
     - `source`: the name of the file in messages.
     """
 
-    def no(field: str, message: str) -> NoReturn:
+    def refuse_field(field: str, message: str) -> NoReturn:
         refuse(source, field, message, ControlError)
 
     if data.get("format") != FORMAT:
-        no("format", f"expected {FORMAT}, got {data.get('format')!r}")
+        refuse_field("format", f"expected {FORMAT}, got {data.get('format')!r}")
     if data.get("rig") != rig.name:
-        no("rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}")
+        refuse_field(
+            "rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}"
+        )
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in _KINDS:
         hint = did_you_mean([str(kind)], _KINDS)
-        no("kind", f"expected one of {', '.join(_KINDS)}, got {kind!r}{hint}")
+        refuse_field("kind", f"expected one of {', '.join(_KINDS)}, got {kind!r}{hint}")
     controller = _KINDS[kind]
     known = [*_COMMON, *controller.fields]
     if issubclass(controller, AbstractChannelGroupController) and "measured" not in known:
         known.append("measured")
     for name in data:
         if name not in known:
-            no(name, unknown_name("field", name, known))
+            refuse_field(name, unknown_name("field", name, known))
     required = [name for name, field in controller.fields.items() if field.is_required]
     for name in ("sample_time", *required):
         if name not in data:
-            no(name, "expected this field, got none")
+            refuse_field(name, "expected this field, got none")
     common: dict[str, Any] = {
         "sample_time_s": quantity(
-            data["sample_time"], "sample_time", SAMPLE_TIME, no, is_list=False
+            data["sample_time"], "sample_time", SAMPLE_TIME, refuse_field, is_list=False
         )
     }
     if "limits" in data:
-        common["limits"] = numbers(data["limits"], "limits", no)
+        common["limits"] = numbers(data["limits"], "limits", refuse_field)
     if "measured" in data:
-        common["measured"] = groups(data["measured"], no)
+        common["measured"] = channel_groups(data["measured"], refuse_field)
     try:
         # Overflows warn here; they are refused at the end as numbers that are not finite.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # includes LinAlgWarning
-            return controller.from_file(FileContents(data, common, rig, no))
+            return controller.from_file(FileContents(data, common, rig, refuse_field))
     except (ArithmeticError, LinAlgError, TypeError, ValueError) as error:
-        no("", str(error))
+        refuse_field("", str(error))

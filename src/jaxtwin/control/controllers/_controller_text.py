@@ -10,7 +10,7 @@ from jax.core import Tracer
 
 from ..._number_text import short_number
 
-MOST = 16
+LARGEST_WRITTEN_ARRAY = 16
 """The largest number of elements of an array that is written out."""
 
 
@@ -39,7 +39,7 @@ def _named(name: str, value: Any, unit: str) -> str:
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, Tracer) or np.size(value) > MOST:
+    if isinstance(value, Tracer) or np.size(value) > LARGEST_WRITTEN_ARRAY:
         return eqx.tree_pformat(value)
     if isinstance(value, float | np.ndarray | jax.Array):
         return _numbers(np.asarray(value).tolist())

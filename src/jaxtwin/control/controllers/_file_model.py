@@ -15,7 +15,7 @@ import numpy as np
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ...rig._units import TEMPERATURE, Kind
-from ..linear._riccati import STABLE
+from ..linear._riccati import LARGEST_STABLE_POLE
 from ._controller import AbstractController, checked_measured, means_of
 from ._controller_fields import (
     REQUIRED_OWN,
@@ -60,13 +60,13 @@ def read_model(contents: FileContents, kind: str) -> FileModel:
 
     **Raises:** `ControlError` for values that are not allowed.
     """
-    no = contents.refuse
+    refuse = contents.refuse
     try:
         measured = checked_measured(kind, contents.common.get("measured"))
         outputs = len(means_of(measured, contents.channels))
     except ControlError as error:
-        no("", str(error))
-    limited = read_table(contents.data.get("temperature_limits", {}), "temperature_limits", no)
+        refuse("", str(error))
+    limited = read_table(contents.data.get("temperature_limits", {}), "temperature_limits", refuse)
     plant, L = _plant(
         contents.data,
         limited,
@@ -74,7 +74,7 @@ def read_model(contents: FileContents, kind: str) -> FileModel:
         len(contents.rig.cells),
         outputs,
         contents.channels,
-        no,
+        refuse,
     )
     return FileModel(plant, L)
 
@@ -129,7 +129,7 @@ def model_lines(kalman: KalmanFilter) -> list[str]:
 
 
 def designed(
-    controller: Callable[..., Designed], model: FileModel, settings: dict[str, Any], no: Refuse
+    controller: Callable[..., Designed], model: FileModel, settings: dict[str, Any], refuse: Refuse
 ) -> Designed:
     """Designs a controller on the model of a file, with the filter of the file.
 
@@ -138,12 +138,14 @@ def designed(
     try:
         made: Any = controller(model.plant, **settings)
     except ControlError as error:
-        no("", str(error))
+        refuse("", str(error))
     if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(made)):
-        no("model", "expected numbers that a controller can be designed for, got too large ones")
+        refuse(
+            "model", "expected numbers that a controller can be designed for, got too large ones"
+        )
     kalman = made.kalman
     error = np.asarray(kalman.A) @ (np.eye(len(kalman.A)) - model.L @ np.asarray(kalman.C))
-    check_stable(error, "model.L", "a gain with which the error of the filter goes to 0", no)
+    check_stable(error, "model.L", "a gain with which the error of the filter goes to 0", refuse)
     return eqx.tree_at(lambda made: made.kalman.L, made, model.L)
 
 
@@ -154,70 +156,73 @@ def _plant(
     cells: int,
     outputs: int,
     channels: Sequence[str],
-    no: Refuse,
+    refuse: Refuse,
 ) -> tuple[Plant, np.ndarray]:
     """Reads the plant and the gain of the Kalman filter."""
-    model = read_table(data["model"], "model", no, _MODEL)
-    A = matrix(model["A"], "model.A", PLAIN, (None, None), no)
+    model = read_table(data["model"], "model", refuse, _MODEL)
+    A = matrix(model["A"], "model.A", PLAIN, (None, None), refuse)
     n = len(A)
     shapes = {"A": (n, n), "B": (n, cells), "C": (outputs, n), "L": (n + outputs, outputs)}
     A, B, C, L = (
-        matrix(model[name], f"model.{name}", unit, shapes[name], no)
+        matrix(model[name], f"model.{name}", unit, shapes[name], refuse)
         for name, unit in _MODEL.items()
     )
-    duty = np.array(numbers(data["duty"], "duty", no))
+    duty = np.array(numbers(data["duty"], "duty", refuse))
     if duty.shape != (cells,) or not np.all(np.abs(duty) <= 1):
-        no("duty", f"expected {cells} numbers from -1 to 1, got {data['duty']!r}")
-    point = np.array(_temperatures(data["outputs"], "outputs", outputs, no))
+        refuse("duty", f"expected {cells} numbers from -1 to 1, got {data['duty']!r}")
+    point = np.array(_temperatures(data["outputs"], "outputs", outputs, refuse))
     rows, at = np.zeros((0, n)), []
     for name, row in limited.items():
         field = f"temperature_limits.{name}"
         if name not in channels:
-            no(field, unknown_name("channel", name, channels))
-        values = read_table(row, field, no, _LIMIT)
-        rows = np.vstack([rows, matrix(values["C"], f"{field}.C", PER_STATE, (1, n), no)])
-        at.append(_celsius(values, name, "operating_point", no))
+            refuse(field, unknown_name("channel", name, channels))
+        values = read_table(row, field, refuse, _LIMIT)
+        rows = np.vstack([rows, matrix(values["C"], f"{field}.C", PER_STATE, (1, n), refuse)])
+        at.append(_celsius(values, name, "operating_point", refuse))
     try:
         watched = rows, np.array(at)
         return checked_plant("model", (A, B, C), (duty, point), watched, sample_time_s), L
     except ControlError as error:
-        no("", str(error))
+        refuse("", str(error))
 
 
-def check_stable(transition: np.ndarray, field: str, expected: str, no: Refuse) -> None:
+def check_stable(transition: np.ndarray, field: str, expected: str, refuse: Refuse) -> None:
     """Refuses numbers of a file with which deviations do not die away."""
     largest = np.abs(np.linalg.eigvals(transition)).max()
-    if not largest < STABLE:
-        no(field, f"expected {expected}, got a pole at {largest:.9f} from 0")
+    if not largest < LARGEST_STABLE_POLE:
+        refuse(field, f"expected {expected}, got a pole at {largest:.9f} from 0")
 
 
 def read_table(
-    found: object, name: str, no: Refuse, fields: Sequence[str] | Mapping[str, Any] | None = None
+    found: object,
+    name: str,
+    refuse: Refuse,
+    fields: Sequence[str] | Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Reads a table. If `fields` are given, it must have all of them and no other."""
     if not isinstance(found, dict):
-        no(name, f"expected a table, got {found!r}")
+        refuse(name, f"expected a table, got {found!r}")
     known = found if fields is None else fields
     for key in found:
         if key not in known:
-            no(f"{name}.{key}", unknown_name("field", key, known))
+            refuse(f"{name}.{key}", unknown_name("field", key, known))
     for key in known:
         if key not in found:
-            no(f"{name}.{key}", "expected this field, got none")
+            refuse(f"{name}.{key}", "expected this field, got none")
     return found
 
 
-def _temperatures(found: object, name: str, count: int, no: Refuse) -> list[float]:
+def _temperatures(found: object, name: str, count: int, refuse: Refuse) -> list[float]:
     if not isinstance(found, list) or len(found) != count:
-        no(name, f'expected {count} temperatures such as "40 degC", got {found!r}')
-    return [_degrees_of(part, f"{name}[{n}]", no) for n, part in enumerate(found)]
+        refuse(name, f'expected {count} temperatures such as "40 degC", got {found!r}')
+    return [_degrees_of(part, f"{name}[{n}]", refuse) for n, part in enumerate(found)]
 
 
-def _celsius(row: Mapping[str, Any], channel: str, key: str, no: Refuse) -> float:
-    return _degrees_of(row[key], f"temperature_limits.{channel}.{key}", no)
+def _celsius(row: Mapping[str, Any], channel: str, key: str, refuse: Refuse) -> float:
+    return _degrees_of(row[key], f"temperature_limits.{channel}.{key}", refuse)
 
 
-def _degrees_of(found: object, name: str, no: Refuse) -> float:
+def _degrees_of(found: object, name: str, refuse: Refuse) -> float:
     """Converts a temperature to degC with the digits of the file: 313.15 - 273.15 is not 40."""
     if isinstance(found, str) and found.endswith(" degC"):
         try:
@@ -226,5 +231,5 @@ def _degrees_of(found: object, name: str, no: Refuse) -> float:
             number = np.nan
         if -273.15 < number < 1e4:
             return number
-    kelvin = quantity(found if isinstance(found, str) else None, name, TEMPERATURE, no)
+    kelvin = quantity(found if isinstance(found, str) else None, name, TEMPERATURE, refuse)
     return float(kelvin) - 273.15

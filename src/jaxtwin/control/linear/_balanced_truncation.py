@@ -15,7 +15,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from ..._errors import ControlError
 
-NOTHING = 1e-11
+NEGLIGIBLE_HANKEL = 1e-11
 """Hankel singular values below this part of the largest are rounding: they belong to states that no
 input moves or no output shows, such as differences between mirror images on a symmetric plate."""
 
@@ -46,7 +46,7 @@ def balanced(
     moved = _root(solve_continuous_lyapunov(A, -B @ B.T))
     shown = _root(solve_continuous_lyapunov(A.T, -C.T @ C))
     left, hankel, right = np.linalg.svd(shown.T @ moved)
-    kept = hankel > NOTHING * hankel[0]
+    kept = hankel > NEGLIGIBLE_HANKEL * hankel[0]
     scale = 1 / np.sqrt(hankel[kept])
     into = scale[:, None] * (left[:, kept].T @ shown.T)
     back = moved @ right[kept].T * scale

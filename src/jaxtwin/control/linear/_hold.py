@@ -24,11 +24,11 @@ ROUNDING = 1e-9
 """Parts of a step below this are set to 0, so that a delay of n steps is a delay of n steps after
 rounding."""
 
-TERMS = 18
+SERIES_TERMS = 18
 """The number of terms of the series of a matrix exponential: for a norm of at most a half, the
 remainder is below 1e-21."""
 
-MOST_SQUARINGS = 40
+SQUARINGS = 40
 """The largest number of squarings of a matrix exponential."""
 
 
@@ -113,13 +113,13 @@ def matrix_exponential(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """
     unit = jnp.eye(len(matrix), dtype=matrix.dtype)
     norm = jax.lax.stop_gradient(jnp.abs(matrix).sum(axis=0).max())
-    halvings = jnp.clip(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-30))) + 1, 0, MOST_SQUARINGS)
+    halvings = jnp.clip(jnp.ceil(jnp.log2(jnp.maximum(norm, 1e-30))) + 1, 0, SQUARINGS)
     scaled = matrix / 2**halvings
     series = unit
-    for term in range(TERMS, 0, -1):
+    for term in range(SERIES_TERMS, 0, -1):
         series = unit + scaled @ series / term
 
     def square(power: Array, number: Array) -> tuple[Array, None]:
         return jnp.where(number < halvings, power @ power, power), None
 
-    return jax.lax.scan(square, series, jnp.arange(MOST_SQUARINGS))[0]
+    return jax.lax.scan(square, series, jnp.arange(SQUARINGS))[0]

@@ -30,10 +30,10 @@ from ._operating_point import (
 )
 from ._point_of_run import HasRun, PointOfRun, point_of_run
 
-AT_REST = 1e-6
+REST_TOLERANCE = 1e-6
 """The largest heat flow into a node of a steady state, relative to all flows."""
 
-REACHED = 1e-3
+TEMPERATURE_TOLERANCE = 1e-3
 """The largest distance from a requested temperature, K."""
 
 
@@ -116,12 +116,12 @@ def linearize(
         own = run if isinstance(run, Run) else run.run
         with own_settings():
             point = point_of_run(twin, own, time, ambient)
-            return to_numpy(_linearized_at(twin, point))
+            return to_numpy(_model_in_motion(twin, point))
     with settings_for(twin, duty):
         given = None if duty is None else _duty(twin, duty)
         room = None if ambient is None else jnp.asarray(ambient)
-        model, reached, imbalance = to_numpy(_linearized(twin, given, target, room))
-    if not is_traced(imbalance) and not float(imbalance) <= AT_REST:
+        model, reached, imbalance = to_numpy(model_at_rest(twin, given, target, room))
+    if not is_traced(imbalance) and not float(imbalance) <= REST_TOLERANCE:
         raise ControlError(
             f"linearize: {twin.rig.name}: expected a steady state, but the rig does not come to "
             "rest under this duty; take a smaller one"
@@ -149,7 +149,7 @@ def _check_reached(
     target: Target, reached: Float[np.ndarray, " targets"], duty: Float[np.ndarray, " cells"]
 ) -> None:
     is_square = target.directions.shape[1] == len(target.temperatures)
-    is_reached = np.abs(reached - target.temperatures).max() <= REACHED
+    is_reached = np.abs(reached - target.temperatures).max() <= TEMPERATURE_TOLERANCE
     if np.isfinite(reached).all() and (is_reached or not is_square) and np.abs(duty).max() < 1:
         return
     wanted, got, at = (
@@ -163,7 +163,7 @@ def _check_reached(
 
 
 @persistent_jit
-def _linearized(
+def model_at_rest(
     twin: Twin,
     duty: Float[Array, " cells"] | None,
     target: Target | None,
@@ -188,7 +188,7 @@ def _linearized(
 
 
 @persistent_jit
-def _linearized_at(twin: Twin, point: PointOfRun) -> LinearModel:
+def _model_in_motion(twin: Twin, point: PointOfRun) -> LinearModel:
     """The model at a state that is not at rest."""
     system = twin.system()
     reference = jnp.asarray(point.ambient) + ZERO_CELSIUS

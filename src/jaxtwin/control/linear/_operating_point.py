@@ -28,7 +28,7 @@ full heating each is limited to `LONGEST_STEP`."""
 
 LONGEST_STEP = 0.25
 
-KINK = 1e-9
+KINK_DISTANCE = 1e-9
 """The distance from a duty of 0 at which its two slopes are computed."""
 
 
@@ -167,7 +167,7 @@ def slopes(
     At a duty of 0, where the slopes of heating and of cooling differ, the derivative with respect
     to the duty is the mean of the two.
     """
-    at_zero = jnp.where(duty == 0, jnp.asarray(KINK, duty.dtype), 0.0)
+    at_zero = jnp.where(duty == 0, jnp.asarray(KINK_DISTANCE, duty.dtype), 0.0)
     by_duty = jax.jacfwd(lambda duty: system.heat_into_nodes(deviation, duty, reference))
     return (
         jax.jacfwd(lambda nodes: system.heat_into_nodes(nodes, duty, reference))(deviation),

@@ -18,7 +18,7 @@ from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._references import reference_samples, references_ahead, sample_times
 from ._stability import check_stability
 
-NEXT_SAMPLE = 1e-6
+SAMPLE_TOLERANCE = 1e-6
 """A moment less than this before a sample counts as the sample, s."""
 
 
@@ -181,9 +181,9 @@ class LiveLoop:
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
         """Returns the duty at a moment; None at the end of the run."""
-        if moment.time >= self._duration - NEXT_SAMPLE:
+        if moment.time >= self._duration - SAMPLE_TOLERANCE:
             return None
-        sample = int((moment.time + NEXT_SAMPLE) / self._controller.sample_time_s)
+        sample = int((moment.time + SAMPLE_TOLERANCE) / self._controller.sample_time_s)
         if self._sample is not None and sample <= self._sample:
             return self._duty
         measurement = self._measured(moment)

@@ -15,17 +15,16 @@ from ..._errors import ControlError
 from ...physics import System, Twin
 from ...simulation._modes import network_modes
 from ..controllers._controller import AbstractChannelGroupController, AbstractController
+from ._references import representative_samples
 
-LEVELS = 17
+DUTY_LEVELS = 17
 """The equal duty cycles that are tried, because a cell cools best with less than full duty."""
 
-MARGIN = 1e-6
+REACH_TOLERANCE = 1e-6
+"""The largest excess of a reference over the reachable range that counts as rounding, K."""
 
-TOGETHER = 0.1
+JOINT_TOLERANCE = 0.1
 """The largest distance of several outputs from their references at the same time, K."""
-
-MOST = 5
-"""The largest number of references of several outputs that are checked."""
 
 _NEED_NUMBERS = (
     jax.errors.ConcretizationTypeError,
@@ -34,7 +33,7 @@ _NEED_NUMBERS = (
 )
 """The errors of JAX for Python that needs the number of a traced array."""
 
-STARTS = 64
+SEARCH_STARTS = 64
 """The largest number of starts of the search for the duty that holds several outputs."""
 
 
@@ -59,13 +58,13 @@ def check_reach(
     **Raises:** `ControlError` that names the reference, its time, the limits and the reachable
     range.
     """
-    levels = np.linspace(*limits, LEVELS)
+    levels = np.linspace(*limits, DUTY_LEVELS)
     equal = np.repeat(levels[:, None], len(system.wiring.cold), axis=1)
     reached = weights @ np.asarray(_steady_rises(system, equal)).T
     lowest = reached.min(axis=1) + float(ambient.min())
     highest = reached.max(axis=1) + float(ambient.max())
     held_by = f"a duty of {limits[0]:g} to {limits[1]:g}"
-    wrong = (reference < lowest - MARGIN) | (reference > highest + MARGIN)
+    wrong = (reference < lowest - REACH_TOLERANCE) | (reference > highest + REACH_TOLERANCE)
     if wrong.any():
         sample, output = np.argwhere(wrong)[0]
         raise ControlError(
@@ -75,18 +74,17 @@ def check_reach(
     if not 1 < len(weights) <= len(system.wiring.cold):
         return
     middle, ambient_range = (ambient.min() + ambient.max()) / 2, np.ptp(ambient)
-    distinct, samples = np.unique(reference, axis=0, return_index=True)
-    for number in np.unique(np.linspace(0, len(distinct) - 1, MOST).round().astype(int)):
-        aim = distinct[number] - middle
+    for sample in representative_samples(reference):
+        aim = reference[sample] - middle
         start = levels[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
         nearest = _nearest(system, weights, aim, float(start), limits)
-        if np.abs(nearest - aim).max() > TOGETHER + ambient_range:
+        if np.abs(nearest - aim).max() > JOINT_TOLERANCE + ambient_range:
             wanted, found = (
                 "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
             )
             raise ControlError(
                 f"references: expected temperatures that {held_by} can hold at the same time, got "
-                f"{wanted} degC at {times[samples[number]]:g} s; the nearest are {found} degC"
+                f"{wanted} degC at {times[sample]:g} s; the nearest are {found} degC"
             )
 
 
@@ -161,13 +159,13 @@ def _nearest(
 
     cells = len(system.wiring.cold)
     places = np.quantile(limits, [0.98, 0.02, 0.75, 0.25])
-    others = islice(product(places, repeat=cells), STARTS)
+    others = islice(product(places, repeat=cells), SEARCH_STARTS)
     best = np.full(len(aim), np.inf)
     for begin in chain([(start,) * cells], others):
         found = least_squares(off, begin, bounds=limits, diff_step=1e-4).fun
         if np.abs(found).max() < np.abs(best).max():
             best = found
-        if np.abs(best).max() <= TOGETHER:
+        if np.abs(best).max() <= JOINT_TOLERANCE:
             break
     return aim + best
 

@@ -8,10 +8,10 @@ from jaxtyping import Array, Float
 
 from ._loop_signals import ClosedLoop
 
-SETTLED = 0.5
+SETTLING_BAND = 0.5
 """An output counts as settled within this distance of its reference, K."""
 
-AT_REST = 0.1
+REST_FRACTION = 0.1
 """The last part of a run, in which the plate counts as at rest."""
 
 HALF_COUNT = 0.5 / 255
@@ -24,7 +24,7 @@ def settling_time(loop: ClosedLoop) -> Float[Array, ""]:
     """The time from the last change of a reference until all outputs stay within 0.5 K of their
     references, s; infinite if they never do."""
     time, change = jnp.asarray(loop.time), _last_change(loop)
-    is_out = jnp.any(jnp.abs(_error(loop)) > SETTLED, axis=1)
+    is_out = jnp.any(jnp.abs(_error(loop)) > SETTLING_BAND, axis=1)
     last_out = jnp.max(jnp.where(is_out, jnp.arange(time.size), -1))
     settled = jnp.where(last_out < change, 0.0, time[jnp.minimum(last_out + 1, time.size - 1)])
     settled = settled - jnp.where(last_out < change, 0.0, time[change])
@@ -62,7 +62,7 @@ def plate_range_at_rest(loop: ClosedLoop) -> Float[Array, ""]:
     """The difference between the hottest and the coldest element of the plate, averaged over the
     last tenth of the run, K."""
     time, plate_range = jnp.asarray(loop.time), _plate_range(loop)
-    is_rest = time >= time[0] + (1 - AT_REST) * (time[-1] - time[0])
+    is_rest = time >= time[0] + (1 - REST_FRACTION) * (time[-1] - time[0])
     return jnp.sum(jnp.where(is_rest, plate_range, 0.0)) / jnp.sum(is_rest)
 
 

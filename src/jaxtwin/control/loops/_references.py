@@ -4,10 +4,13 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..._arguments import finite_number
 from ..._errors import ControlError
+
+REPRESENTATIVES = 5
+"""The largest number of references for which a loop is checked."""
 
 
 def reference_samples(
@@ -92,6 +95,17 @@ def references_ahead(
         return references
     last = len(references) - 1
     return references[np.minimum(np.arange(last + 1)[:, None] + np.arange(preview), last)]
+
+
+def representative_samples(
+    references: Float[np.ndarray, "samples outputs"],
+) -> Int[np.ndarray, " few"]:
+    """The first samples of the lowest reference, of the highest, and of some between them, each
+    different."""
+    distinct, samples = np.unique(references, axis=0, return_index=True)
+    return samples[
+        np.unique(np.linspace(0, len(distinct) - 1, REPRESENTATIVES).round().astype(int))
+    ]
 
 
 def sample_times(

@@ -26,11 +26,11 @@ from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector
 from ..linear._hold import zero_order_hold
-from ..linear._linearize import _linearized
+from ..linear._linearize import model_at_rest
 from ..linear._operating_point import Target
 from ._references import references_ahead
 
-LOWEST = 1e-4
+LOWEST_OMEGA = 1e-4
 """The lowest frequency that is evaluated, rad/s."""
 
 FREQUENCIES = 160
@@ -41,7 +41,7 @@ ROUNDING = 1e-6
 """The distance from the unit circle that a pole may have by rounding. Two integrals of the same
 output keep their initial difference, which is a pole at 1."""
 
-INSIDE = 0.02
+DISTANCE_FROM_LIMITS = 0.02
 """The smallest distance of the duty at rest from the limits, relative to their width, so that the
 controller is linear there."""
 
@@ -104,12 +104,12 @@ class SampledLoops:
         )
         matrices, duty = jax.tree.map(np.asarray, found)
         self._plants: Matrices = matrices
-        self.omega = np.geomspace(LOWEST, np.pi / interval, FREQUENCIES)
+        self.omega = np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)
         self._z = np.exp(1j * self.omega * interval)
         late = np.exp(-1j * self.omega * sensor_delay_s)
         self._response = _response(matrices, self._z) * late[:, None, None]
         low, high = vector.controller.limits
-        inside = INSIDE * (high - low)
+        inside = DISTANCE_FROM_LIMITS * (high - low)
         self._duty = np.clip(np.median(duty, axis=0), low + inside, high - inside)
 
     def sensitivity(
@@ -182,7 +182,7 @@ def _sampled_plants(
     def of_draw(
         values: Mapping[str, Array],
     ) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, " cells"]]:
-        model, _, _ = _linearized(twin.with_values(values), None, target, None)
+        model, _, _ = model_at_rest(twin.with_values(values), None, target, None)
         weights = jnp.asarray(target.channels)
         matrices = model.A, model.B, weights @ model.C, weights @ model.D
         lag = model.lag_s if model.is_lagged else None

@@ -9,10 +9,8 @@ from ..._errors import ControlError
 from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector
+from ._references import representative_samples
 from ._sampled_loop import ROUNDING, SampledLoops
-
-MOST = 5
-"""The largest number of references at which the loop is checked."""
 
 
 def check_stability(
@@ -31,10 +29,8 @@ def check_stability(
     """
     if not controller.is_linear:
         return
-    distinct = np.unique(references, axis=0)
-    chosen = np.unique(np.linspace(0, len(distinct) - 1, MOST).round().astype(int))
     delay = twin.system().delay
-    for reference in distinct[chosen]:
+    for reference in references[representative_samples(references)]:
         loops = SampledLoops(
             twin,
             {},

@@ -27,7 +27,13 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-SHOWN = ("settling_time", "overshoot", "largest_plate_range", "plate_range_at_rest", "energy")
+TABLE_MEASURES = (
+    "settling_time",
+    "overshoot",
+    "largest_plate_range",
+    "plate_range_at_rest",
+    "energy",
+)
 
 
 @final
@@ -114,7 +120,7 @@ class Frontier:
 
     def _repr_html_(self) -> str:
         table = self.to_dataframe()
-        names = [name for name in SHOWN if name in table]
+        names = [name for name in TABLE_MEASURES if name in table]
         rows = [
             (f"{weight:.3g}", *(f"{table[name].iloc[number]:.4g}" for name in names))
             for number, weight in enumerate(self.weights)

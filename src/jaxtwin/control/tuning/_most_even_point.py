@@ -29,7 +29,7 @@ SHORTEST_STEP = 1e-6
 
 STEPS = 60
 
-REACHED = 0.01
+MEAN_TOLERANCE = 0.01
 """A mean counts as reached within this distance, K."""
 
 
@@ -86,7 +86,7 @@ def most_even_point(
             at, reach = found, min(2 * reach, FIRST_REACH)
         else:
             reach = 0.4 * min(reach, float(np.abs(step).max()))
-    if abs(at.error) > REACHED:
+    if abs(at.error) > MEAN_TOLERANCE:
         raise ControlError(
             f"{where}: temperature: expected a mean that duty cycles from {low:g} to {high:g} "
             f"reach, got {mean:g} degC; the nearest found was {mean + at.error:.4g} degC"

@@ -19,10 +19,10 @@ STEPWISE = {
 """Measures that change in steps of a sample and have no derivative -> the measure to use
 instead."""
 
-TAIL = 0.05
+TAIL_FRACTION = 0.05
 """The share of the draws that count as the worst ones."""
 
-OWN = "objective"
+OWN_OBJECTIVE = "objective"
 """The name of an objective that is a function of the user."""
 
 
@@ -56,7 +56,7 @@ class Objective(NamedTuple):
         by_parameters = np.einsum("dmp,m->dp", slopes[:, weighs], self.weights[weighs])
         if not np.isfinite(sums).all():
             return math.inf, np.full(slopes.shape[-1], np.nan)
-        worst = np.argsort(sums)[-max(1, math.ceil(TAIL * len(sums))) :]
+        worst = np.argsort(sums)[-max(1, math.ceil(TAIL_FRACTION * len(sums))) :]
         share = np.full(len(sums), (1 - self.tail_weight) / len(sums))
         share[worst] += self.tail_weight / len(worst)
         return float(share @ sums), share @ by_parameters
@@ -75,8 +75,8 @@ def checked_objective(where: str, objective: object, tail_weight: object) -> Obj
     measures: dict[str, Measure] = {name: function for name, (function, _) in MEASURES.items()}
     at = f"{where}: objective"
     if callable(objective):
-        measures[OWN] = cast(Measure, objective)
-        weights = {OWN: 1.0}
+        measures[OWN_OBJECTIVE] = cast(Measure, objective)
+        weights = {OWN_OBJECTIVE: 1.0}
     elif isinstance(objective, str):
         weights = {objective: 1.0}
     elif isinstance(objective, Mapping) and objective:

@@ -12,7 +12,7 @@ from ..controllers._controller_vector import ControllerVector
 from ..controllers._decoupled_pi import DecoupledPI
 from ..controllers._pid import PID
 
-FACTOR = 30.0
+DEFAULT_FACTOR = 30.0
 """The factor by which a parameter without bounds may grow or fall."""
 
 
@@ -119,4 +119,4 @@ def _about(where: str, name: str, value: np.ndarray) -> tuple[np.ndarray, np.nda
             f"{where}: {name}: expected bounds, because its value is not above 0, got none; pass "
             f"tuned={{{name!r}: (lowest, highest)}}"
         )
-    return value / FACTOR, value * FACTOR
+    return value / DEFAULT_FACTOR, value * DEFAULT_FACTOR

@@ -25,10 +25,10 @@ FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.1, 0.4, 1e-3
 """Step lengths relative to the width of the box. A step of the shortest length changes a parameter
 whose bounds differ by a factor of 1000 by 0.7 %."""
 
-ENOUGH = 1e-4
+SUFFICIENT_DECREASE = 1e-4
 """The part of the predicted decrease of the merit that a step has to reach to be accepted."""
 
-CONVERGED = 1e-4
+NEGLIGIBLE_DECREASE = 1e-4
 """The predicted decrease of the merit, relative to the objective, at which a descent ends."""
 
 
@@ -113,7 +113,9 @@ class _Descent:
         self._step = _quadratic_minimum(self._hessian, at.g, at.a, room, low, high)
         self._multiplier = self._estimated_multiplier(low, high)
         self._weight = max(self._weight, 2 * self._multiplier, self._scale)
-        if self._predicted() < CONVERGED * max(abs(at.f), CONVERGED * self._scale):
+        if self._predicted() < NEGLIGIBLE_DECREASE * max(
+            abs(at.f), NEGLIGIBLE_DECREASE * self._scale
+        ):
             return None
         return z + self._step
 
@@ -121,7 +123,7 @@ class _Descent:
         """Takes the evaluation of the requested point, and returns whether the descent moves
         there."""
         fall = self._merit(self._at) - self._merit(evaluation) if evaluation.is_finite else -np.inf
-        if not fall > ENOUGH * self._predicted():
+        if not fall > SUFFICIENT_DECREASE * self._predicted():
             self._reach = 0.4 * min(self._reach, float(np.abs(self._step).max()))
             return False
         if fall > 0.7 * self._predicted():

@@ -32,10 +32,10 @@ from ._search_box import SearchBox, search_box
 from ._side_by_side_sqp import Evaluation, Round, descents
 from ._tuning import TunedLoop, Tuning, TuningStep
 
-WITHIN = 1e-3
+PEAK_TOLERANCE = 1e-3
 """The relative excess of a sensitivity peak over its limit that is accepted."""
 
-TRIES = 200
+RANDOM_CONTROLLERS = 200
 """The number of random controllers for each start of which only the linear loop is evaluated."""
 
 
@@ -271,7 +271,7 @@ class TuningProblem(NamedTuple):
         points = [self.box.point(self.vector.values)]
         for _ in range(self.starts - 1):
             best = (math.inf, points[0])
-            for _ in range(TRIES):
+            for _ in range(RANDOM_CONTROLLERS):
                 point = random.random(len(points[0]))
                 if self.linear is None or self.limit is None:
                     best = (0.0, point)
@@ -292,7 +292,7 @@ class TuningProblem(NamedTuple):
                 "tune: expected a controller within the bounds whose loops are stable and finite, "
                 f"got none in {len(history)} rounds; start with smaller gains, or give other bounds"
             )
-        kept = [part for part in finite if part.evaluation.c <= WITHIN]
+        kept = [part for part in finite if part.evaluation.c <= PEAK_TOLERANCE]
         if not kept:
             nearest = min(finite, key=lambda part: part.evaluation.c)
             assert self.limit is not None

@@ -42,16 +42,16 @@ period (Tyreus and Luyben, Ind. Eng. Chem. Res. 31 (1992) 2625; Luyben and Luybe
 _UNITS = {"gain": "1/K", "period_s": "s", "phase_deg": "deg", "amplitude": "K", "cycles": "1"}
 """Field of an `UltimatePoint` -> unit."""
 
-FILTER = 1 / 8
+FILTER_RATIO = 1 / 8
 """The time constant of the derivative's filter per derivative time."""
 
-SAME_PERIOD = 0.15
+PERIOD_TOLERANCE = 0.15
 """The relative difference that periods may have; two samples more are always allowed."""
 
-GAP = 0.25
+LONGEST_GAP = 0.25
 """The longest time without a sample, in periods."""
 
-SAME_LEVEL = 0.15
+LEVEL_TOLERANCE = 0.15
 """The change of the mean from period to period that is allowed, relative to the oscillation's
 height."""
 
@@ -113,7 +113,7 @@ class UltimatePoint:
         gain, integral, lead = _RULES[rule, has_derivative]
         Kp, Td = gain * self.gain, lead * self.period_s
         Ki = Kp / (integral * self.period_s)
-        return PID(Kp=Kp, Ki=Ki, Kd=Kp * Td, Tf=FILTER * Td, **settings)
+        return PID(Kp=Kp, Ki=Ki, Kd=Kp * Td, Tf=FILTER_RATIO * Td, **settings)
 
 
 def ultimate_point(
@@ -148,7 +148,7 @@ def ultimate_point(
     whole = slice(ups[0], ups[-1])
     steps = np.diff(time[ups[0] : ups[-1] + 1])
     usual = float(np.median(steps))
-    if steps.max() > max(GAP * periods.mean(), 1.5 * usual):
+    if steps.max() > max(LONGEST_GAP * periods.mean(), 1.5 * usual):
         raise ControlError(
             "ultimate_point: run: expected samples through the whole oscillation, got none for "
             f"{steps.max():.3g} s of a period of {periods.mean():.3g} s"
@@ -226,12 +226,12 @@ def _check_drift(
 
     **Raises:** `ControlError` if the periods or the level still change.
     """
-    if np.ptp(periods) > SAME_PERIOD * periods.mean() + 2 * step:
+    if np.ptp(periods) > PERIOD_TOLERANCE * periods.mean() + 2 * step:
         raise ControlError(
             "ultimate_point: run: expected periods that do not change, got "
             f"{', '.join(f'{period:.3g}' for period in periods)} s; let it run for longer"
         )
-    if len(levels) > 1 and np.abs(np.diff(levels)).max() > SAME_LEVEL * height:
+    if len(levels) > 1 and np.abs(np.diff(levels)).max() > LEVEL_TOLERANCE * height:
         raise ControlError(
             "ultimate_point: run: expected an oscillation about one level, got means of "
             f"{', '.join(f'{level:.2f}' for level in levels)} degC at a height of {height:.2f} K; "
