@@ -67,6 +67,7 @@ from ._file_model import (
 from ._kalman import KalmanFilter, kalman_filter, kalman_tables
 from ._law import Law, bundled_law, check_designed_cells
 from ._mpc_limits import checked_rate, checked_temperature_limits
+from ._mpc_programs import plan_program, rest_program
 from ._plant import Plant, plant_of
 from ._program_numbers import parameter_lines, program_numbers, work_of
 from ._quadratic_program import QuadraticProgram, minimised
@@ -252,8 +253,8 @@ class MPC(AbstractChannelGroupController):
         moves, watched = self.horizon * cells, len(self.temperature_limits)
         limits = moves * (1 if self.rate_limit is None else 2) + self.horizon * watched
         constants = {"STATES": states, "MOVES": moves, **numbers.constants}
-        if self.rate_limit is not None:
-            constants["REACH"] = self.rate_limit * self.sample_time_s
+        if self._reach is not None:
+            constants["REACH"] = self._reach
         tables = {**kalman_tables(self.kalman, self.duty, self.outputs), **numbers.tables}
         lines = parameter_lines(
             self.deviations, self.rate_limit, self.temperature_limits, self.soft
@@ -291,9 +292,8 @@ class MPC(AbstractChannelGroupController):
         states, moves = self._plan(state, jnp.asarray(reference), jnp.asarray(measurement))
         low, high = (limit - self.duty for limit in self.limits)
         now = moves[0]
-        if self.rate_limit is not None:
-            reach = self.rate_limit * self.sample_time_s
-            now = jnp.clip(now, state.duty - reach, state.duty + reach)
+        if self._reach is not None:
+            now = jnp.clip(now, state.duty - self._reach, state.duty + self._reach)
         # Rounding must not violate the hard limits.
         now = jnp.clip(now, low, high)
         later = self.kalman.predict(states, now)
@@ -318,65 +318,25 @@ class MPC(AbstractChannelGroupController):
         aim = jax.vmap(self._target, (0, None)) if missing.ndim == 2 else self._target
         target = aim(missing, heat)
         targets = jnp.broadcast_to(target, (self.horizon, cells)).reshape(-1)
-        cost = self.condensed
-        slope = jnp.asarray(cost.by_states) @ states + jnp.asarray(cost.by_last_duty) @ state.duty
-        slope = slope + jnp.asarray(cost.by_target) @ targets
-        matrix = jnp.eye(len(slope), dtype=slope.dtype)
-        low, high = (jnp.tile(limit - self.duty, self.horizon) for limit in self.limits)
-        if self.rate_limit is not None:
-            changes = matrix - jnp.eye(len(slope), k=-cells, dtype=slope.dtype)
-            last = jnp.zeros_like(slope).at[:cells].set(state.duty)
-            reach = self.rate_limit * self.sample_time_s
-            matrix = jnp.concatenate([matrix, changes])
-            low = jnp.concatenate([low, last - reach])
-            high = jnp.concatenate([high, last + reach])
-        softness: Any = 0.0
-        if self.soft is not None:
-            coming = jnp.asarray(self.soft.by_states) @ states
-            softness = self._softness(low, coming)
-            matrix = jnp.concatenate([matrix, jnp.asarray(self.soft.by_moves)])
-            low = jnp.concatenate([low, self.soft.lowest - coming])
-            high = jnp.concatenate([high, self.soft.highest - coming])
-        hessian = jnp.asarray(cost.hessian)
-        return states, QuadraticProgram(hessian, slope, matrix, low, high, softness)
+        limits = self.limits[0] - self.duty, self.limits[1] - self.duty
+        return states, plan_program(
+            self.condensed, states, state.duty, targets, limits, self._reach, self.soft
+        )
 
     def _target(
         self, missing: Float[Array, " outputs"], heat: Float[Array, " cells"]
     ) -> Float[Array, " cells"]:
-        """Computes the smallest duty that changes the outputs at rest by a given amount. If the
-        limits exclude it, the nearest duty is used, in units of the accepted deviations.
+        """Computes the duty at rest that changes the outputs by a given amount, under a disturbance
+        that is expressed as a duty."""
+        gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
+        accepted, duty = jnp.asarray(self.deviations.output), jnp.asarray(self.duty)
+        limits = self.limits[0] - duty, self.limits[1] - duty
+        return minimised(rest_program(gain, inverse, accepted, missing, heat, limits, self.soft))
 
-        **Arguments:**
-
-        - `heat`: the disturbance, as a duty.
-        """
-        accepted = jnp.asarray(self.deviations.output)
-        found = rest_cost(jnp.asarray(self.gain), jnp.asarray(self.inverse), accepted)
-        scaled, hessian = map(jnp.asarray, found)
-        low, high = (limit - jnp.asarray(self.duty) for limit in self.limits)
-        matrix, softness = jnp.eye(len(low), dtype=hessian.dtype), 0.0
-        if self.soft is not None:
-            soft, rows = self.soft, len(self.soft.rest_gain)
-            coming = jnp.asarray(soft.rest_gain) @ heat
-            matrix = jnp.concatenate([matrix, jnp.asarray(soft.rest_gain)])
-            softness = self._softness(low, coming)
-            low = jnp.concatenate([low, soft.lowest[:rows] - coming])
-            high = jnp.concatenate([high, soft.highest[:rows] - coming])
-        program = QuadraticProgram(
-            hessian,
-            -scaled.T @ (missing / accepted),
-            matrix,
-            low,
-            high,
-            softness,
-        )
-        return minimised(program)
-
-    def _softness(self, hard: Array, soft: Array) -> Array:
-        """The softness of all limits, 0 for the hard ones."""
-        assert self.soft is not None
-        accepted = jnp.asarray(self.soft.excess, soft.dtype) ** 2
-        return jnp.concatenate([jnp.zeros_like(hard), jnp.full_like(soft, accepted)])
+    @property
+    def _reach(self) -> float | None:
+        """The largest change of the duty in a sample; None for any."""
+        return None if self.rate_limit is None else self.rate_limit * self.sample_time_s
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape
