@@ -194,7 +194,7 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
     assert (room - still)[-1] > 1
 
 
-def test_late_readings_are_those_of_before(twin: Twin, pid: PID):
+def test_a_delay_of_4_s_gives_the_readings_of_4_s_before(twin: Twin, pid: PID):
     settings: dict[str, Any] = {"duration_s": DURATION, "noise": False}
     late = simulate_closed_loop(twin, pid, 35, sensor_delay_s=4, **settings)
     np.testing.assert_allclose(late.measurement[4:], late.output[:-4], atol=1e-12)
@@ -296,7 +296,7 @@ def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: floa
         ),
     ],
 )
-def test_what_does_not_fit_is_refused(
+def test_references_and_settings_that_do_not_fit_are_refused(
     twin: Twin, pid: PID, references: Any, settings: dict[str, Any], message: str
 ):
     with pytest.raises(ControlError, match=message):

@@ -177,7 +177,7 @@ def test_the_box_is_logarithmic_where_it_is_above_0():
         ({"starts": 0}, "starts: expected a whole number"),
     ],
 )
-def test_what_does_not_fit_is_refused(twin: Twin, settings: dict[str, Any], message: str):
+def test_invalid_arguments_of_tune_are_refused(twin: Twin, settings: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
         jt.tune(START, twin, 24, duration_s=150, **settings)
 
