@@ -23,7 +23,7 @@ import jaxtwin as jt
 from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, scenario
 from jaxtwin.control.controllers._controller_vector import ControllerVector
 from jaxtwin.control.tuning._loop_slopes import LoopSlopes
-from jaxtwin.control.tuning._tune import tuning_problem
+from jaxtwin.control.tuning._tuning_problem import tuning_problem
 
 from ._measure import run_alone
 

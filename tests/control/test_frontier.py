@@ -76,7 +76,9 @@ def test_dominated_points_of_a_frontier_are_drawn_hollow(found: Frontier):
         ({"rounds": 0}, "rounds: expected a whole number"),
     ],
 )
-def test_invalid_arguments_of_frontier_are_refused(twin: Twin, settings: dict[str, Any], message: str):
+def test_invalid_arguments_of_frontier_are_refused(
+    twin: Twin, settings: dict[str, Any], message: str
+):
     given: dict[str, Any] = {"duration_s": 150, "weights": [0, 1]} | settings
     with pytest.raises(ControlError, match=message):
         frontier(START, twin, 24, **given)

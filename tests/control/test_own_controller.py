@@ -134,7 +134,9 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin):
         ),
     ],
 )
-def test_a_wrong_field_of_an_own_controller_is_named(tmp_path: Path, twin: Twin, old: str, new: str, message: str):
+def test_a_wrong_field_of_an_own_controller_is_named(
+    tmp_path: Path, twin: Twin, old: str, new: str, message: str
+):
     path = tmp_path / "own.toml"
     save_controller(path, AutomaticReset(0.1, 80.0, measured=(("T11", "T16"),)), twin.rig)
     assert old in path.read_text()

@@ -12,7 +12,7 @@ from jaxtwin.control import LQI, PID, Tuning, sensitivity_peak
 from jaxtwin.control.tuning._objective import checked_objective
 from jaxtwin.control.tuning._search_box import SearchBox
 from jaxtwin.control.tuning._side_by_side_sqp import Evaluation, descents
-from jaxtwin.control.tuning._tune import TuningProblem, tuning_problem
+from jaxtwin.control.tuning._tuning_problem import TuningProblem, tuning_problem
 
 DRAWS = {"R_E": np.array([1.8, 2.1]), "t_delay": np.array([1.5, 2.5])}
 START = PID(Kp=0.03, Ki=0.0004, limits=(0, 1))

@@ -19,8 +19,8 @@ from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..loops._measures import MEASURES
 from ._objective import STEPWISE, checked_objective
-from ._tune import tuning_problem
 from ._tuning import Tuning
+from ._tuning_problem import tuning_problem
 
 if TYPE_CHECKING:
     import pandas
