@@ -63,7 +63,7 @@ def _error(
     twin: jt.Twin, pid: PID, references: str, duration: int, delay: float, precision: Any
 ) -> float:
     """The largest in any channel, K."""
-    found = jt.simulate_closed_loop(
+    found = jt.simulate_closed_loops(
         twin,
         pid,
         references,

@@ -76,7 +76,7 @@ def measure(count: int, fit_file: Path | None) -> dict[str, Any]:
     answer["controllers"] = {}
     for name, (controller, reference) in designed.items():
         began = time.process_time()
-        loops = jt.simulate_closed_loop(
+        loops = jt.simulate_closed_loops(
             plant,
             controller,
             reference,

@@ -21,9 +21,9 @@ import numpy as np
 
 import jaxtwin as jt
 from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, scenario
-from jaxtwin.control._controller_vector import ControllerVector
-from jaxtwin.control._loop_slopes import LoopSlopes
-from jaxtwin.control._tune import tuning_problem
+from jaxtwin.control.controllers._controller_vector import ControllerVector
+from jaxtwin.control.tuning._loop_slopes import LoopSlopes
+from jaxtwin.control.tuning._tuning_problem import tuning_problem
 
 from ._measure import run_alone
 

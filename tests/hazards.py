@@ -17,7 +17,7 @@ from hand_clock import START, HandClock, stepped_bench
 
 from jaxtwin._errors import JaxtwinError, SafetyStop
 from jaxtwin.control import PID, control, read_controller, save_controller
-from jaxtwin.control._control import LiveLoop
+from jaxtwin.control.loops._control import LiveLoop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Data,
@@ -253,7 +253,7 @@ def controlled(controller: Path) -> Callable[[Scene, RigConnection, Twin, bool],
             """The controller's own numbers are lost, and so is what it asks for."""
             loop._state = jax.tree.map(lambda part: part * np.nan, loop._state)
 
-        with _failing("jaxtwin.control._control.operate", scene, spoil):
+        with _failing("jaxtwin.control.loops._control.operate", scene, spoil):
             return control(bench, Guard.of(twin, ambient=scene.room), loop)
 
     return command

@@ -109,27 +109,33 @@ def test_a_package_imports_only_what_stands_before_it(package: str):
     assert not wrong
 
 
-LIVE_ROOMS = ("protocol", "recording", "conformance", "safety", "virtual_rig")
-"""The rooms of `live/`, from the lowest to the highest; the modules beside them stand above all."""
+ROOMS = {
+    "live": ("protocol", "recording", "conformance", "safety", "virtual_rig"),
+    "control": ("linear", "controllers", "loops", "tuning"),
+}
+"""The rooms of a package, from the lowest to the highest; modules beside them stand above all."""
 
 
-@pytest.mark.parametrize("room", LIVE_ROOMS)
-def test_a_room_of_live_imports_only_what_stands_before_it(room: str):
-    allowed = LIVE_ROOMS[: LIVE_ROOMS.index(room) + 1]
-    for file in sorted((SOURCE / "live" / room).glob("*.py")):
-        package = file.relative_to(SOURCE).parts[:-1]
+@pytest.mark.parametrize(
+    ("package", "room"), [(package, room) for package, rooms in ROOMS.items() for room in rooms]
+)
+def test_a_room_imports_only_what_stands_before_it(package: str, room: str):
+    allowed = ROOMS[package][: ROOMS[package].index(room) + 1]
+    for file in sorted((SOURCE / package / room).glob("*.py")):
+        parts = file.relative_to(SOURCE).parts[:-1]
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            for target in targets(node, package):
-                if target[:1] == ("live",):
+            for target in targets(node, parts):
+                if target[:1] == (package,):
                     assert target[1] in allowed, f"{file.name} imports {'/'.join(target)}"
 
 
-def test_the_rooms_of_live_are_those_of_the_page():
-    found = {path.parent.name for path in (SOURCE / "live").glob("*/__init__.py")}
-    assert found == set(LIVE_ROOMS)
+@pytest.mark.parametrize("package", ROOMS)
+def test_the_rooms_of_a_package_are_those_of_the_page(package: str):
+    found = {path.parent.name for path in (SOURCE / package).glob("*/__init__.py")}
+    assert found == set(ROOMS[package])
     text = PAGE.read_text(encoding="utf-8")
-    for room in LIVE_ROOMS:
-        assert f"`live/{room}/`" in text
+    for room in ROOMS[package]:
+        assert f"`{package}/{room}/`" in text
 
 
 def test_the_private_modules_import_no_package():

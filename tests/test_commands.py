@@ -274,13 +274,13 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     assert without(arguments) == ARRIVED | {"doing": "controlling", "duration": 30.0}
     (prepare,) = arguments["positional"]
     checked: list[tuple[object, ...]] = []
-    really_checked = control._control.checked_loop
+    really_checked = control.loops._control.checked_loop
 
     def check(*given: Any) -> Any:
         checked.append(given)
         return really_checked(*given)
 
-    monkeypatch.setattr(control._control, "checked_loop", check)
+    monkeypatch.setattr(control.loops._control, "checked_loop", check)
     command, about = prepare(twin)
     assert command.func is run_controller
     guard = command.keywords["guard"].settings

@@ -45,7 +45,7 @@ DEFAULTS = {
         "read_recording": {"counts": None, "polarity": None, "ignore": ()},
         "sensitivity": {"method": "correlations", "spread": 0.25, "seed": 0, "inputs": "normal"},
         "simulate_batch": {"precision": "float64"},
-        "simulate_closed_loop": {"precision": "float64"},
+        "simulate_closed_loops": {"precision": "float64"},
         "sweep": {"spread": 0.25, "seed": 0, "precision": "float64", "chunk_size": 65_536},
         "tune": {
             "objective": "integral_absolute_error",

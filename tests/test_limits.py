@@ -13,8 +13,8 @@ import pytest
 from jaxtwin import Experiment, JaxtwinError, LinearModel, ThermoelectricModule, Twin, plots
 from jaxtwin._residual_statistics import ljung_box
 from jaxtwin.control import PID
-from jaxtwin.control._controller import check_non_negative, checked_deviations
-from jaxtwin.control._disturbances import Draught, HeatInput, disturbance_tables
+from jaxtwin.control.controllers._controller import check_non_negative, checked_deviations
+from jaxtwin.control.loops._disturbances import Draught, HeatInput, disturbance_tables
 from jaxtwin.experiment_design._schedules import make_schedules
 from jaxtwin.live import opener
 from jaxtwin.live.protocol._codec import parse

@@ -14,6 +14,7 @@ from .c_export import export_c as export_c  # a model, a twin or a controller as
 from .control import LinearModel as LinearModel  # a twin near an operating point
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
+from .control import simulate_closed_loops as simulate_closed_loops  # for many draws
 from .control import tune as tune  # a controller's gains, through the closed loop
 from .experiment_design import ExperimentDesign as ExperimentDesign  # what to record next
 from .experiment_design import design_experiment as design_experiment  # and how to find it

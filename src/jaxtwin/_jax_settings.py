@@ -6,6 +6,7 @@ changed.
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,8 @@ import numpy as np
 from jax.core import Tracer
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
+
+Tree = TypeVar("Tree")
 
 
 @contextmanager
@@ -61,3 +64,12 @@ def in_precision(tree: PyTree, dtype: DTypeLike) -> PyTree:
         return jnp.asarray(leaf, dtype) if is_floating else leaf
 
     return jax.tree.map(cast, tree)
+
+
+def to_numpy(tree: Tree) -> Tree:
+    """Converts the leaves of a PyTree to NumPy arrays, except those that JAX traces.
+
+    Computing with a float64 array of JAX outside of `jax.enable_x64` rounds it to float32. NumPy
+    arrays keep their precision, and JAX accepts them as well.
+    """
+    return jax.tree.map(lambda leaf: leaf if isinstance(leaf, Tracer) else np.asarray(leaf), tree)

@@ -8,7 +8,7 @@ from exported_controllers import KEYS, c_of, controller_of
 
 from jaxtwin import Stepper, Twin, fmu, linearize
 from jaxtwin.c_export import _sources, export_c
-from jaxtwin.control import _law
+from jaxtwin.control.controllers import _law
 
 FILES = sorted(
     file

@@ -56,7 +56,7 @@ def test_the_error_stays_within_its_bound_and_is_none_at_rest(rig: str, order: i
     assert (reduced.delay_s, reduced.lag_s) == (model.delay_s, model.lag_s)
 
 
-def test_states_that_nothing_moves_or_shows_are_no_states():
+def test_states_that_no_input_moves_or_no_output_shows_are_left_out():
     """Mirror images: of two equal first orders in parallel only the sum is left."""
     model = LinearModel(-np.eye(2), [[1.0], [1.0]], [[1.0, 1.0]], [[0.0]])
     np.testing.assert_allclose(model.hankel_singular_values, [1.0])
@@ -75,7 +75,7 @@ def test_all_states_kept_are_the_model_itself():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 
 
-def test_unstable_models_and_orders_that_are_none_are_refused():
+def test_unstable_models_and_invalid_orders_are_refused():
     with pytest.raises(ControlError, match="expected a stable model, got a pole"):
         LinearModel([[0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(1)
     with pytest.raises(ControlError, match="order: expected a whole number above 0"):

@@ -19,9 +19,10 @@ from jaxtwin.control import (
     closed_loop,
     scenario,
     simulate_closed_loop,
+    simulate_closed_loops,
 )
-from jaxtwin.control._many_loops import twin_at_medians
-from jaxtwin.control._measures import units_of
+from jaxtwin.control.loops._many_loops import twin_at_medians
+from jaxtwin.control.loops._measures import units_of
 
 DURATION = 120.0
 """Of all loops, s: the same shapes compile nothing anew."""
@@ -82,7 +83,7 @@ def test_gradients_are_those_of_differences(twin: Twin):
 def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
     """Of plant and controller, in both precisions, and with a function of one's own."""
     draws = {"R_E": [1.9, 2.1, -1.0], "t_delay": [1.0, 3.5, 2.0]}
-    found = simulate_closed_loop(
+    found = simulate_closed_loops(
         twin,
         pid,
         35,
@@ -99,7 +100,7 @@ def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
     ).measures()["value"]
     for name in MEASURES:
         np.testing.assert_allclose(found[name][1], single[name], rtol=1e-6, err_msg=name)
-    fast = simulate_closed_loop(
+    fast = simulate_closed_loops(
         twin,
         pid,
         35,
@@ -121,7 +122,7 @@ def test_measures_of_many_loops_have_the_units_of_single_ones(twin: Twin, pid: P
         "squared": MEASURES["integral_squared_error"][0],
         "own": lambda loop: loop.plate.max(),
     }
-    found = simulate_closed_loop(
+    found = simulate_closed_loops(
         twin, pid, 35, duration_s=DURATION, draws={"R_E": [1.9, 2.1]}, measures=measures
     )
     data = found.to_xarray()
@@ -193,7 +194,7 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
     assert (room - still)[-1] > 1
 
 
-def test_late_readings_are_those_of_before(twin: Twin, pid: PID):
+def test_a_delay_of_4_s_gives_the_readings_of_4_s_before(twin: Twin, pid: PID):
     settings: dict[str, Any] = {"duration_s": DURATION, "noise": False}
     late = simulate_closed_loop(twin, pid, 35, sensor_delay_s=4, **settings)
     np.testing.assert_allclose(late.measurement[4:], late.output[:-4], atol=1e-12)
@@ -293,18 +294,31 @@ def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: floa
             {"ambient": "0:20,60:-300"},
             "ambient: expected -273.15 degC and above, got -300 degC",
         ),
-        (35, {"workers": 0}, "workers: expected a whole number above 0, got 0"),
-        (35, {"controller_draws": {"Kx": [1.0]}}, "unknown parameter 'Kx'"),
-        (35, {"draws": {"R_E": [1.0]}, "controller_draws": {"Kp": [1, 2]}}, "same number of draws"),
-        (35, {"draws": {"R_E": [2.0]}, "measures": ["speed"]}, "unknown measure 'speed'"),
-        (35, {"measures": ["energy"]}, "expected only beside draws"),
     ],
 )
-def test_what_does_not_fit_is_refused(
+def test_references_and_settings_that_do_not_fit_are_refused(
     twin: Twin, pid: PID, references: Any, settings: dict[str, Any], message: str
 ):
     with pytest.raises(ControlError, match=message):
         simulate_closed_loop(twin, pid, references, **{"duration_s": DURATION, **settings})
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({}, "expected draws or controller_draws, .* simulate_closed_loop simulates a single loop"),
+        ({"draws": {}, "measures": ["energy"]}, "expected draws or controller_draws"),
+        ({"draws": {"R_E": [2.0]}, "workers": 0}, "workers: expected a whole number above 0"),
+        ({"controller_draws": {"Kx": [1.0]}}, "unknown parameter 'Kx'"),
+        ({"draws": {"R_E": [1.0]}, "controller_draws": {"Kp": [1, 2]}}, "same number of draws"),
+        ({"draws": {"R_E": [2.0]}, "measures": ["speed"]}, "unknown measure 'speed'"),
+    ],
+)
+def test_draws_and_measures_that_do_not_fit_are_refused(
+    twin: Twin, pid: PID, settings: dict[str, Any], message: str
+):
+    with pytest.raises(ControlError, match=f"^simulate_closed_loops: .*{message}"):
+        simulate_closed_loops(twin, pid, 35, duration_s=DURATION, **settings)
 
 
 @pytest.mark.parametrize(
@@ -336,7 +350,7 @@ def test_draws_of_a_controller_are_as_good_as_its_parameters(
     twin: Twin, pid: PID, draws: dict[str, Any], message: str
 ):
     with pytest.raises(ControlError, match=message):
-        simulate_closed_loop(twin, pid, 35, duration_s=DURATION, controller_draws=draws)
+        simulate_closed_loops(twin, pid, 35, duration_s=DURATION, controller_draws=draws)
 
 
 def test_checks_are_made_with_the_median_of_the_valid_draws(twin: Twin):
@@ -344,7 +358,7 @@ def test_checks_are_made_with_the_median_of_the_valid_draws(twin: Twin):
     values = twin_at_medians(twin, drawn).values
     assert (values["R_E"], values["t_delay"]) == (0.4, 2.0)
     with pytest.raises(ParameterError, match=r"dual-cell: draw 0: .*R_E.* above 0, got -2"):
-        simulate_closed_loop(twin, PID(0.1), 35, duration_s=DURATION, draws={"R_E": [-2.0, -1.0]})
+        simulate_closed_loops(twin, PID(0.1), 35, duration_s=DURATION, draws={"R_E": [-2.0, -1.0]})
 
 
 def test_a_duty_that_does_not_stay_finite_ends_the_simulation(twin: Twin):

@@ -31,7 +31,7 @@ from jaxtwin.control import (
     save_controller,
     ultimate_point,
 )
-from jaxtwin.control._stability import check_stability
+from jaxtwin.control.loops._stability import check_stability
 from jaxtwin.io import Session
 from jaxtwin.live import (
     Clock,
@@ -151,7 +151,9 @@ def test_a_rig_over_tcp_does_what_the_simulated_loop_did(twin: Twin, pid: PID, t
     ("faults", "reason"),
     [("stall=20/9", r"no controller sample|is down|no temperature"), ("disconnect=20", "is down")],
 )
-def test_a_silent_rig_is_off(twin: Twin, pid: PID, clock: HandClock, faults: str, reason: str):
+def test_a_rig_without_readings_is_switched_off(
+    twin: Twin, pid: PID, clock: HandClock, faults: str, reason: str
+):
     device = VirtualRig(twin, faults=Faults.parse(faults))
     with pytest.raises(SafetyStop, match=reason):
         control(
@@ -166,7 +168,7 @@ def test_a_silent_rig_is_off(twin: Twin, pid: PID, clock: HandClock, faults: str
 
 
 @pytest.mark.slow
-def test_dropped_frames_do_not_stop_it(twin: Twin, pid: PID, clock: HandClock):
+def test_dropped_frames_do_not_stop_a_run(twin: Twin, pid: PID, clock: HandClock):
     device = VirtualRig(twin, speed=10, faults=Faults.parse("drop=0.2"))
     bench = virtual_bench(twin.rig, device, clock)
     assert control(bench, Guard.of(twin), LiveLoop(twin, pid, 30, duration_s=100)) == "completed"
@@ -175,7 +177,9 @@ def test_dropped_frames_do_not_stop_it(twin: Twin, pid: PID, clock: HandClock):
 
 
 @pytest.mark.slow
-def test_a_loosened_contact_is_made_up_for(twin: Twin, pid: PID, clock: HandClock):
+def test_the_mean_stays_within_half_a_kelvin_with_a_loosened_contact(
+    twin: Twin, pid: PID, clock: HandClock
+):
     """Ten times the contact resistances of a cell: the other cell, and more duty, hold the mean."""
     device = VirtualRig(twin, speed=4, faults=Faults.parse("loosen=P1@60/10"))
     bench = virtual_bench(twin.rig, device, clock)
@@ -185,7 +189,7 @@ def test_a_loosened_contact_is_made_up_for(twin: Twin, pid: PID, clock: HandCloc
 
 
 @pytest.mark.slow
-def test_a_sensor_without_a_number_switches_a_rig_off(
+def test_a_nan_of_a_sensor_switches_the_cells_off_before_the_controller_would(
     clock: HandClock, monkeypatch: pytest.MonkeyPatch
 ):
     """The interlocks do not wait as long as the controller would. A camera has no NaN to send."""
@@ -301,7 +305,9 @@ def test_an_old_reading_of_what_is_not_controlled_stops_nothing(twin: Twin):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("asked", [np.nan, np.inf])
-def test_a_duty_that_is_none_switches_off(twin: Twin, clock: HandClock, asked: float):
+def test_a_duty_that_is_not_finite_switches_the_cells_off(
+    twin: Twin, clock: HandClock, asked: float
+):
     device = VirtualRig(twin)
     wrong = FunctionController(lambda t, r, y: 0.5 + asked * (t > 5))
     with pytest.raises(SafetyStop, match="the controller asked for duty"):

@@ -26,7 +26,7 @@ from jaxtwin.control import (
     read_controller,
     save_controller,
 )
-from jaxtwin.control._controller import with_values
+from jaxtwin.control.controllers._controller import with_values
 
 PID_FILE = """
 format = 1
@@ -170,7 +170,7 @@ FIELDS = [
         max_leaves=5,
     ),
 )
-def test_no_value_of_a_field_ends_in_another_error(
+def test_a_wrong_value_of_a_field_raises_only_errors_of_jaxtwin(
     tmp_path_factory: pytest.TempPathFactory, twin: Twin, place: tuple[str, str], value: object
 ):
     file, field = place

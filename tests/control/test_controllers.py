@@ -17,8 +17,8 @@ from jaxtwin.control import (
     Relay,
     decoupling_of,
 )
-from jaxtwin.control._controller import checked_measured
-from jaxtwin.control._decoupled_pi import inverse
+from jaxtwin.control.controllers._controller import checked_measured
+from jaxtwin.control.controllers._decoupled_pi import inverse
 
 GROUPS = (("T11",), ("T16",))
 
@@ -82,7 +82,7 @@ def test_back_calculation_keeps_the_integral_from_winding_up():
         ),
     ],
 )
-def test_a_start_has_no_bump(controller: AbstractController):
+def test_a_controller_takes_over_without_a_jump_of_the_duty(controller: AbstractController):
     with jax.enable_x64(True):
         duty, measurement = np.array([0.31, -0.12]), np.array([31.0, 33.0])
         state = controller.init(duty, measurement)
@@ -186,7 +186,7 @@ def test_groups_of_channels_are_means():
         ({"Kp": 1.0, "measured": []}, "PID: measured: expected channels"),
     ],
 )
-def test_wrong_parameters_are_refused(arguments: dict, message: str):
+def test_invalid_parameters_of_a_controller_are_refused(arguments: dict, message: str):
     with pytest.raises(ControlError, match=message):
         PID(**arguments)
 
@@ -216,7 +216,7 @@ def test_many_controllers_and_traced_ones_are_printed_with_their_shapes():
     assert printed[0].startswith("PID(Kp=weak_f32[] 1/K")
 
 
-def test_a_decoupling_that_is_none_is_refused():
+def test_a_singular_or_misshapen_decoupling_is_refused():
     for decoupling in ([[1, 1], [1, 1]], [[1, float("nan")], [0, 1]], [[1, 0, 0], [0, 1, 0]]):
         with pytest.raises(ControlError, match="expected an invertible matrix"):
             DecoupledPI(1, 0, 1, 0, measured=GROUPS, decoupling=decoupling)

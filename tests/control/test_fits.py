@@ -51,7 +51,7 @@ def test_a_closed_loop_of_a_fit_is_that_of_its_mean_twin():
     assert_same(found.loop, expected.loop)
     draws = posterior_draws(fit(), 3)
     many, expected = (
-        jt.simulate_closed_loop(twin, CONTROLLER, 25, duration_s=20, draws=draws, seed=3)
+        jt.simulate_closed_loops(twin, CONTROLLER, 25, duration_s=20, draws=draws, seed=3)
         for twin in (fit(), fit().mean_twin)
     )
     for name, values in expected.custom.items():

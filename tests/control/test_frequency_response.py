@@ -132,7 +132,7 @@ def test_margins_at_one_of_the_given_frequencies_are_found():
     assert margins(lambda w: -0.5 + 1j * (w - 2), omega=omega)[::2] == (2.0, 2.0)
 
 
-def test_a_loop_without_crossings_has_no_limits():
+def test_a_loop_without_crossings_has_infinite_margins():
     gm, pm, wcg, wcp = margins(first_order(gain=0.5))
     assert (gm, pm) == (np.inf, np.inf)
     assert np.isnan([wcg, wcp]).all()
@@ -162,7 +162,7 @@ def test_the_disk_margin_is_that_of_python_control(skew: float):
     assert min(20 * np.log10(high), -20 * np.log10(low)) == pytest.approx(decibels, rel=2e-4)
 
 
-def test_two_loops_that_do_not_touch_have_the_worse_ones_margin():
+def test_the_disk_margin_of_two_uncoupled_loops_is_the_smaller_one():
     def good(w):
         return 0.2 / (1j * w)
 
@@ -173,7 +173,7 @@ def test_two_loops_that_do_not_touch_have_the_worse_ones_margin():
     assert both.margin == pytest.approx(disk_margin(bad).margin, rel=1e-6)
 
 
-def test_a_loop_that_is_none_is_refused():
+def test_a_response_of_a_wrong_shape_or_with_nan_is_refused():
     two = LinearModel(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))
     with pytest.raises(ControlError, match="with a single channel, got 2"):
         margins(two)

@@ -52,7 +52,7 @@ def test_the_first_point_is_a_tuning_for_the_objective_alone(twin: Twin, found: 
 
 
 @pytest.mark.slow
-def test_dots_that_others_beat_in_both_measures_are_hollow(found: Frontier):
+def test_dominated_points_of_a_frontier_are_drawn_hollow(found: Frontier):
     figure = plot_frontier(found, "largest_plate_range", ["integral_absolute_error", "energy"])
     trade, _ = figure.axes
     dots = [line for line in trade.lines if line.get_marker() == "o"]
@@ -76,7 +76,9 @@ def test_dots_that_others_beat_in_both_measures_are_hollow(found: Frontier):
         ({"rounds": 0}, "rounds: expected a whole number"),
     ],
 )
-def test_what_does_not_fit_is_refused(twin: Twin, settings: dict[str, Any], message: str):
+def test_invalid_arguments_of_frontier_are_refused(
+    twin: Twin, settings: dict[str, Any], message: str
+):
     given: dict[str, Any] = {"duration_s": 150, "weights": [0, 1]} | settings
     with pytest.raises(ControlError, match=message):
         frontier(START, twin, 24, **given)

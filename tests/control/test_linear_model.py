@@ -227,7 +227,7 @@ def test_derivatives_by_a_parameter_are_exact(keywords, float64):
         ({"temperatures": {"TAM": 60.0, "TCM": 20.0}}, "the nearest found was"),
     ],
 )
-def test_an_operating_point_that_is_none_is_refused(keywords, message: str):
+def test_an_invalid_operating_point_is_refused(keywords, message: str):
     with pytest.raises(ControlError, match=message):
         linearize(Twin("dual-cell"), **keywords)
 
@@ -237,7 +237,7 @@ def test_a_twin_with_several_values_is_refused():
         linearize(Twin("dual-cell", {"R_E": [1.8, 2.2]}), duty=0.4)
 
 
-def test_matrices_delays_and_sample_times_that_are_none_are_refused():
+def test_invalid_matrices_delays_and_sample_times_are_refused():
     with pytest.raises(ControlError, match=r"got shapes \(1, 1\), \(2, 1\)"):
         LinearModel([[-1.0]], [[1.0], [1.0]], [[1.0]], [[0.0]])
     with pytest.raises(ControlError, match="delay_s: expected 0 s or more, got -1 s"):

@@ -96,7 +96,7 @@ def test_at_a_rest_it_is_the_model_of_the_duty(twin: Twin):
         ({"run": True, "time": np.nan}, "time: expected a finite number"),
     ],
 )
-def test_points_that_are_none_are_refused(
+def test_a_time_without_a_run_or_outside_of_it_is_refused(
     twin: Twin, run: Run, arguments: dict[str, Any], message: str
 ):
     given: Any = {name: run if value is True else value for name, value in arguments.items()}

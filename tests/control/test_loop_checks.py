@@ -9,8 +9,8 @@ import pytest
 
 from jaxtwin import ControlError, Twin, simulate_closed_loop
 from jaxtwin.control import PID, DecoupledPI, FunctionController
-from jaxtwin.control._control import checked_loop
-from jaxtwin.control._loop_checks import check_reach
+from jaxtwin.control.loops._control import checked_loop
+from jaxtwin.control.loops._loop_checks import check_reach
 
 
 def test_a_heater_holds_the_temperature_of_the_room_and_nothing_below():

@@ -10,8 +10,8 @@ import pytest
 
 from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
 from jaxtwin.control import LQI, DiscreteModel, HeatInput, LinearModel
-from jaxtwin.control._plant import plant_of
-from jaxtwin.control._riccati import filter_gain, regulator
+from jaxtwin.control.controllers._plant import plant_of
+from jaxtwin.control.linear._riccati import filter_gain, regulator
 
 GOLDEN = (1 + 5**0.5) / 2
 
@@ -104,7 +104,7 @@ def test_outputs_come_to_their_references_in_spite_of_heat(direct: float):
     assert np.max(outputs[:, 0]) < 8.8
 
 
-def test_a_mean_has_two_cells_that_share_the_work():
+def test_two_cells_share_the_duty_for_one_mean():
     model = plate()
     lqi = LQI(model)
     outputs, duty = followed(lqi, model, [6.0], 800)
@@ -112,7 +112,7 @@ def test_a_mean_has_two_cells_that_share_the_work():
     assert duty[-1].min() > 0.4 * duty[-1].sum()
 
 
-def test_a_limit_does_not_wind_up():
+def test_a_limit_of_the_duty_does_not_wind_up_the_integrals():
     """Far beyond reach for long, then a reference within: the limit is left within the delay."""
     model = plate()
     lqi = LQI(model, measured=["left", "right"], limits=(-1, 0.3), setpoint_weight=1.0)
@@ -132,7 +132,7 @@ def test_a_limit_does_not_wind_up():
 
 @pytest.mark.parametrize("weight", [0.0, 0.6])
 @pytest.mark.parametrize("measured", [("left", "right"), None])
-def test_a_start_has_no_bump(weight: float, measured: Any):
+def test_an_lqi_takes_over_without_a_jump_of_the_duty(weight: float, measured: Any):
     """Whatever the readings are: what the model does not explain is a disturbance."""
     lqi = LQI(plate(), measured=measured, setpoint_weight=weight)
     with jax.enable_x64(True):
@@ -182,7 +182,7 @@ def refusing(message: str, **arguments: Any) -> None:
         LQI(model, **arguments)
 
 
-def test_designs_that_cannot_be_are_refused():
+def test_invalid_designs_of_an_lqi_are_refused():
     with pytest.raises(ControlError, match="LQI: model: expected a DiscreteModel, such as"):
         plant_of("LQI", 1.0, None)
     refusing("LQI: drift: expected a finite number above 0", drift=0.0)

@@ -56,19 +56,19 @@ def test_a_measure_is_its_definition(name: str, expected: float, float64: None):
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-def test_what_never_settles_takes_for_ever(float64: None):
+def test_the_settling_time_is_infinite_if_an_output_never_settles(float64: None):
     settling = MEASURES["settling_time"][0]
     assert settling(loop(OUTPUT, REFERENCE + 5, DUTY)) == np.inf
     assert settling(loop(REFERENCE, REFERENCE, DUTY)) == 0
 
 
-def test_a_change_within_the_band_takes_no_time_whatever_was_before(float64: None):
+def test_the_settling_time_of_a_change_within_the_band_is_0(float64: None):
     """The output was outside of the band at 5 s; the reference moves by 0.2 K at 10 s."""
     moved = np.append(REFERENCE[:-1], REFERENCE[-1] + 0.2)
     assert MEASURES["settling_time"][0](loop(OUTPUT, moved, DUTY)) == 0
 
 
-def test_an_undershoot_counts_on_the_way_down(float64: None):
+def test_the_overshoot_counts_in_the_direction_of_the_change(float64: None):
     found = MEASURES["overshoot"][0](loop(-OUTPUT, -REFERENCE, DUTY))
     np.testing.assert_allclose(found, 2.0)
 

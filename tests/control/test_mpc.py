@@ -10,8 +10,8 @@ from scipy.linalg import block_diag
 
 from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
 from jaxtwin.control import MPC, DiscreteModel, HeatInput, LinearModel
-from jaxtwin.control._mpc import MPCState
-from jaxtwin.control._riccati import regulator
+from jaxtwin.control.controllers._mpc import MPCState
+from jaxtwin.control.linear._riccati import regulator
 
 BOTH = ("left", "right")
 
@@ -44,7 +44,7 @@ def followed(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("horizon", [1, 7])
-def test_without_an_active_limit_it_is_the_regulator(horizon: int):
+def test_an_mpc_without_an_active_limit_is_the_regulator(horizon: int):
     """Of x and the last duty, with changes of the duty as input, whatever the horizon."""
     model = plate()
     mpc = MPC(model, measured=BOTH, horizon=horizon, output_deviation=2.0, duty_deviation=0.5)
@@ -65,7 +65,7 @@ def test_without_an_active_limit_it_is_the_regulator(horizon: int):
 
 
 @pytest.mark.slow
-def test_limits_of_duty_and_rate_are_hard_and_nothing_is_left_of_heat():
+def test_limits_of_duty_and_rate_are_hard_and_heat_leaves_no_offset():
     model = plate()
     mpc = MPC(model, measured=BOTH, limits=(0, 0.5), rate_limit=0.05, horizon=10)
     outputs, duty = followed(mpc, model, np.tile([16.0, 13.0], (300, 1)), heat=0.05)
@@ -78,7 +78,7 @@ def test_limits_of_duty_and_rate_are_hard_and_nothing_is_left_of_heat():
 
 
 @pytest.mark.slow
-def test_beyond_reach_it_comes_as_near_as_it_can_and_returns_at_once():
+def test_an_mpc_at_its_limit_does_not_wind_up():
     model = plate()
     mpc = MPC(model, measured=BOTH, limits=(-1, 0.3), horizon=10)
     aims = np.r_[np.full((300, 2), 60.0), np.full((5, 2), 5.0)]
@@ -121,7 +121,7 @@ def test_a_temperature_limit_far_away_changes_nothing():
 
 
 @pytest.mark.slow
-def test_a_reference_that_is_known_before_is_met_before():
+def test_with_preview_the_duty_moves_before_the_reference():
     """The horizon in place of the reference of now: the duty moves before the step does."""
     model = plate()
     mpc = MPC(model, measured=BOTH, horizon=10, duty_deviation=0.5)
@@ -166,7 +166,7 @@ def test_a_simulated_loop_gives_the_references_to_come(twin: Twin):
 
 
 @pytest.mark.slow
-def test_a_start_has_no_bump():
+def test_an_mpc_takes_over_without_a_jump_of_the_duty():
     mpc = MPC(plate(), measured=BOTH)
     with jax.enable_x64(True):
         step = jax.jit(lambda state, r, y: mpc.step(state, r, y))
@@ -207,6 +207,6 @@ def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
         ({"measured": ["left"] * 3}, "MPC: measured: expected at most as many outputs"),
     ],
 )
-def test_designs_that_cannot_be_are_refused(arguments: dict[str, Any], message: str):
+def test_invalid_designs_of_an_mpc_are_refused(arguments: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
         MPC(plate(), **arguments)

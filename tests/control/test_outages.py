@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from jaxtwin import Twin, simulate_closed_loop
 from jaxtwin.control import PID, scenario
-from jaxtwin.control._outages import is_within, longest_silence, periodic_spans
+from jaxtwin.control.loops._outages import is_within, longest_silence, periodic_spans
 
 PERIOD = 0.125
 SPAN = st.tuples(st.integers(1, 480), st.integers(0, 200)).map(lambda s: (s[0], s[0] + s[1]))
@@ -72,6 +72,6 @@ def test_ambient_and_reference_may_have_a_value_for_each_sample():
     np.testing.assert_array_equal(found.reference, target[:, None])
 
 
-def test_spans_without_an_interval_are_none():
+def test_an_interval_of_0_has_no_spans():
     assert len(periodic_spans(0.0, 1.0, 100.0)) == 0
     np.testing.assert_array_equal(periodic_spans(30.0, 5.0, 60.0), [[30, 35], [60, 65]])

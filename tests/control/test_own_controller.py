@@ -22,8 +22,11 @@ from jaxtwin.control import (
     register_controller,
     save_controller,
 )
-from jaxtwin.control._controller import AbstractChannelGroupController, AbstractController
-from jaxtwin.control._stability import check_stability
+from jaxtwin.control.controllers._controller import (
+    AbstractChannelGroupController,
+    AbstractController,
+)
+from jaxtwin.control.loops._stability import check_stability
 
 LAW = """
 static void model_law_init(model_state *state, const model_real *duty,
@@ -131,7 +134,9 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin):
         ),
     ],
 )
-def test_a_wrong_field_is_named(tmp_path: Path, twin: Twin, old: str, new: str, message: str):
+def test_a_wrong_field_of_an_own_controller_is_named(
+    tmp_path: Path, twin: Twin, old: str, new: str, message: str
+):
     path = tmp_path / "own.toml"
     save_controller(path, AutomaticReset(0.1, 80.0, measured=(("T11", "T16"),)), twin.rig)
     assert old in path.read_text()
@@ -149,7 +154,7 @@ def test_a_loop_that_is_not_stable_is_refused(twin: Twin):
         check_stability(twin, AutomaticReset(0.5, 1e4), weights, reference)
 
 
-def test_it_controls_the_twin(twin: Twin):
+def test_an_own_controller_holds_its_reference_on_a_twin(twin: Twin):
     run = simulate_closed_loop(twin, AutomaticReset(0.1, 80.0), 35, duration_s=900, noise=False)
     np.testing.assert_allclose(run.measurement[-1], 35, atol=0.1)
 
@@ -181,7 +186,7 @@ int main(void)
 
 @pytest.mark.c_compiler
 @pytest.mark.parametrize(("precision", "allowed"), [("double", 1e-13), ("float", 1e-6)])
-def test_its_c_commands_the_duty_of_python(
+def test_the_c_of_an_own_controller_commands_the_duty_of_python(
     tmp_path: Path, twin: Twin, precision: Any, allowed: float
 ):
     controller = AutomaticReset([0.1, 0.05], 80.0)

@@ -70,7 +70,7 @@ def test_the_oscillation_is_that_of_the_describing_function(twin: Twin, run: Clo
 
 
 @pytest.mark.slow
-def test_the_linear_loop_oscillates_alike(twin: Twin, relay: Relay, run: ClosedLoopRun):
+def test_the_oscillation_is_that_of_the_linear_loop(twin: Twin, relay: Relay, run: ClosedLoopRun):
     """The same relay about the discrete model, sample by sample."""
     model = jt.linearize(twin, temperatures=REFERENCE).discretise(1.0)
     A, B, C = (np.asarray(matrix) for matrix in (model.A, model.B, model.C))
@@ -187,7 +187,7 @@ def test_late_and_missing_samples_do_not_change_what_is_found():
         ({"timeout_s": 0}, "timeout_s: expected a number above 0"),
     ],
 )
-def test_a_relay_that_is_none_is_refused(arguments: dict[str, Any], message: str):
+def test_invalid_parameters_of_a_relay_are_refused(arguments: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
         Relay(**{"amplitude": 0.1, "bias": 0.4, "hysteresis": 0.1, **arguments})
 
@@ -202,6 +202,6 @@ def test_a_relay_that_is_none_is_refused(arguments: dict[str, Any], message: str
         ([0.0, 1.0, 2.0], [1.0, 2.0], [0.0, 1.0]),
     ],
 )
-def test_what_is_no_run_is_refused(given: Any):
+def test_an_invalid_run_is_refused(given: Any):
     with pytest.raises(ControlError, match="ultimate_point: run: expected"):
         ultimate_point(given)

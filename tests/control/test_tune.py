@@ -9,10 +9,10 @@ import pytest
 import jaxtwin as jt
 from jaxtwin import ControlError, ParameterError, Twin
 from jaxtwin.control import LQI, PID, Tuning, sensitivity_peak
-from jaxtwin.control._objective import checked_objective
-from jaxtwin.control._search_box import SearchBox
-from jaxtwin.control._side_by_side_sqp import Evaluation, descents
-from jaxtwin.control._tune import TuningProblem, tuning_problem
+from jaxtwin.control.tuning._objective import checked_objective
+from jaxtwin.control.tuning._search_box import SearchBox
+from jaxtwin.control.tuning._side_by_side_sqp import Evaluation, descents
+from jaxtwin.control.tuning._tuning_problem import TuningProblem, tuning_problem
 
 DRAWS = {"R_E": np.array([1.8, 2.1]), "t_delay": np.array([1.5, 2.5])}
 START = PID(Kp=0.03, Ki=0.0004, limits=(0, 1))
@@ -74,8 +74,8 @@ def test_the_tuned_loop_is_better_and_keeps_to_the_limit(twin: Twin, tuning: Tun
     controller = tuning.controller
     assert isinstance(controller, PID)
     np.testing.assert_allclose([controller.Kp, controller.Ki], tuning.after.values)
-    # The same loops by simulate_closed_loop.
-    again = jt.simulate_closed_loop(
+    # The same loops by simulate_closed_loops.
+    again = jt.simulate_closed_loops(
         twin, controller, 24, duration_s=150, draws=DRAWS, noise=False, quantised=False
     )
     for number, name in enumerate(tuning.measures):
@@ -177,7 +177,7 @@ def test_the_box_is_logarithmic_where_it_is_above_0():
         ({"starts": 0}, "starts: expected a whole number"),
     ],
 )
-def test_what_does_not_fit_is_refused(twin: Twin, settings: dict[str, Any], message: str):
+def test_invalid_arguments_of_tune_are_refused(twin: Twin, settings: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
         jt.tune(START, twin, 24, duration_s=150, **settings)
 

@@ -56,7 +56,7 @@ def test_measures_of_closed_loops_are_outputs():
 
     def loops(draws: Draws) -> Reductions:
         measures = ["settling_time", "energy"]
-        return jt.simulate_closed_loop(
+        return jt.simulate_closed_loops(
             twin, controller, 30.0, draws=draws, measures=measures, **settings
         )
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import ControlError
 from ..control import AbstractController
-from ..control._law import Law
+from ..control.controllers._law import Law
 from ..rig import Rig
 from ._sources import Code, Parts, code_of, defines, type_of_numbers
 from ._text import comment_block

@@ -10,7 +10,7 @@ from .._arguments import of_kind, path_of
 from .._errors import ControlError
 from .._whole_file import write_whole_file
 from ..control import AbstractController, DiscreteModel
-from ..control._discrete_model import check_at_rest
+from ..control.linear._discrete_model import check_at_rest
 from ..rig import Rig
 from ..simulation import Stepper
 from ._controller_c import controller_c

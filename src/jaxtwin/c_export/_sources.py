@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._errors import ControlError
-from ..control._law import Table
+from ..control.controllers._law import Table
 from ._text import number, tables_c
 
 FOLDER = Path(__file__).parent

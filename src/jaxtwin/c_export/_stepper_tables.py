@@ -4,7 +4,7 @@ from typing import final
 
 import numpy as np
 
-from ..control._law import Table
+from ..control.controllers._law import Table
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..rig._plate import FILM_REFERENCE
 from ..simulation import Stepper

@@ -1,6 +1,27 @@
-"""Control: linear models of a twin, controllers, and closed loops.
+r"""Control: linear models of a twin, controllers, closed loops, and what tunes controllers.
 
-The public names stand in `__init__.pyi` and are imported when they are first used.
+`linear/` makes linear models of a twin. Near an operating point the temperatures of its nodes $x$,
+the duty $u$ and the readings $y$ follow $\dot x = A x + B u$, $y = C x + D u$. `linearize` takes
+the derivatives of the equations of `physics/_system.py` (`_linearize`), with the driver's delay and
+lag apart (`_linear_model`); `_hold` makes $x_{k+1} = A x_k + B u_k$ of it, delay and lag included.
+
+`controllers/` is what commands the cells. A controller is a PyTree of parameters with
+`step(state, reference, measurement) -> duty, state` (`_controller`). The equations of a `PID` stand
+in `_pid`, those of the others in a file each; `_riccati` in `linear/` designs the gains of an `LQI`
+and of its Kalman filter (`_kalman`), and an `MPC` minimises a quadratic program at each sample. A
+class says the fields of its file and its law in C, which is in `controllers/laws/`.
+
+`loops/` closes the loop $u_k = K(r_k, y_k)$: around a nonlinear twin, in one compiled scan over
+`Stepper` (`_closed_loop`), through a `Scenario` of references, disturbances and errors of the
+readings; around a linear model, for stability and the sensitivity peak (`_sampled_loop`); and
+around a rig (`_control`, behind the interlocks of `jaxtwin.live`).
+
+`tuning/` finds parameters: by derivatives of whole loops (`_tune`), for several weights of two aims
+(`_frontier`), by a relay's oscillation (`_ultimate_point`); and the references of the most even
+plate (`_most_even_point`).
+
+A room imports only those before it. The public names stand in `__init__.pyi` and are imported when
+they are first used.
 """
 
 import lazy_loader

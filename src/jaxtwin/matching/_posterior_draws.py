@@ -33,7 +33,7 @@ def posterior_draws(
       matched, whose values vary more.
 
     **Returns:** name -> values `(draws,)` in the unit of the rig's table, as `simulate_batch` and
-    `simulate_closed_loop` take them.
+    `simulate_closed_loops` take them.
 
     **Raises:** `MatchError` if `fit` is not a fit, the group was not matched, or a number is not a
     positive whole number.

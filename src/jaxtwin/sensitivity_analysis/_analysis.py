@@ -124,7 +124,7 @@ def sensitivity(
       Morris's and Shapley's methods use samples of their own kind.
     - `model`: your own function in place of simulations of experiments, for example for closed
       loops: from parameter -> values `(runs,)` to output -> values `(runs,)` or `(runs, ...)`, or
-      to the `Reductions` of `simulate_closed_loop`. The parameters are drawn around a twin, or the
+      to the `Reductions` of `simulate_closed_loops`. The parameters are drawn around a twin, or the
       mean twin of a fit. It cannot be combined with experiments, outputs, times, an executor, or a
       method that needs derivatives.
     - `executor`: an executor whose workers run the draws instead of this process, see

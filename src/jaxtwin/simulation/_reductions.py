@@ -150,7 +150,7 @@ class Reductions:
     - `custom`: the results of the user's functions by name, `(draws, ...)`. A function receives a
       trajectory of NaN for a failed draw.
     - `custom_units`: the unit of a result in `custom`, by its name, where it is known: those of the
-      measures of `simulate_closed_loop`.
+      measures of `simulate_closed_loops`.
     """
 
     channels: tuple[str, ...]

@@ -1,0 +1,314 @@
+"""The interface of controllers: pure functions with a state, sampled at a fixed interval."""
+
+import dataclasses
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, TypeAlias, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+import numpy.typing as npt
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Float, PyTree
+
+from ..._arguments import finite_number, is_ordered
+from ..._errors import ControlError
+from ..._name_suggestions import unknown_name
+from ._controller_fields import (
+    ControllerField,
+    FileContents,
+    check_cells_of_fields,
+    field_arguments,
+    field_lines,
+)
+from ._controller_text import controller_text
+from ._law import Law
+
+Numbers: TypeAlias = npt.ArrayLike | float | int
+"""A parameter: a number or an array."""
+
+
+Controller = TypeVar("Controller", bound="AbstractController")
+
+
+class AbstractController(eqx.Module):
+    """A controller computes the duty of the cells from references and measurements, sample by
+    sample.
+
+    A controller is a PyTree. Its parameters can be differentiated, and parameters with a leading
+    axis describe many controllers. Its state is a separate PyTree, which `init` creates and `step`
+    takes and returns.
+
+    References and measurements are temperatures of the controller's outputs. Each output is a
+    weighted sum of channels of the rig, see `output_weights`.
+
+    A class with a name (`kind`) can have a file: `register_controller` makes `read_controller`
+    know it.
+    """
+
+    kind: ClassVar[str] = ""
+    """The name of the class in controller files; empty for a class without a file."""
+
+    fields: ClassVar[Mapping[str, ControllerField]] = {}
+    """The fields of its files beside those of all controllers. A field is the argument of the
+    constructor of the same name, or with `_s` at its end for one in seconds."""
+
+    sample_time_s: eqx.AbstractVar[float]
+    """The time between two samples, s."""
+
+    limits: eqx.AbstractVar[tuple[float, float]]
+    """The lowest and the highest duty that the controller commands, -1 to 1. A reference that no
+    duty between them can hold is refused before a loop runs, simulated or on a rig."""
+
+    @property
+    @abstractmethod
+    def is_linear(self) -> bool:
+        """Whether `step` is linear about a steady state within the limits. `control` refuses a
+        linear controller whose loop with the twin is not stable; of others, such as a relay, it
+        cannot tell."""
+
+    @property
+    def preview_samples(self) -> int:
+        """The number of samples, from the present one on, whose references `step` takes:
+        `(preview_samples, outputs)`. With 0 it takes only those of the present sample."""
+        return 0
+
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses values of parameters with which the controller has no meaning, in its constructor
+        and in draws. By default a controller accepts all values.
+
+        **Arguments:**
+
+        - `values`: parameter -> value, of some or all parameters. Values that JAX traces are not
+          checked.
+
+        **Raises:** `ControlError` that names the parameter.
+        """
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """Whether a controller of this class can have so many outputs on a rig with so many cells.
+        By default it can."""
+        return True
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> "AbstractController":
+        """Makes a controller from the contents of its file. By default all fields are numbers with
+        units.
+
+        **Arguments:**
+
+        - `contents`: the fields of the file, of which the names are checked.
+
+        **Raises:** `ControlError` that names the file and the field.
+        """
+        arguments = field_arguments(cls, cls.fields, contents)
+        cells = len(contents.rig.cells)
+        try:
+            controller = cls(**contents.common, **arguments)
+            outputs = len(controller.output_weights(contents.channels))
+        except ControlError as error:
+            contents.refuse("", str(error))
+        if not cls.fits_outputs(outputs, cells):
+            contents.refuse(
+                "measured", f"expected an output for each of the {cells} cells, got {outputs}"
+            )
+        check_cells_of_fields(cls, cls.fields, arguments, contents)
+        return controller
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the controller's file, without those of all controllers."""
+        return field_lines(self, self.fields)
+
+    def law(self, cells: int) -> Law:
+        """Returns the controller's law in C for a rig with so many cells. By default there is none.
+
+        **Raises:** `ControlError` if there is no law, or the controller does not fit the cells.
+        """
+        raise ControlError(
+            f"export_c: model: expected a controller whose class has a law in C, got a "
+            f"{type(self).__name__}; give the class a method law, see jaxtwin.control.Law"
+        )
+
+    def __repr__(self) -> str:
+        return controller_text(self)
+
+    @abstractmethod
+    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
+        """Returns the weight of each channel of a rig in each output.
+
+        **Raises:** `ControlError` if the rig does not have a channel that the controller measures.
+        """
+
+    @abstractmethod
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """Returns the state with which the controller takes over without a jump of the duty.
+
+        **Arguments:**
+
+        - `duty`: the present duty of the cells, -1 to 1.
+        - `measurement`: the present measurement of the outputs, degC.
+        """
+
+    @abstractmethod
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, "*preview outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """Computes the duty of the cells until the next sample, -1 to 1, and the next state.
+
+        **Arguments:**
+
+        - `state`: the state that the previous `step`, or `init`, returned.
+        - `reference`: the references of the outputs at this sample, degC; with `preview_samples`,
+          those of this and of the next samples.
+        - `measurement`: the measurement of the outputs at this sample, degC.
+        """
+
+
+class AbstractChannelGroupController(AbstractController):
+    """A controller whose outputs are each the mean over a group of channels."""
+
+    measured: eqx.AbstractVar[tuple[tuple[str, ...], ...] | None]
+    """The channels of each output; None for a single output, the mean of all channels."""
+
+    def output_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "outputs channels"]:
+        """Returns equal weights for the channels of each output."""
+        return means_of(self.measured, channels)
+
+
+def parameter_names(controller: AbstractController) -> tuple[str, ...]:
+    """Returns the names of the fields that are numbers, which can be drawn and tuned."""
+    return tuple(
+        field.name
+        for field in dataclasses.fields(controller)
+        if not field.metadata.get("static", False)
+        and isinstance(getattr(controller, field.name), np.ndarray | jax.Array | float)
+    )
+
+
+def with_values(controller: Controller, values: Mapping[str, Any]) -> Controller:
+    """Returns the controller with other values of some parameters."""
+    for name, value in values.items():
+        controller = eqx.tree_at(lambda c, name=name: getattr(c, name), controller, value)
+    return controller
+
+
+def checked_sample_time(where: str, sample_time_s: object) -> float:
+    """Returns a sample time as a float.
+
+    **Raises:** `ControlError` if it is not a number above 0.
+    """
+    number = finite_number(f"{where}: sample_time_s", sample_time_s, ControlError)
+    if number <= 0:
+        raise ControlError(
+            f"{where}: sample_time_s: expected a number above 0, in s, got {sample_time_s!r}"
+        )
+    return number
+
+
+def means_of(
+    measured: Sequence[Sequence[str]] | None, channels: Sequence[str]
+) -> Float[np.ndarray, "outputs channels"]:
+    """Returns the weights of outputs that are means of channels; None for the mean of all channels.
+
+    **Raises:** `ControlError` if the rig does not have one of the channels.
+    """
+    if measured is None:
+        return np.full((1, len(channels)), 1 / len(channels))
+    weights = np.zeros((len(measured), len(channels)))
+    for output, names in enumerate(measured):
+        for name in names:
+            if name not in channels:
+                raise ControlError(f"measured: {unknown_name('channel', name, channels)}")
+            weights[output, list(channels).index(name)] += 1 / len(names)
+    return weights
+
+
+def checked_measured(where: str, measured: Any) -> tuple[tuple[str, ...], ...] | None:
+    """Returns the outputs as tuples of channels. A single name is an output of one channel.
+
+    **Raises:** `ControlError` if there is no output, an output without a channel, or a set, which
+    has no order of its own.
+    """
+    if measured is None:
+        return None
+    parts = _in_order(measured)
+    groups = tuple((part,) if isinstance(part, str) else _in_order(part) for part in parts)
+    if not groups or not all(groups):
+        raise ControlError(
+            f"{where}: measured: expected channels, or groups of channels, such as "
+            f"[['T11', 'T12'], ['T15', 'T16']], got {measured!r}"
+        )
+    return groups
+
+
+def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, float]:
+    """Returns the lowest and the highest duty.
+
+    **Raises:** `ControlError` if they are not within -1 to 1, or not in this order.
+    """
+    try:
+        lowest, highest = (float(limit) for limit in limits)
+        if not -1 <= lowest < highest <= 1:
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ControlError(
+            f"{where}: limits: expected the lowest and the highest duty, from -1 to 1, got "
+            f"{limits!r}"
+        ) from None
+    return lowest, highest
+
+
+def check_non_negative(where: str, **values: Any) -> None:
+    """Refuses parameters that are not finite numbers of at least 0. Parameters that JAX traces have
+    no values yet and are not checked.
+
+    **Raises:** `ControlError` that names the first invalid parameter.
+    """
+    for name, value in values.items():
+        if isinstance(value, Tracer) or not _is_array(value):
+            continue  # tree transformations put other objects into the leaves of a module
+        array = np.asarray(value)
+        if array.dtype.kind not in "iuf" or not np.all(np.isfinite(array) & (array >= 0)):
+            raise ControlError(
+                f"{where}: {name}: expected finite numbers of at least 0, got {value!r}"
+            )
+
+
+def checked_deviations(
+    where: str, name: str, value: Numbers, size: int
+) -> Float[np.ndarray, " size"]:
+    """Returns the accepted deviation, or the noise, of each output or cell as an array.
+
+    **Raises:** `ControlError` if the value is neither one number nor one for each, or is not finite
+    and above 0.
+    """
+    try:
+        numbers = np.broadcast_to(np.asarray(value, float), (size,)).copy()
+        if not np.all(np.isfinite(numbers) & (numbers > 0)):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ControlError(
+            f"{where}: {name}: expected a finite number above 0, or {size} of them, got {value!r}"
+        ) from None
+    return numbers
+
+
+def _in_order(parts: Any) -> tuple[Any, ...]:
+    """Returns the parts of an ordered value; no parts of any other value."""
+    if not is_ordered(parts):
+        return ()
+    # Names of NumPy and pandas are subclasses of text, and are converted.
+    return tuple(str(part) if isinstance(part, str) else part for part in parts)
+
+
+def _is_array(value: object) -> bool:
+    number = int | float | complex | str | bool | np.generic
+    return isinstance(value, number | np.ndarray | jax.Array | list | tuple)

@@ -1,0 +1,211 @@
+"""Reads and writes controllers as TOML files.
+
+Each class of controllers has its `kind` and its `fields`, and reads and writes them: see
+`AbstractController`. `save_controller` writes the file of an `LQI` or an `MPC`; the files of the
+others, such as a `PID`, can also be written by hand:
+
+```toml
+format = 1
+rig = "dual-cell"
+kind = "pid"
+sample_time = "1 s"
+measured = [["T11", "T21"], ["T16", "T26"]]
+limits = [0.0, 1.0]
+Kp = "0.1 1/K"
+Ki = "0.002 1/(K s)"
+```
+"""
+
+import json
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from scipy.linalg import LinAlgError
+
+from ..._errors import ControlError
+from ..._name_suggestions import did_you_mean, unknown_name
+from ..._whole_file import check_ending, write_whole_file
+from ...rig import Rig
+from ...rig._bundled import parse_toml, read_toml
+from ...rig._problems import refuse
+from ._controller import AbstractChannelGroupController, AbstractController
+from ._controller_fields import (
+    SAMPLE_TIME,
+    FileContents,
+    argument_name,
+    channel_groups,
+    constructor_arguments,
+    numbers,
+    quantity,
+)
+from ._decoupled_pi import DecoupledPI
+from ._lqi import LQI
+from ._mpc import MPC
+from ._pid import PID
+from ._relay import Relay
+
+FORMAT = 1
+
+_COMMON = ("format", "rig", "kind", "sample_time", "limits")
+
+_KINDS: dict[str, type[AbstractController]] = {}
+"""Kind of controller -> its class."""
+
+Registered = TypeVar("Registered")
+
+
+def register_controller(controller: Registered) -> Registered:
+    """Makes `read_controller` and `save_controller` know a class of controllers, by its `kind`.
+    Returns the class, so that it can be a decorator.
+
+    **Raises:** `ControlError` for something else, a class without a `kind`, the `kind` of another
+    class, and a field that is no argument of the class.
+    """
+    _register(controller)
+    return controller
+
+
+def _register(controller: object) -> None:
+    where = "register_controller"
+    if not (isinstance(controller, type) and issubclass(controller, AbstractController)):
+        raise ControlError(f"{where}: expected a class of controllers, got {controller!r}")
+    kind = controller.kind
+    if not isinstance(kind, str) or not kind:
+        raise ControlError(
+            f"{where}: {controller.__name__}.kind: expected its name in files, such as 'pid', got "
+            f"{kind!r}"
+        )
+    arguments = constructor_arguments(controller)
+    for name, field in controller.fields.items():
+        if not field.is_own and argument_name(controller, name) not in arguments:
+            raise ControlError(
+                f"{where}: {controller.__name__}.fields: expected names of arguments of its "
+                f"constructor, or with _s at their end, got {name!r}"
+            )
+    known = _KINDS.get(kind)
+    # The same class may be defined again, as when a cell of a notebook runs twice.
+    if known is not None and _origin(known) != _origin(controller):
+        raise ControlError(
+            f"{where}: {controller.__name__}.kind: expected a name that is not taken, got {kind!r} "
+            f"of {known.__name__}"
+        )
+    _KINDS[kind] = controller
+
+
+def _origin(controller: type) -> tuple[str, str]:
+    return controller.__module__, controller.__qualname__
+
+
+for _controller_class in (PID, DecoupledPI, LQI, MPC, Relay):
+    register_controller(_controller_class)
+
+
+def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractController:
+    """Reads a controller for a rig.
+
+    **Arguments:**
+
+    - `path`: the .toml file.
+    - `rig`: the rig that the file must name.
+
+    **Returns:** a `PID`, a `DecoupledPI`, an `LQI`, an `MPC`, a `Relay`, or a controller of a class
+    that `register_controller` has added.
+
+    **Raises:** `ControlError` if the file cannot be read, is for another rig, or has a field or a
+    value that is not allowed. The message names the file and the field.
+    """
+    return _controller(*read_toml(path, ControlError), rig)
+
+
+def save_controller(path: str | os.PathLike[str], controller: AbstractController, rig: Rig) -> None:
+    """Writes a controller for a rig to a .toml file. If writing fails, the file is left as it was.
+
+    **Arguments:**
+
+    - `path`: the .toml file.
+    - `controller`: a controller whose class has a file, as in `read_controller`.
+    - `rig`: the rig that the controller is for.
+
+    **Raises:** `ControlError` for another kind of controller, for a controller that does not fit
+    the rig, for another ending than .toml, and if the file cannot be written.
+    """
+    if isinstance(path, AbstractController) or not isinstance(rig, Rig):
+        order = (type(given).__name__ for given in (path, controller, rig))
+        raise ControlError(
+            "save_controller: expected save_controller(path, controller, rig), in this order, got "
+            f"save_controller({', '.join(order)})"
+        )
+    check_ending(path, [".toml"], ControlError)
+    if _KINDS.get(getattr(controller, "kind", "")) is not type(controller):
+        known = ", ".join(sorted(known.__name__ for known in _KINDS.values()))
+        raise ControlError(
+            f"save_controller: controller: expected one whose class has a file ({known}; "
+            f"register_controller adds a class), got {controller!r}"
+        )
+    lines = [
+        f"format = {FORMAT}",
+        f"rig = {json.dumps(rig.name)}",
+        f"kind = {json.dumps(controller.kind)}",
+        f'sample_time = "{controller.sample_time_s!r} s"',
+    ]
+    measured = getattr(controller, "measured", None)
+    if measured is not None:
+        lines.append(f"measured = {json.dumps(measured)}")
+    lines.append(f"limits = {json.dumps(controller.limits)}")
+    lines += controller.file_lines()
+    content = ("\n".join(lines) + "\n").encode()
+    _controller(parse_toml(content, f"save_controller: {path}", ControlError), str(path), rig)
+    write_whole_file(Path(path), content, ControlError)
+
+
+def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractController:
+    """Makes a controller from the contents of a file.
+
+    **Arguments:**
+
+    - `source`: the name of the file in messages.
+    """
+
+    def refuse_field(field: str, message: str) -> NoReturn:
+        refuse(source, field, message, ControlError)
+
+    if data.get("format") != FORMAT:
+        refuse_field("format", f"expected {FORMAT}, got {data.get('format')!r}")
+    if data.get("rig") != rig.name:
+        refuse_field(
+            "rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}"
+        )
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        hint = did_you_mean([str(kind)], _KINDS)
+        refuse_field("kind", f"expected one of {', '.join(_KINDS)}, got {kind!r}{hint}")
+    controller = _KINDS[kind]
+    known = [*_COMMON, *controller.fields]
+    if issubclass(controller, AbstractChannelGroupController) and "measured" not in known:
+        known.append("measured")
+    for name in data:
+        if name not in known:
+            refuse_field(name, unknown_name("field", name, known))
+    required = [name for name, field in controller.fields.items() if field.is_required]
+    for name in ("sample_time", *required):
+        if name not in data:
+            refuse_field(name, "expected this field, got none")
+    common: dict[str, Any] = {
+        "sample_time_s": quantity(
+            data["sample_time"], "sample_time", SAMPLE_TIME, refuse_field, is_list=False
+        )
+    }
+    if "limits" in data:
+        common["limits"] = numbers(data["limits"], "limits", refuse_field)
+    if "measured" in data:
+        common["measured"] = channel_groups(data["measured"], refuse_field)
+    try:
+        # Overflows warn here; they are refused at the end as numbers that are not finite.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # includes LinAlgWarning
+            return controller.from_file(FileContents(data, common, rig, refuse_field))
+    except (ArithmeticError, LinAlgError, TypeError, ValueError) as error:
+        refuse_field("", str(error))

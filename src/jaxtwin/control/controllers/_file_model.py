@@ -1,0 +1,235 @@
+"""The fields of controller files that describe a linear model and its Kalman filter.
+
+An `LQI` and an `MPC` have them. All other numbers of such a controller follow from the model, the
+gain of the filter and the controller's own fields, and are computed again.
+"""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ..._errors import ControlError
+from ..._name_suggestions import unknown_name
+from ...rig._units import TEMPERATURE, Kind
+from ..linear._riccati import LARGEST_STABLE_POLE
+from ._controller import AbstractController, checked_measured, means_of
+from ._controller_fields import (
+    REQUIRED_OWN,
+    FileContents,
+    Refuse,
+    as_matrix,
+    field_arguments,
+    matrix,
+    numbers,
+    quantity,
+)
+from ._kalman import KalmanFilter
+from ._plant import Plant, checked_plant
+
+Designed = TypeVar("Designed", bound=AbstractController)
+
+MODEL_FIELDS = {"duty": REQUIRED_OWN, "outputs": REQUIRED_OWN, "model": REQUIRED_OWN}
+"""Operating point and model, which every controller that is designed on a model has."""
+
+PLAIN = Kind("a number without unit", "", "0.7", least="any")
+PER_STATE = Kind("a temperature", "K", "1 K", least="any")
+PER_KELVIN = Kind("a gain", "1/K", "1 1/K", least="any")
+
+_MODEL = {"A": PLAIN, "B": PLAIN, "C": PER_STATE, "L": PER_KELVIN}
+
+_LIMIT = ("lowest", "highest", "operating_point", "C")
+
+
+class FileModel(NamedTuple):
+    """The model of a controller file, and the gain of its Kalman filter."""
+
+    plant: Plant
+    L: np.ndarray
+
+
+def read_model(contents: FileContents, kind: str) -> FileModel:
+    """Reads operating point, model and filter, and the models of channels with temperature limits.
+
+    **Arguments:**
+
+    - `kind`: the kind of the controller, for messages.
+
+    **Raises:** `ControlError` for values that are not allowed.
+    """
+    refuse = contents.refuse
+    try:
+        measured = checked_measured(kind, contents.common.get("measured"))
+        outputs = len(means_of(measured, contents.channels))
+    except ControlError as error:
+        refuse("", str(error))
+    limited = read_table(contents.data.get("temperature_limits", {}), "temperature_limits", refuse)
+    plant, L = _plant(
+        contents.data,
+        limited,
+        contents.common["sample_time_s"],
+        len(contents.rig.cells),
+        outputs,
+        contents.channels,
+        refuse,
+    )
+    return FileModel(plant, L)
+
+
+def model_settings(controller: type[AbstractController], contents: FileContents) -> dict[str, Any]:
+    """Reads the arguments of a controller beside its model, whose sample time it has."""
+    common = {key: value for key, value in contents.common.items() if key != "sample_time_s"}
+    return common | field_arguments(controller, controller.fields, contents)
+
+
+def temperature_limits(contents: FileContents) -> dict[str, list[float]]:
+    """Reads the lowest and the highest temperature of each limited channel, degC."""
+    return {
+        name: [_celsius(row, name, key, contents.refuse) for key in ("lowest", "highest")]
+        for name, row in contents.data.get("temperature_limits", {}).items()
+    }
+
+
+def limit_lines(
+    name: str, limits: tuple[float, float], operating_point: float, C: np.ndarray
+) -> list[str]:
+    """Returns the table of a temperature limit of a channel."""
+    lowest, highest = limits
+    return [
+        "",
+        f"[temperature_limits.{json.dumps(name)}]",
+        f'lowest = "{lowest!r} degC"',
+        f'highest = "{highest!r} degC"',
+        f'operating_point = "{operating_point!r} degC"',
+        f"C = {as_matrix(C[None], PER_STATE)}",
+    ]
+
+
+def point_lines(duty: object, outputs: object) -> list[str]:
+    """Returns the lines of the operating point."""
+    written = ", ".join(f'"{value!r} degC"' for value in np.asarray(outputs, float).tolist())
+    return [f"duty = {np.asarray(duty, float).tolist()!r}", f"outputs = [{written}]"]
+
+
+def model_lines(kalman: KalmanFilter) -> list[str]:
+    """Returns the table of the model and of its filter."""
+    states = len(kalman.A) - len(kalman.C)
+    model = {
+        "A": kalman.A[:states, :states],
+        "B": kalman.B[:states],
+        "C": kalman.C[:, :states],
+        "L": kalman.L,
+    }
+    written = [f"{name} = {as_matrix(value, _MODEL[name])}" for name, value in model.items()]
+    about = "# x' = A x + B u, y = C x; deviations from duty and outputs. L: of the Kalman filter."
+    return ["", about, "[model]", *written]
+
+
+def designed(
+    controller: Callable[..., Designed], model: FileModel, settings: dict[str, Any], refuse: Refuse
+) -> Designed:
+    """Designs a controller on the model of a file, with the filter of the file.
+
+    **Raises:** `ControlError` if there is no such design, or the filter's error does not go to 0.
+    """
+    try:
+        made: Any = controller(model.plant, **settings)
+    except ControlError as error:
+        refuse("", str(error))
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(made)):
+        refuse(
+            "model", "expected numbers that a controller can be designed for, got too large ones"
+        )
+    kalman = made.kalman
+    error = np.asarray(kalman.A) @ (np.eye(len(kalman.A)) - model.L @ np.asarray(kalman.C))
+    check_stable(error, "model.L", "a gain with which the error of the filter goes to 0", refuse)
+    return eqx.tree_at(lambda made: made.kalman.L, made, model.L)
+
+
+def _plant(
+    data: Mapping[str, Any],
+    limited: Mapping[str, Any],
+    sample_time_s: float,
+    cells: int,
+    outputs: int,
+    channels: Sequence[str],
+    refuse: Refuse,
+) -> tuple[Plant, np.ndarray]:
+    """Reads the plant and the gain of the Kalman filter."""
+    model = read_table(data["model"], "model", refuse, _MODEL)
+    A = matrix(model["A"], "model.A", PLAIN, (None, None), refuse)
+    n = len(A)
+    shapes = {"A": (n, n), "B": (n, cells), "C": (outputs, n), "L": (n + outputs, outputs)}
+    A, B, C, L = (
+        matrix(model[name], f"model.{name}", unit, shapes[name], refuse)
+        for name, unit in _MODEL.items()
+    )
+    duty = np.array(numbers(data["duty"], "duty", refuse))
+    if duty.shape != (cells,) or not np.all(np.abs(duty) <= 1):
+        refuse("duty", f"expected {cells} numbers from -1 to 1, got {data['duty']!r}")
+    point = np.array(_temperatures(data["outputs"], "outputs", outputs, refuse))
+    rows, at = np.zeros((0, n)), []
+    for name, row in limited.items():
+        field = f"temperature_limits.{name}"
+        if name not in channels:
+            refuse(field, unknown_name("channel", name, channels))
+        values = read_table(row, field, refuse, _LIMIT)
+        rows = np.vstack([rows, matrix(values["C"], f"{field}.C", PER_STATE, (1, n), refuse)])
+        at.append(_celsius(values, name, "operating_point", refuse))
+    try:
+        watched = rows, np.array(at)
+        return checked_plant("model", (A, B, C), (duty, point), watched, sample_time_s), L
+    except ControlError as error:
+        refuse("", str(error))
+
+
+def check_stable(transition: np.ndarray, field: str, expected: str, refuse: Refuse) -> None:
+    """Refuses numbers of a file with which deviations do not die away."""
+    largest = np.abs(np.linalg.eigvals(transition)).max()
+    if not largest < LARGEST_STABLE_POLE:
+        refuse(field, f"expected {expected}, got a pole at {largest:.9f} from 0")
+
+
+def read_table(
+    found: object,
+    name: str,
+    refuse: Refuse,
+    fields: Sequence[str] | Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Reads a table. If `fields` are given, it must have all of them and no other."""
+    if not isinstance(found, dict):
+        refuse(name, f"expected a table, got {found!r}")
+    known = found if fields is None else fields
+    for key in found:
+        if key not in known:
+            refuse(f"{name}.{key}", unknown_name("field", key, known))
+    for key in known:
+        if key not in found:
+            refuse(f"{name}.{key}", "expected this field, got none")
+    return found
+
+
+def _temperatures(found: object, name: str, count: int, refuse: Refuse) -> list[float]:
+    if not isinstance(found, list) or len(found) != count:
+        refuse(name, f'expected {count} temperatures such as "40 degC", got {found!r}')
+    return [_degrees_of(part, f"{name}[{n}]", refuse) for n, part in enumerate(found)]
+
+
+def _celsius(row: Mapping[str, Any], channel: str, key: str, refuse: Refuse) -> float:
+    return _degrees_of(row[key], f"temperature_limits.{channel}.{key}", refuse)
+
+
+def _degrees_of(found: object, name: str, refuse: Refuse) -> float:
+    """Converts a temperature to degC with the digits of the file: 313.15 - 273.15 is not 40."""
+    if isinstance(found, str) and found.endswith(" degC"):
+        try:
+            number = float(found.removesuffix(" degC"))
+        except ValueError:
+            number = np.nan
+        if -273.15 < number < 1e4:
+            return number
+    kelvin = quantity(found if isinstance(found, str) else None, name, TEMPERATURE, refuse)
+    return float(kelvin) - 273.15

@@ -1,0 +1,109 @@
+r"""A steady-state Kalman filter that also estimates disturbances of the plant.
+
+The states are those of the plant and, for each output, a disturbance, expressed as the change of
+the output at rest, K. The disturbance is a random walk and acts like a duty. The model therefore
+agrees with the readings at rest, whatever its error:
+
+$$x_{k+1} = A x_k + B (u_k + G^+ d_k), \quad d_{k+1} = d_k + w_k, \quad y_k = C x_k + v_k$$
+
+with $G$ the gain at rest (Pannocchia and Rawlings, AIChE J. 49, 2003, on disturbance models without
+offset).
+"""
+
+from typing import final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..linear._riccati import filter_gain
+from ._law import Table
+from ._plant import Plant
+
+
+@final
+class KalmanFilter(eqx.Module):
+    """A steady-state Kalman filter. All duty cycles and temperatures are deviations from the
+    plant's operating point.
+
+    **Arguments:** the states are those of the plant, followed by the disturbances, K.
+
+    - `A`, `B`, `C`: matrices of these states.
+    - `L`: the filter gain.
+    - `by_duty`, `by_disturbance`: the states at rest per unit of duty, and per K of a disturbance.
+    """
+
+    A: Float[Array | np.ndarray, "state state"]
+    B: Float[Array | np.ndarray, "state cell"]
+    C: Float[Array | np.ndarray, "output state"]
+    L: Float[Array | np.ndarray, "state output"]
+    by_duty: Float[Array | np.ndarray, "state cell"]
+    by_disturbance: Float[Array | np.ndarray, "state output"]
+
+    def init(
+        self, duty: Float[Array, " cell"], outputs: Float[Array, " output"]
+    ) -> Float[Array, " state"]:
+        """The states at rest under a duty, with the disturbance that explains the outputs."""
+        at_rest = jnp.asarray(self.by_duty) @ duty
+        return at_rest + jnp.asarray(self.by_disturbance) @ (outputs - self.C @ at_rest)
+
+    def correct(
+        self, states: Float[Array, " state"], outputs: Float[Array, " output"]
+    ) -> Float[Array, " state"]:
+        """Corrects the predicted states by a reading."""
+        return states + self.L @ (outputs - self.C @ states)
+
+    def predict(
+        self, states: Float[Array, " state"], duty: Float[Array, " cell"]
+    ) -> Float[Array, " state"]:
+        """Predicts the states of the next sample."""
+        return jnp.asarray(self.A) @ states + jnp.asarray(self.B) @ duty
+
+
+def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[str, Table]:
+    """The numbers of a filter and of its operating point for C. The change of the states in a
+    sample, $(A - I) x$, is computed and added there, because slow poles lie near 1."""
+    tables = {
+        "A": (kalman.A - np.eye(len(kalman.A)), "of the filter: what a sample adds by the states"),
+        "B": (kalman.B, "and by the duty"),
+        "C": (kalman.C, "its outputs, K"),
+        "L": (kalman.L, "of its correction by a reading"),
+        "by_duty": (kalman.by_duty, "states at rest by the duty"),
+        "by_rest": (kalman.by_disturbance, "and by a disturbance, 1/K"),
+        "duty": (duty, "operating point, -1 to 1"),
+        "at": (outputs, "operating point, degC"),
+    }
+    return {name: (np.asarray(values, float), text) for name, (values, text) in tables.items()}
+
+
+def kalman_filter(
+    where: str,
+    plant: Plant,
+    drift: Float[np.ndarray, " output"],
+    reading_noise: Float[np.ndarray, " output"],
+    sample_time_s: float,
+) -> KalmanFilter:
+    """Designs the filter.
+
+    **Arguments:**
+
+    - `drift`: the drift of the disturbances, K at rest per square root of a second.
+    - `reading_noise`: the standard deviation of a reading of each output, K.
+
+    **Raises:** `ControlError` if no such filter exists.
+    """
+    states, outputs = len(plant.A), len(plant.C)
+    unit, zero = np.eye(outputs), np.zeros((outputs, states))
+    A = np.block([[plant.A, plant.B @ plant.inverse], [zero, unit]])
+    C = np.hstack([plant.C, np.zeros((outputs, outputs))])
+    process = np.zeros((states + outputs, states + outputs))
+    process[states:, states:] = np.diag(drift**2 * sample_time_s)
+    return KalmanFilter(
+        A=A,
+        B=np.vstack([plant.B, np.zeros((outputs, plant.B.shape[1]))]),
+        C=C,
+        L=filter_gain(where, A, C, process, np.diag(reading_noise**2)),
+        by_duty=np.vstack([plant.rest_states, np.zeros((outputs, plant.rest_states.shape[1]))]),
+        by_disturbance=np.vstack([plant.rest_states @ plant.inverse, unit]),
+    )

@@ -1,0 +1,291 @@
+r"""LQI: state feedback with integral action, with states that a Kalman filter estimates.
+
+All quantities are deviations from the operating point; $q$ are the integrated errors and $\hat x$
+the estimated states:
+
+$$v_k = b\,N r_k - K_x \hat x_k + K_i q_k, \quad u_k = \mathrm{sat}(v_k), \quad
+q_{k+1} = q_k + h (r_k - y_k) + K_i^+ (u_k - v_k),$$
+
+The gains minimise $\sum (y / \Delta y)^2 + (q / \Delta q)^2 + (u / \Delta u)^2$, where each
+quantity is divided by the deviation that is accepted of it (Bryson's rule).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, PyTree
+
+from ...rig._units import Kind
+from ..linear._discrete_model import DiscreteModel
+from ..linear._riccati import regulator
+from ._controller import (
+    AbstractChannelGroupController,
+    AbstractController,
+    Numbers,
+    check_non_negative,
+    checked_deviations,
+    checked_limits,
+    checked_measured,
+    with_values,
+)
+from ._controller_fields import (
+    REQUIRED_OWN,
+    ControllerField,
+    FileContents,
+    as_matrix,
+    check_cells_of_fields,
+    matrix,
+)
+from ._file_model import (
+    MODEL_FIELDS,
+    PER_KELVIN,
+    PLAIN,
+    check_stable,
+    designed,
+    model_lines,
+    model_settings,
+    point_lines,
+    read_model,
+    read_table,
+)
+from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
+from ._pid import WEIGHT, Parameter, as_parameter
+from ._plant import Plant, plant_of
+
+GAINS = {
+    "Kx": PLAIN,
+    "Ki": Kind("a gain", "1/(K s)", "1 1/(K s)", least="any"),
+    "Kt": Kind("a gain", "K s", "1 K s", least="any"),
+    "N": PER_KELVIN,
+}
+"""The gains of an LQI in its file."""
+
+
+class LQIState(NamedTuple):
+    """The state of an `LQI`: the predicted states, the integrated errors (K s), and the part of the
+    initial duty that no integral can hold."""
+
+    states: Float[Array, " state"]
+    integral: Float[Array, " outputs"]
+    duty_offset: Float[Array, " cells"]
+
+
+@final
+class LQI(AbstractChannelGroupController):
+    """State feedback with integral action and a Kalman filter, designed on a linear model.
+
+    ```python
+    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
+    lqi = LQI(model, measured=["TAM", "TCM"], limits=(0, 1))
+    ```
+
+    The gains are computed once, by the constructor. They are parameters like those of a `PID`: they
+    can be differentiated and drawn. The sample time is that of the model.
+
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+
+    - `model`: a model of the rig near its operating point, from `discretise`; delay and lag are
+      states. (A controller file has a `Plant`, the model of the outputs alone.)
+    - `measured`: the outputs, at most as many as cells, each a channel or a group of channels that
+      is averaged; None for the mean over all channels.
+    - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: the accepted deviation of
+      each. A smaller value keeps that quantity smaller; a smaller integral deviation shortens
+      errors.
+    - `drift`: the rate at which unknown heat moves the outputs at rest, K per square root of a
+      second.
+    - `reading_noise`: the standard deviation of a reading of each output, K. The ratio of drift and
+      reading noise determines how much the filter trusts the model.
+    - `setpoint_weight`: b, the part of the duty for a new reference that is applied at once. With 0
+      the integral provides all of it, which overshoots least.
+    - `limits`: limits of the duty, within -1 to 1. At a limit the integral is set back by
+      back-calculation, and the filter uses the duty that the cells get.
+
+    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
+    deviation or a noise is not a finite positive number, or the limits are not within -1 to 1.
+    """
+
+    kind: ClassVar[str] = "lqi"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        **MODEL_FIELDS,
+        "setpoint_weight": replace(WEIGHT, is_required=True),
+        "gains": REQUIRED_OWN,
+    }
+
+    Kx: Parameter
+    Ki: Parameter
+    Kt: Parameter
+    N: Parameter
+    setpoint_weight: Parameter
+    kalman: KalmanFilter
+    duty: Float[Array | np.ndarray, " cells"]
+    outputs: Float[Array | np.ndarray, " outputs"]
+    limits: tuple[float, float] = eqx.field(static=True)
+    sample_time_s: float = eqx.field(static=True)
+    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        model: DiscreteModel | Plant,
+        *,
+        measured: Sequence[str | Sequence[str]] | None = None,
+        output_deviation: Numbers = 1.0,
+        integral_deviation: Numbers = 30.0,
+        duty_deviation: Numbers = 0.5,
+        drift: Numbers = 0.1,
+        reading_noise: Numbers = 0.1,
+        setpoint_weight: Numbers = 0.0,
+        limits: Sequence[float | int] = (-1.0, 1.0),
+    ):
+        self.limits = checked_limits("LQI", limits)
+        self.measured = checked_measured("LQI", measured)
+        self.check_parameters(setpoint_weight=setpoint_weight)
+        self.setpoint_weight = as_parameter(setpoint_weight)
+        plant = plant_of("LQI", model, self.measured)
+        self.sample_time_s = h = plant.sample_time_s
+        (states, cells), outputs = plant.B.shape, len(plant.C)
+        y, q, u, w, v = (
+            checked_deviations("LQI", name, value, size)
+            for name, value, size in (
+                ("output_deviation", output_deviation, outputs),
+                ("integral_deviation", integral_deviation, outputs),
+                ("duty_deviation", duty_deviation, cells),
+                ("drift", drift, outputs),
+                ("reading_noise", reading_noise, outputs),
+            )
+        )
+        A = np.block(
+            [[plant.A, np.zeros((states, outputs))], [-h * plant.C, np.eye(outputs)]],
+        )
+        B = np.vstack([plant.B, np.zeros((outputs, cells))])
+        Q = np.zeros_like(A)
+        Q[:states, :states] = plant.C.T @ np.diag(y**-2.0) @ plant.C
+        Q[states:, states:] = np.diag(q**-2.0)
+        K, _ = regulator("LQI", A, B, Q, np.diag(u**-2.0))
+        self.Kx, self.Ki = K[:, :states], -K[:, states:]
+        self.Kt = np.linalg.pinv(self.Ki)
+        self.N = (np.eye(cells) + self.Kx @ plant.rest_states) @ plant.inverse
+        self.kalman = kalman_filter("LQI", plant, w, v, h)
+        self.duty, self.outputs = plant.duty, plant.outputs
+
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses a set-point weight that is not a finite number of at least 0."""
+        if "setpoint_weight" in values:
+            check_non_negative("LQI", setpoint_weight=values["setpoint_weight"])
+
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file: the model, the filter and the gains."""
+        model, cells = read_model(contents, cls.kind), len(contents.rig.cells)
+        settings = model_settings(cls, contents)
+        check_cells_of_fields(cls, cls.fields, settings, contents)
+        states, outputs = len(model.plant.A), len(model.plant.C)
+        found = read_table(contents.data["gains"], "gains", contents.refuse, GAINS)
+        shapes = ((cells, states), (cells, outputs), (outputs, cells), (cells, outputs))
+        gains = {
+            name: matrix(found[name], f"gains.{name}", unit, shape, contents.refuse)
+            for (name, unit), shape in zip(GAINS.items(), shapes, strict=True)
+        }
+        lqi = with_values(designed(cls, model, settings, contents.refuse), gains)
+        loop = lqi._loop_of(model.plant)
+        expected = "gains with which the loop on the model is stable"
+        check_stable(loop, "gains", expected, contents.refuse)
+        return lqi
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the operating point, the gains, and the model."""
+        gains = [f"{name} = {as_matrix(getattr(self, name), unit)}" for name, unit in GAINS.items()]
+        return [
+            *point_lines(self.duty, self.outputs),
+            *super().file_lines(),
+            *("", "[gains]", *gains),
+            *model_lines(self.kalman),
+        ]
+
+    def _loop_of(self, plant: Plant) -> Float[np.ndarray, "n n"]:
+        """The transition of the states and the integrals in the loop without a filter."""
+        Kx, Ki = np.asarray(self.Kx), np.asarray(self.Ki)
+        return np.block(
+            [
+                [plant.A - plant.B @ Kx, plant.B @ Ki],
+                [-plant.sample_time_s * plant.C, np.eye(len(plant.C))],
+            ]
+        )
+
+    def law(self, cells: int) -> Law:
+        """The law, with its Kalman filter."""
+        Kx, Ki, Kt, N = (np.asarray(getattr(self, name), float) for name in GAINS)
+        check_designed_cells(len(Ki), cells)
+        states, outputs = np.shape(self.kalman.L)
+        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
+        tables = {
+            **kalman_tables(self.kalman, self.duty, self.outputs),
+            "Kx": (Kx, "duty by the states"),
+            "Ki": (Ki, "duty by the integrals, 1/(K s)"),
+            "Kt": (Kt, "what the limits cut off, out of the integrals, K s"),
+            "bN": (b[:, None] * N, "duty by the references at once, 1/K"),
+        }
+        parameters = [
+            parameter_text("Kx", Kx, "1/K and 1"),
+            parameter_text("Ki", Ki, "1/(K s)"),
+            parameter_text("set-point weight", self.setpoint_weight, ""),
+        ]
+        return Law(
+            bundled_law("lqi.c"),
+            f"state feedback with {outputs} integrals and a Kalman filter",
+            tables,
+            {"x": states, "duty_offset": cells},
+            parameters,
+            {"STATES": states, "PLANT_STATES": Kx.shape[1]},
+            integrals=outputs,
+        )
+
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state with which the duty stays where it is while the reference equals the
+        measurement."""
+        u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
+        states = self.kalman.init(u, y)
+        missing = u - self._feedback(states, y)
+        integral = jnp.asarray(self.Kt) @ missing
+        return LQIState(states, integral, missing - self.Ki @ integral)
+
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """Computes the duty of a sample and the next state."""
+        r, y = jnp.asarray(reference) - self.outputs, jnp.asarray(measurement) - self.outputs
+        states = self.kalman.correct(state.states, y)
+        asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.duty_offset
+        duty = jnp.clip(asked, *self.limits)
+        integral = state.integral + self.sample_time_s * (r - y) + self.Kt @ (duty - asked)
+        later = self.kalman.predict(states, duty - self.duty)
+        return duty, LQIState(later, integral, state.duty_offset)
+
+    def _feedback(
+        self, states: Float[Array, " state"], reference: Float[Array, " outputs"]
+    ) -> Float[Array, " cells"]:
+        of_plant = states[: self.Kx.shape[1]]
+        at_once = jnp.asarray(self.N) @ reference
+        return jnp.asarray(self.setpoint_weight) * at_once - jnp.asarray(self.Kx) @ of_plant
+
+    def __repr__(self) -> str:
+        cells, outputs = self.Ki.shape
+        return (
+            f"<LQI: {outputs} outputs, {cells} cells, {self.Kx.shape[1]} states, sample time "
+            f"{self.sample_time_s:g} s>"
+        )

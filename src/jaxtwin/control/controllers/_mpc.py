@@ -1,0 +1,346 @@
+r"""Model predictive control with hard limits of the duty and of its rate, and soft ones of
+temperatures.
+
+Each sample minimises, over the duty of the next $n$ samples,
+
+$$\sum_{k=1}^{n - 1} \left[\left(\frac{y_k - y^*_k}{\Delta y}\right)^2
++ \left(\frac{u_{k-1} - u^*_k}{\Delta u}\right)^2\right]
++ \sum_{k=1}^{n} \left(\frac{u_{k-1} - u_{k-2}}{\delta u}\right)^2 + V(x_n, u_{n-1})
++ \sum_{k=1}^{n} \sum_i \left(\frac{e_{i,k}}{\Delta e}\right)^2$$
+
+within the limits, and commands the duty of the first sample. $e_{i,k}$ is the excess of channel i
+over its limit. $y^*_k$ and $u^*_k$ are the steady state with the reference of sample $k - 1$ under
+the disturbance that the Kalman filter estimates, or the nearest steady state within the limits. $V$
+is the cost of an infinite horizon without limits: where no limit is active, the controller is the
+linear-quadratic regulator, whatever the horizon (Rawlings, Mayne and Diehl, *Model Predictive
+Control*, 2017, chapters 1 and 2).
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, PyTree
+
+from ..._arguments import true_or_false, whole_number
+from ..._errors import ControlError
+from ..linear._discrete_model import DiscreteModel
+from ._condensed_program import (
+    Condensed,
+    Deviations,
+    SoftLimits,
+    condense,
+    predict,
+    rest_cost,
+    soft_limits,
+)
+from ._controller import (
+    AbstractChannelGroupController,
+    AbstractController,
+    Numbers,
+    checked_deviations,
+    checked_limits,
+    checked_measured,
+)
+from ._controller_fields import (
+    OWN,
+    REQUIRED_OWN,
+    ControllerField,
+    FileContents,
+    as_quantity,
+)
+from ._file_model import (
+    MODEL_FIELDS,
+    designed,
+    limit_lines,
+    model_lines,
+    model_settings,
+    point_lines,
+    read_model,
+    temperature_limits,
+)
+from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._law import Law, bundled_law, check_designed_cells
+from ._mpc_limits import checked_rate, checked_temperature_limits
+from ._mpc_programs import plan_program, rest_program
+from ._plant import Plant, plant_of
+from ._program_numbers import parameter_lines, program_numbers, work_of
+from ._quadratic_program import QuadraticProgram, minimised
+
+_TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
+_DUTY = ControllerField("a duty", "", "0.05", is_required=True)
+
+
+class MPCState(NamedTuple):
+    """The state of an `MPC`: the predicted states, and the duty that the cells get."""
+
+    states: Float[Array, " state"]
+    duty: Float[Array, " cells"]
+
+
+@final
+class MPC(AbstractChannelGroupController):
+    """Model predictive control, designed on a linear model.
+
+    ```python
+    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
+    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
+    ```
+
+    Without `preview` the controller uses the present reference for the whole horizon. `step` takes
+    both: references `(outputs,)`, or `(horizon, outputs)`, those of this sample and of the next
+    ones. The sample time is that of the model.
+
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+
+    - `model`, `measured`, `output_deviation`, `drift`, `reading_noise`, `limits`: as in `LQI`.
+    - `duty_deviation`: the accepted deviation of the duty from the one that holds the reference at
+      rest. A larger value is faster, and overshoots more if the plate differs from the model.
+    - `duty_change_deviation`: the accepted change of the duty from sample to sample.
+    - `horizon`: the number of samples that are planned.
+    - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none.
+    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. They are
+      exceeded if no duty can keep them.
+    - `excess_deviation`: the accepted excess over a temperature limit, K. With a smaller value the
+      limit is stricter.
+    - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole
+      horizon, so that it acts before a step of the reference comes.
+
+    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
+    deviation, a noise or the rate is not a finite positive number, the horizon is not a positive
+    whole number, the limits are not within -1 to 1, or a temperature limit is not one.
+    """
+
+    kind: ClassVar[str] = "mpc"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        **MODEL_FIELDS,
+        "horizon": REQUIRED_OWN,
+        "preview": OWN,
+        "output_deviation": replace(_TEMPERATURE, is_required=True),
+        "duty_deviation": _DUTY,
+        "duty_change_deviation": _DUTY,
+        "rate_limit": ControllerField("a rate of the duty", "1/s", "0.05 1/s"),
+        "excess_deviation": _TEMPERATURE,
+        "temperature_limits": OWN,
+    }
+
+    condensed: Condensed
+    kalman: KalmanFilter
+    gain: Float[Array | np.ndarray, "outputs cells"]
+    inverse: Float[Array | np.ndarray, "cells outputs"]
+    deviations: Deviations
+    soft: SoftLimits | None
+    duty: Float[Array | np.ndarray, " cells"]
+    outputs: Float[Array | np.ndarray, " outputs"]
+    temperature_limits: tuple[tuple[str, float, float], ...] = eqx.field(static=True)
+    horizon: int = eqx.field(static=True)
+    rate_limit: float | None = eqx.field(static=True)
+    limits: tuple[float, float] = eqx.field(static=True)
+    sample_time_s: float = eqx.field(static=True)
+    preview: bool = eqx.field(static=True)
+    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        model: DiscreteModel | Plant,
+        *,
+        measured: Sequence[str | Sequence[str]] | None = None,
+        horizon: int = 20,
+        output_deviation: Numbers = 1.0,
+        duty_deviation: Numbers = 0.05,
+        duty_change_deviation: Numbers = 0.05,
+        drift: Numbers = 0.1,
+        reading_noise: Numbers = 0.1,
+        limits: Sequence[float | int] = (-1.0, 1.0),
+        rate_limit: float | int | None = None,
+        temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
+        excess_deviation: float | int = 0.1,
+        preview: bool = False,
+    ):
+        self.limits = checked_limits("MPC", limits)
+        self.measured = checked_measured("MPC", measured)
+        self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
+        self.preview = true_or_false("MPC: preview", preview, ControlError)
+        self.rate_limit = None if rate_limit is None else checked_rate(rate_limit)
+        self.temperature_limits = checked_temperature_limits(temperature_limits, model)
+        watched = [name for name, *_ in self.temperature_limits]
+        plant = plant_of("MPC", model, self.measured, watched)
+        self.sample_time_s = plant.sample_time_s
+        cells, outputs = plant.B.shape[1], len(plant.C)
+        y, u, change, w, v = (
+            checked_deviations("MPC", name, value, size)
+            for name, value, size in (
+                ("output_deviation", output_deviation, outputs),
+                ("duty_deviation", duty_deviation, cells),
+                ("duty_change_deviation", duty_change_deviation, cells),
+                ("drift", drift, outputs),
+                ("reading_noise", reading_noise, outputs),
+            )
+        )
+        predicted = predict(plant, self.horizon)
+        self.deviations = Deviations(y, u, change)
+        self.condensed = condense(plant, predicted, self.deviations)
+        (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
+        limits_of = np.array([limit for _, *limit in self.temperature_limits])
+        self.soft = soft_limits(plant, predicted, limits_of, excess) if watched else None
+        self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
+        self.gain, self.inverse = plant.gain, plant.inverse
+        self.duty, self.outputs = plant.duty, plant.outputs
+
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @property
+    def preview_samples(self) -> int:
+        """The horizon, with `preview`."""
+        return self.horizon if self.preview else 0
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file: the model, the filter and the accepted deviations."""
+        model = read_model(contents, cls.kind)
+        settings = model_settings(cls, contents)
+        limits = temperature_limits(contents)
+        if limits and "excess_deviation" not in contents.data:
+            contents.refuse("excess_deviation", "expected this field, got none")
+        preview = contents.data.get("preview", False)
+        if not isinstance(preview, bool):
+            contents.refuse("preview", f"expected true or false, got {preview!r}")
+        settings |= {"horizon": contents.data["horizon"], "preview": preview}
+        return designed(cls, model, {**settings, "temperature_limits": limits}, contents.refuse)
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the operating point, the deviations, the limits, and the model."""
+        of_fields = dict(zip(Deviations._fields, self.deviations, strict=True))
+        values: dict[str, Any] = {f"{name}_deviation": value for name, value in of_fields.items()}
+        values["duty_change_deviation"] = values.pop("change_deviation")
+        tables: list[str] = []
+        if self.rate_limit is not None:
+            values["rate_limit"] = self.rate_limit
+        if self.soft is not None:
+            values["excess_deviation"] = self.soft.excess
+            for row, (name, *limits) in enumerate(self.temperature_limits):
+                at, C = float(self.soft.outputs[row]), np.asarray(self.soft.C)[row]
+                tables += limit_lines(name, (limits[0], limits[1]), at, C)
+        return [
+            *point_lines(self.duty, self.outputs),
+            f"horizon = {self.horizon}",
+            f"preview = {json.dumps(self.preview)}",
+            *(
+                f"{name} = {as_quantity(value, self.fields[name].quantity)}"
+                for name, value in values.items()
+            ),
+            *tables,
+            *model_lines(self.kalman),
+        ]
+
+    def law(self, cells: int) -> Law:
+        """The law: its Kalman filter, its target at rest and its plan."""
+        check_designed_cells(len(self.duty), cells)
+        states, outputs = np.shape(self.kalman.L)
+        inverse = np.asarray(self.inverse, float)
+        accepted = np.asarray(self.deviations.output, float)
+        scaled, rest = rest_cost(np.asarray(self.gain, float), inverse, accepted)
+        by_missing = -np.asarray(scaled).T / accepted
+        numbers = program_numbers(self.condensed, np.asarray(rest), by_missing, self.soft, inverse)
+        moves, watched = self.horizon * cells, len(self.temperature_limits)
+        limits = moves * (1 if self.rate_limit is None else 2) + self.horizon * watched
+        constants = {"STATES": states, "MOVES": moves, **numbers.constants}
+        if self._reach is not None:
+            constants["REACH"] = self._reach
+        tables = {**kalman_tables(self.kalman, self.duty, self.outputs), **numbers.tables}
+        lines = parameter_lines(
+            self.deviations, self.rate_limit, self.temperature_limits, self.soft
+        )
+        if self.preview:
+            lines.append("designed for the references of the whole horizon: see ..._step_ahead")
+        return Law(
+            bundled_law("mpc.c"),
+            f"model predictive control of {outputs} outputs over {self.horizon} samples",
+            {name: (np.ravel(values), text) for name, (values, text) in tables.items()},
+            {"x": states, "moved": cells, "targets": moves, **work_of(moves, limits)},
+            lines,
+            constants,
+            horizon=self.horizon,
+        )
+
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state at rest under this duty, with the disturbance that explains the measurement.
+
+        If there are as many outputs as cells and the reference equals the measurement, the duty
+        stays where it is. With fewer outputs, it moves to the smallest duty that holds them.
+        """
+        u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
+        return MPCState(self.kalman.init(u, y), u)
+
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, "*horizon outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """Computes the duty of a sample and the next state."""
+        states, moves = self._plan(state, jnp.asarray(reference), jnp.asarray(measurement))
+        low, high = (limit - self.duty for limit in self.limits)
+        now = moves[0]
+        if self._reach is not None:
+            now = jnp.clip(now, state.duty - self._reach, state.duty + self._reach)
+        # Rounding must not violate the hard limits.
+        now = jnp.clip(now, low, high)
+        later = self.kalman.predict(states, now)
+        return jnp.clip(now + self.duty, *self.limits), MPCState(later, now)
+
+    def _plan(
+        self, state: MPCState, reference: Array, measurement: Array
+    ) -> tuple[Float[Array, " state"], Float[Array, "horizon cells"]]:
+        """Computes the states after a reading, and the planned duty of the next samples as
+        deviations from the operating point."""
+        states, program = self._problem(state, reference, measurement)
+        return states, minimised(program).reshape(self.horizon, len(self.duty))
+
+    def _problem(
+        self, state: MPCState, reference: Array, measurement: Array
+    ) -> tuple[Float[Array, " state"], QuadraticProgram]:
+        """Computes the states after a reading, and the program whose minimum is the plan."""
+        states = self.kalman.correct(state.states, measurement - self.outputs)
+        outputs, cells = self.gain.shape
+        missing = reference - self.outputs - states[-outputs:]
+        heat = jnp.asarray(self.inverse) @ states[-outputs:]
+        aim = jax.vmap(self._target, (0, None)) if missing.ndim == 2 else self._target
+        target = aim(missing, heat)
+        targets = jnp.broadcast_to(target, (self.horizon, cells)).reshape(-1)
+        limits = self.limits[0] - self.duty, self.limits[1] - self.duty
+        return states, plan_program(
+            self.condensed, states, state.duty, targets, limits, self._reach, self.soft
+        )
+
+    def _target(
+        self, missing: Float[Array, " outputs"], heat: Float[Array, " cells"]
+    ) -> Float[Array, " cells"]:
+        """Computes the duty at rest that changes the outputs by a given amount, under a disturbance
+        that is expressed as a duty."""
+        gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
+        accepted, duty = jnp.asarray(self.deviations.output), jnp.asarray(self.duty)
+        limits = self.limits[0] - duty, self.limits[1] - duty
+        return minimised(rest_program(gain, inverse, accepted, missing, heat, limits, self.soft))
+
+    @property
+    def _reach(self) -> float | None:
+        """The largest change of the duty in a sample; None for any."""
+        return None if self.rate_limit is None else self.rate_limit * self.sample_time_s
+
+    def __repr__(self) -> str:
+        outputs, cells = self.gain.shape
+        return (
+            f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
+            f"{self.sample_time_s:g} s>"
+        )

@@ -1,0 +1,250 @@
+r"""PID, discrete in time.
+
+With the error $e = r - y$ and sample time $h$,
+
+$$P_k = K_p (b\,r_k - y_k), \quad
+D_k = \frac{T_f D_{k-1} + K_d (d_k - d_{k-1})}{T_f + h}, \; d = c\,r - y,$$
+
+$$v_k = P_k + I_k + D_k, \quad u_k = \mathrm{sat}(v_k), \quad
+I_{k+1} = I_k + K_i h\,e_k + \frac{h}{T_t} (u_k - v_k)$$
+
+(Åström and Hägglund, *Advanced PID Control*, 2006, chapters 3 and 13; the derivative by backward
+differences, which is stable for every sample time).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, TypeAlias, final
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, PyTree
+
+from ..._jax_settings import own_settings
+from ._controller import (
+    AbstractChannelGroupController,
+    Numbers,
+    check_non_negative,
+    checked_limits,
+    checked_measured,
+    checked_sample_time,
+)
+from ._controller_fields import ControllerField
+from ._law import Law, bundled_law, of_cells, parameter_text
+
+PROPORTIONAL = ControllerField("a gain", "1/K", "0.1 1/K", "zero", is_required=True)
+INTEGRAL = ControllerField("a gain", "1/(K s)", "0.002 1/(K s)", "zero")
+WEIGHT = ControllerField("a number without unit", "", "0.7", "zero")
+
+Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
+"""A single value, or one for each cell."""
+
+
+class PIDState(NamedTuple):
+    """The state of a `PID`: integral and derivative part of each cell, and d of each output."""
+
+    integral: Float[Array, " cells"]
+    derivative: Float[Array, " cells"]
+    last: Float[Array, " outputs"]
+
+
+@final
+class PID(AbstractChannelGroupController):
+    """A PID controller for each cell, all with the same output or each with its own.
+
+    ```python
+    PID(Kp=0.1, Ki=0.002, measured=[["T11", "T21", "TAM"], ["T16", "T26", "TCM"]])
+    ```
+
+    If there is a single output, all cells follow it with the same gains; their duty cycles are
+    equal unless they differed at the start.
+
+    **Arguments:** gains are single numbers or one for each cell.
+
+    - `Kp`: proportional gain, 1/K. `Ki`: integral gain, 1/(K s). `Kd`: derivative gain, s/K.
+    - `Tf`: time constant of the derivative's filter, s.
+    - `setpoint_weight`: b, the weight of the reference in the proportional part; values below 1
+      overshoot less.
+    - `derivative_weight`: c, the same for the derivative part: with 0 it is the derivative of the
+      measurement alone.
+    - `tracking_time_s`: time constant of the anti-windup by back-calculation, s; None for Kp / Ki.
+      It is at least the sample time.
+    - `limits`: limits of the duty, within -1 to 1. (0, 1) never cools.
+    - `sample_time_s`: the sample time, s.
+    - `measured`: the outputs, each a channel or a group of channels that is averaged; None for the
+      mean over all channels.
+
+    **Raises:** `ControlError` if a gain is not a finite number of at least 0, the limits are not
+    within -1 to 1, or the sample time is not positive.
+    """
+
+    kind: ClassVar[str] = "pid"
+    fields: ClassVar[Mapping[str, ControllerField]] = {
+        "Kp": PROPORTIONAL,
+        "Ki": INTEGRAL,
+        "Kd": ControllerField("a gain", "s/K", "0.5 s/K", "zero"),
+        "Tf": ControllerField("a time", "s", "2 s", "zero"),
+        "setpoint_weight": WEIGHT,
+        "derivative_weight": WEIGHT,
+        "tracking_time": ControllerField("a time", "s", "1 s"),
+    }
+
+    Kp: Parameter
+    Ki: Parameter
+    Kd: Parameter
+    Tf: Parameter
+    setpoint_weight: Parameter
+    derivative_weight: Parameter
+    tracking_time_s: Parameter | None
+    limits: tuple[float, float] = eqx.field(static=True)
+    sample_time_s: float = eqx.field(static=True)
+    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        Kp: Numbers,
+        Ki: Numbers = 0.0,
+        Kd: Numbers = 0.0,
+        Tf: Numbers = 0.0,
+        *,
+        setpoint_weight: Numbers = 1.0,
+        derivative_weight: Numbers = 0.0,
+        tracking_time_s: Numbers | None = None,
+        limits: Sequence[float | int] = (-1.0, 1.0),
+        sample_time_s: float | int = 1.0,
+        measured: Sequence[str | Sequence[str]] | None = None,
+    ):
+        self.check_parameters(
+            Kp=Kp,
+            Ki=Ki,
+            Kd=Kd,
+            Tf=Tf,
+            setpoint_weight=setpoint_weight,
+            derivative_weight=derivative_weight,
+            tracking_time_s=tracking_time_s,
+        )
+        self.Kp, self.Ki, self.Kd, self.Tf = (as_parameter(value) for value in (Kp, Ki, Kd, Tf))
+        self.setpoint_weight = as_parameter(setpoint_weight)
+        self.derivative_weight = as_parameter(derivative_weight)
+        self.tracking_time_s = None if tracking_time_s is None else as_parameter(tracking_time_s)
+        self.limits = checked_limits("PID", limits)
+        self.sample_time_s = checked_sample_time("PID", sample_time_s)
+        self.measured = checked_measured("PID", measured)
+
+    @classmethod
+    def check_parameters(cls, **values: Any) -> None:
+        """Refuses parameters that are not finite numbers of at least 0."""
+        check_non_negative("PID", **values)
+
+    @property
+    def is_linear(self) -> bool:
+        """True within the limits."""
+        return True
+
+    @classmethod
+    def fits_outputs(cls, outputs: int, cells: int) -> bool:
+        """All cells follow one output, or each its own."""
+        return outputs in (1, cells)
+
+    def law(self, cells: int) -> Law:
+        """The law, with the factors of a sample multiplied beforehand, and without the derivative
+        if Kd is 0."""
+        Kp, Ki, Kd, Tf = (
+            of_cells(name, getattr(self, name), cells) for name in ("Kp", "Ki", "Kd", "Tf")
+        )
+        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
+        c = of_cells("derivative_weight", self.derivative_weight, cells)
+        h, tracking = self.sample_time_s, self.tracking_time_s
+        if tracking is not None:
+            tracking = of_cells("tracking_time_s", tracking, cells)
+        with own_settings():
+            back = np.asarray(tracking_share(Kp, Ki, tracking, h), float)
+        tables = {
+            "Kp": (Kp, "1/K"),
+            "b": (b, "set-point weight"),
+            "Ki_h": (Ki * h, "Ki times the sample time, 1/K"),
+            "back": (np.broadcast_to(back, (cells,)), "sample time / tracking time"),
+        }
+        if Kd.any():
+            tables |= {
+                "c": (c, "set-point weight of the derivative"),
+                "decay": (Tf / (Tf + h), "of the derivative's filter"),
+                "Kd_h": (Kd / (Tf + h), "Kd / (Tf + sample time), 1/K"),
+            }
+        parameters = [
+            parameter_text("Kp", self.Kp, "1/K"),
+            parameter_text("Ki", self.Ki, "1/(K s)"),
+            parameter_text("Kd", self.Kd, "s/K"),
+            parameter_text("Tf", self.Tf, "s"),
+            parameter_text("set-point weight", self.setpoint_weight, ""),
+            parameter_text("set-point weight of the derivative", self.derivative_weight, ""),
+            "tracking time: Kp / Ki"
+            if tracking is None
+            else parameter_text("tracking time", self.tracking_time_s, "s"),
+        ]
+        return Law(
+            bundled_law("pid.c"),
+            "a PID for each cell",
+            tables,
+            {"derivative": cells, "last": cells} if Kd.any() else {},
+            parameters,
+            {"HAS_DERIVATIVE": 1} if Kd.any() else {},
+            integrals=cells,
+        )
+
+    def init(
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state with which the duty stays where it is while the reference equals the
+        measurement and the plate is at rest."""
+        duty, y = jnp.asarray(duty), jnp.asarray(measurement)
+        integral = duty - self.Kp * (self.setpoint_weight - 1) * y
+        last = (jnp.asarray(self.derivative_weight) - 1) * y
+        return PIDState(integral, jnp.zeros_like(integral), last + jnp.zeros_like(y))
+
+    def step(
+        self,
+        state: PyTree,
+        reference: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> tuple[Float[Array, " cells"], PyTree]:
+        """Computes the duty of a sample and the next state."""
+        r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
+        weighted = jnp.asarray(self.derivative_weight) * r - y
+        derivative = (self.Tf * state.derivative + self.Kd * (weighted - state.last)) / (
+            self.Tf + h
+        )
+        asked = self.Kp * (self.setpoint_weight * r - y) + state.integral + derivative
+        duty = jnp.clip(asked, *self.limits)
+        back = tracking_share(self.Kp, self.Ki, self.tracking_time_s, h)
+        integral = state.integral + self.Ki * h * (r - y) + back * (duty - asked)
+        return duty, PIDState(integral, derivative, weighted)
+
+
+def tracking_share(
+    Kp: Parameter,
+    Ki: Parameter,
+    tracking_time_s: Parameter | None,
+    sample_time_s: float,
+) -> Float[Array, "*cells"]:
+    """The part of the clipped duty that is taken back from the integral in a sample: h / Tt, at
+    most 1.
+
+    Without an integral gain there is no windup.
+    """
+    Kp, Ki = jnp.asarray(Kp), jnp.asarray(Ki)
+    # Both branches stay finite, and so do their derivatives.
+    time = tracking_time_s
+    if time is None:
+        time = Kp / jnp.where(Ki > 0, Ki, 1.0)
+    share = sample_time_s / jnp.maximum(jnp.asarray(time), sample_time_s)
+    return jnp.where(Ki > 0, share, 0.0)
+
+
+def as_parameter(value: Numbers) -> Parameter:
+    """A parameter as an array whose precision JAX chooses."""
+    if isinstance(value, int | float | list | tuple | np.generic):
+        return np.asarray(value, np.float64)
+    if isinstance(value, np.ndarray):
+        return value.astype(np.float64)
+    return value  # pyright: ignore[reportReturnType]

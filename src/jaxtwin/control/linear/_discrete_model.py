@@ -1,0 +1,170 @@
+"""A linear model in discrete time."""
+
+from typing import TYPE_CHECKING, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from ..._errors import ControlError
+from ..._jax_settings import is_traced, settings_for, to_numpy
+from ..._lapack import solve
+from ._operating_point import OperatingPoint
+from ._to_control import discrete
+
+if TYPE_CHECKING:
+    import control
+
+
+@final
+class DiscreteModel(eqx.Module):
+    r"""A linear model at sample times, made by `LinearModel.discretise`.
+
+    $$x_{k+1} = A x_k + B u_k + b, \quad y_k = C x_k + D u_k$$
+
+    All three are deviations from the operating point. The methods take and return duty cycles and
+    temperatures themselves.
+
+    ```python
+    model = jt.linearize(jt.Twin("dual-cell"), duty=0.4).discretise(1.0)
+    state = model.start()
+    for _ in range(60):
+        state = model.step(state, [0.5, 0.4])
+    model.outputs(state, [0.5, 0.4])  # degC
+    ```
+
+    **Arguments:**
+
+    - `A`, `B`, `C`, `D`: the matrices, in K and units of duty.
+    - `operating_point`: the point from which deviations are counted.
+    - `sample_time_s`: the sample time, s.
+    - `state_names`, `input_names`, `output_names`: names of states, inputs and outputs.
+    - `offset`: $b$, the change of the states in a sample at the operating point, K; None at rest.
+    """
+
+    A: Float[Array | np.ndarray, "state state"]
+    B: Float[Array | np.ndarray, "state input"]
+    C: Float[Array | np.ndarray, "output state"]
+    D: Float[Array | np.ndarray, "output input"]
+    operating_point: OperatingPoint
+    sample_time_s: float = eqx.field(static=True)
+    state_names: tuple[str, ...] = eqx.field(static=True)
+    input_names: tuple[str, ...] = eqx.field(static=True)
+    output_names: tuple[str, ...] = eqx.field(static=True)
+    offset: Float[Array | np.ndarray, " state"] | None = None
+
+    def start(
+        self, duty: ArrayLike | float | int | None = None
+    ) -> Float[Array | np.ndarray, " state"]:
+        """The steady state under a constant duty cycle; None for the operating point.
+
+        **Arguments:**
+
+        - `duty`: a value for each input, or a single value for all.
+        """
+        with settings_for(self, duty):
+            A = jnp.asarray(self.A)
+            if duty is None:
+                return to_numpy(jnp.zeros(len(A), A.dtype))
+            moved = jnp.asarray(self.B) @ self._change(duty)
+            if self.offset is not None:
+                moved = moved + self.offset
+            return to_numpy(solve(jnp.eye(len(A)) - A, moved))
+
+    def step(
+        self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
+    ) -> Float[Array | np.ndarray, " state"]:
+        """The state one sample time later, under a command that is held until then.
+
+        **Raises:** `ControlError` if the command does not fit the inputs of the model.
+        """
+        with settings_for(self, state, duty):
+            later = self.A @ state + self.B @ self._change(duty)
+            return to_numpy(later if self.offset is None else later + self.offset)
+
+    def outputs(
+        self, state: Float[Array | np.ndarray, " state"], duty: ArrayLike | float | int
+    ) -> Float[Array | np.ndarray, " output"]:
+        """The readings of the channels, degC, if a command is given at that moment.
+
+        The command matters only if `D` is not 0, as in models of reduced order.
+        """
+        with settings_for(self, state, duty):
+            change = self.C @ state + self.D @ self._change(duty)
+            return to_numpy(self.operating_point.outputs + change)
+
+    def simulate(
+        self, duty: ArrayLike, start: Float[Array | np.ndarray, " state"] | None = None
+    ) -> Float[Array | np.ndarray, "steps output"]:
+        """Simulates a sequence of commands, and returns the outputs at the beginning of each step,
+        degC.
+
+        **Arguments:**
+
+        - `duty`: the commands, `(steps, inputs)`.
+        - `start`: the state at the first step; None for the operating point.
+        """
+        with settings_for(self, duty, start):
+            state = self.start() if start is None else start
+            if is_traced(self, duty, state):
+                return _outputs(self, jnp.asarray(state), jnp.asarray(duty, self.A.dtype))
+            rows = []
+            for command in np.asarray(duty, float):
+                rows.append(self.outputs(state, command))
+                state = self.step(state, command)
+            return np.array(rows).reshape(len(rows), len(self.output_names))
+
+    def to_control(self) -> "control.StateSpace":
+        """Converts the model to python-control (extra `control`), exact with lag and delay.
+
+        **Raises:** `ControlError` if python-control is not installed, or if the model is about a
+        point that is not at rest.
+        """
+        check_at_rest("to_control", self.offset)
+        return discrete(self)
+
+    def _change(self, duty: ArrayLike | float | int) -> Float[Array | np.ndarray, " input"]:
+        """A command as a deviation from the operating point."""
+        command = jnp.asarray(duty) if is_traced(duty) else np.asarray(duty, float)
+        inputs = len(self.input_names)
+        if command.shape not in ((), (inputs,)):
+            raise ControlError(
+                f"DiscreteModel: duty: expected {inputs} numbers, or a single one, got an array "
+                f"of shape {command.shape}"
+            )
+        return command - self.operating_point.duty
+
+    def __repr__(self) -> str:
+        outputs, states = self.C.shape
+        return (
+            f"<DiscreteModel: {states} states, {self.B.shape[1]} inputs, {outputs} outputs, "
+            f"sample time {self.sample_time_s:g} s>"
+        )
+
+
+def check_at_rest(where: str, change: object) -> None:
+    """Refuses a model that changes by itself at its operating point.
+
+    **Arguments:**
+
+    - `change`: its `rates` or `offset`.
+
+    **Raises:** `ControlError`.
+    """
+    if change is not None:
+        raise ControlError(
+            f"{where}: expected a model about a rest, got one about a state of a run; take "
+            "LinearModel.at_rest() first"
+        )
+
+
+@jax.jit
+def _outputs(model: DiscreteModel, start: Array, commands: Array) -> Array:
+    def step(state: Array, duty: Array) -> tuple[Array, Array]:
+        after, read = model.step(state, duty), model.outputs(state, duty)
+        return jnp.asarray(after), jnp.asarray(read)
+
+    return jax.lax.scan(step, start, commands)[1]

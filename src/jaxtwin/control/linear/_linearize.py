@@ -1,0 +1,236 @@
+"""Linearises a twin at an operating point."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
+
+from ..._arguments import finite_number
+from ..._compilation import persistent_jit
+from ..._errors import ControlError
+from ..._jax_settings import is_traced, own_settings, settings_for, to_numpy
+from ...matching import Fit
+from ...matching._nominal_twin import nominal_twin
+from ...physics import System, Twin
+from ...simulation import Run
+from ...simulation._check_values import check_values
+from ._linear_model import LinearModel
+from ._operating_point import (
+    ZERO_CELSIUS,
+    OperatingPoint,
+    Target,
+    duty_for,
+    slopes,
+    target_of,
+)
+from ._point_of_run import HasRun, PointOfRun, point_of_run
+
+REST_TOLERANCE = 1e-6
+"""The largest heat flow into a node of a steady state, relative to all flows."""
+
+TEMPERATURE_TOLERANCE = 1e-3
+"""The largest distance from a requested temperature, K."""
+
+
+def linearize(
+    twin: Twin | Fit,
+    *,
+    duty: ArrayLike | float | int | None = None,
+    temperatures: Mapping[str, float] | float | int | None = None,
+    ambient: float | int | None = None,
+    run: Run | HasRun | None = None,
+    time: float | int | None = None,
+) -> LinearModel:
+    r"""Linearises a twin at a steady state, or at a time of a run, by exact derivatives.
+
+    With the temperatures of the nodes $x$, the duty of the cells $u$ and the readings of the
+    channels $y$, all as deviations from the operating point, the model is
+
+    $$\dot x = r + A x + B u, \quad y = C x + D u$$
+
+    At a steady state $r$ is left out. At a time of a run the plate is not at rest, and $r$
+    (`rates`) is the rate at which the temperatures change there. JAX computes $A$ and $B$ as
+    derivatives of the twin's equations; $D$ is 0. The driver's delay and lag are separate fields
+    of the model.
+
+    ```python
+    model = jt.linearize(jt.Twin("dual-cell"), duty=[0.4, 0.4])
+    model = jt.linearize(jt.Twin("dual-cell"), temperatures={"TAM": 40.0, "TCM": 40.0})
+    model = jt.linearize(run.twin, run=run, time=60.0)
+    ```
+
+    The heat flows of a cell have a kink at a duty of 0, because heating and cooling both add Joule
+    heat. Exactly at 0, the model has the mean of the two slopes, the initial response to a small
+    signal of both signs. The slopes can differ much: on `dual-cell` the gain at rest is 49 K per
+    unit of duty for heating and about 0 for cooling. At a small duty of either sign, the model has
+    the slope of that side.
+
+    The function can be called inside `jax.jit`, `jax.vmap` and `jax.grad`, and its result can be
+    differentiated with respect to the twin's parameters. Outside of them it computes in float64.
+
+    **Arguments:**
+
+    - `twin`: the twin; or a fit, whose recordings' own values are averaged (`Fit.mean_twin`).
+    - `duty`: the duty at the operating point, one value for all cells or one for each, -1 to 1.
+    - `temperatures`: the temperatures at the operating point, instead of a duty. A number is the
+      mean of all channels, degC, reached with the same duty for all cells. A mapping has
+      temperatures of channels, degC: of one channel, reached with the same duty for all cells; of
+      as many channels as cells; or of more, which are approximated in the sense of least squares.
+    - `ambient`: the temperature of the surroundings, degC; None for that of the rig, or of the run.
+    - `run`: a run of this rig, or a `ClosedLoopRun`, instead of duty and temperatures, for its
+      state at a `time`. The duty of the operating point is the one that reaches the cells then,
+      behind delay and lag.
+    - `time`: the time of the run, s; temperatures are linear between two samples.
+
+    **Returns:** a `LinearModel`, whose operating point has the duty and all temperatures.
+
+    **Raises:** `ControlError` if not exactly one of duty, temperatures and run is given, if a time
+    is given without a run or is outside of it, if they do not fit the rig, if no duty from -1 to 1
+    reaches the temperatures, or if no steady state is found; `ParameterError` if a parameter has
+    several values, or if a resistance, a heat capacity, a lag or a delay is not above 0.
+    """
+    twin = nominal_twin("linearize: twin", twin, ControlError)
+    given_points = {"duty": duty, "temperatures": temperatures, "run": run}
+    chosen = [name for name, value in given_points.items() if value is not None]
+    if len(chosen) != 1:
+        raise ControlError(
+            "linearize: expected one of duty, temperatures and run, got "
+            f"{' and '.join(chosen) or 'none'}; for example duty=0.4"
+        )
+    if (run is None) != (time is None):
+        raise ControlError(
+            "linearize: expected a time beside a run, s, got "
+            f"{'no time' if time is None else f'time {time!r} without a run'}"
+        )
+    if not is_traced(twin):
+        check_values(twin)
+    target = None if temperatures is None else target_of(twin, temperatures)
+    if ambient is not None:
+        ambient = finite_number("linearize: ambient", ambient, ControlError)
+    if run is not None:
+        own = run if isinstance(run, Run) else run.run
+        with own_settings():
+            point = point_of_run(twin, own, time, ambient)
+            return to_numpy(_model_in_motion(twin, point))
+    with settings_for(twin, duty):
+        given = None if duty is None else _duty(twin, duty)
+        room = None if ambient is None else jnp.asarray(ambient)
+        model, reached, imbalance = to_numpy(model_at_rest(twin, given, target, room))
+    if not is_traced(imbalance) and not float(imbalance) <= REST_TOLERANCE:
+        raise ControlError(
+            f"linearize: {twin.rig.name}: expected a steady state, but the rig does not come to "
+            "rest under this duty; take a smaller one"
+        )
+    if target is not None and not is_traced(reached):
+        _check_reached(target, np.asarray(reached), np.asarray(model.operating_point.duty))
+    return model
+
+
+def _duty(twin: Twin, duty: ArrayLike | float | int) -> Array:
+    cells = len(twin.netlist.cells)
+    expected = f"linearize: duty: expected {cells} numbers from -1 to 1, or a single one"
+    try:
+        values: Any = duty if is_traced(duty) else np.asarray(duty)
+    except ValueError:  # rows of different lengths
+        values = np.array(None)
+    if values.shape not in ((), (cells,)) or values.dtype.kind not in "iuf":
+        raise ControlError(f"{expected}, got {duty!r}")
+    if not is_traced(values) and not np.all(np.abs(values) <= 1):
+        raise ControlError(f"{expected}, got {duty!r}")
+    return jnp.broadcast_to(jnp.asarray(values, float), (cells,))
+
+
+def _check_reached(
+    target: Target, reached: Float[np.ndarray, " targets"], duty: Float[np.ndarray, " cells"]
+) -> None:
+    is_square = target.directions.shape[1] == len(target.temperatures)
+    is_reached = np.abs(reached - target.temperatures).max() <= TEMPERATURE_TOLERANCE
+    if np.isfinite(reached).all() and (is_reached or not is_square) and np.abs(duty).max() < 1:
+        return
+    wanted, got, at = (
+        ", ".join(f"{value:.4g}" for value in values)
+        for values in (target.temperatures, reached, duty)
+    )
+    raise ControlError(
+        "linearize: temperatures: expected some that duty cycles from -1 to 1 reach, got "
+        f"{wanted} degC; the nearest found was {got} degC with duty {at}"
+    )
+
+
+@persistent_jit
+def model_at_rest(
+    twin: Twin,
+    duty: Float[Array, " cells"] | None,
+    target: Target | None,
+    ambient: Float[Array, ""] | None,
+) -> tuple[LinearModel, Float[Array, " targets"], Float[Array, ""]]:
+    """Computes the model, the temperatures that were reached, and the relative heat flow that is
+    left in the steady state."""
+    system = twin.system()
+    reference = jnp.asarray(system.ambient_temperature)
+    if ambient is not None:
+        reference = jnp.asarray(ambient, reference.dtype) + ZERO_CELSIUS
+    reached = jnp.zeros(0, reference.dtype)
+    if duty is None:
+        assert target is not None
+        duty, reached = duty_for(system, target, reference)
+    duty = jnp.asarray(duty, reference.dtype)
+    nodes = system.steady_state(duty, reference)
+    model, by_duty = _model(twin, system, nodes, duty, reference)
+    flows = jnp.abs(system.conductance @ nodes).max() + jnp.abs(by_duty).max()
+    imbalance = jnp.abs(system.heat_into_nodes(nodes, duty, reference)).max() / flows
+    return model, reached, imbalance
+
+
+@persistent_jit
+def _model_in_motion(twin: Twin, point: PointOfRun) -> LinearModel:
+    """The model at a state that is not at rest."""
+    system = twin.system()
+    reference = jnp.asarray(point.ambient) + ZERO_CELSIUS
+    nodes, duty = jnp.asarray(point.nodes) - point.ambient, jnp.asarray(point.duty)
+    model, _ = _model(twin, system, nodes, duty, reference)
+    rates = system.heat_into_nodes(nodes, duty, reference) / system.capacitance
+    return eqx.tree_at(lambda m: m.rates, model, rates, is_leaf=lambda leaf: leaf is None)
+
+
+def _model(
+    twin: Twin,
+    system: System,
+    nodes: Float[Array, " nodes"],
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+) -> tuple[LinearModel, Float[Array, "nodes cells"]]:
+    """Computes the model at a state, and the derivatives of the heat by the duty, W."""
+    by_nodes, by_duty = slopes(system, nodes, duty, reference)
+    zero = jnp.zeros((), reference.dtype)
+    celsius = reference - ZERO_CELSIUS
+    cells = tuple(cell.name for cell in twin.netlist.cells)
+    states = tuple(node.name for node in twin.netlist.nodes)
+    model = LinearModel(
+        by_nodes / system.capacitance[:, None],
+        by_duty / system.capacitance[:, None],
+        jax.jacfwd(system.channel_temperatures)(nodes),
+        jnp.zeros((system.gain.size, duty.size), reference.dtype),
+        operating_point=OperatingPoint(
+            duty,
+            nodes + celsius,
+            system.channel_temperatures(nodes) + celsius,
+            celsius,
+            cell_names=cells,
+            node_names=states,
+            channel_names=twin.channels,
+        ),
+        state_names=states,
+        input_names=cells,
+        output_names=twin.channels,
+        delay_s=zero if system.delay is None else system.delay,
+        lag_s=zero if system.lag is None else system.lag,
+        is_delayed=system.delay is not None,
+        is_lagged=system.lag is not None,
+    )
+    return model, by_duty

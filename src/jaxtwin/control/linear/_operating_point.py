@@ -1,0 +1,210 @@
+"""Computes steady states: the temperatures for a duty cycle, and the duty cycle for
+temperatures."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..._arguments import finite_number
+from ..._display import html_table
+from ..._errors import ControlError
+from ..._lapack import solve
+from ...physics import System, Twin
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+ZERO_CELSIUS = 273.15
+
+NEWTON_STEPS = 40
+"""Steps of the search for a duty cycle. It usually needs a handful; on the way from full cooling to
+full heating each is limited to `LONGEST_STEP`."""
+
+LONGEST_STEP = 0.25
+
+KINK_DISTANCE = 1e-9
+"""The distance from a duty of 0 at which its two slopes are computed."""
+
+
+@final
+class OperatingPoint(eqx.Module):
+    """A steady state of a rig.
+
+    - `duty`: the duty of the cells, -1 to 1.
+    - `nodes`: temperatures of the nodes, degC, in the order of `twin.netlist.nodes`.
+    - `outputs`: readings of the channels, degC.
+    - `ambient`: temperature of the surroundings, degC.
+    - `cell_names`, `node_names`, `channel_names`: the names of the above; empty for numbers.
+    """
+
+    duty: Float[Array | np.ndarray, " inputs"]
+    nodes: Float[Array | np.ndarray, " nodes"]
+    outputs: Float[Array | np.ndarray, " outputs"]
+    ambient: Float[Array | np.ndarray, ""]
+    cell_names: tuple[str, ...] = eqx.field(static=True, default=())
+    node_names: tuple[str, ...] = eqx.field(static=True, default=())
+    channel_names: tuple[str, ...] = eqx.field(static=True, default=())
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns a labelled dataset, with units in the attributes: duty (cell), state (node),
+        temperature (channel) and ambient, named as in `Run.to_xarray`."""
+        import xarray
+
+        cells, nodes, channels = self._labels()
+        celsius = {"units": "degC"}
+        return xarray.Dataset(
+            {
+                "duty": ("cell", np.asarray(self.duty), {"units": "1"}),
+                "state": ("node", np.asarray(self.nodes), celsius),
+                "temperature": ("channel", np.asarray(self.outputs), celsius),
+                "ambient": ((), float(self.ambient), celsius),
+            },
+            coords={"cell": cells, "node": nodes, "channel": channels},
+        )
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Returns a table with a row for the duty of each cell, the temperature of each node, the
+        reading of each channel and the ambient temperature. Its index is quantity and name; its
+        columns are value and unit."""
+        import pandas
+
+        table = pandas.DataFrame(self._rows(), columns=["quantity", "name", "value", "unit"])
+        return table.set_index(["quantity", "name"])
+
+    def _rows(self) -> list[tuple[str, str, float, str]]:
+        """Returns quantity, name, value and unit of each number."""
+        cells, nodes, channels = self._labels()
+        parts = (
+            ("duty", cells, self.duty, "1"),
+            ("node", nodes, self.nodes, "degC"),
+            ("channel", channels, self.outputs, "degC"),
+        )
+        rows = [
+            (quantity, name, float(value), unit)
+            for quantity, names, values, unit in parts
+            for name, value in zip(names, np.asarray(values), strict=True)
+        ]
+        return [*rows, ("ambient", "", float(self.ambient), "degC")]
+
+    def _labels(self) -> tuple[list[str], list[str], list[str]]:
+        """Returns the names of cells, nodes and channels. Names that were not given are u1, u2, and
+        so on for cells, x1 for nodes, y1 for channels."""
+        cells, nodes, channels = (
+            list(names) or [f"{letter}{number + 1}" for number in range(len(values))]
+            for letter, names, values in (
+                ("u", self.cell_names, self.duty),
+                ("x", self.node_names, self.nodes),
+                ("y", self.channel_names, self.outputs),
+            )
+        )
+        return cells, nodes, channels
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (f"{quantity} {name}".strip(), f"{value:.4g}", unit)
+            for quantity, name, value, unit in self._rows()
+            if quantity != "node"
+        ]
+        return html_table("OperatingPoint", ("", "value", "unit"), rows)
+
+
+@final
+class Target(eqx.Module):
+    """Temperatures for which a duty cycle is searched.
+
+    The search minimises the distance of `channels @ readings` from `temperatures` over `duty =
+    directions @ unknowns`.
+    """
+
+    channels: Float[np.ndarray, "targets channels"]
+    temperatures: Float[np.ndarray, " targets"]
+    directions: Float[np.ndarray, "cells unknowns"]
+
+
+def target_of(twin: Twin, temperatures: Mapping[str, float] | float | int) -> Target:
+    """The temperatures given to `linearize`, checked.
+
+    **Raises:** `ControlError` for unknown channels, values that are not numbers, or fewer channels
+    than cells.
+    """
+    where = "linearize: temperatures"
+    cells, names = len(twin.netlist.cells), twin.channels
+    if not isinstance(temperatures, Mapping):
+        mean = finite_number(where, temperatures, ControlError)
+        everything = np.full((1, len(names)), 1 / len(names))
+        return Target(everything, np.array([mean]), np.ones((cells, 1)))
+    for name in temperatures:
+        if name not in names:
+            raise ControlError(
+                f"{where}: expected channels of {twin.rig.name} ({', '.join(names)}), got {name!r}"
+            )
+    if len(temperatures) != 1 and len(temperatures) < cells:
+        raise ControlError(
+            f"{where}: expected a single channel (all cells then get the same duty) or at least "
+            f"as many as the {cells} cells of {twin.rig.name}, got {len(temperatures)}"
+        )
+    numbers = [finite_number(f"{where}: {n}", v, ControlError) for n, v in temperatures.items()]
+    rows = np.eye(len(names))[[names.index(name) for name in temperatures]]
+    directions = np.ones((cells, 1)) if len(numbers) == 1 else np.eye(cells)
+    return Target(rows, np.array(numbers), directions)
+
+
+def slopes(
+    system: System,
+    deviation: Float[Array, " nodes"],
+    duty: Float[Array, " cells"],
+    reference: Float[Array, ""],
+) -> tuple[Float[Array, "nodes nodes"], Float[Array, "nodes cells"]]:
+    """The derivatives of the heat into the nodes with respect to their temperatures, W/K, and to
+    the duty, W.
+
+    At a duty of 0, where the slopes of heating and of cooling differ, the derivative with respect
+    to the duty is the mean of the two.
+    """
+    at_zero = jnp.where(duty == 0, jnp.asarray(KINK_DISTANCE, duty.dtype), 0.0)
+    by_duty = jax.jacfwd(lambda duty: system.heat_into_nodes(deviation, duty, reference))
+    return (
+        jax.jacfwd(lambda nodes: system.heat_into_nodes(nodes, duty, reference))(deviation),
+        (by_duty(duty + at_zero) + by_duty(duty - at_zero)) / 2,
+    )
+
+
+def duty_for(
+    system: System, target: Target, reference: Float[Array, ""]
+) -> tuple[Float[Array, " cells"], Float[Array, " targets"]]:
+    """Finds the duty cycle for temperatures by the Gauss-Newton method, and the temperatures that
+    it reaches, degC.
+
+    Its derivatives with respect to the parameters are exact if the target can be reached.
+    """
+    directions = jnp.asarray(target.directions, reference.dtype)
+    channels = jnp.asarray(target.channels, reference.dtype)
+    aim = jnp.asarray(target.temperatures, reference.dtype) + ZERO_CELSIUS - reference
+
+    def readings(unknowns: Array) -> tuple[Array, Array]:
+        duty = directions @ unknowns
+        nodes = system.steady_state(duty, reference)
+        return channels @ system.channel_temperatures(nodes), nodes
+
+    def change(unknowns: Array) -> Array:
+        reached, nodes = readings(unknowns)
+        at = jax.lax.stop_gradient((system, nodes, directions @ unknowns, reference))
+        by_nodes, by_duty = slopes(*at)
+        gain = channels @ at[0].channel_temperatures(solve(-by_nodes, by_duty @ directions).T).T
+        return solve(gain.T @ gain, gain.T @ (aim - reached))
+
+    def newton(_: Int[Array, ""], unknowns: Array) -> Array:
+        step = jnp.clip(change(unknowns), -LONGEST_STEP, LONGEST_STEP)
+        return jnp.clip(unknowns + step, -1.0, 1.0)
+
+    start = jnp.zeros(directions.shape[1], reference.dtype)
+    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, NEWTON_STEPS, newton, start))
+    # A last step, through which the derivatives pass.
+    found = jnp.clip(found + change(found), -1.0, 1.0)
+    return directions @ found, readings(found)[0] + reference - ZERO_CELSIUS

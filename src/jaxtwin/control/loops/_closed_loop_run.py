@@ -1,0 +1,175 @@
+"""The result of a simulated closed loop."""
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from ..._arguments import path_of
+from ..._display import html_table, picture
+from ..._errors import RecordingError
+from ..._jax_settings import own_settings
+from ..._whole_file import check_ending
+from ...io import Experiment
+from ...physics import Twin
+from ...simulation import Run
+from ._loop_signals import ClosedLoop
+from ._measures import MEASURES
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class ClosedLoopRun:
+    """A simulated closed loop.
+
+    **Arguments:**
+
+    - `run`: the twin's run under the commanded duty; its temperatures have no noise.
+    - `loop`: the signals from which measures are computed.
+    - `outputs`: names of the controlled temperatures.
+    """
+
+    run: Run
+    loop: ClosedLoop
+    outputs: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        twin: Twin,
+        loop: ClosedLoop,
+        outputs: tuple[str, ...],
+        ambient: Float[np.ndarray, " times"],
+    ) -> "ClosedLoopRun":
+        """Adds the names of a twin to the signals of a loop."""
+        experiment = Experiment(
+            loop.time, loop.duty, channels=twin.channels, ambient=ambient, name="closed loop"
+        )
+        run = Run(
+            experiment=experiment,
+            channels=twin.channels,
+            temperatures=np.asarray(loop.temperatures),
+            nodes=tuple(node.name for node in twin.netlist.nodes),
+            states=np.asarray(loop.nodes),
+            rig=twin.rig.name,
+            elements=loop.elements,
+            twin=twin,
+        )
+        return cls(run, loop, outputs)
+
+    @property
+    def time(self) -> Float[np.ndarray, " times"]:
+        """Times of the samples, s."""
+        return np.asarray(self.loop.time)
+
+    @property
+    def reference(self) -> Float[np.ndarray, "times outputs"]:
+        """References of the outputs, degC."""
+        return np.asarray(self.loop.reference)
+
+    @property
+    def output(self) -> Float[np.ndarray, "times outputs"]:
+        """The true outputs, degC."""
+        return np.asarray(self.loop.output)
+
+    @property
+    def measurement(self) -> Float[np.ndarray, "times outputs"]:
+        """The outputs as the controller gets them, degC."""
+        return np.asarray(self.loop.measurement)
+
+    @property
+    def duty(self) -> Float[np.ndarray, "times cells"]:
+        """The duty commanded from each time on, -1 to 1."""
+        return np.asarray(self.loop.duty)
+
+    @property
+    def power(self) -> Float[np.ndarray, "times cells"]:
+        """The power that each cell's bridge draws from the supply, W."""
+        return np.asarray(self.loop.power)
+
+    @property
+    def energy(self) -> Float[np.ndarray, " times"]:
+        """The energy that all cells together have drawn from the supply up to each time, J; by the
+        rule of `Run.energy`."""
+        return np.asarray(self.loop.energy)
+
+    def measures(self) -> "pandas.DataFrame":
+        """A table with a row for each measure: its name as index, value and unit."""
+        import pandas
+
+        with own_settings():
+            rows = [
+                (name, float(function(self.loop)), unit)
+                for name, (function, unit) in MEASURES.items()
+            ]
+        return pandas.DataFrame(rows, columns=["measure", "value", "unit"]).set_index("measure")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The dataset of the run, with reference, measurement and controlled (time, output), power
+        (time, cell) and energy (time)."""
+        celsius = {"units": "degC"}
+        more: dict[str, Any] = {
+            name: (("time", "output"), getattr(self, name), celsius)
+            for name in ("reference", "measurement")
+        }
+        more["controlled"] = (("time", "output"), self.output, celsius)
+        more["power"] = (("time", "cell"), self.power, {"units": "W"})
+        more["energy"] = ("time", self.energy, {"units": "J"})
+        return self.run.to_xarray().assign(more).assign_coords(output=list(self.outputs))
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A table with a row for each time (s), its index, and columns for references, outputs,
+        duty and power by name."""
+        import pandas
+
+        columns: dict[str, np.ndarray] = {}
+        for name, reference, output in zip(
+            self.outputs, self.reference.T, self.output.T, strict=True
+        ):
+            columns |= {f"reference {name}": reference, name: output}
+        for cell, (duty, power) in enumerate(zip(self.duty.T, self.power.T, strict=True)):
+            columns |= {f"duty P{cell + 1}": duty, f"power P{cell + 1}": power}
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+
+    def plot(self) -> "Figure":
+        """Plots outputs, references, duty and power: `jaxtwin.plots.plot_closed_loop`."""
+        return picture("plot_closed_loop", self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the run, as a whole or not at all: a .nc file with the contents of `to_xarray`, or
+        a .csv file as `Run.save` writes it.
+
+        **Raises:** `RecordingError` if the file name has another ending or the file cannot be
+        written.
+        """
+        from ...io._write import save_dataset
+
+        if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
+            save_dataset(self.to_xarray(), path_of("save: path", path, RecordingError))
+        else:
+            self.run.save(path)
+
+    def __repr__(self) -> str:
+        ends = ", ".join(
+            f"{name} {output:.2f} (reference {reference:.2f})"
+            for name, output, reference in zip(
+                self.outputs, self.output[-1], self.reference[-1], strict=True
+            )
+        )
+        return (
+            f"<ClosedLoopRun of {self.run.rig}: {len(self.time)} times, at the end {ends} degC, "
+            f"{self.energy[-1] / 3600:.2f} Wh>"
+        )
+
+    def _repr_html_(self) -> str:
+        table = self.measures().reset_index()
+        named = zip(table["measure"], table["value"], table["unit"], strict=True)
+        rows = [(str(name), f"{value:.4g}", str(unit)) for name, value, unit in named]
+        return html_table(repr(self), ("measure", "value", "unit"), rows)

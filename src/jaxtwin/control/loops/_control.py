@@ -1,0 +1,232 @@
+"""A controller on a live rig, behind all interlocks."""
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple, final
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from ..._compilation import persistent_jit
+from ..._errors import SafetyStop
+from ..._jax_settings import own_settings
+from ...live import Document, Finding, Guard, Moment, RecordConsumer, RigConnection, operate
+from ...physics import Twin
+from ..controllers._controller import AbstractController
+from ._loop_checks import check_cells, check_reach, check_sample_time
+from ._references import reference_samples, references_ahead, sample_times
+from ._stability import check_stability
+
+SAMPLE_TOLERANCE = 1e-6
+"""A moment less than this before a sample counts as the sample, s."""
+
+
+class Decision(NamedTuple):
+    """A sample of a controller on a live rig.
+
+    - `time`: the time since the run began, in that of the rig, s.
+    - `reference`, `measurement`: reference and measurement of each output, degC.
+    - `duty`: the duty of each cell until the next sample, -1 to 1.
+    """
+
+    time: float
+    reference: Float[np.ndarray, " outputs"]
+    measurement: Float[np.ndarray, " outputs"]
+    duty: Float[np.ndarray, " cells"]
+
+
+def control(
+    connection: RigConnection,
+    guard: Guard,
+    loop: "LiveLoop",
+    *,
+    reset: bool = False,
+    about: Mapping[str, Any] | None = None,
+    stop: threading.Event | None = None,
+    consumers: Sequence[RecordConsumer] = (),
+    on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
+    on_alarm: Callable[[Finding], None] | None = None,
+    on_decision: Callable[[Decision], None] | None = None,
+) -> Literal["completed", "stopped"]:
+    """Runs a controller on a live rig. The cells are off when the function returns or raises.
+
+    The controller is sampled in the time of the rig. Its decisions are recorded beside the
+    readings: one document of the kind `decision` for each sample, with time, references,
+    measurements and duty.
+
+    **Arguments:**
+
+    - `connection`: the started links of the rig.
+    - `guard`: the guard of this run, such as `Guard.of(twin)`.
+    - `loop`: the controller with its references, which `LiveLoop` has checked against the twin.
+    - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`: as in
+      `jaxtwin.live.operate`.
+    - `on_decision`: called with each decision, while the rig waits for its command.
+
+    **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
+
+    **Raises:** `SafetyStop` if an interlock trips, if the rig does not start, or if the controller
+    returns something other than duty cycles.
+    """
+
+    def duty(moment: Moment) -> Float[np.ndarray, " cells"] | None:
+        before = loop.decision
+        asked = loop(moment)
+        decision = loop.decision
+        if decision is not None and decision is not before:
+            content = {
+                name: np.asarray(value).tolist() for name, value in decision._asdict().items()
+            }
+            connection.note(Document(connection.clock.now(), "decision", "control", content))
+            if on_decision is not None:
+                on_decision(decision)
+        return asked
+
+    return operate(
+        connection,
+        guard,
+        duty,
+        reset=reset,
+        about={"control": loop.plan, **(about or {})},
+        stop=stop,
+        consumers=consumers,
+        on_progress=on_progress,
+        on_alarm=on_alarm,
+    )
+
+
+def checked_loop(
+    twin: Twin,
+    controller: AbstractController,
+    references: Any,
+    duration_s: float | int,
+    ambient: float | int | None = None,
+) -> Float[np.ndarray, "samples outputs"]:
+    """Checks a loop before it runs on a rig, and returns the references at its samples, degC.
+
+    `ambient` is the temperature of the room, degC; None: that of the rig file.
+
+    **Raises:** `ControlError` for a controller of another number of cells, invalid references,
+    references out of reach, a sample time above the time constants of the rig, a duration that is
+    not a multiple of the sample time, or a loop that is not stable.
+    """
+    weights = np.asarray(controller.output_weights(twin.channels), float)
+    times = sample_times("control", duration_s, controller.sample_time_s)
+    samples = reference_samples("control: references", references, times, len(weights))
+    with own_settings():
+        system = twin.system()
+        room = float(system.ambient_temperature) - 273.15 if ambient is None else float(ambient)
+        check_cells("control", controller, len(twin.rig.cells), len(weights))
+        check_sample_time(twin, controller.sample_time_s)
+        surroundings = np.full((1, 1), room)
+        check_reach(system, weights, samples, times, surroundings, controller.limits)
+        check_stability(twin, controller, weights, samples)
+    return samples
+
+
+@final
+class LiveLoop:
+    """A controller in the form of a command, which `operate` calls for the duty.
+
+    The duty is held between two samples. If `operate` calls later than the next sample, the samples
+    in between are left out. The controller never receives a reading that is not a number: the last
+    valid one of that channel replaces it, and after `silence_s` without one the run stops, as in
+    `simulate_closed_loop`. The cells stay off until the first reading. (The interlocks of `operate`
+    react faster: a channel that reports its failure stops the rig at the next frame.)
+
+    **Arguments:**
+
+    - `twin`: the twin of the rig, for which the loop is checked.
+    - `controller`: the controller that commands the cells.
+    - `references`: as in `simulate_closed_loop`.
+    - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
+    - `silence_s`: the longest time without a reading, in the time of the rig, s.
+    - `ambient`: the temperature of the room, degC; None: that of the rig file.
+
+    **Raises:** `ControlError` for a controller of another number of cells, invalid references,
+    references out of reach, a sample time above the time constants of the rig, and a loop of a
+    linear controller that is not stable.
+    """
+
+    def __init__(
+        self,
+        twin: Twin,
+        controller: AbstractController,
+        references: object,
+        *,
+        duration_s: float | int,
+        silence_s: float | int = 3.0,
+        ambient: float | int | None = None,
+    ):
+        text = references if isinstance(references, str) else np.asarray(references).tolist()
+        self._duration = float(duration_s)
+        self.plan = {"references": text, "duration_s": self._duration}
+        """References and duration, for the recording."""
+        self.decision: Decision | None = None
+        """The last decision; None before the first."""
+        self._controller = controller
+        self._weights = np.asarray(controller.output_weights(twin.channels), float)
+        self._references = checked_loop(twin, controller, references, duration_s, ambient)
+        self._ahead = references_ahead(self._references, controller.preview_samples)
+        with own_settings():
+            # Compiled here, because messages of a connected rig would wait during a compilation.
+            off = np.zeros(len(twin.rig.cells))
+            still = self._references[0]
+            self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
+            _step(controller, self._state, self._ahead[0], still)
+        self._silence = float(silence_s)
+        self._sample: int | None = None
+        self._duty = np.zeros(len(twin.rig.cells))
+
+    def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
+        """Returns the duty at a moment; None at the end of the run."""
+        if moment.time >= self._duration - SAMPLE_TOLERANCE:
+            return None
+        sample = int((moment.time + SAMPLE_TOLERANCE) / self._controller.sample_time_s)
+        if self._sample is not None and sample <= self._sample:
+            return self._duty
+        measurement = self._measured(moment)
+        if measurement is None:
+            return self._duty
+        with own_settings():
+            if self._sample is None:
+                begun = self._controller.init(np.asarray(moment.duty, float), measurement)
+                self._state = jax.tree.map(np.asarray, begun)
+            asked, state = _step(self._controller, self._state, self._ahead[sample], measurement)
+            self._state = jax.tree.map(np.asarray, state)
+        duty = np.asarray(asked, float)
+        if duty.shape != self._duty.shape or not np.isfinite(duty).all():
+            raise SafetyStop(f"stopped: the controller asked for duty {duty}", "controller")
+        self._sample, self._duty = sample, np.clip(duty, -1.0, 1.0)
+        self.decision = Decision(moment.time, self._references[sample], measurement, self._duty)
+        return self._duty
+
+    def _measured(self, moment: Moment) -> Float[np.ndarray, " outputs"] | None:
+        """Returns the outputs by the last valid readings; None before the first.
+
+        **Raises:** `SafetyStop` if a reading of what is controlled is too old.
+        """
+        controlled = (self._weights != 0).any(axis=0)
+        if np.isnan(moment.temperatures).any():
+            waited, measurement = moment.time, None
+        else:
+            waited = float(moment.age[controlled].max(initial=0.0))
+            measurement = self._weights @ moment.temperatures
+        if waited > self._silence:
+            raise SafetyStop(
+                "stopped: the controller has had no reading of what it controls for "
+                f"{waited:.1f} s",
+                "controller",
+            )
+        return measurement
+
+
+@persistent_jit
+def _step(
+    controller: AbstractController,
+    state: PyTree,
+    reference: Float[Array | np.ndarray, "*preview outputs"],
+    measurement: Float[Array | np.ndarray, " outputs"],
+) -> tuple[Float[Array, " cells"], PyTree]:
+    return controller.step(state, reference, measurement)

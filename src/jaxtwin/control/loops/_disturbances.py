@@ -1,0 +1,109 @@
+"""Disturbances of a plate under control: draughts, and heat such as that of a hand."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias, final
+
+import numpy as np
+from jaxtyping import Float
+
+from ..._arguments import finite_number, of_kind
+from ..._errors import ControlError
+from ..._name_suggestions import unknown_name
+from ...physics import Twin
+
+
+@final
+@dataclass(frozen=True)
+class Draught:
+    """A draught over some elements of the plate.
+
+    **Arguments:**
+
+    - `elements`: elements of the plate, such as `("V11", "V12")`.
+    - `start_s`, `end_s`: start and end, s.
+    - `film_coefficient`: the increase of the film coefficient of the upper face, W/(m^2 K).
+    """
+
+    elements: tuple[str, ...]
+    start_s: float | int
+    end_s: float | int
+    film_coefficient: float | int
+
+
+@final
+@dataclass(frozen=True)
+class HeatInput:
+    """Heat into some elements of the plate, for example from a hand.
+
+    **Arguments:**
+
+    - `elements`: elements of the plate, which share the heat equally.
+    - `start_s`, `end_s`: start and end, s.
+    - `heat`: the heat flow, W, negative for cooling.
+    """
+
+    elements: tuple[str, ...]
+    start_s: float | int
+    end_s: float | int
+    heat: float | int
+
+
+Disturbance: TypeAlias = Draught | HeatInput
+
+
+def disturbance_tables(
+    where: str,
+    twin: Twin,
+    disturbances: Iterable[Disturbance],
+    times: Float[np.ndarray, " times"],
+) -> tuple[Float[np.ndarray, "times nodes"], Float[np.ndarray, "times nodes"]]:
+    """The heat into each node, W, and its additional conductance to the surroundings, W/K, at given
+    times.
+
+    **Raises:** `ControlError` for an element that the plate does not have, and for values that are
+    not numbers.
+    """
+    plate = twin.rig.plate
+    columns = {node.name: number for number, node in enumerate(twin.netlist.nodes)}
+    heat = np.zeros((len(times), len(columns)))
+    conductance = np.zeros_like(heat)
+    for number, disturbance in enumerate(disturbances):
+        at = f"{where}: disturbances[{number}]"
+        if not isinstance(disturbance, HeatInput):
+            of_kind(at, disturbance, Draught, "a Draught or a HeatInput", ControlError)
+        elements = _checked_elements(at, disturbance.elements, plate.element_names)
+        start, end = (
+            finite_number(f"{at}.{name}", getattr(disturbance, name), ControlError)
+            for name in ("start_s", "end_s")
+        )
+        if not start < end:
+            raise ControlError(
+                f"{at}.end_s: expected a time after the start at {start:g} s, got {end:g} s"
+            )
+        # A disturbance acts during a step if it acts at the sample at which the step begins.
+        during = (times >= start - 1e-9) & (times < end - 1e-9)
+        for element in elements:
+            if isinstance(disturbance, HeatInput):
+                q = finite_number(f"{at}.heat", disturbance.heat, ControlError)
+                heat[during, columns[element]] += q / len(elements)
+            else:
+                film = finite_number(
+                    f"{at}.film_coefficient", disturbance.film_coefficient, ControlError
+                )
+                if film < 0:
+                    raise ControlError(f"{at}.film_coefficient: expected at least 0, got {film:g}")
+                left, right, top, bottom = plate.extent(element)
+                area = (right - left) * (bottom - top)
+                conductance[during, columns[element]] += film * area
+    return heat, conductance
+
+
+def _checked_elements(at: str, elements: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    names = (elements,) if isinstance(elements, str) else tuple(elements)
+    if not names:
+        raise ControlError(f"{at}.elements: expected elements of the plate, got none")
+    for name in names:
+        if name not in known:
+            raise ControlError(f"{at}.elements: {unknown_name('element', name, known)}")
+    return names

@@ -1,0 +1,191 @@
+"""Checks before a closed loop is run: whether the controller is one for the cells of the rig,
+whether the rig can hold the references, and whether the sample time is short enough."""
+
+from itertools import chain, islice, product
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import least_squares
+
+from ..._compilation import persistent_jit
+from ..._errors import ControlError
+from ...physics import System, Twin
+from ...simulation._modes import network_modes
+from ..controllers._controller import AbstractChannelGroupController, AbstractController
+from ._references import representative_samples
+
+DUTY_LEVELS = 17
+"""The equal duty cycles that are tried, because a cell cools best with less than full duty."""
+
+REACH_TOLERANCE = 1e-6
+"""The largest excess of a reference over the reachable range that counts as rounding, K."""
+
+JOINT_TOLERANCE = 0.1
+"""The largest distance of several outputs from their references at the same time, K."""
+
+_NEED_NUMBERS = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+)
+"""The errors of JAX for Python that needs the number of a traced array."""
+
+SEARCH_STARTS = 64
+"""The largest number of starts of the search for the duty that holds several outputs."""
+
+
+def check_reach(
+    system: System,
+    weights: Float[np.ndarray, "outputs channels"],
+    reference: Float[np.ndarray, "samples outputs"],
+    times: Float[np.ndarray, " samples"],
+    ambient: Float[np.ndarray, "rows substeps"],
+    limits: tuple[float, float],
+) -> None:
+    """Refuses references that the duty cannot hold at rest within the controller's limits.
+
+    Each output by itself must be within the range of equal duty cycles of all cells. Several
+    outputs, at most as many as there are cells, must also be reached at the same time; of many
+    references, the lowest, the highest and some between them are checked.
+
+    **Arguments:**
+
+    - `limits`: the lowest and the highest duty of the controller.
+
+    **Raises:** `ControlError` that names the reference, its time, the limits and the reachable
+    range.
+    """
+    levels = np.linspace(*limits, DUTY_LEVELS)
+    equal = np.repeat(levels[:, None], len(system.wiring.cold), axis=1)
+    reached = weights @ np.asarray(_steady_rises(system, equal)).T
+    lowest = reached.min(axis=1) + float(ambient.min())
+    highest = reached.max(axis=1) + float(ambient.max())
+    held_by = f"a duty of {limits[0]:g} to {limits[1]:g}"
+    wrong = (reference < lowest - REACH_TOLERANCE) | (reference > highest + REACH_TOLERANCE)
+    if wrong.any():
+        sample, output = np.argwhere(wrong)[0]
+        raise ControlError(
+            f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which "
+            f"{held_by} can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
+        )
+    if not 1 < len(weights) <= len(system.wiring.cold):
+        return
+    middle, ambient_range = (ambient.min() + ambient.max()) / 2, np.ptp(ambient)
+    for sample in representative_samples(reference):
+        aim = reference[sample] - middle
+        start = levels[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
+        nearest = _nearest(system, weights, aim, float(start), limits)
+        if np.abs(nearest - aim).max() > JOINT_TOLERANCE + ambient_range:
+            wanted, found = (
+                "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
+            )
+            raise ControlError(
+                f"references: expected temperatures that {held_by} can hold at the same time, got "
+                f"{wanted} degC at {times[sample]:g} s; the nearest are {found} degC"
+            )
+
+
+def check_cells(where: str, controller: AbstractController, cells: int, outputs: int) -> None:
+    """Refuses a controller that does not command as many cells as the rig has.
+
+    **Raises:** `ControlError` that says what the controller commands.
+    """
+    preview = (controller.preview_samples,) if controller.preview_samples else ()
+
+    def commanded() -> Array | None:
+        measurement = jnp.zeros(outputs)
+        state = controller.init(jnp.zeros(cells), measurement)
+        return controller.step(state, jnp.zeros((*preview, outputs)), measurement)[0]
+
+    expected = (
+        f"{where}: controller: expected the duty of {cells} {'cells' if cells > 1 else 'cell'}"
+    )
+    try:
+        duty = jax.eval_shape(commanded)
+    except _NEED_NUMBERS as problem:
+        raise ControlError(
+            f"{where}: controller: expected a function of arrays that JAX can trace, got Python's "
+            "if, while, float() or NumPy on temperatures or times in it; use jnp.where(condition, "
+            "duty, other), jnp.clip and functions of jax.numpy"
+        ) from problem
+    except (TypeError, ValueError) as problem:
+        # The error may come from a function of the user and have any cause.
+        if not isinstance(controller, AbstractChannelGroupController):
+            raise
+        raise ControlError(
+            f"{expected}, got a {type(controller).__name__} whose gains do not fit; "
+            "give one output for all cells, or an output and a gain for each cell"
+        ) from problem
+    shape = getattr(duty, "shape", None)
+    if shape != (cells,):
+        got = "None" if shape is None else f"an array of shape {shape}"
+        raise ControlError(
+            f"{expected}, got {got} from {type(controller).__name__}, which "
+            f"has {outputs} {'outputs' if outputs > 1 else 'output'}"
+        )
+
+
+def check_sample_time(twin: Twin, sample_time_s: float) -> None:
+    """Refuses a controller whose sample time is longer than the slowest time constant of the plate.
+
+    **Raises:** `ControlError`.
+    """
+    slowest = float(_slowest_time_constant(twin))
+    if sample_time_s > slowest:
+        raise ControlError(
+            f"sample_time_s: expected at most the rig's longest time constant, {slowest:.0f} s (a "
+            f"tenth of it is usual), got {sample_time_s:g} s"
+        )
+
+
+def _nearest(
+    system: System,
+    weights: Float[np.ndarray, "outputs channels"],
+    aim: Float[np.ndarray, " outputs"],
+    start: float,
+    limits: tuple[float, float],
+) -> Float[np.ndarray, " outputs"]:
+    """Computes the steady rises of the outputs that are nearest to an aim, K.
+
+    A small cooling duty may warm the plate, so that a search can end at a duty of 0 although more
+    cooling would be nearer. It therefore starts at several places.
+    """
+
+    def off(duty: Float[np.ndarray, " cells"]) -> Any:
+        return weights @ np.asarray(_steady_rises(system, duty[None]))[0] - aim
+
+    cells = len(system.wiring.cold)
+    places = np.quantile(limits, [0.98, 0.02, 0.75, 0.25])
+    others = islice(product(places, repeat=cells), SEARCH_STARTS)
+    best = np.full(len(aim), np.inf)
+    for begin in chain([(start,) * cells], others):
+        found = least_squares(off, begin, bounds=limits, diff_step=1e-4).fun
+        if np.abs(found).max() < np.abs(best).max():
+            best = found
+        if np.abs(best).max() <= JOINT_TOLERANCE:
+            break
+    return aim + best
+
+
+@persistent_jit
+def _steady_rises(
+    system: System, duty: Float[Array | np.ndarray, "points cells"]
+) -> Float[Array, "points channels"]:
+    """Computes the steady rises of the channels above the surroundings, K."""
+    reference = jnp.asarray(system.ambient_temperature)
+
+    def rises(duty: Float[Array, " cells"]) -> Float[Array, " channels"]:
+        return system.channel_temperatures(system.steady_state(duty, reference))
+
+    return jax.vmap(rises)(jnp.asarray(duty, reference.dtype))
+
+
+@persistent_jit
+def _slowest_time_constant(twin: Twin) -> Float[Array, ""]:
+    system = twin.system()
+    reference = jnp.asarray(system.ambient_temperature)
+    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
+    return 1 / network_modes(system, idle, reference).rates[0]

@@ -1,0 +1,158 @@
+"""Measures of a closed loop: pure JAX functions of a `ClosedLoop`, each a single number."""
+
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._loop_signals import ClosedLoop
+
+SETTLING_BAND = 0.5
+"""An output counts as settled within this distance of its reference, K."""
+
+REST_FRACTION = 0.1
+"""The last part of a run, in which the plate counts as at rest."""
+
+HALF_COUNT = 0.5 / 255
+"""A duty within this distance of a limit counts as at the limit."""
+
+Measure: TypeAlias = Callable[[ClosedLoop], Float[Array, ""]]
+
+
+def settling_time(loop: ClosedLoop) -> Float[Array, ""]:
+    """The time from the last change of a reference until all outputs stay within 0.5 K of their
+    references, s; infinite if they never do."""
+    time, change = jnp.asarray(loop.time), _last_change(loop)
+    is_out = jnp.any(jnp.abs(_error(loop)) > SETTLING_BAND, axis=1)
+    last_out = jnp.max(jnp.where(is_out, jnp.arange(time.size), -1))
+    settled = jnp.where(last_out < change, 0.0, time[jnp.minimum(last_out + 1, time.size - 1)])
+    settled = settled - jnp.where(last_out < change, 0.0, time[change])
+    return jnp.where(last_out == time.size - 1, jnp.inf, settled)
+
+
+def overshoot(loop: ClosedLoop) -> Float[Array, ""]:
+    """The largest excess of an output over its reference after the last change of the references,
+    in the direction of the change, K."""
+    change = _last_change(loop)
+    output, reference = jnp.asarray(loop.output), jnp.asarray(loop.reference)
+    direction = jnp.sign(reference[change] - output[change])
+    beyond = jnp.where(_since(change, loop), direction * (output - reference), 0.0)
+    return jnp.maximum(beyond.max(), 0.0)
+
+
+def integral_absolute_error(loop: ClosedLoop) -> Float[Array, ""]:
+    """IAE, the mean over the outputs, K s."""
+    return _integral(loop, jnp.abs(_error(loop)).mean(axis=1))
+
+
+def integral_squared_error(loop: ClosedLoop) -> Float[Array, ""]:
+    """ISE, the mean over the outputs, K^2 s."""
+    return _integral(loop, (_error(loop) ** 2).mean(axis=1))
+
+
+def integral_time_absolute_error(loop: ClosedLoop) -> Float[Array, ""]:
+    """ITAE, the mean over the outputs, time counted from the last change of a reference, K s^2."""
+    time = jnp.asarray(loop.time)
+    since = jnp.maximum(time - time[_last_change(loop)], 0.0)
+    return _integral(loop, since * jnp.abs(_error(loop)).mean(axis=1))
+
+
+def plate_range_at_rest(loop: ClosedLoop) -> Float[Array, ""]:
+    """The difference between the hottest and the coldest element of the plate, averaged over the
+    last tenth of the run, K."""
+    time, plate_range = jnp.asarray(loop.time), _plate_range(loop)
+    is_rest = time >= time[0] + (1 - REST_FRACTION) * (time[-1] - time[0])
+    return jnp.sum(jnp.where(is_rest, plate_range, 0.0)) / jnp.sum(is_rest)
+
+
+def largest_plate_range(loop: ClosedLoop) -> Float[Array, ""]:
+    """The largest difference between two elements of the plate at any time of the run, K."""
+    return _plate_range(loop).max()
+
+
+def energy(loop: ClosedLoop) -> Float[Array, ""]:
+    """The electrical energy drawn from the supply, J."""
+    return jnp.asarray(loop.energy)[-1]
+
+
+def peak_power(loop: ClosedLoop) -> Float[Array, ""]:
+    """The largest power that all cells together draw at any time, W."""
+    return jnp.asarray(loop.peak_power)
+
+
+def hottest_cell_side(loop: ClosedLoop) -> Float[Array, ""]:
+    """The highest temperature of a side of a cell, degC."""
+    return jnp.asarray(loop.cell_sides).max()
+
+
+def saturation_share(loop: ClosedLoop) -> Float[Array, ""]:
+    """The share of the time in which at least one cell has a duty at a limit of the controller."""
+    duty, (lowest, highest) = jnp.asarray(loop.duty), loop.limits
+    is_at_limit = (duty <= lowest + HALF_COUNT) | (duty >= highest - HALF_COUNT)
+    return _integral(
+        loop, jnp.any(is_at_limit, axis=1).astype(jnp.asarray(loop.time).dtype)
+    ) / _duration(loop)
+
+
+def total_variation(loop: ClosedLoop) -> Float[Array, ""]:
+    """The total variation of the duty: the sum of the sizes of its changes, over all cells."""
+    return jnp.abs(jnp.diff(jnp.asarray(loop.duty), axis=0)).sum()
+
+
+MEASURES: dict[str, tuple[Measure, str]] = {
+    "settling_time": (settling_time, "s"),
+    "overshoot": (overshoot, "K"),
+    "integral_absolute_error": (integral_absolute_error, "K s"),
+    "integral_squared_error": (integral_squared_error, "K^2 s"),
+    "integral_time_absolute_error": (integral_time_absolute_error, "K s^2"),
+    "plate_range_at_rest": (plate_range_at_rest, "K"),
+    "largest_plate_range": (largest_plate_range, "K"),
+    "energy": (energy, "J"),
+    "peak_power": (peak_power, "W"),
+    "hottest_cell_side": (hottest_cell_side, "degC"),
+    "saturation_share": (saturation_share, ""),
+    "total_variation": (total_variation, ""),
+}
+"""Name -> function and unit."""
+
+
+def units_of(measures: Mapping[str, Measure]) -> dict[str, str]:
+    """Returns the units of those measures that are in `MEASURES`, whatever their names; the unit of
+    a user's own function is not known."""
+    return {
+        name: unit
+        for name, function in measures.items()
+        for known, unit in MEASURES.values()
+        if function is known
+    }
+
+
+def _error(loop: ClosedLoop) -> Float[Array, "times outputs"]:
+    return jnp.asarray(loop.reference) - jnp.asarray(loop.output)
+
+
+def _plate_range(loop: ClosedLoop) -> Float[Array, " times"]:
+    plate = jnp.asarray(loop.plate)
+    return plate.max(axis=1) - plate.min(axis=1)
+
+
+def _last_change(loop: ClosedLoop) -> Array:
+    """The first time at which the last references hold."""
+    reference = jnp.asarray(loop.reference)
+    changes = jnp.any(jnp.diff(reference, axis=0) != 0, axis=1)
+    return jnp.max(jnp.where(changes, 1 + jnp.arange(changes.size), 0))
+
+
+def _since(change: Array, loop: ClosedLoop) -> Array:
+    return (jnp.arange(jnp.asarray(loop.time).size) >= change)[:, None]
+
+
+def _integral(loop: ClosedLoop, values: Float[Array, " times"]) -> Float[Array, ""]:
+    """Each value holds until the next time, as commands do."""
+    return jnp.sum(values[:-1] * jnp.diff(jnp.asarray(loop.time)))
+
+
+def _duration(loop: ClosedLoop) -> Float[Array, ""]:
+    time = jnp.asarray(loop.time)
+    return time[-1] - time[0]

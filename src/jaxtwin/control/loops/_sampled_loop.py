@@ -1,0 +1,265 @@
+r"""The loop of a sampled controller and a linear plant, exact at the sample times.
+
+The plant under a held duty is that of `LinearModel.discretise`, with the driver's delay and lag;
+the controller is the linearisation of its `step` about the steady state. With
+$z = e^{j \omega h}$
+
+$$L(z) = -G(z) K(z), \quad
+K(z) = C_c (z I - A_c)^{-1} B_c + D_c, \quad M_s = \max_\omega \lVert (I + L)^{-1} \rVert$$
+
+$K$ is the response of the duty to the measurement and contains the sign of the feedback, hence the
+minus. The derivative of $M_s$ is that of the singular value at the frequency and in the draw where
+it is largest.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeAlias, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Complex, Float
+
+from ..._compilation import persistent_jit
+from ...physics import Twin
+from ..controllers._controller import AbstractController
+from ..controllers._controller_vector import ControllerVector
+from ..linear._hold import zero_order_hold
+from ..linear._linearize import model_at_rest
+from ..linear._operating_point import Target
+from ._references import references_ahead
+
+LOWEST_OMEGA = 1e-4
+"""The lowest frequency that is evaluated, rad/s."""
+
+FREQUENCIES = 160
+"""The number of frequencies up to half the sample rate, in equal ratios: 4 % apart at a sample time
+of 1 s."""
+
+ROUNDING = 1e-6
+"""The distance from the unit circle that a pole may have by rounding. Two integrals of the same
+output keep their initial difference, which is a pole at 1."""
+
+DISTANCE_FROM_LIMITS = 0.02
+"""The smallest distance of the duty at rest from the limits, relative to their width, so that the
+controller is linear there."""
+
+Matrix: TypeAlias = Float[np.ndarray, "..."]
+
+Matrices: TypeAlias = tuple[Matrix, Matrix, Matrix, Matrix]
+"""A, B, C and D. Matrices of draws have a leading axis; derivatives have a last axis for
+parameters."""
+
+
+class SensitivityPeak(NamedTuple):
+    """The sensitivity peak of a controller over all draws of the plant.
+
+    - `value`: the largest $M_s$. `slope`: its derivatives with respect to the parameters.
+    - `is_stable`: whether all loops are stable, which the value does not show.
+    """
+
+    value: float
+    slope: Float[np.ndarray, " parameters"]
+    is_stable: bool
+
+
+@final
+class SampledLoops:
+    """The linear loops of a controller with a plant, or with draws of it, about a steady state.
+
+    **Arguments:**
+
+    - `twin`: the twin; parameters that are not drawn keep its values.
+    - `draws`: name of a parameter -> values `(draws,)` in the unit of the rig's table; empty for
+      the twin without draws.
+    - `vector`: the map from the vector to the controller.
+    - `weights`: the weights of the channels in the controller's outputs.
+    - `outputs`: the outputs in the steady state, degC.
+    - `longest_delay_s`: the longest delay of the driver in all draws, s.
+    - `sensor_delay_s`: the delay of the readings, s.
+    """
+
+    def __init__(
+        self,
+        twin: Twin,
+        draws: dict[str, Float[np.ndarray, " draws"]],
+        vector: ControllerVector,
+        weights: Float[np.ndarray, "outputs channels"],
+        outputs: Float[np.ndarray, " outputs"],
+        *,
+        longest_delay_s: float,
+        sensor_delay_s: float,
+    ):
+        self._vector, self._outputs = vector, outputs
+        interval = vector.controller.sample_time_s
+        cells = len(twin.netlist.cells)
+        directions = np.eye(cells) if len(outputs) >= cells else np.ones((cells, 1))
+        if not draws:  # a single draw with the twin's value
+            name, value = next(iter(twin.values.items()))
+            draws = {name: np.array([float(value)])}
+        shifts = int(np.ceil(longest_delay_s / interval * (1 - 1e-9)))
+        found = _sampled_plants(
+            twin, draws, Target(weights, outputs, directions), jnp.asarray(interval), shifts
+        )
+        matrices, duty = jax.tree.map(np.asarray, found)
+        self._plants: Matrices = matrices
+        self.omega = np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)
+        self._z = np.exp(1j * self.omega * interval)
+        late = np.exp(-1j * self.omega * sensor_delay_s)
+        self._response = _response(matrices, self._z) * late[:, None, None]
+        low, high = vector.controller.limits
+        inside = DISTANCE_FROM_LIMITS * (high - low)
+        self._duty = np.clip(np.median(duty, axis=0), low + inside, high - inside)
+
+    def sensitivity(
+        self, values: Float[np.ndarray, " parameters"]
+    ) -> Float[np.ndarray, "draws frequency"]:
+        r"""Computes $\lVert (I + L)^{-1} \rVert$ of each draw."""
+        matrices, _ = self._controller(values)
+        return 1 / _smallest(self._distance(_response(matrices, self._z)))[0]
+
+    def peak(self, values: Float[np.ndarray, " parameters"]) -> SensitivityPeak:
+        """Computes the sensitivity peak of a controller with given parameters."""
+        matrices, slopes = self._controller(values)
+        distance = self._distance(_response(matrices, self._z))
+        smallest, left, right = _smallest(distance)
+        draw, frequency = np.unravel_index(np.argmin(smallest), smallest.shape)
+        at = self._z[frequency]
+        by_parameters = _response_slopes(matrices, slopes, at)
+        moved = -np.einsum("oc,cip->oip", self._response[draw, frequency], by_parameters)
+        u, v = left[draw, frequency], right[draw, frequency]
+        change = np.real(np.einsum("o,oip,i->p", u.conj(), moved, v))
+        value = 1 / float(smallest[draw, frequency])
+        return SensitivityPeak(value, -change * value**2, self._is_stable(matrices))
+
+    def _controller(self, values: np.ndarray) -> tuple[Matrices, Matrices]:
+        vector = self._vector
+        found = _linear_controller(
+            vector.controller, vector.shapes, values, self._duty, self._outputs
+        )
+        return jax.tree.map(np.asarray, found)
+
+    def _distance(
+        self, controller: Complex[np.ndarray, "frequency cells outputs"]
+    ) -> Complex[np.ndarray, "draws frequency outputs outputs"]:
+        return np.eye(len(self._outputs)) - self._response @ controller
+
+    def _is_stable(self, controller: Matrices) -> bool:
+        """Whether all poles of the closed loops are inside the unit circle."""
+        return bool(self._radius(controller) < 1 + ROUNDING)
+
+    def growth(self) -> float:
+        """Computes the factor by which deviations from the steady state grow in a sample: the
+        largest absolute value of a pole of the closed loops. A loop is stable up to `1 +
+        ROUNDING`."""
+        controller = _linear_steps(self._vector.controller, self._duty, self._outputs)
+        return self._radius(jax.tree.map(np.asarray, controller))
+
+    def _radius(self, controller: Matrices) -> float:
+        (A, B, C, D), (Ac, Bc, Cc, Dc) = self._plants, controller
+        # u = Cc xc + Dc y and y = C x + D u; the delay of the readings is neglected.
+        unit = np.eye(B.shape[-1])
+        inner = np.linalg.inv(unit - Dc @ D)
+        by_plant, by_controller = inner @ Dc @ C, inner @ Cc
+        y_plant, y_controller = C + D @ by_plant, D @ by_controller
+        top = np.concatenate([A + B @ by_plant, B @ by_controller], axis=-1)
+        bottom = np.concatenate([Bc @ y_plant, Ac + Bc @ y_controller], axis=-1)
+        poles = np.linalg.eigvals(np.concatenate([top, bottom], axis=-2))
+        return float(np.abs(poles).max())
+
+
+@persistent_jit
+def _sampled_plants(
+    twin: Twin,
+    draws: Mapping[str, Float[Array | np.ndarray, " draws"]],
+    target: Target,
+    interval: Float[Array, ""],
+    shifts: int,
+) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, "draws cells"]]:
+    """Computes the discrete plants from duty to outputs, and their duty at rest."""
+
+    def of_draw(
+        values: Mapping[str, Array],
+    ) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, " cells"]]:
+        model, _, _ = model_at_rest(twin.with_values(values), None, target, None)
+        weights = jnp.asarray(target.channels)
+        matrices = model.A, model.B, weights @ model.C, weights @ model.D
+        lag = model.lag_s if model.is_lagged else None
+        return zero_order_hold(
+            matrices, model.delay_s, lag, interval, shifts
+        ), model.operating_point.duty
+
+    return jax.vmap(of_draw)({name: jnp.asarray(values) for name, values in draws.items()})
+
+
+@persistent_jit
+def _linear_controller(
+    controller: AbstractController,
+    shapes: tuple[tuple[str, tuple[int, ...]], ...],
+    values: Float[Array | np.ndarray, " parameters"],
+    duty: Float[Array | np.ndarray, " cells"],
+    outputs: Float[Array | np.ndarray, " outputs"],
+) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array]]:
+    """Computes Ac, Bc, Cc and Dc from measurement to duty about the steady state, and their
+    derivatives with respect to the parameters, which have a last axis."""
+
+    def matrices(values: Array) -> tuple[Array, Array, Array, Array]:
+        return _linear_steps(ControllerVector(controller, shapes).apply(values), duty, outputs)
+
+    return matrices(jnp.asarray(values)), jax.jacfwd(matrices)(jnp.asarray(values))
+
+
+@persistent_jit
+def _linear_steps(
+    controller: AbstractController,
+    duty: Float[Array | np.ndarray, " cells"],
+    outputs: Float[Array | np.ndarray, " outputs"],
+) -> tuple[Array, Array, Array, Array]:
+    """Computes Ac, Bc, Cc and Dc from measurement to duty about the steady state."""
+    rest, unravel = ravel_pytree(controller.init(duty, outputs))
+    (references,) = references_ahead(jnp.asarray(outputs)[None], controller.preview_samples)
+
+    def step(state: Array, measurement: Array) -> tuple[Array, Array]:
+        asked, later = controller.step(unravel(state), references, measurement)
+        return ravel_pytree(later)[0], asked
+
+    (A, B), (C, D) = jax.jacfwd(step, (0, 1))(rest, jnp.asarray(outputs))
+    return A, B, C, D
+
+
+def _response(
+    matrices: Matrices, z: Complex[np.ndarray, " frequency"]
+) -> Complex[np.ndarray, "*draws frequency outputs inputs"]:
+    A, B, C, D = (matrix[..., None, :, :] for matrix in matrices)
+    moved = np.linalg.solve(z[:, None, None] * np.eye(A.shape[-1]) - A, B)
+    return C @ moved + D
+
+
+def _response_slopes(
+    matrices: Matrices, slopes: Matrices, z: complex
+) -> Complex[np.ndarray, "outputs inputs parameters"]:
+    """Computes the derivatives of a frequency response at one frequency."""
+    A, B, C, _ = matrices
+    dA, dB, dC, dD = slopes
+    inverse = np.linalg.inv(z * np.eye(len(A)) - A)
+    states, gains = inverse @ B, C @ inverse
+    return (
+        np.einsum("osp,si->oip", dC, states)
+        + np.einsum("os,stp,ti->oip", gains, dA, states)
+        + np.einsum("os,sip->oip", gains, dB)
+        + dD
+    )
+
+
+def _smallest(
+    matrix: Complex[np.ndarray, "*shape n n"],
+) -> tuple[
+    Float[np.ndarray, "*shape"], Complex[np.ndarray, "*shape n"], Complex[np.ndarray, "*shape n"]
+]:
+    """Computes the smallest singular value with its left and right singular vectors."""
+    if matrix.shape[-1] == 1:
+        value = np.abs(matrix[..., 0, 0])
+        return value, matrix[..., 0] / value[..., None], np.ones_like(matrix[..., 0])
+    left, values, right = np.linalg.svd(matrix)
+    return values[..., -1], left[..., -1], right[..., -1, :].conj()

@@ -1,0 +1,209 @@
+"""The scenario of a closed loop: references, disturbances, and the errors of its readings."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import final
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from numpy.typing import ArrayLike
+
+from ..._arguments import finite_number, of_kind, true_or_false, whole_number
+from ..._errors import ControlError
+from ..._jax_settings import own_settings
+from ...io._checks import ABSOLUTE_ZERO
+from ...matching import Fit
+from ...matching._nominal_twin import nominal_twin
+from ...physics import Faults, Twin
+from ..controllers._controller import AbstractController
+from ..controllers._function_controller import ControlFunction, as_controller
+from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
+from ._loop_checks import check_cells, check_reach, check_sample_time
+from ._reading_errors import reading_errors
+from ._references import reference_samples, sample_times
+
+LONGEST_STEP = 1.0
+"""The longest step of the plant, s. With a step of 1 s the error of the channels is some
+millikelvins."""
+
+
+@final
+class Scenario(eqx.Module):
+    """The inputs of a closed loop, made by `jaxtwin.control.scenario`.
+
+    A sample of the controller is followed by `substeps` steps of the plant. If a table has two
+    leading axes, they are the samples and the steps in each sample.
+
+    **Arguments:**
+
+    - `time`: times of the samples, s. `reference`: references of the outputs, degC.
+    - `output_weights`: weights of the channels in the controller's outputs.
+    - `initial`: initial temperatures of the nodes, degC.
+    - `ambient`: ambient temperature, degC. `heat`, `conductance`: heat (W) and additional
+      conductance (W/K) of disturbances; None for none.
+    - `error`, `arrives`: errors of the readings, K, and whether a reading arrives. `silence`: the
+      longest time without one since the sample before, s.
+    - `step_s`: step of the plant, s. `longest_delay_s`: the longest delay of the driver, s.
+    - `sensor_delay_steps`: the delay of the readings in steps.
+    - `counts`: full duty in counts; None for a duty that is not quantised.
+    - `silence_s`: the cells are switched off for good after this time without a reading.
+    """
+
+    time: Float[Array | np.ndarray, " samples"]
+    reference: Float[Array | np.ndarray, "samples outputs"]
+    output_weights: Float[Array | np.ndarray, "outputs channels"]
+    initial: Float[Array | np.ndarray, " nodes"] | None
+    ambient: Float[Array | np.ndarray, "samples substeps"]
+    heat: Float[Array | np.ndarray, "samples substeps nodes"] | None
+    conductance: Float[Array | np.ndarray, "samples substeps nodes"] | None
+    error: Float[Array | np.ndarray, "samples channels"]
+    arrives: Bool[Array | np.ndarray, " samples"]
+    silence: Float[Array | np.ndarray, " samples"]
+    step_s: float = eqx.field(static=True)
+    longest_delay_s: float = eqx.field(static=True)
+    sensor_delay_steps: int = eqx.field(static=True)
+    counts: int | None = eqx.field(static=True)
+    silence_s: float = eqx.field(static=True)
+
+
+def scenario(
+    twin: Twin | Fit,
+    controller: AbstractController | ControlFunction,
+    references: float | int | str | ArrayLike,
+    *,
+    duration_s: float | int,
+    initial: float | int | ArrayLike | None = None,
+    ambient: float | int | str | ArrayLike | None = None,
+    disturbances: Sequence[Disturbance] = (),
+    noise: bool = True,
+    faults: Faults | str = "",
+    failed_channels: Mapping[str, float] | None = None,
+    seed: int = 0,
+    quantised: bool = True,
+    sensor_delay_s: float | int = 0.0,
+    silence_s: float | int = 3.0,
+) -> Scenario:
+    """Makes the scenario of a closed loop, for `closed_loop` and `simulate_closed_loop`.
+
+    **Arguments:**
+
+    - `twin`, `controller`, `references`, `duration_s`: as in `simulate_closed_loop`.
+    - `initial`: the temperatures at the start, degC: a number for all nodes, or `(nodes,)`; None
+      for those of the rig file.
+    - `ambient`: the ambient temperature, degC: a number, text such as `"0:16,600:22"`, or
+      `(samples,)`; None for that of the rig.
+    - `disturbances`: each a `Draught` or a `HeatInput`.
+    - `noise`: whether readings have the noise that the rig file states, the same in all draws.
+    - `faults`: faults of camera and link in the words of `jaxtwin virtual-rig`, such as
+      `"drop=0.01,jumps=164"` or `"stall=30/5"`. The same seed gives the same jumps.
+    - `failed_channels`: channel -> time from which it reads NaN, s.
+    - `seed`: the seed of noise and faults.
+    - `quantised`: whether the duty is rounded to the driver's counts.
+    - `sensor_delay_s`: the delay of the readings, s.
+    - `silence_s`: the cells are switched off for the rest of the run after this time without a
+      reading, s.
+
+    **Raises:** `ControlError` for an invalid argument, for a controller whose outputs or gains do
+    not belong to the cells of the rig, for a reference out of reach, and for a sample time above
+    the time constants of the plant.
+    """
+    where = "scenario"
+    plant = nominal_twin(f"{where}: twin", twin, ControlError)
+    chosen = as_controller(f"{where}: controller", controller)
+    interval = chosen.sample_time_s
+    times = sample_times(where, duration_s, interval)
+    weights = np.asarray(chosen.output_weights(plant.channels), float)
+    reference = reference_samples(f"{where}: references", references, times, len(weights))
+    silence = finite_number(f"{where}: silence_s", silence_s, ControlError)
+    if silence < 0:
+        raise ControlError(f"{where}: silence_s: expected at least 0 s, got {silence:g} s")
+    if isinstance(disturbances, Draught | HeatInput) or not isinstance(disturbances, Iterable):
+        raise ControlError(
+            f"{where}: disturbances: expected a list of Draught and HeatInput, got {disturbances!r}"
+        )
+    is_quantised = true_or_false(f"{where}: quantised", quantised, ControlError)
+    if isinstance(faults, str):
+        faults = Faults.parse(faults)
+    expected = "text such as 'drop=0.01,jumps=164', or Faults"
+    of_kind(f"{where}: faults", faults, Faults, expected, ControlError)
+    # Rounding must not add a step to a whole number of steps.
+    substeps = max(1, math.ceil(interval / LONGEST_STEP * (1 - 1e-9)))
+    step = interval / substeps
+    with own_settings():
+        system = plant.system()
+        room = float(system.ambient_temperature) - 273.15
+        delay = 0.0 if system.delay is None else float(system.delay)
+        rows = (times[:, None] + step * np.arange(substeps)).reshape(-1)
+        if isinstance(ambient, str):  # its times need not be those of the samples
+            surroundings = reference_samples(f"{where}: ambient", ambient, rows, 1)
+        else:
+            held = room if ambient is None else ambient
+            at_samples = reference_samples(f"{where}: ambient", held, times, 1)
+            surroundings = np.repeat(at_samples, substeps, axis=0)
+        surroundings = surroundings.reshape(len(times), substeps)
+        _check_above_absolute_zero(f"{where}: ambient", surroundings)
+        check_cells(where, chosen, len(plant.netlist.cells), len(weights))
+        check_sample_time(plant, interval)
+        check_reach(system, weights, reference, times, surroundings, chosen.limits)
+    late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, ControlError)
+    late_steps = round(late / step)
+    if late < 0 or not math.isclose(late_steps * step, late, abs_tol=1e-9):
+        raise ControlError(
+            f"{where}: sensor_delay_s: expected a multiple of the step of the plant, {step:g} s, "
+            f"of at least 0, got {late:g} s"
+        )
+    errors = reading_errors(
+        where,
+        plant.rig,
+        times,
+        noise=true_or_false(f"{where}: noise", noise, ControlError),
+        faults=faults,
+        failed_channels={} if failed_channels is None else failed_channels,
+        seed=whole_number(f"{where}: seed", seed, 0, ControlError),
+    )
+    heat = conductance = None
+    if disturbances:
+        tables = disturbance_tables(where, plant, disturbances, rows)
+        heat, conductance = (table.reshape(len(times), substeps, -1) for table in tables)
+    return Scenario(
+        time=times,
+        reference=reference,
+        output_weights=weights,
+        initial=_initial(where, plant, initial),
+        ambient=surroundings,
+        heat=heat,
+        conductance=conductance,
+        error=errors.error,
+        arrives=errors.arrives,
+        silence=errors.silence,
+        step_s=step,
+        longest_delay_s=delay,
+        sensor_delay_steps=late_steps,
+        counts=plant.rig.driver.counts if is_quantised else None,
+        silence_s=silence,
+    )
+
+
+def _initial(where: str, twin: Twin, initial: object) -> Float[np.ndarray, " nodes"] | None:
+    if initial is None:
+        return None
+    count = len(twin.netlist.nodes)
+    try:
+        values = np.broadcast_to(np.asarray(initial, float), (count,)).copy()
+        if not np.isfinite(values).all():
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ControlError(
+            f"{where}: initial: expected a temperature, or one for each of the {count} nodes, in "
+            f"degC, got {initial!r}"
+        ) from None
+    _check_above_absolute_zero(f"{where}: initial", values)
+    return values
+
+
+def _check_above_absolute_zero(where: str, temperatures: Float[np.ndarray, "..."]) -> None:
+    if temperatures.min() < ABSOLUTE_ZERO:
+        raise ControlError(
+            f"{where}: expected {ABSOLUTE_ZERO:g} degC and above, got {temperatures.min():g} degC"
+        )

@@ -1,0 +1,152 @@
+"""Measures of many closed loops, with exact derivatives with respect to controller parameters."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..._compilation import persistent_jit
+from ..._jax_settings import own_settings
+from ...physics import Twin
+from ...simulation import Stepper
+from ...simulation._workers import work_in_chunks
+from ..controllers._controller_vector import ControllerVector
+from ..loops._closed_loop import run_loop
+from ..loops._loop_signals import ClosedLoop
+from ..loops._many_loops import CHUNK_BYTES, is_whole_delay, numbers_per_step, steppers_of
+from ..loops._measures import Measure
+from ..loops._scenario import Scenario
+
+LARGEST_CHUNK = 64
+"""The largest number of loops, each with all derivatives, that a core computes at a time."""
+
+
+class Slopes(NamedTuple):
+    """The measures of loops and their derivatives; NaN for a loop that failed.
+
+    - `values`: the measures, `(controllers, draws, measures)`.
+    - `slopes`: their derivatives, `(controllers, draws, measures, parameters)`.
+    """
+
+    values: Float[np.ndarray, "controllers draws measures"]
+    slopes: Float[np.ndarray, "controllers draws measures parameters"]
+
+
+@final
+class LoopSlopes:
+    """Closed loops of a twin, or of draws of it, as a function of the controller's parameters.
+
+    Forward differentiation computes the change of the loop with each parameter beside the loop. It
+    costs about as much again for each parameter, and needs no memory. Reverse differentiation would
+    have to keep all steps of the loop.
+
+    **Arguments:**
+
+    - `twin`: the twin; parameters that are not drawn keep its values.
+    - `draws`: name of a parameter -> values `(draws,)`; empty for the twin without draws.
+    - `vector`: the map from the vector to the controller.
+    - `scenario`: the scenario of all loops.
+    - `measures`: name -> function.
+    - `workers`: the number of threads, None for one for each core.
+    """
+
+    def __init__(
+        self,
+        twin: Twin,
+        draws: Mapping[str, Float[np.ndarray, " draws"]],
+        vector: ControllerVector,
+        scenario: Scenario,
+        measures: Mapping[str, Measure],
+        workers: int | None,
+    ):
+        self._vector, self._scenario, self._workers = vector, scenario, workers
+        self._measures = tuple(measures.items())
+        size = scenario.step_s, scenario.longest_delay_s
+        with own_settings():
+            if draws:
+                whole = is_whole_delay(twin, draws, scenario.step_s)
+                steppers = steppers_of(twin, dict(draws), *size, whole)
+                self.count = len(next(iter(draws.values())))
+            else:
+                steppers = jax.tree.map(
+                    lambda leaf: jnp.asarray(leaf)[None],
+                    Stepper(twin, size[0], longest_delay=size[1]),
+                )
+                self.count = 1
+            self._steppers: Stepper = jax.tree.map(np.asarray, steppers)
+        parameters = len(vector.values)
+        a_loop = 8 * scenario.ambient.size * numbers_per_step(twin, scenario) * (1 + parameters)
+        self._chunk = int(min(max(CHUNK_BYTES // a_loop, 1), LARGEST_CHUNK))
+
+    def __call__(
+        self, controllers: Sequence[Float[np.ndarray, " parameters"]], room: int
+    ) -> Slopes:
+        """Computes the measures of some controllers for each draw.
+
+        **Arguments:**
+
+        - `controllers`: the vectors of their parameters.
+        - `room`: the number of controllers for which the program is compiled, so that calls with
+          fewer controllers use the same program.
+        """
+        loops = len(controllers) * self.count
+        rows = {
+            "draw": np.tile(np.arange(self.count, dtype=float), len(controllers)),
+            **{
+                str(entry): np.repeat(column, self.count)
+                for entry, column in enumerate(np.array(controllers, float).T)
+            },
+        }
+        chunk = min(self._chunk, room * self.count)
+        fill = max(chunk - loops, 0)
+        rows = {name: np.concatenate([v, np.repeat(v[-1:], fill)]) for name, v in rows.items()}
+        found = work_in_chunks(rows, self._work, chunk_size=chunk, workers=self._workers)
+        shape = len(controllers), self.count
+        failed = found["failed"][:loops]
+        values, slopes = (
+            np.where(failed.reshape(-1, *[1] * (part.ndim - 1)), np.nan, part[:loops]).reshape(
+                *shape, *part.shape[1:]
+            )
+            for part in (found["values"], found["slopes"])
+        )
+        return Slopes(values, np.moveaxis(slopes, 2, 3))
+
+    def _work(self, chunk: Mapping[str, np.ndarray]) -> dict[str, Array]:
+        draw = chunk["draw"].astype(int)
+        steppers = jax.tree.map(lambda leaf: leaf[draw], self._steppers)
+        values = np.stack([chunk[str(entry)] for entry in range(len(chunk) - 1)], axis=1)
+        with own_settings():
+            found = _slopes(steppers, self._vector, values, self._scenario, self._measures)
+        return dict(zip(("values", "slopes", "failed"), found, strict=True))
+
+
+@persistent_jit
+def _slopes(
+    steppers: Stepper,
+    vector: ControllerVector,
+    values: Float[Array | np.ndarray, "chunk parameters"],
+    scenario: Scenario,
+    measures: tuple[tuple[str, Measure], ...],
+) -> tuple[
+    Float[Array, "chunk measures"], Float[Array, "chunk parameters measures"], Bool[Array, " chunk"]
+]:
+    def of_loop(
+        stepper: Stepper, values: Float[Array, " parameters"]
+    ) -> tuple[Float[Array, " measures"], Float[Array, "parameters measures"], Bool[Array, ""]]:
+        def measured(values: Array) -> tuple[Array, Array]:
+            loop: ClosedLoop = run_loop(stepper, vector.apply(values), scenario)
+            numbers = [jnp.asarray(function(loop), values.dtype) for _, function in measures]
+            return jnp.stack(numbers), ~loop.stays_finite
+
+        def along(direction: Array) -> tuple[Array, Array, Array]:
+            found, slope, failed = jax.jvp(measured, (values,), (direction,), has_aux=True)
+            return found, slope, failed
+
+        units = jnp.eye(values.size, dtype=values.dtype)
+        found, slope, failed = jax.vmap(along)(units)
+        return found[0], slope, failed[0]
+
+    return jax.vmap(of_loop)(steppers, jnp.asarray(values))

@@ -1,0 +1,154 @@
+"""The most even steady state that the cells can hold at a mean temperature."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import linprog
+
+from ..._arguments import finite_number
+from ..._errors import ControlError
+from ..._waiting import announced
+from ...matching import Fit
+from ...matching._nominal_twin import nominal_twin
+from ...physics import Twin
+from ..controllers._controller import checked_limits
+from ..linear._linear_model import LinearModel
+from ..linear._linearize import linearize
+from ..linear._operating_point import OperatingPoint
+
+OF_MEAN = 10.0
+"""The weight of an error of the mean relative to that of the range. A far smaller one would do: the
+range changes by a fraction of a kelvin with each kelvin of the mean."""
+
+FIRST_REACH = 0.25
+"""The largest change of the duty of a cell in a step."""
+
+SHORTEST_STEP = 1e-6
+
+STEPS = 60
+
+MEAN_TOLERANCE = 0.01
+"""A mean counts as reached within this distance, K."""
+
+
+@announced("most even point")
+def most_even_point(
+    twin: Twin | Fit,
+    temperature: float | int,
+    *,
+    limits: Sequence[float | int] = (-1.0, 1.0),
+    ambient: float | int | None = None,
+) -> OperatingPoint:
+    """Finds the steady state at which the plate is most even.
+
+    ```python
+    best = jaxtwin.control.most_even_point(twin, 40)
+    best.duty, best.outputs  # -1 to 1, degC
+    ```
+
+    No controller holds the mean with less difference between the hottest and the coldest element
+    of the plate, because cells that stand at fixed places leave a pattern that no duty removes. The
+    outputs of this point are the references with which a controller of several outputs makes the
+    plate as even as it can be.
+
+    The search solves a sequence of linear programs with the exact derivatives of the steady state,
+    starting at equal duty cycles.
+
+    **Arguments:**
+
+    - `twin`: the twin; or a fit (`Fit.mean_twin`).
+    - `temperature`: the mean of all channels, degC.
+    - `limits`: lowest and highest duty.
+    - `ambient`: temperature of the surroundings, degC; None: that of the rig.
+
+    **Raises:** `ControlError` if no duty within the limits reaches the temperature.
+    """
+    where = "most_even_point"
+    plant = nominal_twin(f"{where}: twin", twin, ControlError)
+    mean = finite_number(f"{where}: temperature", temperature, ControlError)
+    low, high = checked_limits(where, limits)
+    elements = plant.wiring.elements
+
+    def plate_at(duty: Float[np.ndarray, " cells"]) -> _Plate:
+        return _plate(linearize(plant, duty=duty, ambient=ambient), elements, mean)
+
+    start = linearize(plant, temperatures=mean, ambient=ambient).operating_point
+    at = plate_at(np.clip(np.asarray(start.duty), low, high))
+    reach = FIRST_REACH
+    for _ in range(STEPS):
+        step = _step(at, np.maximum(low - at.duty, -reach), np.minimum(high - at.duty, reach))
+        if np.abs(step).max() < SHORTEST_STEP:
+            break
+        found = plate_at(at.duty + step)
+        if found.cost < at.cost:
+            at, reach = found, min(2 * reach, FIRST_REACH)
+        else:
+            reach = 0.4 * min(reach, float(np.abs(step).max()))
+    if abs(at.error) > MEAN_TOLERANCE:
+        raise ControlError(
+            f"{where}: temperature: expected a mean that duty cycles from {low:g} to {high:g} "
+            f"reach, got {mean:g} degC; the nearest found was {mean + at.error:.4g} degC"
+        )
+    return at.point
+
+
+@final
+class _Plate(NamedTuple):
+    """A steady state, and how it changes with the duty.
+
+    - `point`: the steady state. `duty`: the duty of the cells.
+    - `elements`: the temperatures of the elements, degC, with their derivatives `by_duty`.
+    - `error`: the error of the mean, K, with its derivatives `error_by_duty`.
+    """
+
+    point: OperatingPoint
+    duty: Float[np.ndarray, " cells"]
+    elements: Float[np.ndarray, " elements"]
+    by_duty: Float[np.ndarray, "elements cells"]
+    error: float
+    error_by_duty: Float[np.ndarray, " cells"]
+
+    @property
+    def cost(self) -> float:
+        return float(np.ptp(self.elements)) + OF_MEAN * abs(self.error)
+
+
+def _plate(model: LinearModel, elements: int, mean: float) -> _Plate:
+    A, B, C = (np.asarray(matrix) for matrix in (model.A, model.B, model.C))
+    nodes_by_duty = np.linalg.solve(-A, B)
+    point = model.operating_point
+    return _Plate(
+        point,
+        np.asarray(point.duty),
+        np.asarray(point.nodes)[:elements],
+        nodes_by_duty[:elements],
+        float(np.asarray(point.outputs).mean()) - mean,
+        (C @ nodes_by_duty).mean(axis=0),
+    )
+
+
+def _step(
+    at: _Plate, low: Float[np.ndarray, " cells"], high: Float[np.ndarray, " cells"]
+) -> Float[np.ndarray, " cells"]:
+    """The change of the duty that makes the linearised plate most even: a linear program in the
+    change, the hottest and the coldest temperature, and the size of the error of the mean."""
+    cells, ones = len(low), np.ones((len(at.elements), 1))
+    nothing = np.zeros_like(ones)
+    rows = np.vstack(
+        [
+            np.hstack([at.by_duty, -ones, nothing, nothing]),
+            np.hstack([-at.by_duty, nothing, ones, nothing]),
+            np.concatenate([at.error_by_duty, [0.0, 0.0, -1.0]])[None],
+            np.concatenate([-at.error_by_duty, [0.0, 0.0, -1.0]])[None],
+        ]
+    )
+    room = np.concatenate([-at.elements, at.elements, [-at.error, at.error]])
+    found = linprog(
+        np.concatenate([np.zeros(cells), [1.0, -1.0, OF_MEAN]]),
+        A_ub=rows,
+        b_ub=room,
+        bounds=[*zip(low, high, strict=True), (None, None), (None, None), (0, None)],
+    )
+    return found.x[:cells]

@@ -1,0 +1,263 @@
+"""The search of `tune`: objective and constraint over the unit box, their starts, and the best."""
+
+import math
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from ..._arguments import finite_number, whole_number
+from ..._errors import ControlError
+from ..._jax_settings import own_settings
+from ...matching import Fit
+from ...matching._nominal_twin import nominal_twin
+from ...matching._posterior_draws import posterior_draws
+from ...physics import Twin
+from ...simulation._check_values import check_draw, valid_draws
+from ...simulation._simulate_batch import checked_draws
+from ..controllers._controller import AbstractController
+from ..controllers._controller_vector import ControllerVector
+from ..loops._many_loops import longest_delay, twin_at_medians
+from ..loops._sampled_loop import SampledLoops
+from ..loops._scenario import scenario
+from ._loop_slopes import LoopSlopes
+from ._objective import Objective, checked_objective
+from ._search_box import SearchBox, search_box
+from ._side_by_side_sqp import Evaluation, Round, descents
+from ._tuning import TunedLoop, Tuning, TuningStep
+
+PEAK_TOLERANCE = 1e-3
+"""The relative excess of a sensitivity peak over its limit that is accepted."""
+
+RANDOM_CONTROLLERS = 200
+"""The number of random controllers for each start of which only the linear loop is evaluated."""
+
+
+def tuning_problem(
+    where: str,
+    controller: object,
+    twin: Twin | Fit,
+    references: float | int | str | ArrayLike,
+    duration_s: float | int,
+    *,
+    tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None,
+    objective: object,
+    draws: int | Mapping[str, ArrayLike] | None,
+    tail_weight: float | int,
+    sensitivity_limit: float | int | None,
+    starts: int,
+    seed: int,
+    workers: int | None,
+    settings: Mapping[str, Any],
+) -> "TuningProblem":
+    """Checks the arguments of `tune`, and makes the problem."""
+    if not isinstance(controller, AbstractController):
+        raise ControlError(
+            f"{where}: controller: expected a controller with parameters, got {controller!r}"
+        )
+    plant = nominal_twin(f"{where}: twin", twin, ControlError)
+    if settings.get("quantised"):
+        raise ControlError(
+            f"{where}: quantised: expected False, because rounding has no derivative, got True"
+        )
+    if workers is not None:
+        whole_number(f"{where}: workers", workers, 1, ControlError)
+    vector, box = search_box(f"{where}: tuned", controller, tuned)
+    aim = checked_objective(where, objective, tail_weight)
+    limit = _checked_limit(where, sensitivity_limit)
+    plant_draws = _plant_draws(where, plant, twin, draws, seed)
+    median_twin = twin_at_medians(plant, plant_draws)
+    conditions = scenario(
+        median_twin,
+        controller,
+        references,
+        duration_s=duration_s,
+        **{**settings, "seed": seed, "quantised": False},
+    )
+    with own_settings():
+        delay = longest_delay(median_twin, plant_draws)
+        conditions = replace(conditions, longest_delay_s=delay)
+        loops = LoopSlopes(median_twin, plant_draws, vector, conditions, aim.measures, workers)
+        linear = None
+        if limit is not None:
+            linear = SampledLoops(
+                median_twin,
+                plant_draws,
+                vector,
+                np.asarray(conditions.output_weights),
+                np.asarray(conditions.reference)[-1],
+                longest_delay_s=delay,
+                sensor_delay_s=conditions.sensor_delay_steps * conditions.step_s,
+            )
+    return TuningProblem(plant.rig.name, vector, box, aim, limit, loops, linear, starts, seed)
+
+
+@final
+class TuningProblem(NamedTuple):
+    """A search for the parameters of a controller.
+
+    - `rig`: the name of the rig.
+    - `vector`, `box`: the parameters and their bounds.
+    - `objective`: the objective.
+    - `limit`: the limit of the sensitivity peak, None for none.
+    - `loops`: the closed loops with derivatives. `linear`: the linearised loops.
+    - `starts`: the number of descents. `seed`: the seed of the random starts.
+    """
+
+    rig: str
+    vector: ControllerVector
+    box: SearchBox
+    objective: Objective
+    limit: float | None
+    loops: LoopSlopes
+    linear: SampledLoops | None
+    starts: int
+    seed: int
+
+    def solved(self, rounds: int, began: float) -> Tuning:
+        """Runs all descents, and returns the best controller."""
+        found: dict[bytes, Float[np.ndarray, "draws measures"]] = {}
+
+        def evaluate(points: Sequence[Float[np.ndarray, " parameters"]]) -> list[Evaluation]:
+            results = self._evaluated([self.box.values(point) for point in points])
+            for point, (_, values) in zip(points, results, strict=True):
+                found[point.tobytes()] = values
+            return [evaluation for evaluation, _ in results]
+
+        first = self.vector.values
+        before, values_before = self._evaluated([first])[0]
+        begin = self._first_points()
+        history = descents(evaluate, begin, rounds=rounds)
+        steps = tuple(self._step(part) for part in history)
+        best = self._best(history)
+        tuned = self.box.values(best.point)
+        return Tuning(
+            rig=self.rig,
+            controller=self.vector.apply(tuned),
+            start=self.vector.controller,
+            tuned=self.vector.labels,
+            lower=self.box.lower,
+            upper=self.box.upper,
+            sensitivity_limit=self.limit,
+            before=self._loop(first, before, values_before),
+            after=self._loop(tuned, best.evaluation, found[best.point.tobytes()]),
+            measures=tuple(self.objective.measures),
+            weights=self.objective.weights,
+            omega=np.zeros(0) if self.linear is None else self.linear.omega,
+            history=steps,
+            wall_time=time.perf_counter() - began,
+        )
+
+    def _evaluated(
+        self, controllers: Sequence[Float[np.ndarray, " parameters"]]
+    ) -> list[tuple[Evaluation, Float[np.ndarray, "draws measures"]]]:
+        """Evaluates objective and constraint at points of the unit box, and the measures."""
+        with own_settings():
+            loops = self.loops(controllers, self.starts)
+            peaks = [None if self.linear is None else self.linear.peak(v) for v in controllers]
+        results = []
+        for values, measures, slopes, peak in zip(
+            controllers, loops.values, loops.slopes, peaks, strict=True
+        ):
+            f, g = self.objective.over_draws(measures, slopes)
+            by_point = self.box.slopes(values)
+            c, a = -1.0, np.zeros_like(values)
+            if peak is not None and self.limit is not None:
+                c = math.log(peak.value / self.limit) if peak.is_stable else math.inf
+                a = peak.slope / peak.value
+            results.append((Evaluation(f, g * by_point, c, a * by_point), measures))
+        return results
+
+    def _first_points(self) -> list[Float[np.ndarray, " parameters"]]:
+        """Returns the points of the given controller and of random controllers whose linear loop
+        satisfies the limit."""
+        random = np.random.default_rng([self.seed, 1])
+        points = [self.box.point(self.vector.values)]
+        for _ in range(self.starts - 1):
+            best = (math.inf, points[0])
+            for _ in range(RANDOM_CONTROLLERS):
+                point = random.random(len(points[0]))
+                if self.linear is None or self.limit is None:
+                    best = (0.0, point)
+                    break
+                with own_settings():
+                    peak = self.linear.peak(self.box.values(point))
+                if peak.is_stable and peak.value < best[0]:
+                    best = (peak.value, point)
+                if best[0] <= self.limit:
+                    break
+            points.append(best[1])
+        return points
+
+    def _best(self, history: Sequence[Round]) -> Round:
+        finite = [part for part in history if part.evaluation.is_finite]
+        if not finite:
+            raise ControlError(
+                "tune: expected a controller within the bounds whose loops are stable and finite, "
+                f"got none in {len(history)} rounds; start with smaller gains, or give other bounds"
+            )
+        kept = [part for part in finite if part.evaluation.c <= PEAK_TOLERANCE]
+        if not kept:
+            nearest = min(finite, key=lambda part: part.evaluation.c)
+            assert self.limit is not None
+            raise ControlError(
+                f"tune: sensitivity_limit: expected a limit that some controller within the bounds "
+                f"keeps to, got {self.limit:g}; the lowest peak that was found is "
+                f"{self.limit * math.exp(nearest.evaluation.c):.3g}"
+            )
+        return min(kept, key=lambda part: part.evaluation.f)
+
+    def _step(self, part: Round) -> TuningStep:
+        values = self.box.values(part.point)
+        peak = math.nan if self.limit is None else self.limit * math.exp(part.evaluation.c)
+        named = dict(zip(self.vector.labels, values.tolist(), strict=True))
+        return TuningStep(part.start, part.number, part.evaluation.f, peak, part.accepted, named)
+
+    def _loop(
+        self, parameters: Any, found: Evaluation, measures: Float[np.ndarray, "draws measures"]
+    ) -> TunedLoop:
+        sensitivity = np.zeros((len(measures), 0))
+        peak = math.nan
+        if self.linear is not None and self.limit is not None:
+            with own_settings():
+                sensitivity = self.linear.sensitivity(parameters)
+            peak = self.limit * math.exp(found.c)
+        return TunedLoop(np.asarray(parameters), found.f, peak, measures, sensitivity)
+
+
+def _checked_limit(where: str, limit: object) -> float | None:
+    if limit is None:
+        return None
+    number = finite_number(f"{where}: sensitivity_limit", limit, ControlError)
+    if number <= 1:
+        raise ControlError(
+            f"{where}: sensitivity_limit: expected a number above 1, or None, got {number:g}"
+        )
+    return number
+
+
+def _plant_draws(
+    where: str,
+    plant: Twin,
+    twin: Twin | Fit,
+    draws: int | Mapping[str, ArrayLike] | None,
+    seed: int,
+) -> dict[str, Float[np.ndarray, " draws"]]:
+    if draws is None:
+        return {}
+    if isinstance(draws, Mapping):
+        checked = checked_draws(plant, draws)
+        for number in np.flatnonzero(~valid_draws(plant, checked)):
+            check_draw(plant, checked, int(number))
+        return checked
+    count = whole_number(f"{where}: draws", draws, 1, ControlError)
+    if not isinstance(twin, Fit):
+        raise ControlError(
+            f"{where}: draws: expected name -> values beside a twin (a number of draws only beside "
+            f"a fit), got {draws!r}"
+        )
+    return posterior_draws(twin, count, seed=seed)
