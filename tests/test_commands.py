@@ -19,6 +19,7 @@ from jaxtwin.cli import app, run
 from jaxtwin.commands import _control, _drive
 from jaxtwin.control import PID
 from jaxtwin.control import control as run_controller
+from jaxtwin.control.loops import _control as _control_loop
 from jaxtwin.experiment_design import ExperimentDesign
 from jaxtwin.experiment_design._experiment_design import PlannedSchedule
 from jaxtwin.sensitivity_analysis import Sobol
@@ -274,13 +275,13 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     assert without(arguments) == ARRIVED | {"doing": "controlling", "duration": 30.0}
     (prepare,) = arguments["positional"]
     checked: list[tuple[object, ...]] = []
-    really_checked = control.loops._control.checked_loop
+    really_checked = _control_loop.checked_loop
 
     def check(*given: Any) -> Any:
         checked.append(given)
         return really_checked(*given)
 
-    monkeypatch.setattr(control.loops._control, "checked_loop", check)
+    monkeypatch.setattr(_control_loop, "checked_loop", check)
     command, about = prepare(twin)
     assert command.func is run_controller
     guard = command.keywords["guard"].settings

@@ -4,11 +4,11 @@ from typing import final
 
 import numpy as np
 
+from .._celsius import ZERO_CELSIUS
 from ..control.controllers._law import Table
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..rig._plate import FILM_REFERENCE
 from ..simulation import Stepper
-from ..simulation._stepper import ZERO_CELSIUS
 
 
 @final

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..matching import Fit, Noise
@@ -198,5 +199,5 @@ def _temperatures(problem: DesignProblem, grid: TimeGrid) -> tuple[Array, Array]
     drive, rise = solve_network(system, grid, system.initial_temperature, readout)
     ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)
     read, at_sides = rise[:, : len(channels)], rise[:, len(channels) :]
-    celsius = drive.reference - 273.15
+    celsius = drive.reference - ZERO_CELSIUS
     return system.readings(read, ambient) + celsius, at_sides + celsius

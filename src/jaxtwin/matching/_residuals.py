@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._celsius import ZERO_CELSIUS
 from ..physics import System
 from ..simulation import Drive, TimeGrid, solve_network
 from ..simulation._modes import Modes, run_modes
@@ -139,7 +140,7 @@ def camera_readings(
     twin = objective.twin.with_values(objective.layout.local_values(local))
     system = twin.system(lumped=objective.start.is_lumped)
     drive, zones, ambient = _solved(system, grid, columns, modes, objective.start)
-    return drive.reference + system.readings(zones, ambient, columns) - 273.15
+    return drive.reference + system.readings(zones, ambient, columns) - ZERO_CELSIUS
 
 
 def channel_rises(

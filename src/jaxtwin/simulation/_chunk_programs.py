@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._jax_settings import in_precision
 from ..physics import System, Twin
@@ -167,7 +168,7 @@ def sample_chunk(
         deviation = stepped.channels.at_samples(drive.grid, which)
         ambient = drive.ambient_at_samples(which)
         reading = draw.system.readings(deviation, ambient, columns)
-        celsius = reading + (drive.reference - 273.15)
+        celsius = reading + (drive.reference - ZERO_CELSIUS)
         return jnp.where(stepped.failed, jnp.nan, celsius)
 
     return jax.vmap(sample_draw)(prepared, stepped)
@@ -225,7 +226,7 @@ def compressed_errors(
     def draw_errors(system: System, stepped: Stepped) -> Array:
         rows = stepped.channels.at_samples(recorded.grid)
         reading = system.readings(rows, columns=columns)
-        offset = system.ambient_temperature - 273.15
+        offset = system.ambient_temperature - ZERO_CELSIUS
         target = jnp.asarray(recorded.target, reading.dtype)
         error = reading + offset * jnp.asarray(recorded.ones, reading.dtype)[:, None] - target
         return jnp.where(stepped.failed, jnp.nan, error)

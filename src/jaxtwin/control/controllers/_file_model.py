@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ..._celsius import ZERO_CELSIUS
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ...rig._units import TEMPERATURE, Kind
@@ -229,7 +230,7 @@ def _degrees_of(found: object, name: str, refuse: Refuse) -> float:
             number = float(found.removesuffix(" degC"))
         except ValueError:
             number = np.nan
-        if -273.15 < number < 1e4:
+        if -ZERO_CELSIUS < number < 1e4:
             return number
     kelvin = quantity(found if isinstance(found, str) else None, name, TEMPERATURE, refuse)
-    return float(kelvin) - 273.15
+    return float(kelvin) - ZERO_CELSIUS

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number
+from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
 from ..._errors import ControlError
 from ..._jax_settings import is_traced, own_settings, settings_for, to_numpy
@@ -21,7 +22,6 @@ from ...simulation import Run
 from ...simulation._check_values import check_values
 from ._linear_model import LinearModel
 from ._operating_point import (
-    ZERO_CELSIUS,
     OperatingPoint,
     Target,
     duty_for,

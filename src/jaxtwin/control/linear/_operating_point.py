@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..._arguments import finite_number
+from ..._celsius import ZERO_CELSIUS
 from ..._display import html_table
 from ..._errors import ControlError
 from ..._lapack import solve
@@ -19,8 +20,6 @@ from ...physics import System, Twin
 if TYPE_CHECKING:
     import pandas
     import xarray
-
-ZERO_CELSIUS = 273.15
 
 NEWTON_STEPS = 40
 """Steps of the search for a duty cycle. It usually needs a handful; on the way from full cooling to

@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._arguments import finite_number
+from ..._celsius import ZERO_CELSIUS
 from ..._errors import ControlError
 from ...physics import Twin
 from ...simulation import Run
 from ...simulation._delay import lagged_duty
-from ._operating_point import ZERO_CELSIUS
 
 
 @runtime_checkable

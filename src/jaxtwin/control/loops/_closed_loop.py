@@ -8,12 +8,12 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, PyTree
 
+from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
 from ..._jax_settings import in_precision
 from ...physics import Twin
 from ...simulation import Stepper
 from ...simulation._stepper import (
-    ZERO_CELSIUS,
     ModalState,
     advance,
     node_temperatures,

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
 from ..._errors import SafetyStop
 from ..._jax_settings import own_settings
@@ -116,7 +117,9 @@ def checked_loop(
     samples = reference_samples("control: references", references, times, len(weights))
     with own_settings():
         system = twin.system()
-        room = float(system.ambient_temperature) - 273.15 if ambient is None else float(ambient)
+        room = (
+            float(system.ambient_temperature) - ZERO_CELSIUS if ambient is None else float(ambient)
+        )
         check_cells("control", controller, len(twin.rig.cells), len(weights))
         check_sample_time(twin, controller.sample_time_s)
         surroundings = np.full((1, 1), room)

@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float
 from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number, of_kind, true_or_false, whole_number
+from ..._celsius import ZERO_CELSIUS
 from ..._errors import ControlError
 from ..._jax_settings import own_settings
-from ...io._checks import ABSOLUTE_ZERO
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Faults, Twin
@@ -132,7 +132,7 @@ def scenario(
     step = interval / substeps
     with own_settings():
         system = plant.system()
-        room = float(system.ambient_temperature) - 273.15
+        room = float(system.ambient_temperature) - ZERO_CELSIUS
         delay = 0.0 if system.delay is None else float(system.delay)
         rows = (times[:, None] + step * np.arange(substeps)).reshape(-1)
         if isinstance(ambient, str):  # its times need not be those of the samples
@@ -203,7 +203,7 @@ def _initial(where: str, twin: Twin, initial: object) -> Float[np.ndarray, " nod
 
 
 def _check_above_absolute_zero(where: str, temperatures: Float[np.ndarray, "..."]) -> None:
-    if temperatures.min() < ABSOLUTE_ZERO:
+    if temperatures.min() < -ZERO_CELSIUS:
         raise ControlError(
-            f"{where}: expected {ABSOLUTE_ZERO:g} degC and above, got {temperatures.min():g} degC"
+            f"{where}: expected {-ZERO_CELSIUS:g} degC and above, got {temperatures.min():g} degC"
         )
