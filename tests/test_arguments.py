@@ -21,7 +21,7 @@ import diffrax
 import numpy as np
 import optimistix
 from jaxtwin import *
-from jaxtwin import control, live, matching, plots
+from jaxtwin import control, live, matching, plots, rig as rigs
 from jaxtwin.data import synthetic_recordings
 rig = load_rig("paper-2024")
 twin = Twin(rig)
@@ -208,7 +208,7 @@ CASES = {
     "match(twin, seen, loss=matching.Huber)": ("MatchError", LOSS + ".* got .*Huber"),
     "matching.Huber('a')": ("MatchError", "Huber: threshold: " + FINITE),
     "matching.Cauchy(0)": ("MatchError", "Cauchy: threshold: expected a number above 0, got 0"),
-    "rig.register_sensor(rig.AbstractSensor)": ("RigError", "its name in rig files"),
+    "rigs.register_sensor(rigs.AbstractSensor)": ("RigError", "its name in rig files"),
     "matching.register_loss(matching.AbstractLoss)": ("MatchError", "its name in saved fits"),
     "match(twin, seen, starts='2')": ("MatchError", "starts: " + WHOLE + "above 0"),
     "match(twin, seen, seed=-1)": ("MatchError", "seed: " + WHOLE + "of at least 0"),
