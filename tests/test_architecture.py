@@ -130,12 +130,24 @@ def test_a_room_imports_only_what_stands_before_it(package: str, room: str):
 
 
 @pytest.mark.parametrize("package", ROOMS)
-def test_the_rooms_of_a_package_are_those_of_the_page(package: str):
+def test_the_rooms_of_a_package_are_those_of_its_page(package: str):
     found = {path.parent.name for path in (SOURCE / package).glob("*/__init__.py")}
     assert found == set(ROOMS[package])
-    text = PAGE.read_text(encoding="utf-8")
     for room in ROOMS[package]:
-        assert f"`{package}/{room}/`" in text
+        assert f"`{room}/`" in page(package)
+
+
+@pytest.mark.parametrize("package", [*declared_order(), "_compilation"])
+def test_the_page_of_a_package_names_files_that_exist(package: str):
+    named = set(re.findall(r"`(_[a-z0-9_]+)`", page(package)))
+    stems = {path.stem for path in (SOURCE / package).rglob("*.py")}
+    assert named <= stems, sorted(named - stems)
+
+
+def page(package: str) -> str:
+    """The docstring of a package, which leads through it."""
+    text = (SOURCE / package / "__init__.py").read_text(encoding="utf-8")
+    return ast.get_docstring(ast.parse(text)) or ""
 
 
 def test_the_private_modules_import_no_package():

@@ -1,4 +1,9 @@
-"""Programs that are traced and compiled once per machine, not once per process."""
+"""Programs that are traced and compiled once per machine, not once per process.
+
+`persistent_jit` (`_persistent_jit`) stands in place of `jax.jit`: it recognises a program by the
+code that it is traced from and the shapes of its arguments (`_fingerprint`), and keeps the compiled
+program in a folder (`_store`). `persistent_jit_unoptimised` is for what runs in LAPACK.
+"""
 
 from ._persistent_jit import clear_programs as clear_programs
 from ._persistent_jit import compiling_seconds as compiling_seconds

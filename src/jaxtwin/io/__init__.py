@@ -1,4 +1,18 @@
-"""Recordings: found or fetched, read, checked and written."""
+"""Recordings: found or fetched, read, checked and written.
+
+An `Experiment` (`_experiment`) is what was done to a rig and what was recorded of it, on one time
+grid, checked (`_checks`) and never changed. Which file holds what:
+
+- reading: `_read` recognises the format; `_csv` and `_delimited`, `_netcdf`, `_mat` and `_matlab5`,
+  `_dataframe` read one each; `_named_columns`, `_timestamps` and `_resample` (samples with times of
+  their own) serve all
+- writing: `_write`, completely or not at all
+- recordings of a live rig: `_session` reads what `live/recording/` writes, also while it grows;
+  `_open_session`, `_session_file` (metadata), `_session_rows` (blocks), `_clock_map` (device time
+  to host time), `_lock` (one writer), `_backup`
+- the authors' recordings: `_locate`, `_fetch`, `_published`
+- schedules in words: `_schedule`
+"""
 
 from ._backup import backup_session
 from ._clock_map import ClockMap

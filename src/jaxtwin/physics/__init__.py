@@ -1,4 +1,19 @@
-"""The physics: netlist, plate, thermoelectric module, driver, camera, and the twin of them all."""
+r"""The physics: netlist, plate, thermoelectric module, driver, camera, and the twin of them all.
+
+The temperatures $x$ of the nodes follow $C \dot x = -G x + g a + q(x, u, a)$ with the duty $u$ and
+the ambient $a$, and the readings are $y = a + \gamma (W x - a)$: both stand in `_system`. On the
+way there a rig becomes a list of nodes and links (`_netlist`), then constant arrays (`_wiring`),
+then numbers for one set of parameter values (`System`). Which file holds what:
+
+- the network: `_assembly` (of the parts), `_plate` (finite volumes or a given circuit), `_lumping`
+  (nodes that are always equal), `_link_sums` (large networks stay sparse), `_expressions`
+- heat: `_thermoelectric` (cells, eqs. 7 to 10 of the paper), `_driver` (PWM and bridge),
+  `_heat_loss` (films and radiation), `_dc_sweep`
+- what is read: `_sensors` (weights, lags), `_camera` (pixels), `_registration` (where the camera
+  looks), `_plate_edges` (found in a frame), `_recalibrations`, `_plate_map`
+- the twin: `_twin`, a rig with values
+- faults: `_fault_models`, functions `System -> System`, and `_faults`, when they happen
+"""
 
 from ._assembly import build_netlist
 from ._camera import frame_to_channels, pixel_weights

@@ -1,4 +1,20 @@
-"""Rigs: plate, cells, driver, camera and parameters, read from rig files and checked."""
+"""Rigs: plate, cells, driver, camera and parameters, read from rig files and checked.
+
+A rig file becomes a `Rig` in three steps: keys and types by pydantic (`_schema`, `_validate`), then
+units, names and geometry, part by part (`_build`), then values in SI units. A quantity of the file
+is a `Value` (`_value`): a number, or a number times parameters to powers, so that a match can
+change it. Which file holds what:
+
+- reading: `_load`, `_build`, `_fields` (texts to values), `_problems` (messages), `_bundled`
+- units: `_units`, and `_common_units` for those that need no pint
+- the plate: `_plate`, `_plate_table`, `_circuit`, `_circuit_table`, `_material`
+- what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_body`, `_body_table`, `_fan_table`
+- what drives and reads it: `_driver`, `_limits`, `_camera`, `_bench_table`
+- channels: `_channel`; a kind of sensor (`_sensor`) says what it reads, weighs and shows:
+  `_nodes_sensor`, `_zone_sensor`, `_point_sensor`, by the means of `_zone_means`
+- parameters: `_parameter`, `_parameter_table`, `_parameter_file`
+- writing: `_new_rig` (a first rig file), `_json_schema` (for editors)
+"""
 
 from ._body import Body
 from ._bundled import bundled_materials, bundled_modules, bundled_rigs

@@ -1,4 +1,17 @@
-"""Sensitivity analysis: which parameters matter, step 4 of the paper."""
+"""Sensitivity analysis: which parameters matter, step 4 of the paper.
+
+`_analysis` is the entry to two kinds of studies. The paper's correlations: `_monte_carlo` draws and
+simulates, with the twins of `_paired_twins` and the values of `_central_values`;
+`_correlation_coefficients` computes them, `_correlation_intervals` their confidence intervals.
+Global methods: `_global_analysis` simulates the runs that a method (`_method`) asks for, and hands
+it the outputs (`_outputs`) for its estimate. Which file holds what else:
+
+- what is drawn: `_inputs`, `_input_choices`, `_marginals`, `_sampling`, `_unit_samples`
+- the methods by name (`_methods`): `_sobol`, `_morris`, `_shapley`, `_polynomial_chaos`,
+  `_regression`, `_correlations`, `_derivative_based` (by `_slopes`), `_one_at_a_time`
+- the results: `_sensitivity`, `_global_sensitivity`; intervals of indices: `_bootstrap`
+- a model of the user in place of a twin: `_model`
+"""
 
 from ._analysis import sensitivity
 from ._correlation_coefficients import pearson, spearman

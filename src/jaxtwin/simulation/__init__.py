@@ -1,7 +1,20 @@
 """Simulation: one run or many draws.
 
-The default solver is exponential time differencing in the modes of the thermal network on a time
-grid that is fine after each input change; any diffrax solver can take its place.
+The default solver is exponential time differencing in the modes of the thermal network, on a time
+grid that is fine after each input change; any diffrax solver can take its place. Which file holds
+what:
+
+- the inputs: `_drive`, `_delay` (the driver's lag and delay), `_initial`, `_time_grid`, `_padding`
+  (few sizes, few compiled programs), `_check_values`, `_twin_of_experiment`
+- the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_interpolation`
+  (samples inside a step), `_resolution`, `_refinement` (were the steps short enough?)
+- large plates: `_reduced_modes`, the few modes that the drive reaches
+- one run: `_simulate`, `_run` (its result), `_power`, `_uniformity`, `_exceeded_limits`
+- many draws: `_simulate_batch`, `_draw_solver`, `_chunk_programs`, `_compressed`, `_reductions`
+  (what is kept), `_draw_units` and `_workers` (cores, accelerators, clusters)
+- one step at a time, for observers and controllers: `_stepper`, `_step_preparation`,
+  `_reduced_stepper`
+- diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver)
 
 The public names stand in `__init__.pyi` and are imported when they are first used.
 """

@@ -1,4 +1,8 @@
-"""Validation: how well a matched twin predicts recordings that the match has not seen."""
+"""Validation: how well a matched twin predicts recordings that the match has not seen.
+
+`_validate` predicts another recording, the rest of one, or a group that was left out, and returns a
+`Validation` (`_validation`); `_whiteness` tests whether what is left is only noise.
+"""
 
 from ._validate import leave_one_out, validate, validate_split
 from ._validation import Prediction, Validation
