@@ -52,6 +52,7 @@ COMMANDS = [
     ["schema"],
     ["netlist"],
     ["dc-sweep"],
+    ["import"],
     ["simulate"],
     ["match"],
     ["validate"],

@@ -31,6 +31,7 @@ from .commands import (
     _doctor,
     _drive,
     _export,
+    _import_recording,
     _match,
     _netlist,
     _new_rig,
@@ -102,6 +103,13 @@ _add(
     "jaxtwin netlist paper-2024 --out netlist.png --spice paper-2024.cir",
 )
 _add("dc-sweep", RIGS, _dc_sweep.dc_sweep, "jaxtwin dc-sweep TEC1-12706 --out sweep")
+_add(
+    "import",
+    TWINS,
+    _import_recording.import_recording,
+    "jaxtwin import box.csv --rig box.toml --column t2=T1 --column heater_on=duty_P1 "
+    "--ignore '*' --out monday.csv",
+)
 _add(
     "simulate",
     TWINS,

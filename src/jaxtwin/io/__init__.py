@@ -4,8 +4,8 @@ An `Experiment` (`_experiment`) is what was done to a rig and what was recorded 
 grid, checked (`_checks`) and never changed. Which file holds what:
 
 - reading: `_read` recognises the format; `_csv` and `_delimited`, `_netcdf`, `_mat` and `_matlab5`,
-  `_dataframe` read one each; `_named_columns`, `_timestamps` and `_resample` (samples with times of
-  their own) serve all
+  `_table_files` and `_dataframe` read it; `_named_columns`, `_timestamps` and `_resample` (samples
+  with times of their own) serve all
 - writing: `_write`, completely or not at all
 - recordings of a live rig: `_session` reads what `live/recording/` writes, also while it grows;
   `_open_session`, `_session_file` (metadata), `_session_rows` (blocks), `_clock_map` (device time
@@ -20,7 +20,7 @@ from ._experiment import Experiment
 from ._fetch import fetch_recordings
 from ._locate import find_recordings
 from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
-from ._read import read_recording
+from ._read import column_titles, read_recording
 from ._session import Session
 from ._session_rows import DeviceClock, Series
 from ._write import write_recording
@@ -35,6 +35,7 @@ __all__ = [
     "Series",
     "Session",
     "backup_session",
+    "column_titles",
     "fetch_recordings",
     "find_recordings",
     "read_recording",

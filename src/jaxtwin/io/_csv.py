@@ -95,7 +95,7 @@ def experiment_of_columns(
         else:
             raise RecordingError(
                 f"columns: {EXPECTED}, got {column.title!r}{_hint(column.name)}; columns= gives "
-                "it a name, ignore= leaves it out"
+                "it a name, ignore= leaves it out, in a command --column and --ignore"
             )
     if len(times) != 1:
         found = "no column time_s" if not times else "two columns for the time"

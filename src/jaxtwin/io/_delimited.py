@@ -163,6 +163,23 @@ def read_columns(
     return columns, lines
 
 
+def titles_of(content: bytes) -> tuple[str, ...]:
+    """The titles of the columns, as the file has them.
+
+    **Raises:** `RecordingError` if the file is no text.
+    """
+    text = _decoded(content)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text))
+    try:
+        for row in reader:
+            titles = [field.strip() for field in row]
+            if any(titles) and not _is_note(titles[0]):
+                return tuple(titles)
+    except csv.Error as error:
+        raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
+    return ()
+
+
 def _decoded(content: bytes) -> str:
     marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
     encodings = ("utf-16",) if marked else ("utf-8-sig", "cp1252")

@@ -1,23 +1,32 @@
 """Reads a recording from a file of any known format."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from .._arguments import of_kind, path_of, whole_number
 from .._errors import RecordingError
 from ..rig import Rig
 from ._csv import parse_csv
+from ._delimited import titles_of
 from ._experiment import Experiment
 from ._mat import parse_mat
 from ._matlab5 import is_matlab5
 from ._netcdf import parse_netcdf
 from ._session import Session
 from ._session_file import is_session
+from ._table_files import csv_of_parquet, csv_of_workbook
 
 AUTHORS_COUNTS = 255
 """The PWM counts of full duty in the .mat files of the paper's authors."""
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
+
+TABLES: dict[str, Callable[[bytes], bytes]] = {
+    "csv": bytes,
+    "xlsx": csv_of_workbook,
+    "parquet": csv_of_parquet,
+}
+"""Formats of tables with titles of their own, and what makes the text of a .csv file of them."""
 
 
 def read_recording(
@@ -30,7 +39,7 @@ def read_recording(
     counts: int | None = None,
     polarity: int | None = None,
 ) -> Experiment:
-    """Reads a recording: the authors' .mat files, .csv, or netCDF.
+    """Reads a recording: the authors' .mat files, .csv, a spreadsheet, Parquet, or netCDF.
 
     The format is recognised by the first bytes. If they are those of no other format, the file is
     read as text, .csv.
@@ -41,6 +50,8 @@ def read_recording(
       `pwm_P1` are counts, `_K` is kelvin. If all channels are blank, no temperatures were recorded.
       Semicolons or tabs may separate columns, numbers may have a decimal comma beside them, and a
       unit may stand in brackets: `T11 [degC]`. `columns` and `ignore` read the files of loggers.
+    - .xlsx (the first sheet) and .parquet: as .csv, with time stamps and truth values of their own;
+        `pip install 'jaxtwin[tables]'`.
     - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.io.Session`
         gives other grids and parts of it.
     - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
@@ -53,7 +64,7 @@ def read_recording(
 
     - `path`: the file. Its name without the ending becomes the name of the experiment.
     - `rig`: the rig, whose driver says how many PWM counts full duty has and their polarity.
-    - `columns`: names for columns of a .csv file that are called otherwise:
+    - `columns`: names for columns of a .csv, .xlsx or .parquet file that are called otherwise:
       `{"heater_on": "duty_P1", "Temperatur 1": "T1", "t_out": "ambient", "clock": "time"}`. A
       temperature without a unit in both names is in degC. `"time"` may be a time stamp or a number
       since 1970, in s, ms, us or ns, and `"T1_time"` is the time at which `T1` was read, if that
@@ -93,8 +104,10 @@ def read_recording(
             raise RecordingError(
                 f"zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
             )
-        if kind != "csv" and (columns or ignore):
-            raise RecordingError("columns, ignore: expected a .csv file, got another format")
+        if kind not in TABLES and (columns or ignore):
+            raise RecordingError(
+                "columns, ignore: expected a .csv, .xlsx or .parquet file, got another format"
+            )
         if kind == "mat":
             full = AUTHORS_COUNTS if counts is None else counts
             experiment = parse_mat(
@@ -104,7 +117,7 @@ def read_recording(
             experiment = parse_netcdf(content, name=file.stem)
         else:
             experiment = parse_csv(
-                content,
+                TABLES[kind](content),
                 name=file.stem,
                 counts=counts,
                 polarity=polarity,
@@ -114,6 +127,22 @@ def read_recording(
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
     return experiment
+
+
+def column_titles(path: str | Path) -> tuple[str, ...]:
+    """The titles of the columns of a .csv, .xlsx or .parquet file, as the file has them.
+
+    **Raises:** `RecordingError` if the file cannot be read or is of another format.
+    """
+    file = path_of("column_titles: path", path, RecordingError)
+    content = _content(file)
+    kind = _kind(file, content)
+    if kind not in TABLES:
+        raise RecordingError(f"{file}: expected a .csv, .xlsx or .parquet file, got .{kind}")
+    try:
+        return titles_of(TABLES[kind](content))
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from None
 
 
 def _session_experiment(file: Path, zone: str | None) -> Experiment:
@@ -150,6 +179,14 @@ def _kind(file: Path, content: bytes) -> str:
         )
     if content.startswith((HDF5, b"CDF\x01", b"CDF\x02")):
         return "netcdf"
+    if content.startswith(b"PAR1"):
+        return "parquet"
+    if content.startswith(b"PK\x03\x04") and ending != ".mat":
+        return "xlsx"
+    if content.startswith(b"\xd0\xcf\x11\xe0"):
+        raise RecordingError(
+            f"{file}: expected an Excel workbook .xlsx, got the older .xls; save it as .xlsx"
+        )
     if ending == ".mat":
         raise RecordingError(
             f"{file}: expected a MATLAB 5 to 7 file, got a missing or damaged header"

@@ -1,0 +1,143 @@
+"""`jaxtwin import`: the file of a logger as a recording of a rig."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._options import JsonOption
+from ._output import aligned, check_json, check_output, say, write_json
+
+if TYPE_CHECKING:
+    from ..io import Experiment
+    from ..rig import Rig
+
+
+def import_recording(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Of a logger: .csv, .xlsx or .parquet.")
+    ],
+    rig: Annotated[str, typer.Option(metavar="RIG", help="The rig file whose recording it is.")],
+    out: Annotated[Path, typer.Option(metavar="OUT", help="Where to: .csv or .nc.")],
+    column: Annotated[
+        list[str],
+        typer.Option(
+            metavar="TITLE=NAME",
+            help="What a column is: t2=T1, heater_on=duty_P1, room=ambient, clock=time; "
+            "time_t2=T1_time is the time at which T1 was read.",
+        ),
+    ] = [],  # noqa: B006  # typer reads it
+    ignore: Annotated[
+        list[str],
+        typer.Option(
+            metavar="TITLE",
+            help="Leave a column out; * and ? stand for any characters, '*' alone for all that "
+            "would be refused.",
+        ),
+    ] = [],  # noqa: B006
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is there.")
+    ] = False,
+    json: JsonOption = None,
+) -> None:
+    """Read the file of a logger once, check it against the rig, and write it as a recording.
+
+    A column that is called as a channel of the rig, in large or small letters, needs no --column.
+    """
+    from ..io import column_titles, read_recording, write_recording
+    from ..rig import load_rig
+
+    check_output(out, ".csv", ".nc")
+    if out.exists() and not overwrite:
+        raise typer.BadParameter(
+            f"{out}: expected a new file, got an existing one; name another, or add --overwrite"
+        )
+    check_json(json)
+    of_rig = load_rig(rig)
+    titles = column_titles(file)
+    names = _channels_by_title(of_rig, titles) | _named(column)
+    experiment = read_recording(file, rig=of_rig, columns=names, ignore=ignore)
+    _check_rig(experiment, of_rig, file)
+    write_recording(experiment, out)
+    missing = [c.name for c in of_rig.channels if c.name not in experiment.channels]
+    gaps = experiment.gaps.tolist()
+    say(f"{out}: {len(experiment.time)} samples in {experiment.duration:g} s, from {file}", json)
+    say(aligned(_ranges(experiment, names)), json)
+    if missing:
+        say(f"  channels of {of_rig.name} without a column: {', '.join(missing)}", json)
+    for before, after in gaps:
+        say(f"  nothing from {before:g} s to {after:g} s", json)
+    write_json(
+        json,
+        {
+            "samples": len(experiment.time),
+            "duration_s": experiment.duration,
+            "columns": names,
+            "channels": list(experiment.channels),
+            "channels_without_column": missing,
+            "gaps_s": gaps,
+        },
+    )
+
+
+def _named(columns: Sequence[str]) -> dict[str, str]:
+    pairs = [text.rpartition("=") for text in columns]
+    for (title, _, name), text in zip(pairs, columns, strict=True):
+        if not title or not name:
+            raise typer.BadParameter(f"--column: expected TITLE=NAME, got {text!r}")
+    return {title: name for title, _, name in pairs}
+
+
+def _channels_by_title(rig: "Rig", titles: Sequence[str]) -> dict[str, str]:
+    """The columns that are called as a channel, title -> channel."""
+    channels = {channel.name.lower(): channel.name for channel in rig.channels}
+    found = {title: channels[title.lower()] for title in titles if title.lower() in channels}
+    # Of two columns that differ only in their letters, neither is the channel without a word.
+    return {t: c for t, c in found.items() if list(found.values()).count(c) == 1}
+
+
+def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
+    """Refuses a recording whose channels or cells are not those of the rig."""
+    from .._errors import RecordingError
+    from .._name_suggestions import did_you_mean
+
+    channels = [channel.name for channel in rig.channels]
+    unknown = [name for name in experiment.channels if name not in channels]
+    if unknown:
+        raise RecordingError(
+            f"{file}: expected the channels {', '.join(channels)} of {rig.name}, got "
+            f"{', '.join(unknown)}{did_you_mean(unknown, channels)}; --column names a column, "
+            "--ignore leaves it out"
+        )
+    if experiment.n_cells != len(rig.cells):
+        raise RecordingError(
+            f"{file}: expected the duty of {len(rig.cells)} cells of {rig.name}, got that of "
+            f"{experiment.n_cells}"
+        )
+
+
+def _ranges(experiment: "Experiment", names: dict[str, str]) -> list[tuple[str, ...]]:
+    """A row for each column that was read: its name, its title, and what it holds."""
+    import numpy as np
+
+    titles = {name.partition("_degC")[0]: title for title, name in names.items()}
+    values = {
+        f"duty_P{cell + 1}": (column, "")
+        for cell, column in enumerate(np.asarray(experiment.duty).T)
+    }
+    if experiment.temperatures is not None:
+        recorded = np.asarray(experiment.temperatures).T
+        values |= {c: (v, " degC") for c, v in zip(experiment.channels, recorded, strict=True)}
+    if experiment.ambient is not None:
+        values["ambient"] = np.atleast_1d(experiment.ambient), " degC"
+    rows = []
+    for name, (column, unit) in values.items():
+        source = f"from {titles[name]}" if titles.get(name, name) != name else ""
+        lost = int(np.isnan(column).sum())
+        low, high = (
+            (np.nanmin(column), np.nanmax(column)) if lost < column.size else (np.nan, np.nan)
+        )
+        note = f", {lost} missing" if lost else ""
+        rows.append((f"  {name}", source, f"{low:.4g} to {high:.4g}{unit}{note}"))
+    return rows
