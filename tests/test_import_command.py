@@ -41,6 +41,7 @@ def test_a_logger_s_file_becomes_a_recording(capsys):
     assert "clean.csv: 5 samples in 52.16 s, from box.csv" in said
     assert "from heater_on  0 to 1" in said
     assert "21.31 to 23.5 degC, 1 missing" in said
+    assert "left out: fan_on, elapsed" in said
     assert "nothing from 6.08 s to 49.12 s" in said
 
 

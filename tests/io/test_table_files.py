@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxtwin import Experiment, RecordingError, read_recording
-from jaxtwin.io import column_titles
+from jaxtwin.io import column_names
 
 START = datetime(2024, 3, 5, 14, 3, 20)
 NAMES = {"heater_on": "duty_P1", "t2": "T1", "t1": "ambient", "clock": "time"}
@@ -52,7 +52,9 @@ def check_logged(experiment: Experiment) -> None:
 
 def test_a_workbook_with_time_stamps_and_truth_values(tmp_path: Path):
     file = workbook(tmp_path / "box.xlsx", logged(), more=True)
-    assert column_titles(file) == ("clock", "heater_on", "t1", "t2", "fan")
+    assert list(column_names(file)) == ["clock", "heater_on", "t1", "t2", "fan"]
+    taken = column_names(file, columns=NAMES, ignore=["fan"])
+    assert (taken["t2"], taken["fan"]) == ("T1_degC", None)
     check_logged(read_recording(file, columns=NAMES, ignore=["fan"]))
 
 
@@ -146,8 +148,8 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, ending
 def test_titles_of_another_format_are_refused(tmp_path: Path):
     (tmp_path / "run.nc").write_bytes(b"CDF\x01" + bytes(60))
     with pytest.raises(RecordingError, match=r"expected a \.csv, \.xlsx or \.parquet file"):
-        column_titles(tmp_path / "run.nc")
-    assert column_titles(_text(tmp_path)) == ("time_s", "duty_P1")
+        column_names(tmp_path / "run.nc")
+    assert list(column_names(_text(tmp_path))) == ["time_s", "duty_P1"]
 
 
 def _text(folder: Path) -> Path:

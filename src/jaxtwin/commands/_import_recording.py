@@ -45,7 +45,7 @@ def import_recording(
 
     A column that is called as a channel of the rig, in large or small letters, needs no --column.
     """
-    from ..io import column_titles, read_recording, write_recording
+    from ..io import column_names, read_recording, write_recording
     from ..rig import load_rig
 
     check_output(out, ".csv", ".nc")
@@ -55,15 +55,18 @@ def import_recording(
         )
     check_json(json)
     of_rig = load_rig(rig)
-    titles = column_titles(file)
-    names = _channels_by_title(of_rig, titles) | _named(column)
+    names = _channels_by_title(of_rig, [*column_names(file)]) | _named(column)
     experiment = read_recording(file, rig=of_rig, columns=names, ignore=ignore)
     _check_rig(experiment, of_rig, file)
+    taken = column_names(file, columns=names, ignore=ignore)
+    left_out = [title for title, name in taken.items() if name is None]
     write_recording(experiment, out)
     missing = [c.name for c in of_rig.channels if c.name not in experiment.channels]
     gaps = experiment.gaps.tolist()
     say(f"{out}: {len(experiment.time)} samples in {experiment.duration:g} s, from {file}", json)
     say(aligned(_ranges(experiment, names)), json)
+    if left_out:
+        say(f"  left out: {', '.join(left_out)}", json)
     if missing:
         say(f"  channels of {of_rig.name} without a column: {', '.join(missing)}", json)
     for before, after in gaps:
@@ -74,6 +77,7 @@ def import_recording(
             "samples": len(experiment.time),
             "duration_s": experiment.duration,
             "columns": names,
+            "left_out": left_out,
             "channels": list(experiment.channels),
             "channels_without_column": missing,
             "gaps_s": gaps,

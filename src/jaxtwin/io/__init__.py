@@ -20,7 +20,7 @@ from ._experiment import Experiment
 from ._fetch import fetch_recordings
 from ._locate import find_recordings
 from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
-from ._read import column_titles, read_recording
+from ._read import column_names, read_recording
 from ._session import Session
 from ._session_rows import DeviceClock, Series
 from ._write import write_recording
@@ -35,7 +35,7 @@ __all__ = [
     "Series",
     "Session",
     "backup_session",
-    "column_titles",
+    "column_names",
     "fetch_recordings",
     "find_recordings",
     "read_recording",

@@ -163,10 +163,12 @@ def read_columns(
     return columns, lines
 
 
-def titles_of(content: bytes) -> tuple[str, ...]:
-    """The titles of the columns, as the file has them.
+def names_of_columns(
+    content: bytes, names: Mapping[str, str] | None = None, ignore: Sequence[str] = ()
+) -> dict[str, str | None]:
+    """What each column is read as, title -> name; None for a column that is left out.
 
-    **Raises:** `RecordingError` if the file is no text.
+    **Raises:** `RecordingError` if the file is no text, or for a title that it does not have.
     """
     text = _decoded(content)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text))
@@ -174,10 +176,11 @@ def titles_of(content: bytes) -> tuple[str, ...]:
         for row in reader:
             titles = [field.strip() for field in row]
             if any(titles) and not _is_note(titles[0]):
-                return tuple(titles)
+                found = zip(titles, named(titles, names, ignore, _is_known), strict=True)
+                return {title: name for title, name in found if title}
     except csv.Error as error:
         raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
-    return ()
+    return {}
 
 
 def _decoded(content: bytes) -> str:

@@ -7,7 +7,7 @@ from .._arguments import of_kind, path_of, whole_number
 from .._errors import RecordingError
 from ..rig import Rig
 from ._csv import parse_csv
-from ._delimited import titles_of
+from ._delimited import names_of_columns
 from ._experiment import Experiment
 from ._mat import parse_mat
 from ._matlab5 import is_matlab5
@@ -129,18 +129,30 @@ def read_recording(
     return experiment
 
 
-def column_titles(path: str | Path) -> tuple[str, ...]:
-    """The titles of the columns of a .csv, .xlsx or .parquet file, as the file has them.
+def column_names(
+    path: str | Path, *, columns: Mapping[str, str] | None = None, ignore: Sequence[str] = ()
+) -> dict[str, str | None]:
+    """What `read_recording` takes each column of a .csv, .xlsx or .parquet file for.
 
-    **Raises:** `RecordingError` if the file cannot be read or is of another format.
+    **Arguments:**
+
+    - `path`: the file. `columns`, `ignore`: as in `read_recording`.
+
+    **Returns:**
+
+    Title in the file -> name, such as `T1_degC`; None for a column that is left out. A name may be
+    one that `read_recording` refuses.
+
+    **Raises:** `RecordingError` if the file cannot be read or is of another format, or for a title
+    that it does not have.
     """
-    file = path_of("column_titles: path", path, RecordingError)
+    file = path_of("column_names: path", path, RecordingError)
     content = _content(file)
     kind = _kind(file, content)
     if kind not in TABLES:
         raise RecordingError(f"{file}: expected a .csv, .xlsx or .parquet file, got .{kind}")
     try:
-        return titles_of(TABLES[kind](content))
+        return names_of_columns(TABLES[kind](content), columns, ignore)
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
 
