@@ -40,7 +40,11 @@ class Kind:
 
 
 LENGTH = Kind("a length", "m", "4 cm")
+"""A length above 0."""
+
 COORDINATE = Kind("a length", "m", "4 cm", least="zero")
+"""A place on the plate, from its left or upper edge: a length of at least 0."""
+
 SHIFT = Kind("a length", "m", "2 mm", least="any")
 AREA = Kind("an area", "m^2", "16 cm^2")
 ANGLE = Kind("an angle", "rad", "1 deg", least="any")
