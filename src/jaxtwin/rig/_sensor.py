@@ -11,8 +11,6 @@ from ._fields import Fields
 from ._plate import Plate
 from ._units import Kind
 
-Registered = TypeVar("Registered", bound="type[AbstractSensor]")
-
 Extent: TypeAlias = tuple[float, float, float, float]
 """Left, right, top and bottom of a rectangle of the plate, m."""
 
@@ -83,6 +81,8 @@ class AbstractSensor(ABC):
         """The rectangles of the plate that are measured, for pictures, and for the pixels that a
         camera reads in its frames; none for a sensor on a body."""
 
+
+Registered = TypeVar("Registered", bound=type[AbstractSensor])
 
 _KINDS: dict[str, type[AbstractSensor]] = {}
 """Kind of sensor -> its class."""
