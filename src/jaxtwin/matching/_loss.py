@@ -26,6 +26,7 @@ from .._arguments import finite_number, of_kind
 from .._compilation import persistent_jit
 from .._errors import MatchError
 from .._jax_settings import own_settings
+from .._kinds import add_kind
 from ..simulation._padding import padded
 
 LEAST_WEIGHT = 1e-12
@@ -72,19 +73,7 @@ def register_loss(loss: Registered) -> Registered:
 
     **Raises:** `MatchError` for a class without a `kind`, or with the `kind` of another class.
     """
-    if not isinstance(loss.kind, str) or not loss.kind:
-        raise MatchError(
-            f"register_loss: {loss.__name__}.kind: expected its name in saved fits, such as "
-            f"'huber', got {loss.kind!r}"
-        )
-    known = _KINDS.setdefault(loss.kind, loss)
-    # The same class may be defined again, as when a cell of a notebook runs twice.
-    if (known.__module__, known.__qualname__) != (loss.__module__, loss.__qualname__):
-        raise MatchError(
-            f"register_loss: {loss.__name__}.kind: expected a name that is not taken, got "
-            f"{loss.kind!r} of {known.__name__}"
-        )
-    _KINDS[loss.kind] = loss
+    add_kind(_KINDS, loss, "register_loss", "saved fits, such as 'huber'", MatchError)
     return loss
 
 

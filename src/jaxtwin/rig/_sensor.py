@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 from .._errors import RigError
+from .._kinds import add_kind
 from ._body import Body
 from ._fields import Fields
 from ._plate import Plate
@@ -94,20 +95,7 @@ def register_sensor(sensor: Registered) -> Registered:
 
     **Raises:** `RigError` for a class without a `kind`, or with the `kind` of another class.
     """
-    kind = getattr(sensor, "kind", None)
-    if not isinstance(kind, str) or not kind:
-        raise RigError(
-            f"register_sensor: {sensor.__name__}.kind: expected its name in rig files, such as "
-            f"'zone', got {kind!r}"
-        )
-    known = _KINDS.setdefault(kind, sensor)
-    # The same class may be defined again, as when a cell of a notebook runs twice.
-    if (known.__module__, known.__qualname__) != (sensor.__module__, sensor.__qualname__):
-        raise RigError(
-            f"register_sensor: {sensor.__name__}.kind: expected a name that is not taken, got "
-            f"{kind!r} of {known.__name__}"
-        )
-    _KINDS[kind] = sensor
+    add_kind(_KINDS, sensor, "register_sensor", "rig files, such as 'zone'", RigError)
     return sensor
 
 

@@ -26,6 +26,7 @@ from typing import Any, NoReturn, TypeVar
 from scipy.linalg import LinAlgError
 
 from ..._errors import ControlError
+from ..._kinds import add_kind
 from ..._name_suggestions import did_you_mean, unknown_name
 from ..._whole_file import check_ending, write_whole_file
 from ...rig import Rig
@@ -72,12 +73,6 @@ def _register(controller: object) -> None:
     where = "register_controller"
     if not (isinstance(controller, type) and issubclass(controller, AbstractController)):
         raise ControlError(f"{where}: expected a class of controllers, got {controller!r}")
-    kind = controller.kind
-    if not isinstance(kind, str) or not kind:
-        raise ControlError(
-            f"{where}: {controller.__name__}.kind: expected its name in files, such as 'pid', got "
-            f"{kind!r}"
-        )
     arguments = constructor_arguments(controller)
     for name, field in controller.fields.items():
         if not field.is_own and argument_name(controller, name) not in arguments:
@@ -85,18 +80,7 @@ def _register(controller: object) -> None:
                 f"{where}: {controller.__name__}.fields: expected names of arguments of its "
                 f"constructor, or with _s at their end, got {name!r}"
             )
-    known = _KINDS.get(kind)
-    # The same class may be defined again, as when a cell of a notebook runs twice.
-    if known is not None and _origin(known) != _origin(controller):
-        raise ControlError(
-            f"{where}: {controller.__name__}.kind: expected a name that is not taken, got {kind!r} "
-            f"of {known.__name__}"
-        )
-    _KINDS[kind] = controller
-
-
-def _origin(controller: type) -> tuple[str, str]:
-    return controller.__module__, controller.__qualname__
+    add_kind(_KINDS, controller, where, "files, such as 'pid'", ControlError)
 
 
 for _controller_class in (PID, DecoupledPI, LQI, MPC, Relay):
