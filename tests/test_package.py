@@ -42,6 +42,16 @@ def test_import_loads_no_heavy_library():
     assert run_fresh(f"import sys, jaxtwin; print({heavy} & set(sys.modules))") == "set()\n"
 
 
+def test_a_rig_is_read_without_jax():
+    """`jaxtwin check` and `jaxtwin rigs` pay for no library that computes."""
+    code = (
+        "import sys\nfrom jaxtwin.rig import bundled_rigs, load_rig\n"
+        "for name in bundled_rigs(): load_rig(name)\n"
+        "print({'jax', 'scipy', 'xarray'} & set(sys.modules))"
+    )
+    assert run_fresh(code) == "set()\n"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("used", "left_out"),

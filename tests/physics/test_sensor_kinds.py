@@ -144,3 +144,20 @@ def test_a_name_that_is_taken_is_refused():
 
     with pytest.raises(RigError, match=r"Mine.kind: expected a name that is not taken, got 'zone'"):
         register_sensor(Mine)
+
+
+def test_a_sensor_that_weighs_an_unknown_node_is_refused(tmp_path: Path):
+    @register_sensor
+    @dataclass(frozen=True)
+    class Lost(AbstractSensor):
+        kind = "own-nowhere"
+
+        def weights(self, plate):
+            return {"V99": 1.0}
+
+        def outline(self, plate):
+            return []
+
+    rig = load_rig(rig_file(tmp_path, channel('sensor = "own-nowhere"')))
+    with pytest.raises(RigError, match=r"channels\[T1\]: expected .* got 'V99' in Lost"):
+        Twin(rig).system(lumped=False)

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from .._errors import RigError
 from ..rig import Rig
 from ._netlist import Link, Netlist, Node
 
@@ -53,12 +54,20 @@ def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[L
 
 def node_weights(rig: Rig, netlist: Netlist) -> Float[np.ndarray, "channels nodes"]:
     """The weight of each node in each channel: the plate's elements and the bodies, or the sensor
-    of a channel with a lag. Every row sums to 1."""
+    of a channel with a lag. Every row sums to 1.
+
+    **Raises:** `RigError` for a sensor that weighs something else.
+    """
     weights = np.zeros((len(rig.channels), len(netlist.nodes)))
     for row, channel in zip(weights, rig.channels, strict=True):
-        read = channel.sensor.weights(rig.plate)
-        if channel.lag is not None:
-            read = {sensor_name(channel.name): 1.0}
+        lags = channel.lag is not None
+        read = {sensor_name(channel.name): 1.0} if lags else channel.sensor.weights(rig.plate)
+        unknown = [node for node in read if node not in netlist.index]
+        if unknown:
+            raise RigError(
+                f"{rig.source}: channels[{channel.name}]: expected a sensor that weighs elements "
+                f"of the plate and bodies, got {unknown[0]!r} in {type(channel.sensor).__name__}"
+            )
         row[[netlist.index[node] for node in read]] = list(read.values())
     return weights
 

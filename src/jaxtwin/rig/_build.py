@@ -98,12 +98,12 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
                 )
     if rig.camera is not None:
         for channel in rig.channels:
-            for node in channel.sensor.weights(plate):
-                if node not in plate.element_names:
+            for body in bodies:  # without any, no weights are computed, which need JAX's types
+                if body.name in channel.sensor.weights(plate):
                     fields.refuse(
                         f"channels[{channel.name}].nodes",
                         f"expected elements of the plate, which the [camera] sees, got the body "
-                        f"{node!r}",
+                        f"{body.name!r}",
                     )
             if channel.lag is not None:
                 fields.refuse(

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import TYPE_CHECKING, final
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
 
 from ._value import Value
-
-if TYPE_CHECKING:
-    import numpy as np
 
 AMBIENT = "ambient"
 """The reserved name of the surroundings in links."""
@@ -107,11 +107,9 @@ class Plate:
 
         - `x`, `y`: left and right, top and bottom edge of the rectangle, m.
         """
-        import numpy as np  # with JAX's types, which only those who ask for numbers should pay for
+        from ._zone_means import mean_weights  # with JAX's types, which readers should not pay for
 
-        from ._zone_means import mean_weights
-
-        (along_x, along_y) = (
+        along_x, along_y = (
             mean_weights(np.array(edges), np.array(low), np.array(high))
             for edges, (low, high) in ((self.column_edges, x), (self.row_edges, y))
         )
@@ -125,15 +123,13 @@ class Plate:
 
         - `x`, `y`: the point, m.
         """
-        import numpy as np
-
         from ._zone_means import point_weights
 
         along_x = point_weights(np.array(self.column_edges), x)
         along_y = point_weights(np.array(self.row_edges), y)
         return self._named(np.outer(along_y, along_x))
 
-    def _named(self, weights: "np.ndarray") -> dict[str, float]:
+    def _named(self, weights: Float[np.ndarray, "rows columns"]) -> dict[str, float]:
         shares = (weights / weights.sum()).ravel().tolist()
         return {name: w for name, w in zip(self.element_names, shares, strict=True) if w != 0}
 
