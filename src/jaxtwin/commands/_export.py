@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from ._options import JsonOption
-from ._output import check_json, check_output, say, write_json
+from ._options import JsonOption, OverwriteOption
+from ._output import check_json, check_new_output, say, write_json
 from ._show_progress import show_progress
 
 
@@ -18,19 +18,13 @@ def export(
         float | None, typer.Option(metavar="S", help="Leave out what was before.")
     ] = None,
     end: Annotated[float | None, typer.Option(metavar="S", help="Leave out what is after.")] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file that is there.")
-    ] = False,
+    overwrite: OverwriteOption = False,
     json: JsonOption = None,
 ) -> None:
     """Put a recording of a live rig on an even time grid; gaps stay gaps."""
     from ..io import Session, write_recording
 
-    check_output(out, ".nc", ".csv")
-    if out.exists() and not overwrite:
-        raise typer.BadParameter(
-            f"{out}: expected a new file, got an existing one; name another, or add --overwrite"
-        )
+    check_new_output(out, overwrite, ".nc", ".csv")
     check_json(json)
     with show_progress() as progress:
         progress.step(f"reading {recording}")

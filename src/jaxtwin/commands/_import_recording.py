@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import JsonOption
-from ._output import aligned, check_json, check_output, say, write_json
+from ._options import JsonOption, OverwriteOption
+from ._output import aligned, check_json, check_new_output, say, write_json
 
 if TYPE_CHECKING:
     from ..io import Experiment
@@ -21,24 +21,22 @@ def import_recording(
     rig: Annotated[str, typer.Option(metavar="RIG", help="The rig file whose recording it is.")],
     out: Annotated[Path, typer.Option(metavar="OUT", help="Where to: .csv or .nc.")],
     column: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             metavar="TITLE=NAME",
             help="What a column is: t2=T1, heater_on=duty_P1, room=ambient, clock=time; "
             "time_t2=T1_time is the time at which T1 was read.",
         ),
-    ] = [],  # noqa: B006  # typer reads it
+    ] = None,
     ignore: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             metavar="TITLE",
             help="Leave a column out; * and ? stand for any characters, '*' alone for all that "
             "would be refused.",
         ),
-    ] = [],  # noqa: B006
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file that is there.")
-    ] = False,
+    ] = None,
+    overwrite: OverwriteOption = False,
     json: JsonOption = None,
 ) -> None:
     """Read the file of a logger once, check it against the rig, and write it as a recording.
@@ -46,20 +44,18 @@ def import_recording(
     A column that is called as a channel of the rig, in large or small letters, needs no --column.
     """
     from ..io import column_names, read_recording, write_recording
+    from ..io._delimited import names_of_titles
     from ..rig import load_rig
 
-    check_output(out, ".csv", ".nc")
-    if out.exists() and not overwrite:
-        raise typer.BadParameter(
-            f"{out}: expected a new file, got an existing one; name another, or add --overwrite"
-        )
+    check_new_output(out, overwrite, ".csv", ".nc")
     check_json(json)
     of_rig = load_rig(rig)
-    names = _channels_by_title(of_rig, [*column_names(file)]) | _named(column)
-    experiment = read_recording(file, rig=of_rig, columns=names, ignore=ignore)
+    titles = [*column_names(file)]
+    names = _channels_by_title(of_rig, titles) | _named(column or ())
+    experiment = read_recording(file, rig=of_rig, columns=names, ignore=ignore or ())
     _check_rig(experiment, of_rig, file)
-    taken = column_names(file, columns=names, ignore=ignore)
-    left_out = [title for title, name in taken.items() if name is None]
+    read_as = zip(titles, names_of_titles(titles, names, ignore or ()), strict=True)
+    left_out = [title for title, name in read_as if name is None]
     write_recording(experiment, out)
     missing = [c.name for c in of_rig.channels if c.name not in experiment.channels]
     gaps = experiment.gaps.tolist()

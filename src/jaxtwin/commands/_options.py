@@ -31,6 +31,7 @@ JsonOption = Annotated[
     Path | None,
     typer.Option("--json", metavar="FILE", help="The numbers as JSON; - is standard output."),
 ]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")]
 LinkOption = Annotated[
     list[str],

@@ -41,6 +41,18 @@ def check_output(path: Path | None, *endings: str, option: str = "--out") -> Non
         raise typer.BadParameter(f"{option} {path}: the folder {folder} cannot be written to")
 
 
+def check_new_output(path: Path, overwrite: bool, *endings: str) -> None:
+    """Refuses a file that could not be written, or that is there and is not to be replaced.
+
+    **Raises:** `typer.BadParameter` with the reason.
+    """
+    check_output(path, *endings)
+    if path.exists() and not overwrite:
+        raise typer.BadParameter(
+            f"{path}: expected a new file, got an existing one; name another, or add --overwrite"
+        )
+
+
 def check_json(path: Path | None) -> None:
     """Checks the file of `--json` in the same way; - is standard output."""
     if path != STDOUT:

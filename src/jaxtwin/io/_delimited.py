@@ -16,7 +16,7 @@
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from typing import final
@@ -32,6 +32,9 @@ MISSING = frozenset(
     {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", "--", "---"}
 )
 """The words for a missing sample, in small letters."""
+
+EMPTY = "is empty: expected at least 2 samples, got none"
+"""The message about a file without samples."""
 
 TIME = re.compile("[Tt]ime_(s|ms|min|h|us since 1970)")
 """The name of the column that every recording has."""
@@ -107,33 +110,24 @@ def read_columns(
     """
     text = _decoded(content)
     separator = _separator(text)
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
-    titles: list[str] = []
-    fields_in_line, kept = 0, list[bool]()
+    rows_of_file = _rows(text, separator)
+    found = names_of_titles(_titles(rows_of_file), names, ignore)
+    kept = [name is not None for name in found]
+    titles = [name for name in found if name is not None]
+    _check_titles(titles, separator, expected)
     rows: list[list[str]] = []
     lines: list[int] = []
-    try:
-        for row in reader:
-            row = [field.strip() for field in row]
-            if not any(row) or (_is_note(row[0]) and not rows):
-                continue
-            if not fields_in_line:
-                found = named(row, names, ignore, _is_known)
-                fields_in_line, kept = len(row), [name is not None for name in found]
-                titles = [name for name in found if name is not None]
-                _check_titles(titles, separator, expected)
-                continue
-            if len(row) != fields_in_line:
-                raise RecordingError(
-                    f"line {reader.line_num}: expected {fields_in_line} fields, one for each "
-                    f"column, got {len(row)}"
-                )
-            rows.append(list(compress(row, kept)))
-            lines.append(reader.line_num)
-    except csv.Error as error:
-        raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
+    for line, row in rows_of_file:
+        if _is_note(row[0]) and not rows:
+            continue
+        if len(row) != len(kept):
+            raise RecordingError(
+                f"line {line}: expected {len(kept)} fields, one for each column, got {len(row)}"
+            )
+        rows.append(list(compress(row, kept)))
+        lines.append(line)
     if not rows:
-        raise RecordingError("is empty: expected at least 2 samples, got none")
+        raise RecordingError(EMPTY)
     columns = []
     # Loggers write fractions of seconds with a comma, whatever they do in numbers.
     is_number = [not is_timestamp_title(title) for title in titles]
@@ -168,19 +162,46 @@ def names_of_columns(
 ) -> dict[str, str | None]:
     """What each column is read as, title -> name; None for a column that is left out.
 
-    **Raises:** `RecordingError` if the file is no text, or for a title that it does not have.
+    **Raises:** `RecordingError` if the file is no text or holds nothing, or for a title that it
+    does not have.
     """
     text = _decoded(content)
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=_separator(text))
+    titles = _titles(_rows(text, _separator(text)))
+    found = zip(titles, names_of_titles(titles, names, ignore), strict=True)
+    return {title: name for title, name in found if title}
+
+
+def names_of_titles(
+    titles: Sequence[str], names: Mapping[str, str] | None, ignore: Sequence[str]
+) -> list[str | None]:
+    """The titles by which columns are read; None for those left out: see `named`."""
+    return named(titles, names, ignore, _is_known)
+
+
+def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
+    """The line number and the fields of each row that is not blank.
+
+    **Raises:** `RecordingError` for a row that is none of a .csv file.
+    """
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         for row in reader:
-            titles = [field.strip() for field in row]
-            if any(titles) and not _is_note(titles[0]):
-                found = zip(titles, named(titles, names, ignore, _is_known), strict=True)
-                return {title: name for title, name in found if title}
+            fields = [field.strip() for field in row]
+            if any(fields):
+                yield reader.line_num, fields
     except csv.Error as error:
         raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
-    return {}
+
+
+def _titles(rows: Iterator[tuple[int, list[str]]]) -> list[str]:
+    """The first row that is no note, which names the columns.
+
+    **Raises:** `RecordingError` if there is none.
+    """
+    titles = next((row for _, row in rows if not _is_note(row[0])), None)
+    if titles is None:
+        raise RecordingError(EMPTY)
+    return titles
 
 
 def _decoded(content: bytes) -> str:
