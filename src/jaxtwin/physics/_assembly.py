@@ -21,7 +21,7 @@ def build_netlist(rig: Rig) -> Netlist:
     plate = rig.plate
     if rig.circuit is not None:
         capacitances = dict.fromkeys(plate.element_names, rig.circuit.capacitance)
-        links = circuit_links(rig.circuit)
+        links = circuit_links(rig.circuit, rig.inputs)
     else:
         capacitances = {name: element_capacitance(plate, name) for name in plate.element_names}
         links = finite_volume_links(plate, _covered_faces(rig))
@@ -42,12 +42,14 @@ def build_netlist(rig: Rig) -> Netlist:
         links += [Link(element, cold, (value,), "contact") for element, value in cell.contacts]
         links.append(Link(cold, hot, (cell.thermal_resistance,), "module"))
         if cell.sink_capacitance is None or cell.sink_air_resistance is None:
-            links.append(Link(hot, cell.sink or AMBIENT, (cell.sink_resistance,), "sink"))
+            links.append(
+                Link.of(rig.inputs, hot, cell.sink or AMBIENT, cell.sink_resistance, "sink")
+            )
         else:
             sink = f"{cell.name}.SINK"
             nodes.append(Node(sink, "sink", cell.sink_capacitance, behind))
-            links.append(Link(hot, sink, (cell.sink_resistance,), "sink"))
-            links.append(Link(sink, AMBIENT, (cell.sink_air_resistance,), "sink"))
+            links.append(Link.of(rig.inputs, hot, sink, cell.sink_resistance, "sink"))
+            links.append(Link.of(rig.inputs, sink, AMBIENT, cell.sink_air_resistance, "sink"))
         cells.append(
             ThermoelectricElement(
                 name=cell.name,
@@ -70,7 +72,9 @@ def build_netlist(rig: Rig) -> Netlist:
     )
     held = {AMBIENT, *(reservoir.name for reservoir in reservoirs)}
     links += [
-        Link(*((b, a) if a in held else (a, b)), (link.resistance * link.factor,), "body")
+        Link.of(
+            rig.inputs, *((b, a) if a in held else (a, b)), link.resistance * link.factor, "body"
+        )
         for link in rig.links
         for a, b in link.between
     ]

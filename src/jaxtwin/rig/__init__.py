@@ -10,6 +10,7 @@ change it. Which file holds what:
 - the plate: `_plate`, `_plate_table`, `_circuit`, `_circuit_table`, `_material`
 - what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_body`, `_body_table`, `_fan_table`
 - what drives and reads it: `_driver`, `_limits`, `_camera`, `_bench_table`
+- what else changes during a run: `_input`, `_input_table`
 - channels: `_channel`; a kind of sensor (`_sensor`) says what it reads, weighs and shows:
   `_nodes_sensor`, `_zone_sensor`, `_point_sensor`, by the means of `_zone_means`
 - parameters: `_parameter`, `_parameter_table`, `_parameter_file`
@@ -24,6 +25,7 @@ from ._channel import Channel
 from ._circuit import Circuit, CircuitLink
 from ._datasheet import Datasheet, load_module
 from ._driver import Driver
+from ._input import Input, Switched
 from ._json_schema import json_schema
 from ._load import load_rig
 from ._material import Material, load_material
@@ -53,6 +55,7 @@ __all__ = [
     "CommonError",
     "Datasheet",
     "Driver",
+    "Input",
     "Material",
     "NodesSensor",
     "Parameter",
@@ -62,6 +65,7 @@ __all__ = [
     "Rig",
     "SensorSite",
     "Sensors",
+    "Switched",
     "Value",
     "ZoneSensor",
     "bundled_materials",

@@ -50,7 +50,9 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
     )
     limit = table.current_limit
     return Driver(
-        supply_voltage=fields.value("driver.supply_voltage", table.supply_voltage, VOLTAGE),
+        supply_voltage=fields.input_or_value(
+            "driver.supply_voltage", table.supply_voltage, VOLTAGE
+        ),
         supply_resistance=supply_resistance,
         on_resistance=on_resistance,
         counts=table.counts,

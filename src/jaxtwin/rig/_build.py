@@ -12,6 +12,7 @@ from ._cell_table import build_cell
 from ._channel import build_channel
 from ._circuit_table import build_circuit
 from ._fields import Fields
+from ._input_table import build_inputs
 from ._parameter_table import build_parameter_sets, build_parameters
 from ._plate_table import build_plate
 from ._rig import Rig
@@ -48,7 +49,8 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     table = validate(RigTable, data, source)
     parameters = build_parameters(table, source)
     sets = build_parameter_sets(table, parameters, source)
-    fields = Fields(source, parameters, sets)
+    inputs = build_inputs(table.inputs, parameters, source)
+    fields = Fields(source, parameters, sets, inputs)
     fields.check_unique("cells", [cell.name for cell in table.cells])
     fields.check_unique("channels", [channel.name for channel in table.channels])
     if (table.camera is None) == (table.sensors is None):
@@ -73,6 +75,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         cells=cells,
         bodies=bodies,
         links=links,
+        inputs=inputs,
         driver=build_driver(table.driver, fields),
         camera=table.camera and build_camera(table.camera, fields),
         channels=tuple(build_channel(channel, plate, bodies, fields) for channel in table.channels),

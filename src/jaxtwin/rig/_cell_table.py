@@ -8,6 +8,7 @@ from ._cell import Cell
 from ._datasheet import load_module
 from ._fan_table import blown
 from ._fields import Fields
+from ._input import Switched
 from ._plate import Plate
 from ._schema import CellTable
 from ._units import (
@@ -67,7 +68,11 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
             fields.refuse(f"{at}.{name}", "expected a value, got none; give it, or name a module")
         return Value(getattr(load_module(table.module), name))
 
-    to_air = optional("sink_air_resistance", THERMAL_RESISTANCE)
+    def varying(name: str) -> Value | Switched | None:
+        given = getattr(table, name)
+        return None if given is None else fields.varying(f"{at}.{name}", given, THERMAL_RESISTANCE)
+
+    to_air = varying("sink_air_resistance")
     return Cell(
         name=table.name,
         seebeck_coefficient=constant("seebeck_coefficient", SEEBECK_COEFFICIENT),
@@ -78,7 +83,7 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
             (element, fields.value(f"{at}.contacts.{element}", text, THERMAL_RESISTANCE))
             for element, text in table.contacts.items()
         ),
-        sink_resistance=fields.value(
+        sink_resistance=fields.varying(
             f"{at}.sink_resistance", table.sink_resistance, THERMAL_RESISTANCE
         ),
         sink_capacitance=optional("sink_capacitance", HEAT_CAPACITY),

@@ -13,6 +13,7 @@ from ._cell import Cell
 from ._channel import Channel
 from ._circuit import Circuit, CircuitLink
 from ._driver import Driver
+from ._input import Input, nominal_inputs
 from ._limits import Limits
 from ._parameter import Parameter
 from ._plate import Plate
@@ -43,6 +44,7 @@ class Rig:
     - `bodies`, `links`: the bodies beside the plate and the cells, and the links that connect them.
     - `ambient_drift`: the rate at which the ambient temperature changes from the first sample on,
       K/s; `None` for a constant one.
+    - `inputs`: the inputs besides the duty, such as the state of a lid.
     """
 
     name: str
@@ -66,6 +68,13 @@ class Rig:
     sensors: Sensors | None = None
     bodies: tuple[Body, ...] = ()
     links: tuple[CircuitLink, ...] = ()
+    inputs: tuple[Input, ...] = ()
+
+    @property
+    def nominal_inputs(self) -> Mapping[str, float]:
+        """The numbers of the inputs where none is stated, by the names that a `Value` has for
+        them."""
+        return nominal_inputs(self.inputs)
 
     @property
     def common_error(self) -> CommonError | None:
@@ -129,6 +138,7 @@ def _parts(rig: Rig) -> dict[str, str]:
         ),
         **({"bodies": ", ".join(body.name for body in rig.bodies)} if rig.bodies else {}),
         "driver": f"{rig.driver.averaging} averaging, {rig.driver.counts} counts",
+        **({"inputs": ", ".join(one.name for one in rig.inputs)} if rig.inputs else {}),
         "channels": " ".join(channel.name for channel in rig.channels),
         "parameters": f"{len(rig.parameters)}, {free} of them free",
         "parameter sets": ", ".join(rig.parameter_sets) or "none",

@@ -20,6 +20,7 @@ from .._whole_file import check_ending
 from ..io import Experiment
 from ..physics import Twin
 from ._exceeded_limits import exceeded_limits
+from ._input_levels import input_levels
 from ._padding import padded
 from ._power import SupplyPower, power_of_states
 from ._uniformity import Uniformity, uniformity
@@ -144,6 +145,7 @@ class Run:
                 "power: expected the run of a twin from its start, got one without a twin; "
                 "simulate the whole experiment"
             )
+        levels = input_levels(self.experiment, self.twin.rig.inputs)
         with own_settings():
             found = power_of_states(
                 self.twin,
@@ -151,6 +153,7 @@ class Run:
                 padded(self.time),
                 padded(self.experiment.duty),
                 self.is_steady_start,
+                None if levels is None else padded(levels),
             )
         count = len(self.time)
         return SupplyPower(
@@ -270,6 +273,7 @@ class Run:
             channels=self.channels,
             temperatures=self.temperatures + random.normal(0.0, sd, self.temperatures.shape),
             ambient=self.experiment.ambient,
+            inputs=self.experiment.inputs,
             name=name or self.experiment.name,
             group=self.experiment.group,
         )

@@ -27,6 +27,7 @@ from ._initial import (
     initial_temperatures,
     keeps_symmetry,
 )
+from ._input_levels import check_inputs
 from ._integrate import integrate
 from ._modes import run_modes
 from ._padding import padded_time_grid
@@ -128,7 +129,7 @@ def simulate(
     def rescue(_: Int[np.ndarray, " draws"]) -> Results:
         from ._diffeqsolve import stiff_method
 
-        return solve_by(stiff_method(experiment))
+        return solve_by(stiff_method(experiment, twin.rig.inputs))
 
     with own_settings():
         if method is None:
@@ -168,7 +169,7 @@ def prepare_simulation(twin: Twin, experiment: Experiment) -> None:
 
 def is_large(twin: Twin, initial: CheckedInitial) -> bool:
     """Whether a run of a twin uses few modes: the network is large, and few cells drive it."""
-    if isinstance(initial, str):
+    if isinstance(initial, str) or twin.rig.inputs:
         return False
     netlist = wiring_of(twin.rig, keeps_symmetry(initial)).netlist
     return len(netlist.nodes) >= max(LARGE, NODES_PER_CELL * len(netlist.cells))
@@ -225,7 +226,7 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     """Returns the channels that an experiment requests of a twin.
 
     **Raises:** `SimulationError` if the experiment names a channel that the rig does not have, or
-    drives another number of cells.
+    drives another number of cells, or states an input that the rig does not have.
     """
     check_twin("twin", twin, SimulationError)
     of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
@@ -236,6 +237,7 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
             f"{label}: duty: expected the {cells} cells of {twin.rig.name}, got "
             f"{experiment.n_cells}"
         )
+    check_inputs(experiment, twin.rig.inputs, twin.rig.name)
     unknown = [name for name in experiment.channels if name not in twin.channels]
     if unknown:
         raise SimulationError(

@@ -177,7 +177,8 @@ def simulate_batch(
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
         from ._diffeqsolve import stiff_method
 
-        return solve_draws(batch, some(chosen), stiff_method(experiment), executor)
+        stiff = stiff_method(experiment, twin.rig.inputs)
+        return solve_draws(batch, some(chosen), stiff, executor)
 
     if method is None:
         results = solve_refined(total, solve, rescue)

@@ -133,6 +133,8 @@ def _network(
         resistor = _unique(f"R{link.role}_{a}_{b}", used)
         resistance = float(link.resistance(values))
         formula = " + ".join(str(value) for value in link.resistances)
+        if link.conductances:
+            formula = f"1 / ({' + '.join(str(value) for value in link.conductances)})"
         lines.append(f"{resistor} {a} {b} {resistance!r} ; {formula}")
     return lines
 

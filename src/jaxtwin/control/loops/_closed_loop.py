@@ -189,7 +189,7 @@ class _Loop(NamedTuple):
                 heat = jnp.asarray(steps.heat) - steps.conductance * rise
             if scenario.sensor_delay_steps:
                 late = jnp.concatenate([self.outputs.at(plant, ambient)[None], late[:-1]])
-            later = advance(stepper, plant, duty, ambient, heat, self.loss_dtype)
+            later = advance(stepper, plant, duty, ambient, heat, loss_dtype=self.loss_dtype)
             return (later, late), (plant.amplitudes, plant.duty)
 
         carry = state.plant, state.late
