@@ -45,10 +45,10 @@ from ._start import (
     first_sample,
     hidden_parameters,
     names_in,
-    plate_parameters,
     replaced_by_recorded_room,
     room_parameters,
     room_temperature,
+    starts_without_effect,
 )
 from ._unknowns import Unknowns
 
@@ -132,9 +132,8 @@ def estimate_initial_conditions(
     twin, names = _twin_and_names(twin, names, group)
     if experiment.ambient is not None:
         names = [name for name in names if name not in replaced_by_recorded_room(twin.rig)]
-    if checked_initial(twin, initial) is not None:
-        starts = plate_parameters(twin.rig) | hidden_parameters(twin.rig)
-        names = [name for name in names if name not in starts]
+    given = starts_without_effect(twin, checked_initial(twin, initial))
+    names = [name for name in names if name not in given]
     if not names:
         return InitialConditions(twin, {}, np.zeros((0, 0)), (), initial)
     (label,) = named_recordings(twin, [experiment])

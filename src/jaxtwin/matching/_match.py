@@ -44,7 +44,7 @@ from ._problem import (
 )
 from ._recordings import Span, check_distinct, check_start, named_groups, named_recordings
 from ._reweighted_least_squares import Estimate, another_round, reweighted_least_squares
-from ._start import first_sample, hidden_parameters, plate_parameters
+from ._start import first_sample, starts_without_effect
 from ._uncertainty import estimate_uncertainty
 from ._unknowns import Unknowns
 
@@ -284,10 +284,8 @@ def without_starts(twin: Twin, fixed: Iterable[str], initial: Initial) -> tuple[
     **Raises:** `SimulationError` for invalid temperatures.
     """
     held = names_of("fixed", fixed, MatchError)
-    if checked_initial(twin, initial) is None:
-        return held
-    starts = plate_parameters(twin.rig) | hidden_parameters(twin.rig)
-    return (*held, *sorted(starts - {*held}))
+    given = starts_without_effect(twin, checked_initial(twin, initial))
+    return (*held, *sorted(given - {*held}))
 
 
 def default_solver(problem: MatchProblem) -> BoundedLevenbergMarquardt:

@@ -143,7 +143,7 @@ class StoredFit:
     optima: tuple[Optimum, ...]
     rig_text: str | None = None
     loss: dict[str, str | float] | None = None
-    initial: Literal["steady"] | float | tuple[float, ...] | None = None
+    initial: Literal["steady"] | float | tuple[float, ...] | dict[str, float] | None = None
 
 
 def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
@@ -244,9 +244,11 @@ def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarra
     return np.repeat([weight for _, weight in stretches], counts).reshape(channels, times).T
 
 
-def _plain_initial(initial: Initial) -> str | float | list[float] | None:
+def _plain_initial(initial: Initial) -> str | float | list[float] | dict[str, float] | None:
     if initial is None or isinstance(initial, str):
         return initial
+    if isinstance(initial, Mapping):
+        return {name: float(value) for name, value in initial.items()}
     values = np.asarray(initial, float)
     return values.tolist()
 

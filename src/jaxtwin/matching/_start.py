@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from .._celsius import ZERO_CELSIUS
 from ..io import Experiment
-from ..physics import System
+from ..physics import System, Twin
 from ..rig import Rig, Value
 from ..simulation import TimeGrid
 from ..simulation._drive import Drive
@@ -80,7 +80,25 @@ def hidden_parameters(rig: Rig) -> frozenset[str]:
         value for c in rig.cells for value in (c.initial_temperature, c.sink_initial_temperature)
     ]
     starts += [body.initial_temperature for body in rig.bodies]
+    starts += [value for _, value in rig.initial_nodes]
     return names_in(*starts) - room_parameters(rig) - plate_parameters(rig)
+
+
+def starts_without_effect(twin: Twin, initial: CheckedInitial) -> frozenset[str]:
+    """Names of the parameters of temperatures at the start that have no effect, because these
+    temperatures are given."""
+    starts = plate_parameters(twin.rig) | hidden_parameters(twin.rig)
+    if initial is None:
+        return frozenset()
+    if isinstance(initial, str):
+        return starts
+    given = np.broadcast_to(~np.isnan(np.asarray(initial)), len(twin.netlist.nodes))
+    others = [
+        node.initial_temperature
+        for node, is_given in zip(twin.netlist.nodes, given, strict=True)
+        if not is_given
+    ]
+    return starts - names_in(*others)
 
 
 def replaced_by_recorded_room(rig: Rig) -> frozenset[str]:
@@ -92,6 +110,7 @@ def replaced_by_recorded_room(rig: Rig) -> frozenset[str]:
         others += [cell.initial_temperature, cell.sink_initial_temperature]
     for body in rig.bodies:
         others += [body.initial_temperature, body.temperature]
+    others += [value for _, value in rig.initial_nodes]
     return own - names_in(*others)
 
 

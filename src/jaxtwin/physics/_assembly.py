@@ -1,7 +1,10 @@
 """Builds the netlist of a rig."""
 
+from dataclasses import replace
+
 from .._arguments import of_kind
 from .._errors import RigError
+from .._name_suggestions import unknown_name
 from ..rig import Rig
 from ..rig._plate import AMBIENT
 from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
@@ -79,8 +82,23 @@ def build_netlist(rig: Rig) -> Netlist:
         for a, b in link.between
     ]
     sensors, sensor_links = lagging_sensors(rig, nodes)
-    return Netlist(
-        (*nodes, *sensors), (*links, *sensor_links), tuple(cells), _loss(rig), reservoirs
+    nodes = _with_own_starts(rig, (*nodes, *sensors))
+    return Netlist(nodes, (*links, *sensor_links), tuple(cells), _loss(rig), reservoirs)
+
+
+def _with_own_starts(rig: Rig, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
+    """The nodes, of which some have a temperature of their own at the start.
+
+    **Raises:** `RigError` for a node that the rig does not have.
+    """
+    own = dict(rig.initial_nodes)
+    known = [node.name for node in nodes]
+    for name in own:
+        if name not in known:
+            raise RigError(f"{rig.source}: initial.nodes: {unknown_name('node', name, known)}")
+    return tuple(
+        replace(node, initial_temperature=own.get(node.name, node.initial_temperature))
+        for node in nodes
     )
 
 

@@ -62,8 +62,9 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     cells = tuple(build_cell(cell, plate, bodies, fields) for cell in table.cells)
     check_bodies_grounded(bodies, links, table.cells, fields)
     ambient = initial = fields.value("ambient.temperature", table.ambient.temperature, TEMPERATURE)
-    if table.initial is not None:
+    if table.initial is not None and table.initial.temperature is not None:
         initial = fields.value("initial.temperature", table.initial.temperature, TEMPERATURE)
+    nodes = {} if table.initial is None else table.initial.nodes
     rig = Rig(
         name=table.name,
         title=table.title,
@@ -81,6 +82,10 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         channels=tuple(build_channel(channel, plate, bodies, fields) for channel in table.channels),
         ambient_temperature=ambient,
         initial_temperature=initial,
+        initial_nodes=tuple(
+            (name, fields.value(f"initial.nodes.{name}", text, TEMPERATURE))
+            for name, text in nodes.items()
+        ),
         parameters=parameters,
         parameter_sets=sets,
         source=source,

@@ -44,6 +44,7 @@ class Rig:
     - `bodies`, `links`: the bodies beside the plate and the cells, and the links that connect them.
     - `ambient_drift`: the rate at which the ambient temperature changes from the first sample on,
       K/s; `None` for a constant one.
+    - `initial_nodes`: pairs (name of a node, its own temperature at the start, K).
     - `inputs`: the inputs besides the duty, such as the state of a lid.
     """
 
@@ -69,6 +70,7 @@ class Rig:
     bodies: tuple[Body, ...] = ()
     links: tuple[CircuitLink, ...] = ()
     inputs: tuple[Input, ...] = ()
+    initial_nodes: tuple[tuple[str, Value], ...] = ()
 
     @property
     def nominal_inputs(self) -> Mapping[str, float]:

@@ -265,7 +265,8 @@ class AmbientTable(Table):
 
 
 class InitialTable(Table):
-    temperature: Quantity
+    temperature: Quantity | None = None
+    nodes: dict[str, Quantity] = {}
 
 
 class PriorTable(Table):

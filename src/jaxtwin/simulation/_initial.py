@@ -1,5 +1,6 @@
 """Node temperatures at the start of a run."""
 
+from collections.abc import Mapping
 from typing import Literal, TypeAlias
 
 import jax.numpy as jnp
@@ -7,19 +8,22 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from .._arguments import finite_number
 from .._celsius import ZERO_CELSIUS
 from .._errors import SimulationError
+from .._name_suggestions import unknown_name
 from ..physics import System, Twin
 
-Initial = Literal["steady"] | float | ArrayLike | None
+Initial = Literal["steady"] | float | ArrayLike | Mapping[str, float | int] | None
 """Initial temperatures as a user gives them. None: those of the rig. "steady": the steady state
 under the first input. A number: a uniform temperature, degC. An array `(nodes,)`: the temperature
-of each node, in the order of `twin.netlist.nodes`, degC."""
+of each node, in the order of `twin.netlist.nodes`, degC. Names of nodes -> degC: these nodes, while
+the others begin as the rig says."""
 
 
 CheckedInitial: TypeAlias = Literal["steady"] | Float[Array | np.ndarray, " starts"] | None
 """Checked initial temperatures: absolute, K, a temperature for each node or a single temperature
-for all."""
+for all. NaN stands for that of the rig."""
 
 
 def initial_temperatures(
@@ -34,21 +38,27 @@ def initial_temperatures(
         return system.initial_temperature
     if isinstance(initial, str):
         return reference + system.steady_state(jnp.asarray(duty, reference.dtype), reference)
-    return jnp.broadcast_to(jnp.asarray(initial, reference.dtype), system.capacitance.shape)
+    given = jnp.broadcast_to(jnp.asarray(initial, reference.dtype), system.capacitance.shape)
+    return jnp.where(jnp.isnan(given), system.initial_temperature, given)
 
 
 def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
     """Checks initial temperatures.
 
-    **Raises:** `SimulationError` for another word, a wrong shape, or numbers that are not finite or
-    below absolute zero.
+    **Raises:** `SimulationError` for another word, the name of an unknown node, a wrong shape, or
+    numbers that are not finite or below absolute zero.
     """
     if initial is None:
         return None
     if isinstance(initial, str) and initial == "steady":
         return "steady"
     nodes = len(twin.netlist.nodes)
-    expected = f'None, "steady", a number or an array of {nodes} node temperatures in degC'
+    if isinstance(initial, Mapping):
+        return _of_nodes(twin, initial)
+    expected = (
+        f'None, "steady", a number, an array of {nodes} node temperatures in degC, or names of '
+        "nodes -> degC"
+    )
     if isinstance(initial, str):
         raise SimulationError(f"initial: expected {expected}, got {initial!r}")
     try:
@@ -67,6 +77,21 @@ def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
             f"initial: expected {-ZERO_CELSIUS:g} degC and above, got "
             f"{kelvin.min() - ZERO_CELSIUS:g} degC"
         )
+    return kelvin
+
+
+def _of_nodes(twin: Twin, given: Mapping[str, float | int]) -> Float[np.ndarray, " nodes"]:
+    """The temperatures of all nodes from those of some; NaN for the others."""
+    kelvin = np.full(len(twin.netlist.nodes), np.nan)
+    for name, celsius in given.items():
+        if name not in twin.netlist.index:
+            raise SimulationError(f"initial: {unknown_name('node', name, twin.netlist.index)}")
+        value = finite_number(f"initial: {name}", celsius, SimulationError)
+        if value < -ZERO_CELSIUS:
+            raise SimulationError(
+                f"initial: {name}: expected {-ZERO_CELSIUS:g} degC and above, got {value:g} degC"
+            )
+        kelvin[twin.netlist.index[name]] = value + ZERO_CELSIUS
     return kelvin
 
 

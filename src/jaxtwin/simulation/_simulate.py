@@ -75,7 +75,8 @@ def simulate(
       returned.
     - `initial`: the temperatures at the start. None: those of the rig file. `"steady"`: the steady
       state under the first input. A number: a uniform temperature, degC. An array `(nodes,)`: the
-      temperature of each node, degC.
+      temperature of each node, degC. Names of nodes -> degC: these, while the others begin as the
+      rig file says.
     - `solver`: any diffrax solver, or None for the default.
     - `stepsize_controller`, `dt0`: an adaptive step size controller for this solver and its first
       step, s. The default is a `PIDController` with tolerances of 1e-7 if the solver estimates its
