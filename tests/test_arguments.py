@@ -173,8 +173,8 @@ CASES = {
         "ParameterError",
         "expected numbers",
     ),
-    "simulate_batch(twin, drive, draws, reductions=3)": ("SimulationError", "reductions: " + NAMES),
-    "simulate_batch(twin, drive, draws, reductions=[[1]])": ("SimulationError", NAMES),
+    "reduce_batch(twin, drive, draws, 3)": ("SimulationError", "reductions: " + NAMES),
+    "reduce_batch(twin, drive, draws, [[1]])": ("SimulationError", NAMES),
     "simulate_batch(twin, drive, draws, precision=[])": ("SimulationError", "precision: expected"),
     "simulate_batch(twin, drive, draws, chunk_size=True)": ("SimulationError", WHOLE + "above 0"),
     "simulate_batch(twin, drive, draws, on_progress=3)": ("SimulationError", FUNCTION),
@@ -266,7 +266,7 @@ CASES = {
     ),
     "simulate_batch(twin, seen, draws, executor='dask')": (
         "SimulationError",
-        "simulate_batch: executor: expected .* got 'dask'",
+        "executor: expected .* got 'dask'",
     ),
     "match_many(twin, [[seen]], executor=3)": (
         "MatchError",

@@ -172,7 +172,7 @@ def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment)
         for sign in (-1, 1):
             draws = {other: found.samples[:, j] for j, other in enumerate(NAMES)}
             draws[name] = draws[name] * (1 + sign * step)
-            reduced = jt.simulate_batch(twin, recording, draws, reductions=["final", "cost"])
+            reduced = jt.reduce_batch(twin, recording, draws, ["final", "cost"])
             columns = [reduced["final"], reduced["cost"], reduced["cost"].mean(axis=1)[:, None]]
             ends.append(np.concatenate(columns, axis=1))
         difference = (ends[1] - ends[0]) / (2 * step * found.samples[:, [column]])

@@ -118,7 +118,7 @@ def sensitivity(
       `Uniform` or `LogNormal` of `jaxtwin.sensitivity_analysis`.
     - `outputs`: some of "cost", "final", "minimum", "maximum", "plate_range", "plate_std",
       "energy", "peak_power", "uniformity", "temperature"; or a mapping of names to JAX functions of
-      a trajectory, as `simulate_batch` takes it. All come from the same runs.
+      a trajectory, as `reduce_batch` takes it. All come from the same runs.
     - `times`: the times of "temperature", s; None for 25 times that divide each experiment evenly.
     - `samples`: "random", "latin-hypercube" or "sobol"; None for the usual kind of the method.
       Morris's and Shapley's methods use samples of their own kind.

@@ -15,7 +15,7 @@ from ..io import Experiment
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
-from ..simulation import simulate_batch
+from ..simulation import reduce_batch
 from ..simulation._reductions import ReductionFunction
 from ._central_values import rescaled_draws
 from ._global_sensitivity import GlobalSensitivity
@@ -124,11 +124,11 @@ def _run_experiments(
         samples = samples_at(times, experiment)
         reductions = reductions_for(outputs, samples)
         draws = _draws_for(recording_twin, inputs, values)
-        results = simulate_batch(
+        results = reduce_batch(
             recording_twin,
             experiment,
             draws,
-            reductions=reductions,
+            reductions,
             executor=executor,
             on_progress=report,
         )

@@ -12,7 +12,7 @@ from .._waiting import counting
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..simulation import simulate_batch
+from ..simulation import reduce_batch
 from ._central_values import central_values, rescaled_draws
 from ._correlation_coefficients import pearson, spearman
 from ._correlation_intervals import pearson_interval, spearman_interval
@@ -44,11 +44,11 @@ def correlate_costs(
     failed = np.zeros(draws, dtype=bool)
     report = counting(draws * len(recordings), on_progress)
     for twin_of_experiment, experiment in zip(twins, recordings, strict=True):
-        result = simulate_batch(
+        result = reduce_batch(
             twin_of_experiment,
             experiment,
             rescaled_draws(twin_of_experiment, values, samples),
-            reductions=["cost"],
+            ["cost"],
             executor=executor,
             on_progress=report,
         )
