@@ -49,7 +49,9 @@ def names() -> list[str]:
 
 def analyse(base: int) -> jt.GlobalSensitivity:
     """Sobol's indices of the cost."""
-    return jt.sensitivity(TASK.twin, TASK.experiment, method="sobol", draws=base, names=names())
+    return jt.global_sensitivity(
+        TASK.twin, TASK.experiment, method="sobol", draws=base, names=names()
+    )
 
 
 def measure(base: int, by_scipy: int) -> dict[str, Any]:

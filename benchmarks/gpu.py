@@ -60,9 +60,7 @@ def reference(rig: str, folder: str) -> None:
     import jaxtwin as jt
 
     task = _task(rig)
-    final = jt.simulate_batch(
-        task.twin, task.experiment, task.draws(COMPARED), reductions=["final"]
-    ).final
+    final = jt.reduce_batch(task.twin, task.experiment, task.draws(COMPARED), ["final"]).final
     assert final is not None
     np.save(Path(folder) / f"{rig}.npy", final)
 
@@ -87,8 +85,8 @@ def draws_a_second(
     def run(count: int) -> tuple[float, jt.simulation.Reductions]:
         draws = task.draws(count)
         start = time.perf_counter()
-        result = jt.simulate_batch(
-            task.twin, experiment, draws, reductions=["cost", "final"], precision=precision
+        result = jt.reduce_batch(
+            task.twin, experiment, draws, ["cost", "final"], precision=precision
         )
         return time.perf_counter() - start, result
 

@@ -79,7 +79,7 @@ def ours(counts: list[int], precision: Any, reductions: Any) -> dict[str, Any]:
 
     def seconds(draws: dict[str, Any]) -> tuple[float, float]:
         began, busy = time.perf_counter(), time.process_time()
-        jt.simulate_batch(twin, experiment, draws, reductions=reductions, precision=precision)
+        jt.reduce_batch(twin, experiment, draws, reductions, precision=precision)
         return time.perf_counter() - began, time.process_time() - busy
 
     times, wall, cpu = [], [], []
@@ -124,7 +124,7 @@ def workers(count: int, repeats: int) -> dict[str, Any]:
 
     def run(threads: int) -> None:
         began = time.process_time()
-        jt.simulate_batch(twin, experiment, draws, reductions=REDUCTIONS, workers=threads)
+        jt.reduce_batch(twin, experiment, draws, REDUCTIONS, workers=threads)
         cpu[threads] = time.process_time() - began
 
     run(1)

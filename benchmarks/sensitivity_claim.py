@@ -80,10 +80,10 @@ def analyse(
     """The indices of each parameter, and the half widths of their widest 95 % intervals."""
     began, load = time.process_time(), os.getloadavg()[0]
     few, many = (
-        jt.sensitivity(twin, experiments, method="pearson", draws=draws, inputs=inputs)
+        jt.global_sensitivity(twin, experiments, method="pearson", draws=draws, inputs=inputs)
         for draws in (FEW, MANY)
     )
-    variance = jt.sensitivity(twin, experiments, method="sobol", draws=base, inputs=inputs)
+    variance = jt.global_sensitivity(twin, experiments, method="sobol", draws=base, inputs=inputs)
     row = variance.row()
     ranks, _ = indices_of(Spearman(), many.design, many.values[:, [row]])
     logarithm, _ = indices_of(Sobol(), variance.design, np.log(variance.values[:, [row]]))

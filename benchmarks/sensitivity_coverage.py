@@ -26,7 +26,7 @@ from jaxtwin import (
     find_recordings,
     load_rig,
     read_recording,
-    simulate_batch,
+    reduce_batch,
 )
 from jaxtwin.data import synthetic_recordings
 from jaxtwin.sensitivity_analysis import (
@@ -46,9 +46,7 @@ GROUPS = ((0.2, 1.0), (0.1, 0.2), (0.0, 0.1))
 def costs(twin: Twin, experiments: Sequence[Experiment], draws: int, seed: int) -> Pair:
     """Costs of every channel and their mean, and the draws."""
     samples = normal_draws(central_values(twin, None), 0.25, seed, draws)
-    results = [
-        simulate_batch(twin, experiment, samples, reductions=["cost"]) for experiment in experiments
-    ]
+    results = [reduce_batch(twin, experiment, samples, ["cost"]) for experiment in experiments]
     cost = np.column_stack([result.cost for result in results if result.cost is not None])
     assert not any(result.failed.any() for result in results)
     return np.column_stack([cost, cost.mean(axis=1)]), np.column_stack(list(samples.values()))

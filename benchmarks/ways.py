@@ -115,12 +115,14 @@ def fastest(task: Task, tool: str, quick: bool) -> tuple[str, Callable[[Task, in
     return best, candidates[best]
 
 
-def ours(task: Task, count: int, **options: Any) -> Callable[[], Any]:
+def ours(task: Task, count: int, reductions: Any = None, **options: Any) -> Callable[[], Any]:
     """The batch engine."""
     experiment, draws = task.experiment, task.draws(count)
 
     def run() -> Any:
-        return jt.simulate_batch(task.twin, experiment, draws, **options)
+        if reductions is None:
+            return jt.simulate_batch(task.twin, experiment, draws, **options)
+        return jt.reduce_batch(task.twin, experiment, draws, reductions, **options)
 
     run()
     return run

@@ -36,11 +36,11 @@ def main() -> None:
         duration_s=800,
     )
     schedule = jt.Experiment.schedule("0:0.5,300:-0.3", duration=600, cells=2)
-    draws = jt.simulate_batch(
+    draws = jt.reduce_batch(
         plate,
         schedule,
         {"R_E": [1.6 + 0.01 * k for k in range(64)]},
-        reductions=["final", "plate_range", "energy"],
+        ["final", "plate_range", "energy"],
     )
     pictures: dict[str, Callable[[], object]] = {
         "netlist": lambda: plots.plot_netlist(plate),

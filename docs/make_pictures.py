@@ -48,7 +48,7 @@ def main() -> None:
 def draw_indices_over_time(experiment: jt.Experiment) -> Figure:
     """Total Sobol indices of a temperature of the paper's rig, over the bounds of Table 4."""
     rig = jt.load_rig("paper-2024")
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         jt.Twin(rig, rig.parameter_sets["published"]),
         experiment,
         method="sobol",

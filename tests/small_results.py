@@ -11,6 +11,7 @@ from jaxtwin import (
     GlobalSensitivity,
     Sensitivity,
     Twin,
+    global_sensitivity,
     load_rig,
     match,
     read_recording,
@@ -54,4 +55,4 @@ def analysis() -> Sensitivity:
 @cache
 def global_analysis() -> GlobalSensitivity:
     """Sobol's indices of the costs, from sixteen base samples."""
-    return sensitivity(fit(), method="sobol", draws=16, names=["R_pc", "R_E"])
+    return global_sensitivity(fit(), method="sobol", draws=16, names=["R_pc", "R_E"])

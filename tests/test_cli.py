@@ -25,6 +25,7 @@ from jaxtwin import (
     Fit,
     Twin,
     bundled_rigs,
+    global_sensitivity,
     load_rig,
     match,
     read_parameters,
@@ -41,7 +42,6 @@ from jaxtwin.commands._sources import find_recording, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 from jaxtwin.matching import FittedParameters
 from jaxtwin.report import write_demo
-from jaxtwin.sensitivity_analysis._analysis import PAPERS_DRAWS
 
 COMMANDS = [
     [],
@@ -555,14 +555,13 @@ def test_a_tilde_behind_an_equals_sign_is_the_home_folder(tmp_path, monkeypatch)
     [
         ("demo", write_demo, {"draws": 10_000}),
         ("match", match, {"starts": 1, "seed": 0, "max_iterations": 200}),
-        ("sensitivity", sensitivity, {"draws": None, "spread": 0.25, "seed": 0}),
-        ("sensitivity", sensitivity, {"method": "correlations", "inputs": "normal"}),
+        ("sensitivity", sensitivity, {"spread": 0.25, "seed": 0}),
+        ("sensitivity", global_sensitivity, {"spread": 0.25, "seed": 0, "inputs": "normal"}),
         ("sweep", sweep, {"spread": 0.25, "seed": 0}),
     ],
 )
 def test_what_is_not_said_means_the_same_as_in_python(command, function, expected):
-    """The paper's 50 draws of plus or minus a quarter among it."""
-    assert PAPERS_DRAWS == 50
+    """The paper's plus or minus a quarter among it."""
     module = importlib.import_module(f"jaxtwin.commands._{command}")
     for each in (getattr(module, command), function):
         parameters = inspect.signature(each).parameters

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Twin, cli, simulate_batch
+from jaxtwin import Experiment, Twin, cli, reduce_batch
 from jaxtwin.commands import _rigs
 from jaxtwin.commands._signals import lasting_interrupt
 
@@ -61,11 +61,11 @@ def test_a_batch_that_is_interrupted_while_it_hands_out_its_chunks_drops_the_res
     drive = Experiment.schedule("0:0.5", duration=20)
     done: list[int] = []
     with pytest.raises(KeyboardInterrupt):
-        simulate_batch(
+        reduce_batch(
             Twin("single-cell"),
             drive,
             {"C_load": np.linspace(20, 30, 4000)},
-            reductions=["final"],
+            ["final"],
             chunk_size=2,
             workers=1,
             on_progress=done.append,

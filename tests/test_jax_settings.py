@@ -12,6 +12,7 @@ from jaxtwin import (
     Twin,
     load_rig,
     match,
+    reduce_batch,
     response,
     sensitivity,
     simulate,
@@ -65,7 +66,7 @@ CALLS: dict[str, Callable[[Twin], np.ndarray | None]] = {
     "simulate": lambda twin: simulate(twin, DRIVE).temperatures,
     "simulate_batch": lambda twin: simulate_batch(twin, DRIVE, draws(twin)),
     "reductions": lambda twin: (
-        simulate_batch(twin, recording(twin), draws(twin), reductions=["cost", "plate_range"]).cost
+        reduce_batch(twin, recording(twin), draws(twin), ["cost", "plate_range"]).cost
     ),
     "match": lambda twin: (
         match(twin, recording(twin), free=["R_pc"]).to_xarray()["value"].to_numpy()

@@ -39,9 +39,7 @@ DRAWS = {"R_E": np.array([1.9, 2.0, 2.1])}
 
 @cache
 def reductions() -> Reductions:
-    return jt.simulate_batch(
-        fit().twin, recordings()[0], DRAWS, reductions=["cost", "final", "plate_range"]
-    )
+    return jt.reduce_batch(fit().twin, recordings()[0], DRAWS, ["cost", "final", "plate_range"])
 
 
 @cache

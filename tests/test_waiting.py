@@ -138,7 +138,7 @@ def test_progress_reaches_a_user_s_callback_and_the_command_line(clock):
 @pytest.mark.parametrize(
     "work",
     [
-        lambda twin, made: jt.sensitivity(twin, made, draws=32, method="sobol"),
+        lambda twin, made: jt.global_sensitivity(twin, made, draws=32, method="sobol"),
         lambda twin, made: jt.sensitivity(twin, made, draws=40),
         lambda twin, made: jt.match(twin, made, free=["R_E"], max_iterations=2),
         lambda twin, made: jt.simulate_batch(twin, made, {"R_E": [1.9, 2.0, 2.1]}),

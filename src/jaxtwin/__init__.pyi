@@ -42,10 +42,12 @@ from .rig import load_rig as load_rig  # a bundled rig, or a .toml file of yours
 from .rig import read_parameters as read_parameters  # values that a fit saved
 from .sensitivity_analysis import GlobalSensitivity as GlobalSensitivity  # by a global method
 from .sensitivity_analysis import Sensitivity as Sensitivity  # the result of a sensitivity analysis
+from .sensitivity_analysis import global_sensitivity as global_sensitivity  # for any outputs
 from .sensitivity_analysis import sensitivity as sensitivity  # which parameters matter
 from .simulation import Run as Run  # the result of a simulation
 from .simulation import Stepper as Stepper  # a twin step by step
 from .simulation import StepperState as StepperState  # where it is between two steps
+from .simulation import reduce_batch as reduce_batch  # numbers of many draws
 from .simulation import response as response  # the same as a pure JAX function
 from .simulation import simulate as simulate  # one run
 from .simulation import simulate_batch as simulate_batch  # many draws

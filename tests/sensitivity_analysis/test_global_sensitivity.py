@@ -38,7 +38,7 @@ def recording(twin: Twin) -> Experiment:
 
 @pytest.fixture(scope="module")
 def result(twin: Twin, recording: Experiment) -> GlobalSensitivity:
-    return jt.sensitivity(
+    return jt.global_sensitivity(
         twin, recording, method=Sobol(second_order=True), draws=16, seed=5, names=NAMES,
         outputs={
             "cost": "cost", "uniformity": "uniformity", "plate_std": "plate_std",
@@ -122,7 +122,7 @@ def test_labels_and_saved_file(result: GlobalSensitivity, tmp_path):
 def test_the_same_seed_gives_the_same_numbers(twin: Twin, recording: Experiment):
     options = {"method": "morris", "draws": 5, "names": NAMES}
     first, again, other = (
-        jt.sensitivity(twin, recording, seed=seed, **options) for seed in (1, 1, 2)
+        jt.global_sensitivity(twin, recording, seed=seed, **options) for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first["mu_star"], again["mu_star"])
     assert not np.array_equal(first.samples, other.samples)
@@ -134,7 +134,7 @@ def test_a_start_value_has_no_index_and_a_failed_draw_spoils_its_block_alone(
 ):
     """A part of the range of a resistance is below 0; the first sample is the start."""
     inputs = {"R_E": Uniform(1.0, 3.0), "R_Tfx1": Uniform(-0.05, 1.0)}
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         twin, recording, method="sobol", draws=64, inputs=inputs,
         outputs=["temperature"], times=[0.0, 100.0],
     )  # fmt: skip
@@ -152,11 +152,13 @@ def test_a_start_value_has_no_index_and_a_failed_draw_spoils_its_block_alone(
 @pytest.mark.slow
 def test_pearson_of_the_papers_draws_is_the_papers(twin: Twin, recording: Experiment):
     papers = jt.sensitivity(twin, recording, draws=40, seed=3, names=NAMES)
-    found = jt.sensitivity(twin, recording, method="pearson", draws=40, seed=3, names=NAMES)
+    found = jt.global_sensitivity(twin, recording, method="pearson", draws=40, seed=3, names=NAMES)
     np.testing.assert_allclose(found.samples, papers.samples, rtol=1e-12)
     np.testing.assert_allclose(found["pearson"], papers.correlation, rtol=1e-8)
     np.testing.assert_allclose(found["pearson_low"], papers.interval[..., 0], rtol=1e-6)
-    spearman = jt.sensitivity(twin, recording, method="spearman", draws=40, seed=3, names=NAMES)
+    spearman = jt.global_sensitivity(
+        twin, recording, method="spearman", draws=40, seed=3, names=NAMES
+    )
     np.testing.assert_allclose(spearman["spearman"], papers.rank_correlation, rtol=1e-8)
 
 
@@ -164,7 +166,7 @@ def test_pearson_of_the_papers_draws_is_the_papers(twin: Twin, recording: Experi
 def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment):
     """Bounds from derivatives and from differences along each parameter."""
     options = {"names": NAMES, "outputs": ["final", "cost"], "seed": 2}
-    found = jt.sensitivity(twin, recording, method="dgsm", draws=8, **options)
+    found = jt.global_sensitivity(twin, recording, method="dgsm", draws=8, **options)
     step = 1e-4
     squares = []
     for column, name in enumerate(NAMES):
@@ -172,7 +174,7 @@ def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment)
         for sign in (-1, 1):
             draws = {other: found.samples[:, j] for j, other in enumerate(NAMES)}
             draws[name] = draws[name] * (1 + sign * step)
-            reduced = jt.simulate_batch(twin, recording, draws, reductions=["final", "cost"])
+            reduced = jt.reduce_batch(twin, recording, draws, ["final", "cost"])
             columns = [reduced["final"], reduced["cost"], reduced["cost"].mean(axis=1)[:, None]]
             ends.append(np.concatenate(columns, axis=1))
         difference = (ends[1] - ends[0]) / (2 * step * found.samples[:, [column]])
@@ -188,7 +190,7 @@ def test_derivatives_are_those_of_the_outputs(twin: Twin, recording: Experiment)
 def test_a_twin_of_each_recording_has_the_same_relative_draws():
     twins = list(fit().twins.values())
     other = [twins[0], twins[1].with_values({"R_E": 2 * float(twins[1].values["R_E"])})]
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         other, recordings(), method="oat", names=["R_E", "R_pc"], outputs=["final"]
     )
     assert found.labels[0] == "final T11 (synthetic-A)"
@@ -210,9 +212,9 @@ def test_the_posterior_of_a_fit_is_drawn_with_its_correlation():
     with pytest.raises(ParameterError, match="expected some of R_E, R_pc, got R_Th"):
         resolve_inputs("posterior", known, known.twin, ["R_Th"], 0.25)
     with pytest.raises(ParameterError, match="independent"):
-        jt.sensitivity(known, method="sobol", inputs="posterior")
+        jt.global_sensitivity(known, method="sobol", inputs="posterior")
     with pytest.raises(ParameterError, match="expected a fit, got a twin"):
-        jt.sensitivity(known.twin, recordings()[0], method="shapley", inputs="posterior")
+        jt.global_sensitivity(known.twin, recordings()[0], method="shapley", inputs="posterior")
 
 
 @pytest.mark.slow
@@ -227,7 +229,7 @@ def test_shapley_effects_of_a_posterior_are_those_of_its_covariance():
         return {"sum": b1 * np.log(draws["R_E"]) + b2 * np.log(draws["R_pc"])}
 
     options = {"method": "shapley", "inputs": "posterior", "seed": 4}
-    found = jt.sensitivity(known, model=logarithms, draws=16_000, **options)
+    found = jt.global_sensitivity(known, model=logarithms, draws=16_000, **options)
     assert found.names == ("R_E", "R_pc")
     first, second, both = (b1 * s1) ** 2, (b2 * s2) ** 2, r * b1 * b2 * s1 * s2
     one = first * (1 - r**2 / 2) + both + second * r**2 / 2
@@ -235,7 +237,7 @@ def test_shapley_effects_of_a_posterior_are_those_of_its_covariance():
     np.testing.assert_allclose(found["Sh"].sum(axis=1), 1.0, rtol=1e-12)
     drawn = np.cov(np.log(found.samples), rowvar=False)
     np.testing.assert_allclose(drawn, COVARIANCE, rtol=0.05)
-    simulated = jt.sensitivity(known, outputs=["cost", "final"], draws=32, **options)
+    simulated = jt.global_sensitivity(known, outputs=["cost", "final"], draws=32, **options)
     np.testing.assert_allclose(simulated["Sh"].sum(axis=1), 1.0, rtol=1e-9)
 
 
@@ -243,7 +245,7 @@ def test_shapley_effects_of_a_posterior_are_those_of_its_covariance():
 def test_partial_rank_correlations_of_a_posterior_are_those_of_its_draws():
     """By the inverse of the correlation of the ranks, of which the method makes no use."""
     known = correlated_fit()
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         known, method="prcc", inputs="posterior", outputs=["final"], draws=512, seed=4
     )
     np.testing.assert_allclose(np.cov(np.log(found.samples), rowvar=False), COVARIANCE, rtol=0.05)
@@ -258,7 +260,7 @@ def test_partial_rank_correlations_of_a_posterior_are_those_of_its_draws():
 def test_energy_and_peak_power_are_outputs():
     """Of a resistive heater by hand: V^2 / R for 40 % of 20 s, and 80 % of 10 s."""
     drive = Experiment.schedule("0:0.4,20:0.8", duration=30, cells=1, name="heated")
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         Twin("printer-bed"), drive, method="sobol", draws=64, names=["R_tracks", "R_pc"],
         outputs=["energy", "peak_power"], seed=1,
     )  # fmt: skip
@@ -279,7 +281,7 @@ def test_priors_are_those_of_the_rig():
     names = [name for name, row in rows.items() if row.free and row.standard_deviation is not None][
         :3
     ]
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         twin, drive, method="oat", inputs="priors", names=names, outputs=["final"]
     )
     for name, marginal in found.design.inputs.marginals.items():
@@ -289,18 +291,20 @@ def test_priors_are_those_of_the_rig():
             marginal.spread if isinstance(marginal, LogNormal) else marginal.std  # pyright: ignore
         )
     with pytest.raises(ParameterError, match="expected priors in the rig file"):
-        jt.sensitivity(Twin("paper-2024"), drive, method="oat", inputs="priors", outputs=["final"])
+        jt.global_sensitivity(
+            Twin("paper-2024"), drive, method="oat", inputs="priors", outputs=["final"]
+        )
 
 
 @pytest.mark.slow
 def test_bounds_are_those_of_the_rig(twin: Twin, recording: Experiment):
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         twin, recording, method="oat", inputs="bounds", names=["R_pc"], outputs=["final"]
     )
     assert found.problem["bounds"] == [[2e-6, 2.0]]
     assert found.problem["dists"] == ["unif"]
     with pytest.raises(ParameterError, match="alpha: expected two bounds"):
-        jt.sensitivity(twin, recording, method="oat", inputs="bounds", names=["alpha"])
+        jt.global_sensitivity(twin, recording, method="oat", inputs="bounds", names=["alpha"])
 
 
 @pytest.mark.parametrize(
@@ -312,12 +316,11 @@ def test_bounds_are_those_of_the_rig(twin: Twin, recording: Experiment):
         ({"method": "oat", "inputs": {"R_X": Uniform(0.0, 1.0)}}, ParameterError, "R_X"),
         ({"method": "oat", "times": [1e6]}, SimulationError, "some from 0 to 100 s"),
         ({"method": "dgsm", "outputs": ["plate_std"]}, SimulationError, "derivatives"),
-        ({"outputs": ["final"]}, SimulationError, 'method="pearson"'),
     ],
 )
 def test_bad_requests_say_what_is_allowed(twin, recording, options, error, words):
     with pytest.raises(error, match=words):
-        jt.sensitivity(twin, recording, **{"names": NAMES, "draws": 8, **options})
+        jt.global_sensitivity(twin, recording, **{"names": NAMES, "draws": 8, **options})
 
 
 @pytest.mark.slow
@@ -328,7 +331,7 @@ def test_a_users_function_of_a_trajectory(twin: Twin, recording: Experiment):
         is_hot = trajectory[:, 1] > 30.0
         return jnp.where(is_hot.any(), 2.0 * jnp.argmax(is_hot), jnp.nan)
 
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         twin, recording, method="src", draws=64, names=["R_E"],
         outputs={"final": "final", "settling": reaches},
     )  # fmt: skip

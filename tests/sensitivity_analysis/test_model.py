@@ -29,7 +29,7 @@ def ishigami(draws: Draws) -> Draws:
 
 
 def test_sobol_indices_of_the_ishigami_function(twin: Twin):
-    found = jt.sensitivity(twin, method="sobol", inputs=INPUTS, model=ishigami, draws=4096)
+    found = jt.global_sensitivity(twin, method="sobol", inputs=INPUTS, model=ishigami, draws=4096)
     assert found.labels == ("value", "both[0]", "both[1]")
     # Ishigami and Homma (1990), from the variance's integrals.
     for output in found.labels:
@@ -43,7 +43,7 @@ def test_a_failed_run_is_left_out(twin: Twin):
         value = ishigami(draws)["value"]
         return {"value": np.where(np.arange(len(value)) == 3, np.nan, value)}
 
-    found = jt.sensitivity(twin, method="src", inputs=INPUTS, model=fails, draws=64)
+    found = jt.global_sensitivity(twin, method="src", inputs=INPUTS, model=fails, draws=64)
     assert list(np.flatnonzero(found.failed)) == [3]
     assert found.counted[0] == 63
 
@@ -60,7 +60,9 @@ def test_measures_of_closed_loops_are_outputs():
             twin, controller, 30.0, draws=draws, measures=measures, **settings
         )
 
-    found = jt.sensitivity(twin, method="pearson", model=loops, draws=8, names=["R_E", "C_load"])
+    found = jt.global_sensitivity(
+        twin, method="pearson", model=loops, draws=8, names=["R_E", "C_load"]
+    )
     assert found.labels == ("settling_time", "energy")  # as they were asked for
     assert [output.unit for output in found.outputs] == ["s", "J"]
     assert not found.failed.any()
@@ -85,7 +87,6 @@ def test_measures_of_closed_loops_are_outputs():
         ({"model": ishigami, "outputs": ["final"]}, "outputs: expected none beside a model"),
         ({"model": ishigami, "times": [3.0]}, "times: expected none beside a model"),
         ({"model": ishigami, "method": "dgsm"}, "a method without derivatives"),
-        ({"model": ishigami, "method": "correlations"}, "beside a global method only"),
     ],
 )
 def test_what_does_not_go_with_a_model_is_refused(
@@ -93,17 +94,17 @@ def test_what_does_not_go_with_a_model_is_refused(
 ):
     arguments = {"method": "src", "names": list(INPUTS), "draws": 16, **settings}
     with pytest.raises(SimulationError, match=message):
-        jt.sensitivity(twin, **arguments)
+        jt.global_sensitivity(twin, **arguments)
 
 
 def test_several_twins_have_no_model(twin: Twin):
     with pytest.raises(SimulationError, match="sensitivity: twin: expected a Twin"):
-        jt.sensitivity([twin, twin], method="src", model=ishigami)
+        jt.global_sensitivity([twin, twin], method="src", model=ishigami)
 
 
 def test_without_any_finite_output_no_parameter_is_called_the_strongest(twin: Twin):
     names = list(INPUTS)
-    found = jt.sensitivity(
+    found = jt.global_sensitivity(
         twin,
         method="src",
         names=names,

@@ -8,7 +8,16 @@ import pytest
 from diffrax import Kvaerno5
 from scipy.integrate import solve_ivp
 
-from jaxtwin import Experiment, Twin, load_rig, match, match_many, response, simulate_batch
+from jaxtwin import (
+    Experiment,
+    Twin,
+    load_rig,
+    match,
+    match_many,
+    reduce_batch,
+    response,
+    simulate_batch,
+)
 from jaxtwin.data import data_folder
 
 RATE = 20.0
@@ -101,7 +110,7 @@ def test_costs_of_a_batch_know_of_the_drift(drifting: Twin, steps: Experiment):
     recorded = Experiment(
         steps.time, steps.duty, channels=seen.channels, temperatures=seen.temperatures
     )
-    found = simulate_batch(drifting, recorded, {"rate": np.array([RATE, 0.0])}, reductions=["cost"])
+    found = reduce_batch(drifting, recorded, {"rate": np.array([RATE, 0.0])}, ["cost"])
     assert found.cost is not None
     np.testing.assert_allclose(found.cost[0], 0.0, atol=1e-12)
     assert np.all(found.cost[1] > 0.01)

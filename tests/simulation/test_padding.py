@@ -149,10 +149,10 @@ def test_draws_of_another_session_are_simulated_without_a_compilation(twin, comp
     wanted = ("cost", "final", "minimum", "maximum", "plate_range")
     first, second = (recorded(twin, session(*what)) for what in ((118, 1), (114, 4)))
     jt.simulate_batch(twin, first, draws)
-    jt.simulate_batch(twin, first, draws, reductions=wanted)
+    jt.reduce_batch(twin, first, draws, wanted)
     compilations()
     temperatures = jt.simulate_batch(twin, second, draws)
-    found = jt.simulate_batch(twin, second, draws, reductions=wanted)
+    found = jt.reduce_batch(twin, second, draws, wanted)
     assert compilations() == 0
     assert temperatures.shape == (3, 114, 1)
     error = temperatures - second.temperatures

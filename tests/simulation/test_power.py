@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import simpson
 from small_rigs import bundled
 
-from jaxtwin import Experiment, SimulationError, Twin, simulate, simulate_batch
+from jaxtwin import Experiment, SimulationError, Twin, reduce_batch, simulate
 from jaxtwin.sensitivity_analysis._slopes import slopes_of
 
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
@@ -97,9 +97,7 @@ def plate() -> tuple[Twin, Experiment]:
 def test_many_draws_have_the_energy_and_the_peak_of_their_runs(solver: Any, plate):
     """With the driver's delay and lag, by the default solver and by diffrax."""
     twin, experiment = plate
-    found = simulate_batch(
-        twin, experiment, DRAWS, reductions=["energy", "peak_power"], solver=solver
-    )
+    found = reduce_batch(twin, experiment, DRAWS, ["energy", "peak_power"], solver=solver)
     for n in range(3):
         one = twin.with_values({name: values[n] for name, values in DRAWS.items()})
         run = simulate(one, experiment)
@@ -114,7 +112,7 @@ def test_many_draws_have_the_energy_and_the_peak_of_their_runs(solver: Any, plat
 @pytest.mark.slow
 def test_a_draw_that_fails_has_no_energy(plate):
     twin, experiment = plate
-    found = simulate_batch(twin, experiment, {"R_E": [2.0, -1.0]}, reductions=["energy"])
+    found = reduce_batch(twin, experiment, {"R_E": [2.0, -1.0]}, ["energy"])
     assert found["energy"][0] > 0
     assert np.isnan(found["energy"][1])
 
@@ -124,8 +122,8 @@ def test_derivatives_of_the_energy_are_those_of_differences(plate):
     twin, experiment = plate
     values, step = {"R_E": np.array([2.0])}, 1e-3
     (slope,) = slopes_of(twin, experiment, values, ["energy", "peak_power"])
-    ends = simulate_batch(
-        twin, experiment, {"R_E": [2.0 - step, 2.0 + step]}, reductions=["energy", "peak_power"]
+    ends = reduce_batch(
+        twin, experiment, {"R_E": [2.0 - step, 2.0 + step]}, ["energy", "peak_power"]
     )
     for name in ("energy", "peak_power"):
         by_differences = np.diff(ends[name])[0] / (2 * step)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxtwin import Experiment, MatchError, SimulationError, match, simulate_batch
+from jaxtwin import Experiment, MatchError, SimulationError, match, reduce_batch
 
 DUTY = np.full(2, 0.5)
 HELD = Experiment(np.arange(75.0), np.tile(DUTY, (75, 1)))
@@ -62,7 +62,7 @@ def test_a_contact_of_1e_12_is_refused_by_name(twins):
 @pytest.mark.slow
 def test_in_a_batch_such_draws_are_marked_and_leave_the_others_alone(twins):
     contacts = np.array([0.09, 1e-12, 1e-10])
-    found = simulate_batch(twins["startup"], HELD, {"R_pc": contacts}, reductions=["final"])
+    found = reduce_batch(twins["startup"], HELD, {"R_pc": contacts}, ["final"])
     assert found.failed.tolist() == [False, True, False]
     assert found.final is not None
     assert np.isnan(found.final[1]).all()

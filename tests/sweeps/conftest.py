@@ -34,7 +34,12 @@ class FakeEngine:
         self.given: list[np.ndarray] = []
 
     def __call__(
-        self, twin: Twin, experiment: Experiment, draws: dict[str, np.ndarray], **options: Any
+        self,
+        twin: Twin,
+        experiment: Experiment,
+        draws: dict[str, np.ndarray],
+        *_: Any,
+        **options: Any,
     ) -> Reductions:
         R_E = draws["R_E"]
         self.given.append(R_E)
@@ -53,7 +58,7 @@ class FakeEngine:
 def engine(monkeypatch: pytest.MonkeyPatch) -> FakeEngine:
     """Takes the place of the simulation in every sweep of the test."""
     fake = FakeEngine()
-    monkeypatch.setattr(_plan, "simulate_batch", fake)
+    monkeypatch.setattr(_plan, "reduce_batch", fake)
     return fake
 
 

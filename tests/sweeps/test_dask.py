@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 
-from jaxtwin import Experiment, simulate_batch
+from jaxtwin import Experiment, reduce_batch
 from jaxtwin.cli import run
 from jaxtwin.sensitivity_analysis import normal_draws
 from jaxtwin.sweeps import SweepProgress, sweep
@@ -59,13 +59,13 @@ def test_draws_are_the_same_to_the_last_bit_and_functions_of_a_script_travel(
     draws = normal_draws({"R_E": 1.9674922600619191, "R_pc": 0.09}, 0.25, 0, 300)
     draws["R_pc"][::50] = 1e-4
     asked = {"final": "final", "hottest": lambda trajectory: trajectory.max()}
-    alone = simulate_batch(twin, experiment, draws, reductions=asked, chunk_size=32)
+    alone = reduce_batch(twin, experiment, draws, asked, chunk_size=32)
     done: list[int] = []
-    distributed = simulate_batch(
+    distributed = reduce_batch(
         twin,
         experiment,
         draws,
-        reductions=asked,
+        asked,
         chunk_size=32,
         executor=client.get_executor(),
         on_progress=done.append,

@@ -23,11 +23,11 @@ import os, sys, numpy, jaxtwin, xarray, zarr
 from jaxtwin.simulation import Reductions
 from jaxtwin.sweeps import _plan
 
-def quick(twin, experiment, draws, **options):
+def quick(twin, experiment, draws, reductions, **options):
     R_E = draws["R_E"]
     return Reductions(("T11", "TAM"), R_E > 2.8, final=numpy.stack([R_E, 2 * R_E], axis=1))
 
-_plan.simulate_batch = quick
+_plan.reduce_batch = quick
 twin = jaxtwin.Twin("paper-2024")
 experiment = jaxtwin.Experiment.schedule(
     "0:0.5,10:0.8", duration=30.0, cells=2, channels=("T11", "TAM"), name="half a minute"

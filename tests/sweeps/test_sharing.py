@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, SimulationError, simulate_batch
+from jaxtwin import Experiment, SimulationError, reduce_batch
 from jaxtwin.sensitivity_analysis import normal_draws
 from jaxtwin.sweeps import SweepProgress, _store, sweep
 
@@ -60,7 +60,7 @@ def test_a_sweep_holds_what_a_batch_of_the_same_draws_gives(tmp_path, twin, expe
     result = sweep(twin, experiment, tmp_path, **ASKED, names=["R_E", "R_pc"])
     table = result.to_xarray()
     draws = normal_draws({"R_E": 1.9674922600619191, "R_pc": 0.09}, 0.25, 0, 40)
-    batch = simulate_batch(twin, experiment, draws, reductions=["final", "plate_std"])
+    batch = reduce_batch(twin, experiment, draws, ["final", "plate_std"])
     assert batch.final is not None
     assert batch.plate_std is not None
     np.testing.assert_allclose(table.final, batch.final, rtol=0, atol=1e-9)

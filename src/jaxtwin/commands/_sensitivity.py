@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from ..sensitivity_analysis import GlobalSensitivity, Sensitivity
 
 
+PAPERS = "correlations"
+"""The method of the paper."""
+
+
 def sensitivity(
     rig: RigArgument,
     recordings: RecordingsArgument,
@@ -31,7 +35,7 @@ def sensitivity(
             help="correlations (the paper's), pearson, spearman, src, prcc, oat, morris, sobol, "
             "shapley, dgsm or pce; docs/sensitivity.md says which answers what."
         ),
-    ] = "correlations",
+    ] = PAPERS,
     draws: Annotated[
         int | None,
         typer.Option(min=3, help="How many; by default 50, as in the paper, or the method's own."),
@@ -61,33 +65,38 @@ def sensitivity(
     """Run a rig with other values of its parameters, and say which of them matter."""
     check_output(out, ".nc")
     check_json(json)
+    if method == PAPERS and (inputs != "normal" or output != ["cost"]):
+        raise typer.BadParameter(
+            "--inputs and --output: expected another --method beside them, such as pearson or "
+            f"sobol, got {method}"
+        )
     if second_order and method != "sobol":
         raise typer.BadParameter(f"--second-order: expected --method sobol beside it, got {method}")
     with show_progress() as progress:
         progress.step("reading")
-        from .. import sensitivity as analysis  # which takes a second
+        from .. import global_sensitivity  # which takes a second
+        from .. import sensitivity as papers_analysis
         from ..rig import load_rig
-        from ..sensitivity_analysis import GlobalSensitivity, Sobol
+        from ..sensitivity_analysis import Sobol
 
         loaded = load_rig(rig)
         experiments = open_recordings(loaded, recordings)
         twins = open_twins(loaded, set_name, parameter_file, experiments)
         progress.step(f"{method} on {len(experiments)} recordings")
-        chosen: Any = Sobol(second_order=True) if second_order else method
-        kinds: dict[str, Any] = {"inputs": inputs, "outputs": tuple(output)}
-        result = analysis(
-            twins,
-            experiments,
-            method=chosen,
-            draws=draws,
-            spread=spread,
-            seed=seed,
-            **kinds,
-        )
+        options: dict[str, Any] = {"spread": spread, "seed": seed}
+        if draws is not None:
+            options["draws"] = draws
+        if method == PAPERS:
+            result = papers_analysis(twins, experiments, **options)
+            text = _table(result)
+        else:
+            options |= {"inputs": inputs, "outputs": tuple(output)}
+            options["method"] = Sobol(second_order=True) if second_order else method
+            result = global_sensitivity(twins, experiments, **options)
+            text = _indices(result)
         progress.step(f"writing {out}")
         result.save(out)
-    is_global = isinstance(result, GlobalSensitivity)
-    say(_indices(result) if is_global else _table(result), json)
+    say(text, json)
     say_written(out, json_path=json)
     write_json(json, result.to_dict())
 

@@ -32,7 +32,7 @@ def plot_convergence(
 
     **Arguments:**
 
-    - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method.
+    - `sensitivity`: the result of `jaxtwin.global_sensitivity`.
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
     - `index`: the name of the index; None for the method's main index.
     - `ax`: axes to draw into, or None for a new figure.

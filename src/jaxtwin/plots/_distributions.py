@@ -59,7 +59,7 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
     if not names or draws.sizes["draw"] == 0:
         raise SimulationError(
             f"plot_distributions: expected quantities over draws, got {', '.join(names) or 'none'} "
-            f"over {draws.sizes.get('draw', 0)} draws; ask simulate_batch for reductions"
+            f"over {draws.sizes.get('draw', 0)} draws; ask reduce_batch for them"
         )
     first = draws[names].isel(draw=slice(MOST_DRAWS))
     quantities = [_columns(first[name]) for name in names]

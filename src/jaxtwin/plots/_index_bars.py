@@ -19,7 +19,7 @@ def plot_index_bars(
 
     **Arguments:**
 
-    - `sensitivity`: the result of `jaxtwin.sensitivity` by any global method.
+    - `sensitivity`: the result of `jaxtwin.global_sensitivity` by any method.
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
     - `ax`: axes to draw into, or None for a new figure.
 

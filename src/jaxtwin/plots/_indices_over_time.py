@@ -27,7 +27,7 @@ def plot_indices_over_time(
 
     **Arguments:**
 
-    - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method, with `"temperature"`
+    - `sensitivity`: the result of `jaxtwin.global_sensitivity`, with `"temperature"`
       among its outputs.
     - `channel`: the name of the channel; None for the first. If several recordings have it, the
       first of them is used.

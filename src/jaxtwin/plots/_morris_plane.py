@@ -27,7 +27,7 @@ def plot_morris_plane(
 
     **Arguments:**
 
-    - `sensitivity`: the result of `jaxtwin.sensitivity` by "morris".
+    - `sensitivity`: the result of `jaxtwin.global_sensitivity` by "morris".
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
     - `ax`: axes to draw into, or None for a new figure.
 

@@ -16,7 +16,7 @@ def plot_sensitivity_indices(
 
     **Arguments:**
 
-    - `sensitivity`: the result of `jaxtwin.sensitivity` by a global method.
+    - `sensitivity`: the result of `jaxtwin.global_sensitivity`.
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
     - `ax`: axes to draw into, or None for a new figure.
 

@@ -18,7 +18,7 @@ def plot_sobol_bars(
 
     **Arguments:**
 
-    - `sensitivity`: the result of `jaxtwin.sensitivity` by "sobol" or "pce".
+    - `sensitivity`: the result of `jaxtwin.global_sensitivity` by "sobol" or "pce".
     - `output`: one of `sensitivity.labels`; None for the mean cost, or the first.
     - `ax`: axes to draw into, or None for a new figure.
 

@@ -1,10 +1,11 @@
 """Sensitivity analysis: which parameters matter, step 4 of the paper.
 
-`_analysis` is the entry to two kinds of studies. The paper's correlations: `_monte_carlo` draws and
-simulates, with the twins of `_paired_twins` and the values of `_central_values`;
-`_correlation_coefficients` computes them, `_correlation_intervals` their confidence intervals.
-Global methods: `_global_analysis` simulates the runs that a method (`_method`) asks for, and hands
-it the outputs (`_outputs`) for its estimate. Which file holds what else:
+There are two entries. `global_sensitivity` (`_global_analysis`) simulates the runs that a method
+(`_method`) asks for, with the twins of `_paired_twins` and around the values of `_central_values`,
+and hands it the outputs (`_outputs`) for its estimate. `sensitivity` (`_monte_carlo`) is the
+analysis of the paper: on the runs of Pearson's method, the correlations of costs
+(`_correlation_coefficients`) and their confidence intervals (`_correlation_intervals`). Which file
+holds what else:
 
 - what is drawn: `_inputs`, `_input_choices`, `_marginals`, `_sampling`, `_unit_samples`
 - the methods by name (`_methods`): `_sobol`, `_morris`, `_shapley`, `_polynomial_chaos`,
@@ -13,15 +14,16 @@ it the outputs (`_outputs`) for its estimate. Which file holds what else:
 - a model of the user in place of a twin: `_model`
 """
 
-from ._analysis import sensitivity
 from ._correlation_coefficients import pearson, spearman
 from ._correlation_intervals import pearson_interval, spearman_interval
 from ._correlations import Pearson, Spearman
 from ._derivative_based import DerivativeBased
+from ._global_analysis import global_sensitivity
 from ._global_sensitivity import GlobalSensitivity
 from ._inputs import Inputs
 from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
 from ._method import AbstractMethod, Design, indices_of
+from ._monte_carlo import sensitivity
 from ._morris import Morris
 from ._one_at_a_time import OneAtATime
 from ._outputs import Output
@@ -53,6 +55,7 @@ __all__ = [
     "Spearman",
     "StandardisedRegression",
     "Uniform",
+    "global_sensitivity",
     "indices_of",
     "normal_draws",
     "pearson",

@@ -7,21 +7,22 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .._arguments import whole_number
+from .._arguments import check_callable, whole_number
 from .._errors import SimulationError
-from .._executor import Executor
-from .._waiting import counting
+from .._executor import Executor, check_executor
+from .._waiting import announced, counting
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
-from ..simulation import simulate_batch
+from ..simulation import reduce_batch
 from ..simulation._reductions import ReductionFunction
 from ._central_values import rescaled_draws
 from ._global_sensitivity import GlobalSensitivity
 from ._input_choices import InputChoice, resolve_inputs
 from ._inputs import Inputs
 from ._method import AbstractMethod, indices_of
+from ._methods import MethodName, checked_method
 from ._model import Model, run_model
 from ._outputs import (
     Column,
@@ -35,47 +36,110 @@ from ._outputs import (
     with_mean_cost,
 )
 from ._paired_twins import paired_twins
+from ._sampling import checked_seed, checked_spread
 from ._slopes import slopes_of
 from ._unit_samples import SampleKind, checked_kind
 
+WHERE = "sensitivity"
+"""The analysis, in messages."""
 
+
+@announced("sensitivity analysis")
 def global_sensitivity(
     twin: Twin | Fit | Sequence[Twin],
-    experiments: Experiment | Sequence[Experiment] | None,
-    method: AbstractMethod,
+    experiments: Experiment | Sequence[Experiment] | None = None,
     *,
-    draws: int | None,
-    spread: float,
-    seed: int,
-    names: Iterable[str] | None,
-    inputs: InputChoice,
-    outputs: OutputChoice,
-    times: Sequence[float] | None,
-    samples: SampleKind | None,
-    model: Model | None,
-    executor: Executor | None,
-    on_progress: Callable[[int], None] | None,
+    method: MethodName | AbstractMethod,
+    draws: int | None = None,
+    spread: float | int = 0.25,
+    seed: int = 0,
+    names: Iterable[str] | None = None,
+    inputs: InputChoice = "normal",
+    outputs: OutputChoice = ("cost",),
+    times: Sequence[float] | None = None,
+    samples: SampleKind | None = None,
+    model: Model | None = None,
+    executor: Executor | None = None,
+    on_progress: Callable[[int], None] | None = None,
 ) -> GlobalSensitivity:
-    """Runs a global sensitivity analysis. The arguments are those of `sensitivity`."""
+    """Finds the parameters that matter for any outputs of a twin, by a method of global sensitivity
+    analysis: runs with other values of the parameters, over all of their distributions.
+
+    `docs/sensitivity.md` compares the questions that the methods answer. `sensitivity` is the
+    analysis of the paper.
+
+    **Arguments:**
+
+    - `twin`: a fit, in which each recording has its own values (those of a recording that was not
+      matched are estimated from its first minute, see `Fit.twin_for`); or a single twin for all
+      experiments, or a twin for each.
+    - `experiments`: one or several experiments, with recorded temperatures if the cost is an
+      output; None for those of the fit.
+    - `method`: "pearson", "spearman", "src", "prcc", "oat", "morris", "sobol", "shapley", "dgsm" or
+      "pce"; or a method with its own options, such as `Sobol(second_order=True)` of
+      `jaxtwin.sensitivity_analysis`.
+    - `draws`: the number of draws, at least 3; None for the usual number of the method. For "sobol"
+      it is the number of base samples, for "morris" of trajectories, for "shapley" of orders, each
+      of which takes several runs; "oat" always has the same number of runs.
+    - `spread`: the relative standard deviation of "normal" and "lognormal" inputs, 0.25 in the
+      paper.
+    - `seed`: the same seed gives the same numbers.
+    - `names`: the names of the parameters to draw; None for the free parameters that all recordings
+      share.
+    - `inputs`: "normal", as in the paper, truncated at 0; "lognormal", around the same values;
+      "bounds", uniform between the bounds of the rig file; "priors", the priors of the rig file;
+      "posterior", the remaining uncertainty of a fit, with its correlations; or name -> `Normal`,
+      `Uniform` or `LogNormal` of `jaxtwin.sensitivity_analysis`.
+    - `outputs`: some of "cost", "final", "minimum", "maximum", "plate_range", "plate_std",
+      "energy", "peak_power", "uniformity", "temperature"; or a mapping of names to JAX functions of
+      a trajectory, as `reduce_batch` takes it. All come from the same runs.
+    - `times`: the times of "temperature", s; None for 25 times that divide each experiment evenly.
+    - `samples`: "random", "latin-hypercube" or "sobol"; None for the usual kind of the method.
+      Morris's and Shapley's methods use samples of their own kind.
+    - `model`: your own function in place of simulations of experiments, for example for closed
+      loops: from parameter -> values `(runs,)` to output -> values `(runs,)` or `(runs, ...)`, or
+      to the `Reductions` of `simulate_closed_loops`. The parameters are drawn around a twin, or the
+      mean twin of a fit. It cannot be combined with experiments, outputs, times, an executor, or a
+      method that needs derivatives.
+    - `executor`: an executor whose workers run the draws instead of this process, see
+      `simulate_batch`.
+    - `on_progress`: called with the number of newly finished simulations.
+
+    **Raises:** `ParameterError` for unknown names, a value of zero, or inputs that the parameters
+    or the method do not allow; `SimulationError` if an experiment has no recorded temperatures,
+    an argument is out of range, or an executor fails; `MatchError` if a recording that was not
+    matched is too short to estimate its values.
+    """
     began = time.perf_counter()
+    check_options(executor, on_progress)
+    seed, spread = checked_seed(f"{WHERE}: seed", seed), checked_spread(f"{WHERE}: spread", spread)
+    method = checked_method(method)
     if model is None:
-        twins, recordings = paired_twins("sensitivity", twin, experiments)
+        twins, recordings = paired_twins(WHERE, twin, experiments)
     else:
-        twins, recordings = [nominal_twin("sensitivity: twin", twin, SimulationError)], []
+        check_callable(f"{WHERE}: model", model, SimulationError)
+        beside = {"experiments": experiments, "times": times, "executor": executor}
+        beside["outputs"] = None if outputs == ("cost",) else outputs
+        if given := [name for name, value in beside.items() if value is not None]:
+            raise SimulationError(
+                f"{WHERE}: {given[0]}: expected none beside a model, which makes its own runs "
+                f"and outputs, got {beside[given[0]]!r}"
+            )
         if method.needs_slopes:
             raise SimulationError(
-                "sensitivity: method: expected a method without derivatives beside a model, got "
+                f"{WHERE}: method: expected a method without derivatives beside a model, got "
                 f"{method!r}"
             )
+        twins, recordings = [nominal_twin(f"{WHERE}: twin", twin, SimulationError)], []
     count = method.default_draws if draws is None else draws
-    count = whole_number("sensitivity: draws", count, method.min_draws, SimulationError)
+    count = whole_number(f"{WHERE}: draws", count, method.min_draws, SimulationError)
     kind = method.default_samples if samples is None else checked_kind(samples)
     quantities = checked_outputs(outputs)
     distribution = resolve_inputs(inputs, twin, twins[0], names, spread)
     design = method.design(distribution, count, seed, kind)
     values = design.samples
     if model is None:
-        columns, rates = _run_experiments(
+        columns, rates = run_experiments(
             twins,
             recordings,
             distribution,
@@ -104,7 +168,16 @@ def global_sensitivity(
     )
 
 
-def _run_experiments(
+def check_options(executor: Executor | None, on_progress: Callable[[int], None] | None) -> None:
+    """Checks who works and who is told of progress.
+
+    **Raises:** `SimulationError`.
+    """
+    check_callable(f"{WHERE}: on_progress", on_progress, SimulationError)
+    check_executor(f"{WHERE}: executor", executor, SimulationError)
+
+
+def run_experiments(
     twins: Sequence[Twin],
     recordings: Sequence[Experiment],
     inputs: Inputs,
@@ -124,11 +197,11 @@ def _run_experiments(
         samples = samples_at(times, experiment)
         reductions = reductions_for(outputs, samples)
         draws = _draws_for(recording_twin, inputs, values)
-        results = simulate_batch(
+        results = reduce_batch(
             recording_twin,
             experiment,
             draws,
-            reductions=reductions,
+            reductions,
             executor=executor,
             on_progress=report,
         )

@@ -72,7 +72,7 @@ class Design:
 class AbstractMethod(abc.ABC):
     """A method of global sensitivity analysis.
 
-    - `name`: the name of the method in `jaxtwin.sensitivity`.
+    - `name`: the name of the method in `jaxtwin.global_sensitivity`.
     - `main`: the index by which parameters are ranked.
     - `default_draws`, `default_samples`: the number and the kind of samples if the caller chooses
       none.

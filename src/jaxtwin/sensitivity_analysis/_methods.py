@@ -43,8 +43,8 @@ def checked_method(method: MethodName | AbstractMethod) -> AbstractMethod:
             if name == method:
                 return known
         raise SimulationError(
-            f"sensitivity: method: expected correlations, {', '.join(METHODS)}, got {method!r}"
-            f"{did_you_mean([method], ['correlations', *METHODS])}"
+            f"sensitivity: method: expected {', '.join(METHODS)}, got {method!r}"
+            f"{did_you_mean([method], METHODS)}"
         )
     expected = "the name of a method, or one such as Sobol(second_order=True)"
     return of_kind("sensitivity: method", method, AbstractMethod, expected, SimulationError)

@@ -138,7 +138,7 @@ def samples_at(times: Sequence[float] | None, experiment: Experiment) -> tuple[i
 def reductions_for(
     outputs: Mapping[str, OutputName | ReductionFunction], samples: tuple[int, ...]
 ) -> dict[str, ReductionName | ReductionFunction]:
-    """Returns the reductions that `simulate_batch` has to compute."""
+    """Returns the reductions that `reduce_batch` has to compute."""
     functions: dict[Any, ReductionFunction] = {
         "uniformity": mean_range,
         "temperature": TemperatureAt(samples),

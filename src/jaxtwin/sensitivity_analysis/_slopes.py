@@ -35,7 +35,7 @@ def slopes_of(
 
     They are marked failed for draws that the default solver would solve again with shorter steps.
 
-    **Arguments:** those of `simulate_batch`.
+    **Arguments:** those of `reduce_batch`.
 
     **Returns:** the derivatives with respect to the first parameter, the second, and so on.
 

@@ -17,6 +17,7 @@ from ._run import fit_percent as fit_percent
 from ._run import rmse as rmse
 from ._simulate import response as response
 from ._simulate import simulate as simulate
+from ._simulate_batch import reduce_batch as reduce_batch
 from ._simulate_batch import simulate_batch as simulate_batch
 from ._stepper import Stepper as Stepper
 from ._stepper import StepperState as StepperState

@@ -56,8 +56,7 @@ def solve_draws(
         for part in parts
     ]
     results: Results = {}
-    where = "simulate_batch: executor"
-    with closing(work_in_units(where, executor, _solve_unit, units, SimulationError)) as done:
+    with closing(work_in_units("executor", executor, _solve_unit, units, SimulationError)) as done:
         for number, found in done:
             part = parts[number]
             for name, values in found.items():

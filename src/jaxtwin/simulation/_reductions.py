@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 ReductionName: TypeAlias = Literal[
     "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
 ]
-"""The name of a reduction of `simulate_batch`; `Reductions` explains each."""
+"""The name of a reduction of `reduce_batch`; `Reductions` explains each."""
 
 ReductionFunction: TypeAlias = Callable[[Float[Array, "times channels"]], Shaped[Array, "..."]]
 """A reduction by the user: a pure JAX function of the trajectory of one draw, degC."""
@@ -183,7 +183,7 @@ class Reductions:
             present = [known for known in REDUCTIONS if getattr(self, known) is not None]
             raise SimulationError(
                 f"reductions: expected one of {', '.join([*present, *self.custom])}, got {name!r}; "
-                f"ask simulate_batch for it{did_you_mean([name], [*present, *self.custom])}"
+                f"ask reduce_batch for it{did_you_mean([name], [*present, *self.custom])}"
             )
         return found
 

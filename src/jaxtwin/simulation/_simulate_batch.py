@@ -1,7 +1,7 @@
 """Simulates many draws of a twin's parameters."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -32,44 +32,19 @@ thousands of draws a few then fill a whole chunk with copies, which costs some p
 at most, and share the compiled linear algebra of the first pass."""
 
 
-@overload
-def simulate_batch(
-    twin: Twin | FittedTwins,
-    experiment: Experiment,
-    draws: Mapping[str, ArrayLike],
-    *,
-    reductions: None = None,
-    initial: Initial = None,
-    precision: Precision = "float64",
-    solver: "diffrax.AbstractSolver | None" = None,
-    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
-    dt0: float | None = None,
-    adjoint: "diffrax.AbstractAdjoint | None" = None,
-    chunk_size: int | None = None,
-    workers: int | None = None,
-    executor: Executor | None = None,
-    on_progress: Callable[[int], None] | None = None,
-) -> Float[np.ndarray, "draws times channels"]: ...
+class BatchOptions(TypedDict, total=False):
+    """The further keywords of `simulate_batch`, which `reduce_batch` takes too."""
 
-
-@overload
-def simulate_batch(
-    twin: Twin | FittedTwins,
-    experiment: Experiment,
-    draws: Mapping[str, ArrayLike],
-    *,
-    reductions: ReductionChoice,
-    initial: Initial = None,
-    precision: Precision = "float64",
-    solver: "diffrax.AbstractSolver | None" = None,
-    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
-    dt0: float | None = None,
-    adjoint: "diffrax.AbstractAdjoint | None" = None,
-    chunk_size: int | None = None,
-    workers: int | None = None,
-    executor: Executor | None = None,
-    on_progress: Callable[[int], None] | None = None,
-) -> Reductions: ...
+    initial: Initial
+    precision: Precision
+    solver: "diffrax.AbstractSolver | None"
+    stepsize_controller: "diffrax.AbstractStepSizeController | None"
+    dt0: float | None
+    adjoint: "diffrax.AbstractAdjoint | None"
+    chunk_size: int | None
+    workers: int | None
+    executor: Executor | None
+    on_progress: Callable[[int], None] | None
 
 
 @announced("simulation of many draws")
@@ -78,7 +53,6 @@ def simulate_batch(
     experiment: Experiment,
     draws: Mapping[str, ArrayLike],
     *,
-    reductions: ReductionChoice | None = None,
     initial: Initial = None,
     precision: Precision = "float64",
     solver: "diffrax.AbstractSolver | None" = None,
@@ -89,7 +63,7 @@ def simulate_batch(
     workers: int | None = None,
     executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
-) -> Float[np.ndarray, "draws times channels"] | Reductions:
+) -> Float[np.ndarray, "draws times channels"]:
     """Runs a twin through an experiment for many draws of its parameters.
 
     The draws are solved in chunks by all cores, or by the accelerator if JAX has one. The result of
@@ -101,14 +75,8 @@ def simulate_batch(
 
     - `twin`: the twin, whose other parameters keep their values; or a fit, which is run with the
       experiment's own values, see `Fit.twin_for`.
-    - `experiment`: the inputs; with recorded temperatures for the reduction "cost".
+    - `experiment`: the inputs.
     - `draws`: parameter -> draws `(draws,)` in the unit of the rig's table.
-    - `reductions`: the results to keep instead of the trajectories, computed for each draw: some of
-      "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
-      (see `Reductions`), or a mapping from names to pure JAX functions of a trajectory
-      `(times, channels)` in degC, such as `{"hottest": lambda trajectory: trajectory.max()}`. Such
-      a mapping may hold `"cost": "cost"` and the like beside them. Each function is compiled once:
-      define it outside of loops.
     - `initial`: as in `simulate`.
     - `precision`: the precision of the default solver. float32 is accurate to about a millikelvin,
       because the solver computes deviations from ambient. Nonlinear losses of the plate are always
@@ -130,13 +98,88 @@ def simulate_batch(
       time. Draws that are solved again follow after the last call.
 
     **Returns:** temperatures `(draws, times, channels)`, degC, for the channels that the experiment
-    names, else all; or `Reductions`.
+    names, else all. `reduce_batch` keeps less.
 
     **Raises:** `ParameterError` for unknown names, for draws that are missing, not one-dimensional,
     not finite or of different numbers, and for a twin with several values of another parameter;
-    `SimulationError` if experiment and rig do not match, if the cost is requested without recorded
-    temperatures, if an option is invalid, or if an executor fails.
+    `SimulationError` if experiment and rig do not match, if an option is invalid, or if an executor
+    fails.
     """
+    _, results = _solve_batch(
+        twin,
+        experiment,
+        draws,
+        None,
+        initial=initial,
+        precision=precision,
+        solver=solver,
+        stepsize_controller=stepsize_controller,
+        dt0=dt0,
+        adjoint=adjoint,
+        chunk_size=chunk_size,
+        workers=workers,
+        executor=executor,
+        on_progress=on_progress,
+    )
+    return results["temperatures"]
+
+
+@announced("simulation of many draws")
+def reduce_batch(
+    twin: Twin | FittedTwins,
+    experiment: Experiment,
+    draws: Mapping[str, ArrayLike],
+    reductions: ReductionChoice,
+    **options: Unpack[BatchOptions],
+) -> Reductions:
+    """Runs a twin through an experiment for many draws of its parameters as `simulate_batch` does,
+    and keeps some numbers of each draw instead of its trajectory.
+
+    ```python
+    drive = jt.Experiment.schedule("0:0.5", duration=600, cells=2)
+    kept = jt.reduce_batch(jt.Twin("dual-cell"), drive, {"R_E": [1.9, 2.0]}, ["final", "energy"])
+    kept.energy
+    ```
+
+    **Arguments:**
+
+    - `twin`, `draws`: as in `simulate_batch`.
+    - `experiment`: the inputs; with recorded temperatures for the reduction "cost".
+    - `reductions`: what is computed of each draw: some of
+      "cost", "final", "minimum", "maximum", "plate_range", "plate_std", "energy", "peak_power"
+      (see `Reductions`), or a mapping from names to pure JAX functions of a trajectory
+      `(times, channels)` in degC, such as `{"hottest": lambda trajectory: trajectory.max()}`. Such
+      a mapping may hold `"cost": "cost"` and the like beside them. Each function is compiled once:
+      define it outside of loops.
+    - `options`: the further keywords of `simulate_batch`.
+
+    **Returns:** the results, with the draws that failed.
+
+    **Raises:** as `simulate_batch`, and `SimulationError` for an unknown reduction, or if the cost
+    is requested without recorded temperatures.
+    """
+    return Reductions.of(*_solve_batch(twin, experiment, draws, reductions, **options))
+
+
+def _solve_batch(
+    twin: Twin | FittedTwins,
+    experiment: Experiment,
+    draws: Mapping[str, ArrayLike],
+    reductions: ReductionChoice | None,
+    *,
+    initial: Initial = None,
+    precision: Precision = "float64",
+    solver: "diffrax.AbstractSolver | None" = None,
+    stepsize_controller: "diffrax.AbstractStepSizeController | None" = None,
+    dt0: float | None = None,
+    adjoint: "diffrax.AbstractAdjoint | None" = None,
+    chunk_size: int | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    on_progress: Callable[[int], None] | None = None,
+) -> tuple[tuple[str, ...], Results]:
+    """Returns the names of the channels, and the results of the reductions by name; the
+    temperatures if there are none."""
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
     twin = twin_of_experiment(twin, experiment)
     names = checked_channels(twin, experiment)
@@ -147,7 +190,7 @@ def simulate_batch(
         if number is not None:
             whole_number(name, number, 1, SimulationError)
     check_callable("on_progress", on_progress, SimulationError)
-    check_executor("simulate_batch: executor", executor, SimulationError)
+    check_executor("executor", executor, SimulationError)
     if checked_precision(precision) == "float32" and method is not None:
         raise SimulationError(
             'precision: expected "float64" beside a solver, got "float32"; only the default '
@@ -184,7 +227,7 @@ def simulate_batch(
         results = solve_refined(total, solve, rescue)
     else:
         results = solve_draws(batch, arrays, method, executor, report)
-    return results["temperatures"] if wanted is None else Reductions.of(names, results)
+    return names, results
 
 
 def checked_draws(

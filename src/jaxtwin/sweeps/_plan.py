@@ -17,7 +17,7 @@ from ..physics import Twin
 from ..sensitivity_analysis._central_values import central_values, rescaled_draws
 from ..sensitivity_analysis._paired_twins import distinct_names, paired_twins
 from ..sensitivity_analysis._sampling import checked_seed, checked_spread, normal_draws
-from ..simulation import REDUCTIONS, Precision, ReductionName, simulate_batch
+from ..simulation import REDUCTIONS, Precision, ReductionName, reduce_batch
 from ..simulation._reductions import checked_reductions
 from ..simulation._simulate import checked_channels
 from ..simulation._simulate_batch import checked_precision
@@ -42,7 +42,7 @@ class Plan:
     - `values`: name -> value around which the parameter is drawn, in the rig's unit. They have the
       order of the rig's parameters, which is that of the random numbers.
     - `draws`, `spread`, `seed`: as in `normal_draws`.
-    - `reductions`, `precision`: as in `simulate_batch`.
+    - `reductions`, `precision`: as in `reduce_batch`.
     - `chunk_size`: the number of draws that are written at a time.
     """
 
@@ -111,7 +111,7 @@ class Plan:
 
         **Arguments:**
 
-        - `on_progress`, `workers`: as in `simulate_batch`.
+        - `on_progress`, `workers`: as in `reduce_batch`.
 
         **Returns:** name of the array -> results of the draws.
         """
@@ -119,11 +119,11 @@ class Plan:
         kept: dict[str, list[np.ndarray]] = {name: [] for name in self.reductions}
         failed = np.zeros(len(next(iter(samples.values()))), dtype=bool)
         for twin, experiment in zip(self.twins, self.experiments, strict=True):
-            result = simulate_batch(
+            result = reduce_batch(
                 twin,
                 experiment,
                 rescaled_draws(twin, self.values, samples),
-                reductions=self.reductions,
+                self.reductions,
                 precision=self.precision,
                 workers=workers,
                 on_progress=on_progress,

@@ -135,7 +135,7 @@ def sweep(
     - `draws`, `spread`, `seed`: as in `sensitivity`.
     - `names`: the parameters that are drawn; by default the free ones that all recordings
       share.
-    - `reductions`: the reductions that are kept, see `simulate_batch`; by default "final", and
+    - `reductions`: the reductions that are kept, see `reduce_batch`; by default "final", and
       "cost" if every experiment has recorded temperatures.
     - `precision`: the precision of the computation and of the stored results.
     - `chunk_size`: the number of draws that are computed and written at a time.
