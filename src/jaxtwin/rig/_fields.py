@@ -7,7 +7,15 @@ from typing import final
 from .._name_suggestions import unknown_name
 from ._parameter import Parameter
 from ._problems import refuse
-from ._units import Kind, is_quantity, parse_quantity, range_problem, unit_scale
+from ._units import (
+    THERMAL_RESISTANCE,
+    Kind,
+    is_infinite,
+    is_quantity,
+    parse_quantity,
+    range_problem,
+    unit_scale,
+)
 from ._value import Value
 
 
@@ -57,6 +65,18 @@ class Fields:
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 
+    def path(self, field: str, text: str) -> Value | None:
+        """Converts a thermal resistance of a path that may be absent: `"inf K/W"` is None.
+
+        **Raises:** `RigError` as `value`.
+        """
+        try:
+            if is_infinite(text, THERMAL_RESISTANCE):
+                return None
+        except ValueError as problem:
+            self.refuse(field, f"expected {THERMAL_RESISTANCE}, got {text!r}, {problem}")
+        return self.value(field, text, THERMAL_RESISTANCE)
+
     def constant(self, field: str, text: str, kind: Kind) -> float:
         """Converts a quantity of a kind to SI units.
 
@@ -81,10 +101,13 @@ class Fields:
     ) -> None:
         """Refuses a name that is neither an element of the plate nor one of the given bodies."""
         if name not in elements and name not in bodies:
-            known = f"one of the plate's elements {elements[0]} to {elements[-1]}"
+            known = []
+            if elements:
+                known.append(f"one of the plate's elements {elements[0]} to {elements[-1]}")
             if bodies:
-                known += f", or one of the bodies {', '.join(bodies)}"
-            self.refuse(field, f"expected {known}, got {name!r}")
+                known.append(f"one of the bodies {', '.join(bodies)}")
+            expected = ", or ".join(known) or "a [plate] or [[bodies]] in the file"
+            self.refuse(field, f"expected {expected}, got {name!r}")
 
     def check_unique(self, field: str, names: list[str]) -> None:
         """Refuses a name that occurs twice."""
