@@ -212,7 +212,7 @@ WRONG = {
     ),
     "another rig's recording": (
         ["validate", "single-cell", "synthetic-A", "--split", "500"],
-        "expected the 1 cells of single-cell, got 2",
+        "expected the 1 cell of single-cell, got 2",
     ),
     "unknown command": (["simulat"], "No such command 'simulat'"),
     "unknown option": (["rigs", "--jsn", "x"], "No such option: --jsn"),

@@ -21,6 +21,7 @@ TABLES = {
     "`[[circuit.links]]`": schema.LinkTable,
     "`[[cells]]`": schema.CellTable,
     "`fan` of a cell or a link": schema.FanTable,
+    "`[[heaters]]`": schema.HeaterTable,
     "`[[bodies]]`": schema.BodyTable,
     "`[[links]]`": schema.BodyLinkTable,
     "`[driver]`": schema.DriverTable,

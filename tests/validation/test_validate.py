@@ -207,7 +207,7 @@ def test_predictions_that_cannot_be_made_say_why(truth: Twin, days: list[Experim
         validate(truth, Experiment.schedule("0:0.5", duration=240, channels=("T",)))
     time = np.arange(100.0)
     two_cells = Experiment(time, np.zeros((100, 2)), channels=("T",), temperatures=time[:, None])
-    with pytest.raises(SimulationError, match="expected the 1 cells of single-cell, got 2"):
+    with pytest.raises(SimulationError, match="expected the 1 cell of single-cell, got 2"):
         validate(truth, [days[0], two_cells])
 
 

@@ -66,6 +66,7 @@ def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
             np.asarray(modes.linearised_conductance, float),
             "heat flows out of the sides of the cells that are in the modes, W/K",
         ),
+        **_powers(stepper),
         "alpha": (np.asarray(module.seebeck_coefficient, float), "Seebeck, V/K"),
         "R": (np.asarray(module.electrical_resistance, float), "of the cells, ohm"),
         "half_decay": (np.expm1(-rates * h[:, None] / 2), "less 1, of each part of a step"),
@@ -103,6 +104,17 @@ def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
     return {key: (np.asarray(value, float), text) for key, (value, text) in tables.items()}
 
 
+def _powers(stepper: Stepper) -> dict[str, Table]:
+    """The powers of the heaters that have a supply of their own."""
+    bridge = stepper.system.bridge
+    if not bridge.own_supply:
+        return {}
+    power = bridge.own_voltage**2 / np.asarray(stepper.system.module.electrical_resistance, float)
+    return {
+        "power": (np.where(bridge.own_supply, power, 0.0), "of heaters at full duty, W; else 0")
+    }
+
+
 def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | float]:
     """The macros of the numbers: those of the driver and the losses, and the terms of the equations
     that this twin has."""
@@ -121,6 +133,8 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
         found["BRAKES"] = 1
     if bridge.current_limit is not None:
         found["IMAX"] = float(np.asarray(bridge.current_limit))
+    if bridge.own_supply:
+        found["HAS_POWERS"] = 1
     if sizes.has_lag:
         found["HAS_LAG"] = 1
     if sizes.has_reservoirs:

@@ -12,7 +12,8 @@ static model_real model_limited(model_real current)
 #endif
 }
 
-/* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. */
+/* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. Those of a heater are
+   the same node. */
 static void model_heat(int cell, model_real duty, model_real cold, model_real hot,
                        model_real flow[2])
 {
@@ -36,7 +37,12 @@ static void model_heat(int cell, model_real duty, model_real cold, model_real ho
 #endif
 #endif
     const model_real peltier = model_alpha[cell] * current;
-    const model_real joule = (model_real)0.5 * model_R[cell] * square;
+    model_real joule = (model_real)0.5 * model_R[cell] * square;
+#ifdef MODEL_HAS_POWERS
+    if (model_power[cell] > 0) {
+        joule = (model_real)0.5 * share * model_power[cell];
+    }
+#endif
     flow[0] = joule - peltier * cold;
     flow[1] = joule + peltier * hot;
 }

@@ -101,6 +101,7 @@ def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
     """Refuses a recording whose channels or cells are not those of the rig."""
     from .._errors import RecordingError
     from .._name_suggestions import did_you_mean
+    from ..io._duty_of_rig import check_duty_of_rig
 
     channels = [channel.name for channel in rig.channels]
     unknown = [name for name in experiment.channels if name not in channels]
@@ -110,11 +111,7 @@ def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
             f"{', '.join(unknown)}{did_you_mean(unknown, channels)}; --column names a column, "
             "--ignore leaves it out"
         )
-    if experiment.n_cells != len(rig.cells):
-        raise RecordingError(
-            f"{file}: expected the duty of {len(rig.cells)} cells of {rig.name}, got that of "
-            f"{experiment.n_cells}"
-        )
+    check_duty_of_rig(experiment, rig, str(file), RecordingError)
 
 
 def _ranges(experiment: "Experiment", names: dict[str, str]) -> list[tuple[str, ...]]:

@@ -8,6 +8,7 @@ from .._errors import RecordingError
 from ..rig import Rig
 from ._csv import parse_csv
 from ._delimited import names_of_columns
+from ._duty_of_rig import check_heats_only
 from ._experiment import Experiment
 from ._mat import parse_mat
 from ._matlab5 import is_matlab5
@@ -128,6 +129,8 @@ def read_recording(
             )
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
+    if rig is not None:
+        check_heats_only(experiment, rig, str(file), RecordingError)
     return experiment
 
 

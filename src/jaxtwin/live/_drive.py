@@ -8,6 +8,7 @@ import numpy as np
 
 from .._errors import JaxtwinError
 from ..io import Experiment
+from ..io._duty_of_rig import check_duty_of_rig
 from ._operate import DutySource, Moment, operate
 from ._service import RecordConsumer
 from .protocol._rig_connection import RigConnection
@@ -41,13 +42,10 @@ def drive(
     **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
 
     **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready;
-    `JaxtwinError` if the plan is for another number of cells.
+    `JaxtwinError` if the plan is for another number of cells and heaters, or a heater is to cool.
     """
-    cells = len(connection.rig.cells)
-    if plan.n_cells != cells:
-        raise JaxtwinError(
-            f"{connection.rig.name}: expected a plan for {cells} cells, got one for {plan.n_cells}"
-        )
+    label = f"{connection.rig.name}: the plan {plan.name}".rstrip()
+    check_duty_of_rig(plan, connection.rig, label, JaxtwinError)
     return operate(
         connection,
         guard,

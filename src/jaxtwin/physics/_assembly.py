@@ -5,9 +5,17 @@ from dataclasses import replace
 from .._arguments import of_kind
 from .._errors import RigError
 from .._name_suggestions import unknown_name
-from ..rig import Rig
+from ..rig import Heater, Rig, Value
 from ..rig._plate import AMBIENT
-from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
+from ._netlist import (
+    OWN_VOLTAGE,
+    Link,
+    Loss,
+    Netlist,
+    Node,
+    Reservoir,
+    ThermoelectricElement,
+)
 from ._plate import circuit_links, element_capacitance, exposed_area, finite_volume_links
 from ._sensors import lagging_sensors
 
@@ -18,14 +26,16 @@ def build_netlist(rig: Rig) -> Netlist:
     A cell adds a plate side `<cell>.TC`, a far side `<cell>.TH` and, if the rig gives one, a
     sink `<cell>.SINK`, with the links plate - TC - TH - (SINK -) ambient of Fig. 9b and 13a. The
     bodies that have a heat capacity follow. A body at a fixed temperature becomes a reservoir. A
-    channel whose sensor has a lag adds the sensor, `<channel>.SENSOR`.
+    heater is an element of the network without nodes of its own. A channel whose sensor has a lag
+    adds the sensor, `<channel>.SENSOR`.
     """
     of_kind("build_netlist: rig", rig, Rig, "a Rig, as load_rig reads it", RigError)
     plate = rig.plate
+    capacitances, links = {}, []
     if rig.circuit is not None:
         capacitances = dict.fromkeys(plate.element_names, rig.circuit.capacitance)
         links = circuit_links(rig.circuit, rig.inputs)
-    else:
+    elif rig.has_plate:
         capacitances = {name: element_capacitance(plate, name) for name in plate.element_names}
         links = finite_volume_links(plate, _covered_faces(rig))
     start = rig.initial_temperature
@@ -39,19 +49,21 @@ def build_netlist(rig: Rig) -> Netlist:
         behind = cell.sink_initial_temperature or start
         if cell.sink is not None:
             behind = at_start[cell.sink]
-        for side, beside in ((cold, start), (hot, behind)):
+        touched, _ = cell.contacts[0]
+        for side, beside in ((cold, at_start.get(touched, start)), (hot, behind)):
             initial = cell.initial_temperature or beside
             nodes.append(Node(side, "cell", cell.side_capacitance, initial))
-        links += [Link(element, cold, (value,), "contact") for element, value in cell.contacts]
+        links += [
+            Link.of(rig.inputs, node, cold, value, "contact") for node, value in cell.contacts
+        ]
         links.append(Link(cold, hot, (cell.thermal_resistance,), "module"))
-        if cell.sink_capacitance is None or cell.sink_air_resistance is None:
-            links.append(
-                Link.of(rig.inputs, hot, cell.sink or AMBIENT, cell.sink_resistance, "sink")
-            )
-        else:
+        sink = cell.sink or AMBIENT
+        if cell.sink_capacitance is not None:
             sink = f"{cell.name}.SINK"
             nodes.append(Node(sink, "sink", cell.sink_capacitance, behind))
+        if cell.sink_resistance is not None:
             links.append(Link.of(rig.inputs, hot, sink, cell.sink_resistance, "sink"))
+        if cell.sink_air_resistance is not None:
             links.append(Link.of(rig.inputs, sink, AMBIENT, cell.sink_air_resistance, "sink"))
         cells.append(
             ThermoelectricElement(
@@ -63,6 +75,7 @@ def build_netlist(rig: Rig) -> Netlist:
                 thermal_resistance=cell.thermal_resistance,
             )
         )
+    cells += [_heater_element(heater) for heater in rig.heaters]
     nodes += [
         Node(body.name, "body", body.capacitance, at_start[body.name])
         for body in rig.bodies
@@ -102,6 +115,21 @@ def _with_own_starts(rig: Rig, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
     )
 
 
+def _heater_element(heater: Heater) -> ThermoelectricElement:
+    resistance = heater.electrical_resistance
+    if heater.power is not None:
+        resistance = OWN_VOLTAGE * OWN_VOLTAGE / heater.power
+    assert resistance is not None
+    return ThermoelectricElement(
+        name=heater.name,
+        cold=heater.node,
+        hot=heater.node,
+        seebeck_coefficient=Value(0.0),
+        electrical_resistance=resistance,
+        has_own_supply=heater.power is not None,
+    )
+
+
 def _loss(rig: Rig) -> Loss | None:
     """The nonlinear part of the plate's losses."""
     plate = rig.plate
@@ -125,9 +153,10 @@ def _covered_faces(rig: Rig) -> dict[str, float]:
     """
     covered: dict[str, float] = {}
     for cell in rig.cells:
-        share = 1 / len(cell.contacts)
-        if cell.area is not None:
-            share = cell.area / sum(rig.plate.area(element) for element, _ in cell.contacts)
-        for element, _ in cell.contacts:
+        elements = [node for node, _ in cell.contacts if node in rig.plate.element_names]
+        for element in elements:
+            share = 1 / len(elements)
+            if cell.area is not None:
+                share = cell.area / sum(rig.plate.area(touched) for touched in elements)
             covered[element] = min(1.0, covered.get(element, 0.0) + share / 2)
     return covered

@@ -4,8 +4,10 @@ from typing import Literal, NamedTuple, final
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ._netlist import OWN_VOLTAGE
 from ._thermoelectric import ThermoelectricModule
 
 
@@ -52,6 +54,10 @@ class Bridge(eqx.Module):
     - `supply_resistance`: $R_s$ of supply and leads, in series while a cell is connected, ohm.
     - `on_resistance`: $R_{on}$, ohm.
     - `current_limit`: $I_{max}$, A; None for no limit.
+    - `heaters`: for each cell whether it is a heater, whose duty is 0 to 1; empty if none is.
+    - `own_supply`: for each cell whether it is a heater of a given power, which a supply of its own
+      without a resistance feeds, switched on and off whatever the averaging; empty if none is.
+    - `own_voltage`: the voltage of these supplies, V.
     """
 
     supply_voltage: Float[ArrayLike, ""]
@@ -60,6 +66,9 @@ class Bridge(eqx.Module):
     averaging: Literal["voltage", "on-off"] = eqx.field(static=True)
     off_phase: Literal["brake", "open"] = eqx.field(static=True)
     current_limit: Float[ArrayLike, ""] | None = None
+    heaters: tuple[bool, ...] = eqx.field(static=True, default=())
+    own_supply: tuple[bool, ...] = eqx.field(static=True, default=())
+    own_voltage: Float[ArrayLike, ""] = OWN_VOLTAGE.factor
 
     def heat(
         self,
@@ -78,17 +87,22 @@ class Bridge(eqx.Module):
         """
         loop = module.electrical_resistance + self.on_resistance
         emf = module.emf(hot_temperature - cold_temperature)
-        share = jnp.abs(duty)
+        share, sign = self._share_and_sign(duty)
         if self.averaging == "voltage":
             drive = -duty * self.supply_voltage
             current = self._limited((drive - emf) / (loop + share * self.supply_resistance))
             square = current**2
         else:
-            drive = -jnp.sign(duty) * self.supply_voltage
+            drive = -sign * self.supply_voltage
             on = self._limited((drive - emf) / (loop + self.supply_resistance))
             off = -emf / loop if self.off_phase == "brake" else jnp.zeros_like(emf)
             current = share * on + (1 - share) * off
             square = share * on**2 + (1 - share) * off**2
+        if self.own_supply:
+            own = np.array(self.own_supply)
+            alone = jnp.asarray(self.own_voltage) / module.electrical_resistance
+            current = jnp.where(own, -share * alone, current)
+            square = jnp.where(own, share * alone**2, square)
         cold, hot = module.mean_heat_flows(current, square, cold_temperature, hot_temperature)
         return CellHeat(cold, hot, current, hot - cold)
 
@@ -109,13 +123,27 @@ class Bridge(eqx.Module):
         """
         loop = module.electrical_resistance + self.on_resistance
         emf = module.emf(hot_temperature - cold_temperature)
-        share = jnp.abs(duty)
+        share, sign = self._share_and_sign(duty)
         if self.averaging == "voltage":
             drive = -duty * self.supply_voltage
-            resistance = loop + share * self.supply_resistance
-            return self._power(drive, emf, resistance)
-        drive = -jnp.sign(duty) * self.supply_voltage
-        return share * self._power(drive, emf, loop + self.supply_resistance)
+            power = self._power(drive, emf, loop + share * self.supply_resistance)
+        else:
+            drive = -sign * self.supply_voltage
+            power = share * self._power(drive, emf, loop + self.supply_resistance)
+        if self.own_supply:
+            alone = share * jnp.asarray(self.own_voltage) ** 2 / module.electrical_resistance
+            power = jnp.where(np.array(self.own_supply), alone, power)
+        return power
+
+    def _share_and_sign(
+        self, duty: Float[Array, "*times cells"]
+    ) -> tuple[Float[Array, "*times cells"], Float[Array, "*times cells"]]:
+        """The share of a period during which a cell is connected, and the sign of its voltage."""
+        share, sign = jnp.abs(duty), jnp.sign(duty)
+        if self.heaters:  # without the kink at 0, so that their heat has a derivative there
+            heaters = np.array(self.heaters)
+            share, sign = jnp.where(heaters, duty, share), jnp.where(heaters, 1.0, sign)
+        return share, sign
 
     def _limited(self, current: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """The current of a connected cell within the controller's limit, A."""

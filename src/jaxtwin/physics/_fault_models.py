@@ -30,11 +30,15 @@ INTERRUPTED = 1e9
 
 
 def loosened_contact(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
-    """The contact resistances between a cell and the plate are `factor` times as large.
+    """The contact resistances between a cell and what it touches are `factor` times as large; or
+    all resistances between a heater with a heat capacity and other nodes.
 
     **Raises:** `SimulationError` if the rig has no such cell; so do the other models of cells.
     """
-    number = _number("cell", cell, _cells(twin.rig))
+    rig = twin.rig
+    apart = [heater.name for heater in rig.heaters if heater.node == heater.name]
+    _number("cell", cell, (*_cells(rig), *apart))
+    number = rig.driven.index(cell)
 
     def fault(system: System) -> System:
         cold, hot = int(system.wiring.cold[number]), int(system.wiring.hot[number])
@@ -49,8 +53,8 @@ def loosened_contact(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fau
 
 
 def open_circuit(twin: Twin, cell: str, _: Float[ArrayLike, ""] = 1.0) -> Fault:
-    """The circuit of a cell is interrupted: no current flows through it."""
-    number = _number("cell", cell, _cells(twin.rig))
+    """The circuit of a cell or heater is interrupted: no current flows through it."""
+    number = _number("cell", cell, twin.rig.driven)
 
     def fault(system: System) -> System:
         resistance = jnp.asarray(system.module.electrical_resistance).at[number].set(INTERRUPTED)
@@ -60,9 +64,9 @@ def open_circuit(twin: Twin, cell: str, _: Float[ArrayLike, ""] = 1.0) -> Fault:
 
 
 def aged_cell(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
-    """The electrical resistance of a cell is `factor` times as large, as by cracks in its solder
-    after many thermal cycles."""
-    number = _number("cell", cell, _cells(twin.rig))
+    """The electrical resistance of a cell or heater is `factor` times as large, as by cracks in its
+    solder after many thermal cycles."""
+    number = _number("cell", cell, twin.rig.driven)
 
     def fault(system: System) -> System:
         resistance = jnp.asarray(system.module.electrical_resistance).at[number].multiply(factor)
@@ -97,11 +101,16 @@ def blocked_sink(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
 
 
 def weak_supply(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
-    """The voltage of the supply, `part` "supply", is `factor` of what it was."""
+    """The voltage of the supply, `part` "supply", is `factor` of what it was. So is that of the
+    supplies of heaters of a given power."""
     _number("part", part, ("supply",))
-    return lambda system: eqx.tree_at(
-        lambda s: s.bridge.supply_voltage, system, system.bridge.supply_voltage * factor
-    )
+
+    def fault(system: System) -> System:
+        bridge = system.bridge
+        weak = [jnp.asarray(v) * factor for v in (bridge.supply_voltage, bridge.own_voltage)]
+        return eqx.tree_at(lambda s: [s.bridge.supply_voltage, s.bridge.own_voltage], system, weak)
+
+    return fault
 
 
 def gained_channel(twin: Twin, channel: str, factor: Float[ArrayLike, ""]) -> Fault:

@@ -88,19 +88,28 @@ class Link:
         return sum(value.evaluate(values_si) for value in self.resistances)
 
 
+OWN_VOLTAGE = Value(1.0)
+"""The voltage of the supply of a heater of a given power, V: its resistance is $V^2 / P$."""
+
+
 @final
 @dataclass(frozen=True)
 class ThermoelectricElement:
     """The heat that the current of one cell moves between its two sides.
 
+    A heater is such an element too: one whose Seebeck coefficient is 0 and whose two sides are the
+    same node, into which $q_h - q_c = R I^2$ flows.
+
     **Arguments:**
 
-    - `name`: the name of the cell.
+    - `name`: the name of the cell or heater.
     - `cold`, `hot`: nodes of the cold and the hot side, named as in eqs. (7)-(9). The cold side is
       the one at the plate; a drive that heats the plate reverses the current.
     - `seebeck_coefficient`: V/K.
     - `electrical_resistance`: ohm.
-    - `thermal_resistance`: K/W; it is also one of the links.
+    - `thermal_resistance`: K/W; it is also one of the links. None for a heater.
+    - `has_own_supply`: whether a supply of `OWN_VOLTAGE` without a resistance, which is switched on
+      and off, feeds it in place of the driver's: a heater of a given power.
     """
 
     name: str
@@ -108,7 +117,13 @@ class ThermoelectricElement:
     hot: str
     seebeck_coefficient: Value
     electrical_resistance: Value
-    thermal_resistance: Value
+    thermal_resistance: Value | None = None
+    has_own_supply: bool = False
+
+    @property
+    def is_heater(self) -> bool:
+        """Whether its two sides are the same node."""
+        return self.cold == self.hot
 
 
 @final
@@ -130,13 +145,14 @@ class Loss:
 @final
 @dataclass(frozen=True, eq=False)
 class Netlist:
-    """A thermal network with thermoelectric cells.
+    """A thermal network with thermoelectric cells and heaters.
 
     Netlists are equal, and have the same hash, when their contents are: compiled code is shared.
 
     **Arguments:**
 
-    - `nodes`, `links`, `cells`: the parts of the network, in the order of all arrays.
+    - `nodes`, `links`, `cells`: the parts of the network, in the order of all arrays. Heaters are
+      the last of the `cells`.
     - `loss`: the nonlinear part of the losses; None if they are linear.
     - `reservoirs`: the bodies at a fixed temperature, without the surroundings.
     """

@@ -129,16 +129,17 @@ class Twin(eqx.Module):
         one value.
         """
         for element in self.netlist.cells:
-            if element.name == cell:
+            if element.name == cell and element.thermal_resistance is not None:
                 values = self.numbers_si
                 return ThermoelectricModule(
                     float(element.seebeck_coefficient.evaluate(values)),
                     float(element.electrical_resistance.evaluate(values)),
                     float(element.thermal_resistance.evaluate(values)),
                 )
-        names = [element.name for element in self.netlist.cells]
+        names = [element.name for element in self.netlist.cells if not element.is_heater]
         raise ParameterError(
-            f"{self.rig.name}: expected one of the cells {', '.join(names)}, got {cell!r}"
+            f"{self.rig.name}: expected one of the cells {', '.join(names) or '(none)'}, got "
+            f"{cell!r}"
             f"{did_you_mean([str(cell)], names)}"
         )
 

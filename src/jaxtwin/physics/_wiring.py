@@ -43,7 +43,9 @@ class Wiring:
     - `reservoirs`: the temperatures of the reservoirs as `Expressions`, and `reservoir_sums`: sums
       over the links from each node to the first reservoir, then to the second, and so on; both None
       without reservoirs.
-    - `cold`, `hot` (cells,): the nodes of the cells' two sides.
+    - `cold`, `hot` (cells,): the nodes of the cells' two sides, which are the same for a heater.
+    - `heaters`, `own_supply`: for each cell whether it is a heater, and whether it has a supply of
+      its own, see `ThermoelectricElement`; each empty if none is or has.
     - `channel_weights` (channels, nodes), and the `zones` that move them if the rig's camera has
       a registration, else None.
     - `elements`: the number of nodes of the plate, which are the first nodes.
@@ -94,7 +96,7 @@ class Wiring:
         self.module_constants = Expressions(
             [[cell.seebeck_coefficient] for cell in cells]
             + [[cell.electrical_resistance] for cell in cells]
-            + [[cell.thermal_resistance] for cell in cells]
+            + [[cell.thermal_resistance or Value(1.0)] for cell in cells]
         )
 
     def _evaluate_nodes_and_links(self, rig: Rig) -> None:
@@ -113,8 +115,14 @@ class Wiring:
     def _evaluate_driver(self, driver: Driver) -> None:
         self.averaging: Literal["voltage", "on-off"] = driver.averaging
         self.off_phase: Literal["brake", "open"] = driver.off_phase
+        cells = self.netlist.cells
+        heaters = tuple(cell.is_heater for cell in cells)
+        own = tuple(cell.has_own_supply for cell in cells)
+        self.heaters = heaters if any(heaters) else ()
+        self.own_supply = own if any(own) else ()
+        voltage = driver.supply_voltage or Value(1.0)  # of no cell and no heater
         self.bridge_constants = Expressions(
-            [[driver.supply_voltage], [driver.supply_resistance], [driver.on_resistance]]
+            [[voltage], [driver.supply_resistance], [driver.on_resistance]]
         )
         self.lag, self.delay, self.current_limit = (
             None if value is None else Expressions([[value]])

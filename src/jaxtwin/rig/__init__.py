@@ -8,7 +8,8 @@ change it. Which file holds what:
 - reading: `_load`, `_build`, `_fields` (texts to values), `_problems` (messages), `_bundled`
 - units: `_units`, and `_common_units` for those that need no pint
 - the plate: `_plate`, `_plate_table`, `_circuit`, `_circuit_table`, `_material`
-- what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_body`, `_body_table`, `_fan_table`
+- what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_heater`, `_heater_table`, `_body`,
+  `_body_table`, `_fan_table`, and `_grounding` (a path for the heat of each of them)
 - what drives and reads it: `_driver`, `_limits`, `_camera`, `_bench_table`
 - what else changes during a run: `_input`, `_input_table`
 - channels: `_channel`; a kind of sensor (`_sensor`) says what it reads, weighs and shows:
@@ -25,6 +26,7 @@ from ._channel import Channel
 from ._circuit import Circuit, CircuitLink
 from ._datasheet import Datasheet, load_module
 from ._driver import Driver
+from ._heater import Heater
 from ._input import Input, Switched
 from ._json_schema import json_schema
 from ._load import load_rig
@@ -55,6 +57,7 @@ __all__ = [
     "CommonError",
     "Datasheet",
     "Driver",
+    "Heater",
     "Input",
     "Material",
     "NodesSensor",

@@ -1,8 +1,12 @@
 """Tables around the plate: `[driver]`, `[camera]`, `[limits]` of a rig file."""
 
+from collections.abc import Sequence
+
 from ._camera import Camera, CommonError, Registration
+from ._cell import Cell
 from ._driver import Driver
 from ._fields import Fields
+from ._heater import Heater
 from ._limits import Limits
 from ._schema import (
     CameraTable,
@@ -26,12 +30,44 @@ from ._units import (
     Kind,
 )
 
+_OF_CELLS = ("supply_voltage", "on_resistance", "counts", "polarity", "averaging")
+"""The keys of `[driver]` that a rig with cells needs."""
 
-def build_driver(table: DriverTable, fields: Fields) -> Driver:
+
+def build_driver(
+    table: DriverTable | None, cells: Sequence[Cell], heaters: Sequence[Heater], fields: Fields
+) -> Driver:
     """The driver.
 
-    **Raises:** `RigError` if a value is wrong.
+    **Arguments:**
+
+    - `table`: its table. Heaters of a given power need none, heaters with a resistance need the
+      voltage of the supply, and cells need all.
+    - `cells`, `heaters`: what it drives.
+
+    **Raises:** `RigError` if a value is wrong or missing.
     """
+    if table is None:
+        if cells:
+            fields.refuse("driver", "missing, every rig with cells needs it")
+        table = DriverTable()
+    needed = _OF_CELLS if cells else ()
+    if any(heater.power is None for heater in heaters):
+        needed = needed or ("supply_voltage",)
+    for name in needed:
+        if getattr(table, name) is None:
+            fields.refuse(
+                f"driver.{name}",
+                "missing, every rig with cells needs it"
+                if cells
+                else "missing, heaters with an electrical_resistance need it",
+            )
+    if heaters and table.polarity == -1:
+        fields.refuse(
+            "driver.polarity",
+            "expected 1 in a rig with heaters, whose counts are never negative, got -1; let the "
+            "device reverse the counts of its cells",
+        )
     if table.averaging == "voltage" and table.off_phase != "brake":
         fields.refuse(
             "driver.off_phase",
@@ -45,19 +81,20 @@ def build_driver(table: DriverTable, fields: Fields) -> Driver:
         for name, text in (("lag", table.lag), ("delay", table.delay))
     )
     supply_resistance, on_resistance = (
-        fields.value(f"driver.{name}", getattr(table, name), SERIES_RESISTANCE)
+        fields.value(f"driver.{name}", getattr(table, name) or "0 ohm", SERIES_RESISTANCE)
         for name in ("supply_resistance", "on_resistance")
     )
+    voltage = table.supply_voltage
     limit = table.current_limit
     return Driver(
-        supply_voltage=fields.input_or_value(
-            "driver.supply_voltage", table.supply_voltage, VOLTAGE
-        ),
+        supply_voltage=None
+        if voltage is None
+        else fields.input_or_value("driver.supply_voltage", voltage, VOLTAGE),
         supply_resistance=supply_resistance,
         on_resistance=on_resistance,
-        counts=table.counts,
-        polarity=table.polarity,
-        averaging=table.averaging,
+        counts=255 if table.counts is None else table.counts,
+        polarity=table.polarity or 1,
+        averaging=table.averaging or "on-off",
         off_phase=table.off_phase,
         lag=lag,
         delay=delay,

@@ -1,6 +1,6 @@
 """Builds bodies and links from the tables `[[bodies]]` and `[[links]]` of a rig file."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 from ._body import Body
@@ -9,8 +9,8 @@ from ._circuit_table import link_ends
 from ._fan_table import blown
 from ._fields import Fields
 from ._plate import AMBIENT, Plate
-from ._schema import BodyLinkTable, BodyTable, CellTable
-from ._units import HEAT_CAPACITY, TEMPERATURE, THERMAL_RESISTANCE
+from ._schema import BodyLinkTable, BodyTable
+from ._units import HEAT_CAPACITY, TEMPERATURE
 
 
 def build_bodies(tables: Sequence[BodyTable], plate: Plate, fields: Fields) -> tuple[Body, ...]:
@@ -20,11 +20,18 @@ def build_bodies(tables: Sequence[BodyTable], plate: Plate, fields: Fields) -> t
     nor a fixed temperature, or both.
     """
     fields.check_unique("bodies", [table.name for table in tables])
-    return tuple(_build_body(table, plate, fields) for table in tables)
+    return tuple(body_of(table, f"bodies[{table.name}]", plate, fields) for table in tables)
 
 
-def _build_body(table: BodyTable, plate: Plate, fields: Fields) -> Body:
-    at = f"bodies[{table.name}]"
+def body_of(table: BodyTable, at: str, plate: Plate, fields: Fields) -> Body:
+    """A body.
+
+    **Arguments:**
+
+    - `at`: the place of its table in the file, for messages.
+
+    **Raises:** `RigError` as `build_bodies`.
+    """
     if not table.name.isidentifier() or table.name in (AMBIENT, *plate.element_names):
         fields.refuse(
             f"{at}.name",
@@ -64,8 +71,7 @@ def build_links(
     links = []
     for table in tables:
         at = f"links[{table.resistance}]"
-        resistance = fields.varying(f"{at}.resistance", table.resistance, THERMAL_RESISTANCE)
-        resistance = blown(resistance, table.fan, at, fields)
+        resistance = fields.path(f"{at}.resistance", table.resistance)
         pairs = []
         for text in table.between:
             ends = link_ends(f"{at}.between", text, plate.element_names, fields, others)
@@ -75,34 +81,7 @@ def build_links(
                     f"expected an end whose temperature is not held, got {text!r}; remove the link",
                 )
             pairs.append(ends)
-        links.append(CircuitLink(resistance, table.factor, tuple(pairs)))
+        if resistance is not None:
+            resistance = blown(resistance, table.fan, at, fields)
+            links.append(CircuitLink(resistance, table.factor, tuple(pairs)))
     return tuple(links)
-
-
-def check_bodies_grounded(
-    bodies: Sequence[Body],
-    links: Iterable[CircuitLink],
-    cells: Sequence[CellTable],
-    fields: Fields,
-) -> None:
-    """Refuses a body without a path for its heat to the plate or to a fixed temperature."""
-    waiting = {body.name for body in bodies if body.temperature is None}
-    pairs = [pair for link in links for pair in link.between]
-    pairs += [(element, cell.sink) for cell in cells if cell.sink for element in cell.contacts]
-    changed = True
-    while changed:
-        reached = {
-            end
-            for pair in pairs
-            for end, other in (pair, pair[::-1])
-            if end in waiting and other not in waiting
-        }
-        waiting -= reached
-        changed = bool(reached)
-    for body in bodies:
-        if body.name in waiting:
-            fields.refuse(
-                f"bodies[{body.name}]",
-                "expected a path for its heat to the plate, to ambient or to a body that is held "
-                "at a temperature, got none; add a link",
-            )

@@ -5,15 +5,18 @@ from dataclasses import replace
 from typing import Any
 
 from ._bench_table import build_camera, build_driver, build_limits
-from ._body_table import build_bodies, build_links, check_bodies_grounded
+from ._body_table import build_bodies, build_links
 from ._bundled import parse_toml
 from ._camera import Sensors
 from ._cell_table import build_cell
 from ._channel import build_channel
 from ._circuit_table import build_circuit
 from ._fields import Fields
+from ._grounding import check_grounded
+from ._heater_table import build_heater, heater_bodies, heater_links
 from ._input_table import build_inputs
 from ._parameter_table import build_parameter_sets, build_parameters
+from ._plate import NO_PLATE
 from ._plate_table import build_plate
 from ._rig import Rig
 from ._schema import RigTable
@@ -51,16 +54,26 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     sets = build_parameter_sets(table, parameters, source)
     inputs = build_inputs(table.inputs, parameters, source)
     fields = Fields(source, parameters, sets, inputs)
+    if not table.cells and not table.heaters:
+        fields.refuse("cells", "expected [[cells]] or [[heaters]], got neither")
     fields.check_unique("cells", [cell.name for cell in table.cells])
+    fields.check_unique("heaters", [part.name for part in (*table.cells, *table.heaters)])
     fields.check_unique("channels", [channel.name for channel in table.channels])
     if (table.camera is None) == (table.sensors is None):
         found = "neither a camera nor sensors" if table.camera is None else "both"
         fields.refuse("camera", f"expected either [camera] or [sensors], got {found}")
-    plate = build_plate(table.plate, table.circuit is not None, fields)
+    if table.plate is None:
+        _check_needs_no_plate(table, fields)
+    plate = table.plate and build_plate(table.plate, table.circuit is not None, fields)
+    plate = plate or NO_PLATE
+    circuit = table.circuit and build_circuit(table.circuit, plate, fields)
     bodies = build_bodies(table.bodies, plate, fields)
+    bodies += heater_bodies(table.heaters, plate, bodies, fields)
     links = build_links(table.links, plate, bodies, fields)
+    links += tuple(heater_links(table.heaters, plate, bodies, fields))
     cells = tuple(build_cell(cell, plate, bodies, fields) for cell in table.cells)
-    check_bodies_grounded(bodies, links, table.cells, fields)
+    heaters = tuple(build_heater(heater, plate, bodies, fields) for heater in table.heaters)
+    check_grounded(plate, circuit, cells, heaters, bodies, links, fields)
     ambient = initial = fields.value("ambient.temperature", table.ambient.temperature, TEMPERATURE)
     if table.initial is not None and table.initial.temperature is not None:
         initial = fields.value("initial.temperature", table.initial.temperature, TEMPERATURE)
@@ -71,13 +84,13 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         description=table.description.strip(),
         references=tuple(table.references),
         plate=plate,
-        circuit=table.circuit
-        and build_circuit(table.circuit, plate, table.cells, bodies, links, fields),
+        circuit=circuit,
         cells=cells,
+        heaters=heaters,
         bodies=bodies,
         links=links,
         inputs=inputs,
-        driver=build_driver(table.driver, fields),
+        driver=build_driver(table.driver, cells, heaters, fields),
         camera=table.camera and build_camera(table.camera, fields),
         channels=tuple(build_channel(channel, plate, bodies, fields) for channel in table.channels),
         ambient_temperature=ambient,
@@ -120,3 +133,18 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
                 )
     fields.check_all_used()
     return rig
+
+
+def _check_needs_no_plate(table: RigTable, fields: Fields) -> None:
+    for part in ("circuit", "camera"):
+        if getattr(table, part) is not None:
+            fields.refuse(
+                part,
+                f"expected none in a rig without a [plate], got one; {_WITHOUT_PLATE[part]}",
+            )
+
+
+_WITHOUT_PLATE = {
+    "circuit": "[[links]] connect bodies",
+    "camera": "give [sensors], whose channels name bodies",
+}

@@ -15,18 +15,17 @@ class Cell:
     **Arguments:**
 
     - `name`: unique in the rig.
-    - `seebeck_coefficient`: the Seebeck coefficient of the whole module, V/K; 0 for a resistive
-      heater.
+    - `seebeck_coefficient`: the Seebeck coefficient of the whole module, V/K.
     - `electrical_resistance`: ohm.
     - `thermal_resistance`: between the two sides, K/W.
     - `side_capacitance`: the heat capacity of each side, J/K.
-    - `contacts`: pairs (plate element, contact resistance to the plate side in K/W).
+    - `contacts`: pairs (plate element or body, contact resistance to the plate side in K/W).
     - `sink_resistance`: the resistance from the far side to the surroundings, or to the sink's mass
-      if it has one, K/W.
+      if it has one, K/W; None for a far side that is isolated.
     - `sink`: the body that replaces the surroundings as the other end of this resistance; None for
       the surroundings.
     - `sink_capacitance`, `sink_air_resistance`: the sink's mass (J/K) and its resistance to the
-      surroundings (K/W); both or neither.
+      surroundings (K/W), which is None if the sink is isolated.
     - `initial_temperature`: the initial temperature of both sides, K; None means that each side
       starts at the temperature of the plate or of the sink, which it touches.
     - `sink_initial_temperature`: the initial temperature of the sink, K; None means that of the
@@ -40,8 +39,8 @@ class Cell:
     electrical_resistance: Value
     thermal_resistance: Value
     side_capacitance: Value
-    contacts: tuple[tuple[str, Value], ...]
-    sink_resistance: Value | Switched
+    contacts: tuple[tuple[str, Value | Switched], ...]
+    sink_resistance: Value | Switched | None = None
     sink_capacitance: Value | None = None
     sink_air_resistance: Value | Switched | None = None
     initial_temperature: Value | None = None

@@ -29,14 +29,18 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
     """Builds a cell. Constants that the file does not state are those of the datasheet of its
     module.
 
-    **Raises:** `RigError` if a value is wrong or missing, a contact is on no element, or the
-    sink is none of the bodies.
+    **Raises:** `RigError` if a value is wrong or missing, a contact is on neither an element nor a
+    body, or the sink is none of the bodies.
     """
     at = f"cells[{table.name}]"
     if table.module is not None:
         fields.check_known(f"{at}.module", "module", table.module, bundled_modules())
-    for element in table.contacts:
-        fields.check_element(f"{at}.contacts", element, plate.element_names)
+    free = [body.name for body in bodies if body.temperature is None]
+    for node in table.contacts:
+        fields.check_element(f"{at}.contacts", node, plate.element_names, free)
+    contacts = {node: fields.path(f"{at}.contacts.{node}", r) for node, r in table.contacts.items()}
+    if all(resistance is None for resistance in contacts.values()):
+        fields.refuse(f"{at}.contacts", "expected a finite resistance, got none")
     if table.sink is not None:
         fields.check_known(f"{at}.sink", "body", table.sink, [body.name for body in bodies])
         for name in ("sink_capacitance", "sink_initial_temperature", "fan"):
@@ -44,6 +48,12 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
                 fields.refuse(
                     f"{at}.{name}",
                     "expected none beside a sink; give it to the body or its link instead",
+                )
+    if table.sink_resistance is None:
+        for name in ("sink", "sink_capacitance"):
+            if getattr(table, name) is not None:
+                fields.refuse(
+                    f"{at}.sink_resistance", f"expected a value beside {name}, got none; give it"
                 )
     if (table.sink_capacitance is None) != (table.sink_air_resistance is None):
         fields.refuse(
@@ -68,24 +78,19 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
             fields.refuse(f"{at}.{name}", "expected a value, got none; give it, or name a module")
         return Value(getattr(load_module(table.module), name))
 
-    def varying(name: str) -> Value | Switched | None:
+    def path(name: str) -> Value | Switched | None:
         given = getattr(table, name)
-        return None if given is None else fields.varying(f"{at}.{name}", given, THERMAL_RESISTANCE)
+        return None if given is None else fields.path(f"{at}.{name}", given)
 
-    to_air = varying("sink_air_resistance")
+    to_air = path("sink_air_resistance")
     return Cell(
         name=table.name,
         seebeck_coefficient=constant("seebeck_coefficient", SEEBECK_COEFFICIENT),
         electrical_resistance=constant("electrical_resistance", ELECTRICAL_RESISTANCE),
         thermal_resistance=constant("thermal_resistance", THERMAL_RESISTANCE),
         side_capacitance=_side_capacitance(table, fields),
-        contacts=tuple(
-            (element, fields.value(f"{at}.contacts.{element}", text, THERMAL_RESISTANCE))
-            for element, text in table.contacts.items()
-        ),
-        sink_resistance=fields.varying(
-            f"{at}.sink_resistance", table.sink_resistance, THERMAL_RESISTANCE
-        ),
+        contacts=tuple((node, value) for node, value in contacts.items() if value is not None),
+        sink_resistance=path("sink_resistance"),
         sink_capacitance=optional("sink_capacitance", HEAT_CAPACITY),
         sink_air_resistance=to_air and blown(to_air, table.fan, at, fields),
         initial_temperature=optional("initial_temperature", TEMPERATURE),
@@ -102,7 +107,8 @@ def _area(table: CellTable, plate: Plate, fields: Fields) -> float | None:
     if plate.film_coefficient is None:
         fields.refuse(at, "expected none beside a [circuit], whose links are the plate's losses")
     area = fields.constant(at, table.area, AREA)
-    touched = sum(plate.area(element) for element in table.contacts)
+    elements = [element for element in table.contacts if element in plate.element_names]
+    touched = sum(plate.area(element) for element in elements)
     if area > touched * (1 + 1e-6):
         fields.refuse(
             at,

@@ -59,6 +59,12 @@ def build_channel(
             f"expected letters, digits and, between them, '_-.' and blanks, and not {AMBIENT!r}, "
             f"got {table.name!r}",
         )
+    if not plate.columns and (table.x is not None or table.y is not None):
+        fields.refuse(
+            at,
+            "expected nodes, the names of bodies, because the rig has no [plate] on which x and y "
+            "are places, got x or y",
+        )
     return Channel(
         table.name,
         _sensor_class(table, at, fields).read(

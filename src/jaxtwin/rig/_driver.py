@@ -17,7 +17,7 @@ class Driver:
 
     **Arguments:**
 
-    - `supply_voltage`: V.
+    - `supply_voltage`: V; None for a rig whose heaters all have a given power.
     - `supply_resistance`: the resistance in series with each cell while it is connected, ohm.
     - `on_resistance`: the resistance of the bridge while it is on, ohm.
     - `lag`: the time constant with which the duty cycle that reaches the cells follows the command,
@@ -33,12 +33,12 @@ class Driver:
       `"open"` leaves it open.
     """
 
-    supply_voltage: Value
+    supply_voltage: Value | None
     supply_resistance: Value
     on_resistance: Value
-    counts: int
-    polarity: Literal[1, -1]
-    averaging: Literal["voltage", "on-off"]
+    counts: int = 255
+    polarity: Literal[1, -1] = 1
+    averaging: Literal["voltage", "on-off"] = "on-off"
     off_phase: Literal["brake", "open"] = "brake"
     lag: Value | None = None
     delay: Value | None = None

@@ -8,7 +8,15 @@ from .._name_suggestions import unknown_name
 from ._input import Input, Switched
 from ._parameter import Parameter
 from ._problems import refuse
-from ._units import Kind, is_quantity, parse_quantity, range_problem, unit_scale
+from ._units import (
+    THERMAL_RESISTANCE,
+    Kind,
+    is_infinite,
+    is_quantity,
+    parse_quantity,
+    range_problem,
+    unit_scale,
+)
 from ._value import Value
 
 
@@ -68,14 +76,23 @@ class Fields:
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 
-    def varying(self, field: str, given: str | Mapping[str, str], kind: Kind) -> Value | Switched:
-        """Converts a quantity that an input may change: as `value`, or the name of an input, or a
-        value for each state of an input.
+    def path(self, field: str, given: str | Mapping[str, str]) -> Value | Switched | None:
+        """Converts a thermal resistance of a path that may be absent or change: `"inf K/W"` is
+        None; besides what `value` takes, it may be the name of an input, or a resistance for each
+        state of an input.
 
         **Raises:** `RigError` as `value`, and if the states are not those of the input.
         """
-        if isinstance(given, str):
-            return self.input_or_value(field, given, kind)
+        if not isinstance(given, str):
+            return self._switched(field, given)
+        try:
+            if is_infinite(given, THERMAL_RESISTANCE):
+                return None
+        except ValueError as problem:
+            self.refuse(field, f"expected {THERMAL_RESISTANCE}, got {given!r}, {problem}")
+        return self.input_or_value(field, given, THERMAL_RESISTANCE)
+
+    def _switched(self, field: str, given: Mapping[str, str]) -> Switched:
         by = given["by"]
         self.check_known(f"{field}.by", "input", by, self._inputs)
         source = self._inputs[by]
@@ -87,10 +104,10 @@ class Fields:
                 f"expected a value for each state of {by!r}, {known}, got {', '.join(states)}",
             )
         self._used.add(by)
+        found = [(state, self.path(f"{field}.{state}", given[state])) for state in source.states]
         return Switched(
             tuple(
-                (source.share(state), self.value(f"{field}.{state}", given[state], kind))
-                for state in source.states
+                (source.share(state), value) for state, value in found if isinstance(value, Value)
             )
         )
 
@@ -139,10 +156,13 @@ class Fields:
     ) -> None:
         """Refuses a name that is neither an element of the plate nor one of the given bodies."""
         if name not in elements and name not in bodies:
-            known = f"one of the plate's elements {elements[0]} to {elements[-1]}"
+            known = []
+            if elements:
+                known.append(f"one of the plate's elements {elements[0]} to {elements[-1]}")
             if bodies:
-                known += f", or one of the bodies {', '.join(bodies)}"
-            self.refuse(field, f"expected {known}, got {name!r}")
+                known.append(f"one of the bodies {', '.join(bodies)}")
+            expected = ", or ".join(known) or "a [plate] or [[bodies]] in the file"
+            self.refuse(field, f"expected {expected}, got {name!r}")
 
     def check_unique(self, field: str, names: list[str]) -> None:
         """Refuses a name that occurs twice."""

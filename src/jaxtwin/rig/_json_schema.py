@@ -16,7 +16,8 @@ def json_schema() -> dict[str, Any]:
     found: dict[str, Any] = {"$schema": DIALECT, **_without_null(RigTable.model_json_schema())}
     found["title"] = "jaxtwin rig file"
     found["description"] = (
-        "A thermoelectric rig: plate, cells, driver, camera or sensors, channels and parameters."
+        "A thermal rig: plate or bodies, cells, heaters, driver, camera or sensors, channels and "
+        "parameters."
     )
     return found
 

@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
+from .._errors import RigError
 from ._value import Value
 
 AMBIENT = "ambient"
@@ -107,6 +108,7 @@ class Plate:
 
         - `x`, `y`: left and right, top and bottom edge of the rectangle, m.
         """
+        self._check_is_there()
         from ._zone_means import mean_weights  # with JAX's types, which readers should not pay for
 
         along_x, along_y = (
@@ -123,11 +125,16 @@ class Plate:
 
         - `x`, `y`: the point, m.
         """
+        self._check_is_there()
         from ._zone_means import point_weights
 
         along_x = point_weights(np.array(self.column_edges), x)
         along_y = point_weights(np.array(self.row_edges), y)
         return self._named(np.outer(along_y, along_x))
+
+    def _check_is_there(self) -> None:
+        if not self.columns:
+            raise RigError("expected a rig with a plate, on which a sensor has a place, got none")
 
     def _named(self, weights: Float[np.ndarray, "rows columns"]) -> dict[str, float]:
         shares = (weights / weights.sum()).ravel().tolist()
@@ -142,6 +149,10 @@ class Plate:
             for column in range(len(self.columns))
         ]
         return dict(zip(self.element_names, corners, strict=True))
+
+
+NO_PLATE = Plate((), (), Value(1.0))
+"""The plate of a rig that has none: it has no elements."""
 
 
 def names_of_elements(rows: int, columns: int) -> tuple[str, ...]:

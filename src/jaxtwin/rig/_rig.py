@@ -13,6 +13,7 @@ from ._cell import Cell
 from ._channel import Channel
 from ._circuit import Circuit, CircuitLink
 from ._driver import Driver
+from ._heater import Heater
 from ._input import Input, nominal_inputs
 from ._limits import Limits
 from ._parameter import Parameter
@@ -29,9 +30,10 @@ class Rig:
 
     - `name`, `title`, `description`, `references`: its name, a title, a description, and the
       publications that describe it.
-    - `plate`: the sizes of the plate, and its material if the circuit follows from it.
+    - `plate`: the sizes of the plate, and its material if the circuit follows from it. A rig that
+      has none has a plate of no elements: `has_plate`.
     - `circuit`: the plate's circuit if it is stated link by link, otherwise None.
-    - `cells`, `driver`, `channels`: the other parts.
+    - `cells`, `heaters`, `driver`, `channels`: the other parts.
     - `camera`: the camera that reads the channels; `None` if `sensors` read them.
     - `ambient_temperature`, `initial_temperature`: the temperature of the surroundings, and that of
       the plate at the start, K.
@@ -42,6 +44,7 @@ class Rig:
       be driven.
     - `sensors`: the point sensors that read the channels; `None` if a camera reads them.
     - `bodies`, `links`: the bodies beside the plate and the cells, and the links that connect them.
+      A heater with a heat capacity is one of the bodies.
     - `ambient_drift`: the rate at which the ambient temperature changes from the first sample on,
       K/s; `None` for a constant one.
     - `initial_nodes`: pairs (name of a node, its own temperature at the start, K).
@@ -69,6 +72,7 @@ class Rig:
     sensors: Sensors | None = None
     bodies: tuple[Body, ...] = ()
     links: tuple[CircuitLink, ...] = ()
+    heaters: tuple[Heater, ...] = ()
     inputs: tuple[Input, ...] = ()
     initial_nodes: tuple[tuple[str, Value], ...] = ()
 
@@ -77,6 +81,23 @@ class Rig:
         """The numbers of the inputs where none is stated, by the names that a `Value` has for
         them."""
         return nominal_inputs(self.inputs)
+
+    @property
+    def has_plate(self) -> bool:
+        """Whether the rig has a plate."""
+        return bool(self.plate.columns)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The names of what the driver feeds, in the order of duty cycles: the cells, then the
+        heaters."""
+        return tuple(part.name for part in (*self.cells, *self.heaters))
+
+    @property
+    def lowest_duty(self) -> tuple[float, ...]:
+        """The lowest duty of each of the `driven`: -1 for a cell, which also cools, and 0 for a
+        heater."""
+        return (-1.0,) * len(self.cells) + (0.0,) * len(self.heaters)
 
     @property
     def common_error(self) -> CommonError | None:
@@ -108,10 +129,11 @@ class Rig:
 
     def __hash__(self) -> int:
         # Dictionaries cannot be hashed. The parts below can, and they distinguish rigs of one name.
-        return hash((self.name, self.source, self.plate, self.circuit, self.cells))
+        return hash((self.name, self.source, self.plate, self.circuit, self.cells, self.heaters))
 
     def __repr__(self) -> str:
-        return f"<Rig {self.name!r}: {_parts(self)['plate']}>"
+        part, text = next(iter(_parts(self).items()))
+        return f"<Rig {self.name!r}: {text if self.has_plate else f'{part} {text}'}>"
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.title}"]
@@ -129,16 +151,21 @@ def _parts(rig: Rig) -> dict[str, str]:
         count = sum(len(link.between) for link in rig.circuit.links)
         circuit = f"given, {count} resistance{'s' * (count != 1)} on the plate"
     free = sum(parameter.free for parameter in rig.parameters.values())
-    return {
+    parts = {
         "plate": (
             f"{100 * plate.width:g} cm x {100 * plate.height:g} cm, "
             f"{len(plate.rows)} x {len(plate.columns)} elements, circuit {circuit}"
-        ),
+        )
+        if rig.has_plate
+        else "",
         "cells": ", ".join(
-            f"{cell.name} on {' '.join(element for element, _ in cell.contacts)}"
-            for cell in rig.cells
+            f"{cell.name} on {' '.join(node for node, _ in cell.contacts)}" for cell in rig.cells
         ),
-        **({"bodies": ", ".join(body.name for body in rig.bodies)} if rig.bodies else {}),
+        "heaters": ", ".join(_heater_text(heater) for heater in rig.heaters),
+        "bodies": ", ".join(body.name for body in rig.bodies),
+    }
+    return {
+        **{part: text for part, text in parts.items() if text},
         "driver": f"{rig.driver.averaging} averaging, {rig.driver.counts} counts",
         **({"inputs": ", ".join(one.name for one in rig.inputs)} if rig.inputs else {}),
         "channels": " ".join(channel.name for channel in rig.channels),
@@ -146,6 +173,13 @@ def _parts(rig: Rig) -> dict[str, str]:
         "parameter sets": ", ".join(rig.parameter_sets) or "none",
         "file": rig.source,
     }
+
+
+def _heater_text(heater: Heater) -> str:
+    power, resistance = heater.power, heater.electrical_resistance
+    size = f"{resistance} ohm" if power is None else f"{power} W"
+    place = "" if heater.node == heater.name else f" on {heater.node}"
+    return f"{heater.name}{place} ({size})"
 
 
 def _html(rig: Rig) -> str:

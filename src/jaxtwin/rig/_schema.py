@@ -70,6 +70,17 @@ def _quantity_or_list(value: object) -> Any:
     return [_quantity(item) for item in value] if isinstance(value, list) else _quantity(value)
 
 
+def _names_or_resistances(value: object) -> Any:
+    if isinstance(value, list):
+        return [_text(item) for item in value]
+    if isinstance(value, dict):
+        return {name: _quantity(item) for name, item in value.items()}
+    raise ValueError(
+        'expected a list of one name such as ["air"], or a table of resistances such as '
+        f'{{ air = "2 K/W" }}, got {reprlib.repr(value)}'
+    )
+
+
 Format = Annotated[Literal[1], BeforeValidator(_number)]
 Text = Annotated[str, BeforeValidator(_text)]
 Quantity = Annotated[str, BeforeValidator(_quantity)]
@@ -95,6 +106,18 @@ QuantityOrSwitch = Annotated[
     ),
 ]
 """A quantity, or one for each state of an input, which `by` names."""
+NamesOrResistances = Annotated[
+    Any,
+    BeforeValidator(_names_or_resistances),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "array", "items": {"type": "string"}},
+                {"type": "object", "additionalProperties": {"type": "string"}},
+            ]
+        }
+    ),
+]
 Place = Annotated[list[str] | None, BeforeValidator(_place), ONE_OR_SEVERAL]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 _PLACES = ("nodes", "x", "y")  # the keys of a channel that say where its sensor is
@@ -176,7 +199,7 @@ class CellTable(Table):
     side_capacitance: Quantity | None = None
     contacts: Annotated[dict[str, Quantity], Field(min_length=1)]
     area: Quantity | None = None
-    sink_resistance: QuantityOrSwitch
+    sink_resistance: QuantityOrSwitch | None = None
     sink: Text | None = None
     sink_capacitance: Quantity | None = None
     sink_air_resistance: QuantityOrSwitch | None = None
@@ -185,16 +208,25 @@ class CellTable(Table):
     sink_initial_temperature: Quantity | None = None
 
 
+class HeaterTable(Table):
+    name: Text
+    power: Quantity | None = None
+    electrical_resistance: Quantity | None = None
+    contacts: NamesOrResistances = None
+    capacitance: Quantity | None = None
+    initial_temperature: Quantity | None = None
+
+
 class DriverTable(Table):
-    supply_voltage: Quantity
+    supply_voltage: Quantity | None = None
     supply_resistance: Quantity = "0 ohm"
-    on_resistance: Quantity
+    on_resistance: Quantity | None = None
     current_limit: Quantity | None = None
     lag: Quantity | None = None
     delay: Quantity | None = None
-    counts: Annotated[int, Field(ge=1, le=2**31)]
-    polarity: Annotated[Literal[1, -1], BeforeValidator(_number)]
-    averaging: Literal["voltage", "on-off"]
+    counts: Annotated[int, Field(ge=1, le=2**31)] | None = None
+    polarity: Annotated[Literal[1, -1], BeforeValidator(_number)] | None = None
+    averaging: Literal["voltage", "on-off"] | None = None
     off_phase: Literal["brake", "open"] = "brake"
 
 
@@ -310,12 +342,13 @@ class RigTable(Table):
     title: str = ""
     description: str = ""
     references: list[str] = []
-    plate: PlateTable
+    plate: PlateTable | None = None
     circuit: CircuitTable | None = None
-    cells: Annotated[list[CellTable], Field(min_length=1)]
+    cells: list[CellTable] = []
+    heaters: list[HeaterTable] = []
     bodies: list[BodyTable] = []
     links: list[BodyLinkTable] = []
-    driver: DriverTable
+    driver: DriverTable | None = None
     inputs: list[InputTable] = []
     camera: CameraTable | None = None
     sensors: SensorsTable | None = None

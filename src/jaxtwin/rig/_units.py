@@ -8,6 +8,7 @@ from typing import Any, Literal, final
 
 from ._common_units import COMMON_UNITS, Unit
 
+_INFINITE = re.compile(r"\s*\+?inf\b\s*(.*?)\s*", re.DOTALL)
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 _SMALLEST, _LARGEST = 1e-30, 1e30
 _EXPONENT = re.compile(r"(\^|\*\*)\s*(-?\d|\(\s*-?\d\s*\))(?!\d)")
@@ -66,6 +67,7 @@ SERIES_RESISTANCE = Kind("an electrical resistance", "ohm", "0.1 ohm", least="ze
 VOLTAGE = Kind("a voltage", "V", "12 V")
 CURRENT = Kind("a current", "A", "6.4 A")
 POWER = Kind("a heat flow", "W", "33 W")
+HEATER_POWER = Kind("a power", "W", "40 W")
 TEMPERATURE = Kind("a temperature", "K", "15 degC", absolute=True)
 TEMPERATURE_DIFFERENCE = Kind("a temperature difference", "K", "0.1 K")
 TEMPERATURE_RATE = Kind("a rate of temperature", "K/s", "0.5 K/hour", least="any")
@@ -75,6 +77,18 @@ NOISE = Kind("a temperature difference", "K", "0.1 K", least="zero")
 def is_quantity(text: str) -> bool:
     """Whether a text starts with a number and is therefore not a name."""
     return _NUMBER.fullmatch(text) is not None
+
+
+def is_infinite(text: str, kind: Kind) -> bool:
+    """Whether a text is an infinite quantity of a kind, such as `"inf K/W"`.
+
+    **Raises:** `ValueError`, saying what is wrong, if it is infinite and has another unit.
+    """
+    match = _INFINITE.fullmatch(text)
+    if match is None:
+        return False
+    unit_scale(match[1], kind)
+    return True
 
 
 def parse_quantity(text: str, kind: Kind) -> float:

@@ -14,6 +14,7 @@ from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
+from ..io._duty_of_rig import check_duty_of_rig
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin
 from ..physics._twin import check_twin
@@ -227,17 +228,13 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     """Returns the channels that an experiment requests of a twin.
 
     **Raises:** `SimulationError` if the experiment names a channel that the rig does not have, or
-    drives another number of cells, or states an input that the rig does not have.
+    drives another number of cells and heaters, or states an input that the rig does not have, or
+    a heater is to cool.
     """
     check_twin("twin", twin, SimulationError)
     of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
-    cells = len(twin.netlist.cells)
     label = experiment.name or "the experiment"
-    if experiment.n_cells != cells:
-        raise SimulationError(
-            f"{label}: duty: expected the {cells} cells of {twin.rig.name}, got "
-            f"{experiment.n_cells}"
-        )
+    check_duty_of_rig(experiment, twin.rig, label, SimulationError)
     check_inputs(experiment, twin.rig.inputs, twin.rig.name)
     unknown = [name for name in experiment.channels if name not in twin.channels]
     if unknown:

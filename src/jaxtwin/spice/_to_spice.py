@@ -14,8 +14,10 @@ from .._celsius import ZERO_CELSIUS
 from .._errors import SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..io._duty_of_rig import check_duty_of_rig
 from ..physics import Netlist, ThermoelectricElement, Twin
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
+from ..physics._netlist import OWN_VOLTAGE
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT, FILM_REFERENCE
 from ..simulation._twin_of_experiment import FittedTwins, twin_of_experiment
@@ -53,16 +55,13 @@ def to_spice(
 
     **Returns:** the text, to be saved as a file for ngspice.
 
-    **Raises:** `SimulationError` if the experiment drives another number of cells;
+    **Raises:** `SimulationError` if the experiment drives another number of cells and heaters, or
+    a heater is to cool;
     `ParameterError` if a parameter holds more than one value.
     """
     twin = twin_of_experiment(twin, experiment)
-    cells = len(twin.netlist.cells)
-    if experiment.n_cells != cells:
-        raise SimulationError(
-            f"{experiment.name or 'the experiment'}: duty: expected the {cells} cells of "
-            f"{twin.rig.name}, got {experiment.n_cells}"
-        )
+    label = experiment.name or "the experiment"
+    check_duty_of_rig(experiment, twin.rig, label, SimulationError)
     values = twin.numbers_si
     time = experiment.time - experiment.time[0]
     ambient = experiment.ambient
@@ -101,11 +100,12 @@ def _head(twin: Twin, experiment: Experiment, values: Mapping[str, float]) -> li
 
 def _constants(rig: Rig, reference: float, values: Mapping[str, float]) -> list[str]:
     driver, limit = rig.driver, rig.driver.current_limit
+    voltage = driver.supply_voltage or OWN_VOLTAGE  # which no heater of a given power uses
     return [
         "*",
         "* Surroundings at the start, K; supply, V; its resistance and that of the bridge, ohm",
         f".param T_ref={float(reference)!r}",
-        f".param V_s={_number(driver.supply_voltage, values)}",
+        f".param V_s={_number(voltage, values)}",
         f".param R_s={_number(driver.supply_resistance, values)}",
         f".param R_on={_number(driver.on_resistance, values)}",
         *([] if limit is None else [f".param I_max={_number(limit, values)}"]),
@@ -207,6 +207,9 @@ def _heat(
     """Eqs. (7)-(9), averaged as in `Bridge`."""
     cold, hot = names[cell.cold], names[cell.hot]
     duty, emf = f"V(duty_{number})", f"V(emf_{number})"
+    if cell.has_own_supply:
+        square = OWN_VOLTAGE.factor**2
+        return [f"Bhot_{number} 0 {hot} I=abs({duty})*{square!r}/R_E_{number}"]
     lines = [f"Bemf_{number} emf_{number} 0 V=alpha_{number}*(V({hot})-V({cold}))"]
     if rig.driver.averaging == "voltage":
         drive = f"-{duty}*V_s"

@@ -1,0 +1,28 @@
+"""A resistive heater."""
+
+from dataclasses import dataclass
+from typing import final
+
+from ._value import Value
+
+
+@final
+@dataclass(frozen=True)
+class Heater:
+    """A resistive heater, which heats one node of the rig and cannot cool it.
+
+    It has either a power or an electrical resistance.
+
+    **Arguments:**
+
+    - `name`: unique among cells and heaters.
+    - `node`: the element of the plate or the body that its heat goes into. A heater with a heat
+      capacity of its own is also one of the rig's bodies, which has its name.
+    - `power`: the power at full duty, to which the heat is proportional, W.
+    - `electrical_resistance`: the resistance that the driver connects to its supply, ohm.
+    """
+
+    name: str
+    node: str
+    power: Value | None = None
+    electrical_resistance: Value | None = None

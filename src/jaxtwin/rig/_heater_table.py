@@ -1,0 +1,136 @@
+"""Builds heaters from the tables `[[heaters]]` of a rig file."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from ._body import Body
+from ._body_table import body_of
+from ._circuit import CircuitLink
+from ._fields import Fields
+from ._heater import Heater
+from ._plate import AMBIENT, Plate
+from ._schema import BodyTable, HeaterTable
+from ._units import ELECTRICAL_RESISTANCE, HEATER_POWER
+
+
+def heater_bodies(
+    tables: Iterable[HeaterTable], plate: Plate, bodies: Sequence[Body], fields: Fields
+) -> tuple[Body, ...]:
+    """The bodies that heaters with a heat capacity are.
+
+    **Arguments:**
+
+    - `bodies`: the bodies that the file gives by themselves. A heater starts at the temperature of
+      the first of them that it touches, unless the file gives its own.
+
+    **Raises:** `RigError` if a value is wrong, or a heater has the name of a node.
+    """
+    starts = {body.name: body.temperature or body.initial_temperature for body in bodies}
+    found: list[Body] = []
+    for table in tables:
+        if table.capacitance is None:
+            if table.initial_temperature is not None:
+                fields.refuse(
+                    f"heaters[{table.name}].initial_temperature",
+                    "expected a capacitance beside it, got none; a heater without one has no "
+                    "temperature of its own",
+                )
+            continue
+        as_body = BodyTable(
+            name=table.name,
+            capacitance=table.capacitance,
+            initial_temperature=table.initial_temperature,
+        )
+        at = f"heaters[{table.name}]"
+        if any(table.name == body.name for body in (*bodies, *found)):
+            fields.refuse(
+                f"{at}.name",
+                f"expected no name of a body, because a heater with a capacitance is one itself, "
+                f"got {table.name!r}",
+            )
+        body = body_of(as_body, at, plate, fields)
+        if body.initial_temperature is None:
+            touched = [starts[name] for name in table.contacts or () if name in starts]
+            body = replace(body, initial_temperature=touched[0] if touched else None)
+        found.append(body)
+    return tuple(found)
+
+
+def heater_links(
+    tables: Iterable[HeaterTable], plate: Plate, bodies: Sequence[Body], fields: Fields
+) -> list[CircuitLink]:
+    """The links between heaters with a heat capacity and what they touch.
+
+    **Raises:** `RigError` if a heater touches something unknown or itself, a resistance is wrong,
+    or a heater without a heat capacity has a resistance.
+    """
+    links = []
+    for table in tables:
+        at = f"heaters[{table.name}].contacts"
+        if isinstance(table.contacts, list):
+            if table.capacitance is not None:
+                fields.refuse(
+                    at,
+                    "expected a table of resistances beside a capacitance, such as "
+                    '{ air = "2 K/W" }, got a list of names',
+                )
+            continue
+        if table.capacitance is None:
+            fields.refuse(
+                at,
+                'expected a list of one name, such as ["air"], which takes up the heat of a heater '
+                "without a capacitance, got "
+                f"{'none' if table.contacts is None else 'resistances; give it a capacitance too'}",
+            )
+        others = [AMBIENT, *(body.name for body in bodies if body.name != table.name)]
+        for node, text in (table.contacts or {}).items():
+            if node != AMBIENT:
+                fields.check_element(at, node, plate.element_names, others[1:])
+            resistance = fields.path(f"{at}.{node}", text)
+            if resistance is not None:
+                links.append(CircuitLink(resistance, 1.0, ((table.name, node),)))
+    return links
+
+
+def build_heater(
+    table: HeaterTable, plate: Plate, bodies: Sequence[Body], fields: Fields
+) -> Heater:
+    """A heater.
+
+    **Arguments:**
+
+    - `bodies`: all bodies, with those that are heaters.
+
+    **Raises:** `RigError` if it has neither or both of a power and a resistance, or its heat goes
+    into no node or into several.
+    """
+    at = f"heaters[{table.name}]"
+    if (table.power is None) == (table.electrical_resistance is None):
+        found = "neither" if table.power is None else "both"
+        fields.refuse(at, f"expected either a power or an electrical_resistance, got {found}")
+    return Heater(
+        name=table.name,
+        node=table.name if table.capacitance is not None else _heated(table, plate, bodies, fields),
+        power=None
+        if table.power is None
+        else fields.value(f"{at}.power", table.power, HEATER_POWER),
+        electrical_resistance=None
+        if table.electrical_resistance is None
+        else fields.value(
+            f"{at}.electrical_resistance", table.electrical_resistance, ELECTRICAL_RESISTANCE
+        ),
+    )
+
+
+def _heated(table: HeaterTable, plate: Plate, bodies: Sequence[Body], fields: Fields) -> str:
+    at = f"heaters[{table.name}].contacts"
+    names = list(table.contacts or ())
+    if len(names) != 1:
+        fields.refuse(
+            at,
+            f"expected one name in the list, got {len(names)}; a heater that heats several nodes "
+            "needs a capacitance and a resistance to each of them",
+        )
+    free = [body.name for body in bodies if body.temperature is None]
+    fields.check_element(at, names[0], plate.element_names, free)
+    return names[0]
