@@ -5,7 +5,7 @@ import re
 from dataclasses import replace
 
 from jaxtwin.live import Duty, Order, OutputStage, VirtualRig, deframe, encode_line
-from jaxtwin.live.safety._output_stage import Answer
+from jaxtwin.live.protocol._output_stage import Answer
 
 
 class Stage(OutputStage):  # pyright: ignore[reportGeneralTypeIssues]

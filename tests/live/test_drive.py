@@ -35,7 +35,7 @@ from jaxtwin.live import (
     operate,
     serve,
 )
-from jaxtwin.live.safety._output_stage import Answer
+from jaxtwin.live.protocol._output_stage import Answer
 from jaxtwin.physics import Faults, Twin
 from jaxtwin.rig import Rig
 

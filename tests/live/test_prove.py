@@ -12,7 +12,7 @@ from jaxtwin.cli import run
 from jaxtwin.live import Duty, Finding, Order, Proof, VirtualRig, prove
 from jaxtwin.live import _prove as module
 from jaxtwin.live._provocations import provocations
-from jaxtwin.live.safety._output_stage import Answer, OutputStage
+from jaxtwin.live.protocol._output_stage import Answer, OutputStage
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

@@ -27,7 +27,7 @@ from jaxtwin.live import (
 )
 from jaxtwin.live.conformance._conform import conform
 from jaxtwin.live.protocol._identity import Identity
-from jaxtwin.live.safety._output_stage import Answer
+from jaxtwin.live.protocol._output_stage import Answer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
 

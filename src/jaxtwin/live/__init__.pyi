@@ -61,7 +61,7 @@ from .safety._guard import Guard as Guard
 from .safety._guard import interlocks_of as interlocks_of
 from .safety._interlock import AbstractInterlock as AbstractInterlock
 from .safety._operating_limits import OperatingLimits as OperatingLimits
-from .safety._output_stage import OutputStage as OutputStage
+from .protocol._output_stage import OutputStage as OutputStage
 from .virtual_rig._plant import Plant as Plant
 from .virtual_rig._serve import InProcess as InProcess
 from .virtual_rig._serve import MqttServer as MqttServer

@@ -30,7 +30,7 @@ from ..protocol._messages import (
     Notice,
     Order,
 )
-from ..safety._output_stage import Answer, OutputStage
+from ..protocol._output_stage import Answer, OutputStage
 from ._picture import Picture
 from ._plant import Plant
 

@@ -8,7 +8,7 @@ lasts until a host resets it on purpose.
 
 from typing import final
 
-from ..protocol._messages import Duty, Order
+from ._messages import Duty, Order
 
 Answer = tuple[str, str]
 """The event with which a device answers a command: its kind and reason."""
