@@ -11,10 +11,12 @@ import serial
 from hand_clock import HandClock, ScriptedTransport, stepped_bench
 from serial.rfc2217 import PortManager
 
-from jaxtwin import JaxtwinError, Rig
+from jaxtwin import JaxtwinError, Rig, load_rig
 from jaxtwin.live import LinkChange, LinkState, PtyServer, opener
 from jaxtwin.live.protocol._link import FIRST_RETRY, LONGEST_RETRY, Arrived, Inbox, Link
 from jaxtwin.live.protocol._transport import SocketTransport
+
+RIG = load_rig("dual-cell")
 
 
 def scripted(clock: HandClock, *openings: ScriptedTransport | OSError) -> tuple[Link, Inbox]:
@@ -105,7 +107,7 @@ def test_a_socket_delivers_what_came_before_anybody_read(clock: HandClock) -> No
     # pyserial's socket:// drops that (its open() empties the buffer).
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        transport = opener(f"socket://127.0.0.1:{port}")()
+        transport = opener(f"socket://127.0.0.1:{port}", RIG)()
         accepted, _ = server.accept()
         accepted.sendall(b"x" * 10_000)
         accepted.close()
@@ -162,7 +164,7 @@ class Rfc2217Server:
 def test_a_serial_port_behind_rfc_2217_is_a_link_like_any_other() -> None:
     with (
         contextlib.closing(Rfc2217Server()) as server,
-        contextlib.closing(opener(server.url)()) as transport,
+        contextlib.closing(opener(server.url, RIG)()) as transport,
     ):
         transport.write(b"beat t=1\xff")
         received = b""
@@ -172,7 +174,7 @@ def test_a_serial_port_behind_rfc_2217_is_a_link_like_any_other() -> None:
 
 
 def test_a_serial_port_reads_back_what_loop_sends() -> None:
-    transport = opener("loop://")()
+    transport = opener("loop://", RIG)()
     transport.write(b"beat t=1")
     assert transport.read() + transport.read() == b"beat t=1"
     transport.close()
@@ -180,11 +182,11 @@ def test_a_serial_port_reads_back_what_loop_sends() -> None:
 
 def test_a_serial_port_is_opened_by_one_program_at_a_time() -> None:
     server = PtyServer()
-    first = opener(server.url)()
+    first = opener(server.url, RIG)()
     with pytest.raises(OSError, match="exclusively lock"):
-        opener(server.url)()
+        opener(server.url, RIG)()
     first.close()
-    opener(server.url)().close()
+    opener(server.url, RIG)().close()
     server.close()
 
 
@@ -201,7 +203,7 @@ def test_a_serial_port_is_opened_by_one_program_at_a_time() -> None:
 )
 def test_a_link_that_cannot_exist_is_refused_with_what_is_expected(url: str) -> None:
     with pytest.raises(JaxtwinError, match="expected"):
-        opener(url)
+        opener(url, RIG)
 
 
 @pytest.mark.usefixtures("no_threads_left")

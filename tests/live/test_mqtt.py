@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from folded import feed
 
-from jaxtwin import JaxtwinError
+from jaxtwin import JaxtwinError, load_rig
 from jaxtwin.io import Session
 from jaxtwin.live import (
     Duty,
@@ -35,6 +35,8 @@ from jaxtwin.live.protocol._mqtt_transport import LARGEST, MqttTransport
 from jaxtwin.live.virtual_rig._serve import MqttServer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
+
+RIG = load_rig("dual-cell")
 
 
 @contextlib.contextmanager
@@ -107,7 +109,7 @@ def test_a_rig_is_recorded_through_a_broker_and_its_readings_are_published(
 
 @pytest.mark.mosquitto
 def test_a_broker_that_goes_away_is_a_lost_link(broker: str) -> None:
-    transport = opener(f"mqtt://{broker}/topic")()
+    transport = opener(f"mqtt://{broker}/topic", RIG)()
     assert transport.read() == b""
     assert isinstance(transport, MqttTransport)
     transport._client.socket().shutdown(socket.SHUT_RDWR)
@@ -235,7 +237,7 @@ def test_an_invalid_address_is_refused_with_what_is_expected(url: str, rig: Rig)
 
 def test_a_password_stands_in_no_error_and_in_no_name_of_a_link(rig: Rig) -> None:
     with pytest.raises(JaxtwinError) as refused:
-        opener("mqtt://anna:secret@h/#")
+        opener("mqtt://anna:secret@h/#", RIG)
     assert "secret" not in str(refused.value)
     bench = connect(rig, "mqtt://anna:secret@127.0.0.1:1/t")
     assert set(bench.states) == {"mqtt://anna:***@127.0.0.1:1/t"}

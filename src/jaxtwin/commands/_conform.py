@@ -20,7 +20,7 @@ def conform(rig: RigArgument, link: LinkOption, baud: BaudOption = 115_200) -> N
         raise typer.BadParameter("give one --link: devices are tried one by one")
     loaded = load_rig(rig)
     try:
-        transport = opener(link[0], baud=baud)()
+        transport = opener(link[0], loaded, baud=baud)()
     except OSError as error:
         raise LinkError(f"{link[0]}: {error}") from None
     wrong = 0

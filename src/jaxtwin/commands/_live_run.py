@@ -62,7 +62,7 @@ def run_on_live_rig(
         twin = open_twin(loaded, set_name, parameter_file)
         run, about = prepare(twin)
         for url in link:  # an invalid link is refused before a file is created
-            opener(url, baud=baud)
+            opener(url, loaded, baud=baud)
         command = stack.enter_context(AlarmCommand(alarm))
         recorder = stack.enter_context(Recorder(out, loaded)) if out else None
         connection = stack.enter_context(connect(loaded, *link, journal=recorder, baud=baud))

@@ -76,7 +76,7 @@ def record(
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
         for url in link:  # an invalid link is refused before a file is created
-            opener(url, baud=baud)
+            opener(url, loaded, baud=baud)
         names = [channel.name for channel in loaded.channels]
         consumers: list[RecordConsumer] = []
         if publish is not None:

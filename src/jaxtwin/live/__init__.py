@@ -7,11 +7,11 @@ journal) before any other part of the program gets them. The rooms, of which eac
 before it:
 
 - `protocol/`: bytes (`_framing`, `_codec`, `_receiver`; `_link` is the only thread), records, and
-  `RigState`, whose times are those of the device
+  `RigState`, whose times are those of the device; what a device does by itself (`_output_stage`;
+  the example firmware in `docs/firmware/` does the same), and boards that do not (`_board`)
 - `recording/`: the recorder and its tables, the replay, the report
 - `conformance/`: the test of a device's firmware
-- `safety/`: interlocks without side effects, limits, the `Guard` of a run, and what a device does
-  by itself (`_output_stage`; the example firmware in `docs/firmware/` does the same)
+- `safety/`: interlocks without side effects, limits, and the `Guard` of a run
 - `virtual_rig/`: the simulated rig behind the protocol
 
 Beside the rooms: `_operate` commands a rig behind its guard, `_drive` by a plan, `_readiness` says

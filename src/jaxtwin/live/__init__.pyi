@@ -22,6 +22,9 @@ from ._switch_off import Ending as Ending
 from ._switch_off import switch_off as switch_off
 from .conformance._conform import conform as conform
 from .conformance._step_result import StepResult as StepResult
+from .protocol._board import AbstractBoard as AbstractBoard
+from .protocol._board import register_board as register_board
+from .protocol._board_device import BoardDevice as BoardDevice
 from .protocol._clock import Clock as Clock
 from .protocol._clock import SystemClock as SystemClock
 from .protocol._codec import encode as encode
@@ -39,6 +42,7 @@ from .protocol._messages import Image as Image
 from .protocol._messages import Notice as Notice
 from .protocol._messages import Order as Order
 from .protocol._opener import opener as opener
+from .protocol._output_stage import OutputStage as OutputStage
 from .protocol._records import Command as Command
 from .protocol._records import Document as Document
 from .protocol._records import Event as Event
@@ -52,6 +56,7 @@ from .protocol._records import Sample as Sample
 from .protocol._rig_connection import RigConnection as RigConnection
 from .protocol._rig_connection import connect as connect
 from .protocol._rig_state import RigState as RigState
+from .protocol._tclab import TCLab as TCLab
 from .protocol._transport import Transport as Transport
 from .recording._recorder import Recorder as Recorder
 from .recording._replay import Replay as Replay
@@ -61,7 +66,6 @@ from .safety._guard import Guard as Guard
 from .safety._guard import interlocks_of as interlocks_of
 from .safety._interlock import AbstractInterlock as AbstractInterlock
 from .safety._operating_limits import OperatingLimits as OperatingLimits
-from .protocol._output_stage import OutputStage as OutputStage
 from .virtual_rig._plant import Plant as Plant
 from .virtual_rig._serve import InProcess as InProcess
 from .virtual_rig._serve import MqttServer as MqttServer

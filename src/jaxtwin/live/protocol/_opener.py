@@ -6,21 +6,27 @@ from urllib.parse import urlsplit
 import serial
 
 from ..._errors import LinkError
+from ...rig import Rig
+from ._board import board_kinds
+from ._board_device import BoardDevice
 from ._mqtt_address import MqttAddress
 from ._mqtt_transport import MqttTransport
+from ._tclab import TCLab as TCLab  # which registers itself
 from ._transport import Opener, SerialTransport, SocketTransport
 
 CONNECT_SECONDS = 3.0
 """The longest time for opening a TCP link, s."""
 
 
-def opener(url: str, *, baud: int = 115_200) -> Opener:
+def opener(url: str, rig: Rig, *, baud: int = 115_200) -> Opener:
     """Returns a function that opens a link.
 
     **Arguments:**
 
-    - `url`: `socket://host:port`, `mqtt://host:port/topic` (see `MqttAddress`), or an address that
-      pyserial accepts: a port such as `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
+    - `url`: `socket://host:port`, `mqtt://host:port/topic` (see `MqttAddress`), `tclab://port` or
+      the scheme of another board (`register_board`), or an address that pyserial accepts: a port
+      such as `/dev/ttyACM0` or `COM3`, `rfc2217://host:port`, `loop://`.
+    - `rig`: the rig that is expected at the other end.
     - `baud`: the baud rate of a serial port.
 
     **Raises:** `LinkError` if the text is no such address.
@@ -28,6 +34,9 @@ def opener(url: str, *, baud: int = 115_200) -> Opener:
     if url.startswith(("mqtt:", "mqtts:")):
         address = MqttAddress.parse(url)
         return lambda: MqttTransport(address)
+    scheme, _, address = url.partition("://")
+    if board := board_kinds().get(scheme):
+        return lambda: BoardDevice(board.open(address, rig), rig)
     if url.startswith("socket:"):
         try:
             parts = urlsplit(url)
@@ -41,7 +50,7 @@ def opener(url: str, *, baud: int = 115_200) -> Opener:
         serial.serial_for_url(url, baud, do_not_open=True)
     except (ValueError, serial.SerialException) as error:
         raise LinkError(
-            "link: expected a serial port, socket://host:port, rfc2217://host:port, loop:// or "
-            f"mqtt://host:port/topic, got {url!r} ({error})"
+            "link: expected a serial port, socket://host:port, rfc2217://host:port, loop://, "
+            f"mqtt://host:port/topic or the board {', '.join(board_kinds())}, got {url!r} ({error})"
         ) from None
     return lambda: SerialTransport(url, baud)

@@ -295,5 +295,7 @@ def connect(
     if not urls or len(set(urls)) < len(urls):
         raise LinkError(f"links: expected at least one, each once, got {urls}")
     # Names stand in recordings: no passwords.
-    openers: dict[str, Callable] = {without_password(url): opener(url, baud=baud) for url in urls}
+    openers: dict[str, Callable] = {
+        without_password(url): opener(url, rig, baud=baud) for url in urls
+    }
     return RigConnection(rig, openers, journal=journal, clock=clock)

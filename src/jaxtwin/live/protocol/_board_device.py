@@ -1,0 +1,166 @@
+"""Makes a device of the protocol of a board: what firmware does elsewhere is done in the host."""
+
+import contextlib
+import math
+import secrets
+import threading
+from typing import final
+
+from ...rig import Rig
+from ._board import AbstractBoard
+from ._clock import Clock, SystemClock
+from ._codec import encode, parse
+from ._framing import delines
+from ._identity import Identity
+from ._messages import VERSION, Ask, Data, Duty, Hello, Message, Notice, Order
+from ._output_stage import Answer, OutputStage
+from ._transport import READ_SECONDS
+
+PERIOD = 0.25
+"""The time between two samples, s. A board that is read over a serial line takes some hundredths of
+a second for each."""
+
+WATCHDOG = 2.0
+"""The time without a duty command after which the heaters are switched off, s."""
+
+
+@final
+class BoardDevice:
+    """A transport to a board that behaves like a device of the protocol.
+
+    Greeting, samples, the refusal of wrong commands, trips and the watchdog are those of any
+    device, and the host's interlocks act on it as usual. **One thing is missing:** the watchdog
+    runs in the host. If the host or the cable dies, the heaters keep their last duty until the
+    board itself switches them off.
+
+    **Arguments:**
+
+    - `board`: the open board.
+    - `rig`: the rig that it is.
+    - `clock`: the clock of the connection.
+    """
+
+    def __init__(self, board: AbstractBoard, rig: Rig, clock: Clock | None = None):
+        self._board, self._driver = board, rig.driver
+        self._clock: Clock = clock or SystemClock()
+        identity = Identity.of(rig)
+        self._channels = len(identity.channels)
+        self._stage = OutputStage(len(identity.cells), identity.counts, WATCHDOG)
+        self._hello = Hello(
+            VERSION,
+            rig.name,
+            boot=secrets.token_hex(4),
+            cells=identity.cells,
+            channels=identity.channels,
+            counts=identity.counts,
+            watchdog=WATCHDOG,
+            rate=board.rate,
+        )
+        self._lock = threading.Lock()  # one thread reads, another commands
+        self._woken = threading.Event()
+        self._seq = {"data": 0, "event": 0}
+        self._rest = b""
+        self._out = encode(self._hello)
+        self._start = self._sampled = self._clock.now()
+        self._applied = self._stage.pwm
+        board.apply([0.0] * len(identity.cells))
+
+    def read(self) -> bytes:
+        """Waits for the next sample, or for an answer to a command, and returns its bytes."""
+        due = self._sampled + round(PERIOD * 1e9)
+        if not self._out:
+            left = (due - self._clock.now()) * 1e-9
+            self._clock.wait(self._woken, min(max(left, 0.0), READ_SECONDS))
+        with self._lock:
+            self._woken.clear()
+            self._on_time()
+            if self._clock.now() >= due:
+                # The next one is due a period later, whatever this one was late by.
+                self._sampled = max(due, self._clock.now() - round(PERIOD * 1e9))
+                self._sample()
+            sent, self._out = self._out, b""
+        return sent
+
+    def write(self, data: bytes) -> None:
+        """Obeys commands; bytes that are none are ignored."""
+        with self._lock:
+            lines, self._rest = delines(self._rest, data)
+            for frame in lines:
+                try:
+                    message = parse(frame)
+                except OSError:
+                    continue
+                if isinstance(message, Ask):
+                    self._say(self._hello)
+                elif isinstance(message, Duty | Order):
+                    answer = self._stage.obey(message, self._seconds())
+                    self._drive()
+                    self._notice(answer, message)
+            self._woken.set()
+
+    def close(self) -> None:
+        """Switches the heaters off and ends the connection."""
+        with self._lock, contextlib.suppress(OSError):
+            self._board.apply([0.0] * len(self._applied))
+        self._board.close()
+
+    def _on_time(self) -> None:
+        answer = self._stage.on_time(self._seconds())
+        self._drive()
+        self._notice(answer)
+
+    def _drive(self) -> None:
+        """Applies the counts of the output stage to the board."""
+        if self._stage.pwm != self._applied:
+            self._board.apply([float(part) for part in self._driver.duty(self._stage.pwm)])
+            self._applied = self._stage.pwm
+
+    def _sample(self) -> None:
+        """Reads the board.
+
+        **Raises:** `OSError` if it has another number of sensors than the rig channels.
+        """
+        found = [float(value) for value in self._board.temperatures()]
+        if len(found) != self._channels:
+            raise OSError(
+                f"{type(self._board).__name__}: expected the temperatures of {self._channels} "
+                f"channels, got {len(found)}"
+            )
+        stage, failed = self._stage, [n for n, value in enumerate(found) if math.isnan(value)]
+        self._say(
+            Data(
+                self._count("data"),
+                self._device_us(),
+                stage.pwm,
+                self._board.ambient(),
+                tuple(found),
+                faults=dict.fromkeys(failed, "nan"),
+                owner=stage.owner,
+                number=stage.number,
+                trip=stage.trip_reason,
+            )
+        )
+
+    def _notice(self, answer: Answer | None, about: Duty | Order | None = None) -> None:
+        if answer is None:
+            return
+        kind, why = answer
+        stamp = self._count("event"), self._device_us()
+        if about is None:
+            self._say(Notice(*stamp, kind, why=why))
+        else:
+            self._say(Notice(*stamp, kind, about.owner, about.number, why))
+
+    def _say(self, message: Message) -> None:
+        self._out += encode(message)
+
+    def _count(self, stream: str) -> int:
+        number = self._seq[stream]
+        self._seq[stream] = (number + 1) % 2**32
+        return number
+
+    def _seconds(self) -> float:
+        return (self._clock.now() - self._start) * 1e-9
+
+    def _device_us(self) -> int:
+        return round(self._seconds() * 1e6 * self._hello.rate)
