@@ -25,6 +25,7 @@ TABLES = {
     "`[[bodies]]`": schema.BodyTable,
     "`[[links]]`": schema.BodyLinkTable,
     "`[driver]`": schema.DriverTable,
+    "`[[inputs]]`": schema.InputTable,
     "`[sensors]`": schema.SensorsTable,
     "`[camera]`": schema.CameraTable,
     "`[camera.view]`": schema.ViewTable,

@@ -2,14 +2,14 @@
 it."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from numbers import Real
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from numpy.typing import ArrayLike
 
-from .._arguments import is_ordered
+from .._arguments import is_ordered, mapping_of
 from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
 from .._pint_quantities import in_unit
@@ -209,6 +209,40 @@ def checked_ambient(
     if np.all(values == values.flat[0]):
         return float(values.flat[0])
     return values
+
+
+def checked_inputs(
+    inputs: Mapping[str, ArrayLike | float | int] | None, time: Float[np.ndarray, "times"]
+) -> dict[str, Shaped[np.ndarray, "times"]]:
+    """The inputs besides the duty: numbers, or names of states, at each time."""
+    given = {} if inputs is None else inputs
+    mapping_of("inputs", given, "name -> values", RecordingError)
+    return {name: _checked_input(name, values, time) for name, values in sorted(given.items())}
+
+
+def _checked_input(
+    name: object, values: ArrayLike | float | int, time: Float[np.ndarray, "times"]
+) -> Shaped[np.ndarray, "times"]:
+    if not isinstance(name, str) or not name.isidentifier():
+        raise RecordingError(f"inputs: expected names of letters, digits and _, got {name!r}")
+    array = np.asarray(values)
+    if array.dtype == object and all(isinstance(value, str) for value in array.flat):
+        array = array.astype(str)
+    if array.dtype.kind == "b":
+        array = array.astype(float)
+    if array.dtype.kind != "U":
+        array = _numbers(array, f"input {name}")
+    if array.shape not in ((), time.shape):
+        raise RecordingError(
+            f"input {name}: expected one value or shape ({time.size},), got shape {array.shape}"
+        )
+    array = np.array(np.broadcast_to(array, time.shape))
+    if array.dtype.kind == "U":
+        array = array.astype(f"U{max(1, *(len(text) for text in set(array.tolist())))}")
+    else:
+        _check_finite(array, f"input {name}", time)
+    array.setflags(write=False)
+    return array
 
 
 def _numbers(values: object, field: str, may_lack: bool = False) -> np.ndarray:

@@ -9,7 +9,7 @@ sample is an empty field. `_delimited` reads the variants that other programs wr
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import IO
 
@@ -19,12 +19,13 @@ from jaxtyping import Float
 from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
 from ._checks import WrongSampleError, duty_from_counts
-from ._delimited import CELL, STAMPS, TEMPERATURE, TIME, Column, read_columns
+from ._delimited import CELL, INPUT, STAMPS, TEMPERATURE, TIME, Column, read_columns
 from ._experiment import Experiment
 
 EXPECTED = (
     "expected time_s, duty_P1 (-1 to 1) or pwm_P1 (counts) for each cell, NAME_degC or NAME_K for "
-    "each channel, and ambient_degC or ambient_K, separated by commas, semicolons or tabs"
+    "each channel, ambient_degC or ambient_K, and input_NAME for each other input, separated by "
+    "commas, semicolons or tabs"
 )
 """The columns of a file, for messages."""
 
@@ -43,9 +44,11 @@ def parse_csv(
     polarity: int,
     names: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
+    inputs: Collection[str] = (),
 ) -> Experiment:
-    """The experiment in a .csv file; for the arguments see `read_recording`."""
-    columns, lines = read_columns(content, EXPECTED, names, ignore)
+    """The experiment in a .csv file; for the arguments see `read_recording`. `inputs` are those of
+    the rig."""
+    columns, lines = read_columns(content, EXPECTED, names, ignore, inputs)
     try:
         return experiment_of_columns(columns, name, counts, polarity)
     except WrongSampleError as error:
@@ -64,6 +67,7 @@ def experiment_of_columns(
     duty: dict[int, np.ndarray] = {}
     temperatures: dict[str, Column] = {}
     stamps: dict[str, Column] = {}
+    inputs: dict[str, np.ndarray | list[str]] = {}
     origin = 0.0
     for column in columns:
         if unit := TIME.fullmatch(column.name):
@@ -87,6 +91,8 @@ def experiment_of_columns(
                     )
                 values = duty_from_counts(values[:, None], counts, polarity)[:, 0]
             duty[number] = values / 100 if cell[3] else values
+        elif state := INPUT.fullmatch(column.name):
+            inputs[state[1]] = column.fields if column.is_blank else column.complete()
         elif channel := TEMPERATURE.fullmatch(column.name):
             label, unit = channel.groups()
             if label in temperatures:
@@ -117,6 +123,7 @@ def experiment_of_columns(
         if recorded
         else None,
         ambient=None if ambient is None or ambient.is_blank else _celsius(ambient),
+        inputs=inputs,
         name=name,
     )
 
@@ -163,7 +170,7 @@ def _hint(name: str) -> str:
     if re.match(r"(set_?point|reference|target|soll(wert)?)s?([ _-]|$)", name.lower()):
         return "; references of a controller are no part of a recording"
     if re.match(r"fans?([ _-]|$)", name.lower()):
-        return "; the speed of a fan is a parameter of the rig, no part of a recording"
+        return "; the speed of a fan is an input that the rig file declares in [[inputs]]"
     cell = re.fullmatch(r"(duty|pwm|)[ _-]*(p|cell|)[ _-]*0*([1-9]\d*)(_%)?", name.lower())
     if cell and (cell[1] or cell[2]):
         return f"; is it {cell[1] or 'duty'}_P{cell[3]}{cell[4] or ''}?"
@@ -187,7 +194,8 @@ def write_csv(experiment: Experiment, stream: IO[bytes]) -> None:
     ambient = [] if experiment.ambient is None else ["ambient_degC"]
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time_s", *cells, *channels, *ambient])
+    inputs = experiment.inputs
+    writer.writerow(["time_s", *cells, *channels, *ambient, *(f"input_{name}" for name in inputs)])
     room = np.broadcast_to(0.0 if experiment.ambient is None else experiment.ambient, samples)
     for first in range(0, samples, ROWS):
         part = slice(first, first + ROWS)
@@ -197,8 +205,10 @@ def write_csv(experiment: Experiment, stream: IO[bytes]) -> None:
             rows = recorded[part].tolist()
             readings = [["" if value != value else value for value in row] for row in rows]
         columns = experiment.time[part].tolist(), experiment.duty[part].tolist(), readings
-        rooms = room[part].tolist()
-        for time, duty, row, degC in zip(*columns, rooms, strict=True):
-            writer.writerow([time, *duty, *row, *([degC] if ambient else [])])
+        rooms = room[part, None].tolist() if ambient else [[]] * len(experiment.time[part])
+        others = [values[part].tolist() for values in inputs.values()]
+        states = zip(*others, strict=True) if others else [()] * len(experiment.time[part])
+        for time, duty, row, degC, levels in zip(*columns, rooms, states, strict=True):
+            writer.writerow([time, *duty, *row, *degC, *levels])
     text.flush()
     text.detach()

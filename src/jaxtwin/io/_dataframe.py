@@ -8,7 +8,7 @@ from jaxtyping import Float
 from .._errors import RecordingError
 from .._name_suggestions import did_you_mean
 from ._csv import experiment_of_columns
-from ._delimited import TIME, Column, column_name
+from ._delimited import INPUT, TIME, Column, column_name
 from ._experiment import Experiment
 from ._timestamps import is_timestamp_title
 
@@ -61,6 +61,10 @@ def experiment_of_dataframe(
         series: pandas.Series = frame.loc[:, title]
         if title == time:
             columns.append(_column("time_s", str(title), _seconds(series, str(title)), rows))
+        elif INPUT.fullmatch(str(title)) and series.dtype.kind not in "iufb":
+            texts = [str(value) for value in series]
+            blank = np.full(len(texts), np.nan)
+            columns.append(Column(str(title), str(title), blank, rows, texts, "row"))
         else:
             numbers = _numbers(series, str(title))
             columns.append(_column(column_name(str(title)), str(title), numbers, rows))

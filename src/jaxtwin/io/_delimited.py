@@ -10,13 +10,14 @@
 - A column `time`, `timestamp`, `date` or the like holds time stamps (`_timestamps`), and a column
   `T1_time` those of the channel `T1`.
 - A column of `True` and `False` holds 1 and 0.
+- A column `input_lid` holds numbers, or names of states.
 - An empty field or a word for "not available" is a missing sample, NaN.
 """
 
 import csv
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from typing import final
@@ -44,6 +45,9 @@ CELL = re.compile(r"(duty|pwm)_P([1-9]\d{0,3})(_%)?")
 
 TEMPERATURE = re.compile(r"(.+)_(degC|K)")
 """The name of a temperature."""
+
+INPUT = re.compile(r"input_([^\W\d]\w*)")
+"""The name of an input besides the duty."""
 
 STAMPS = "time_us since 1970"
 """The end of the name of a column of time stamps."""
@@ -97,6 +101,7 @@ def read_columns(
     expected: str,
     names: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
+    inputs: Collection[str] = (),
 ) -> tuple[list[Column], list[int]]:
     """The columns in the order of the file, and the lines of their samples.
 
@@ -105,13 +110,14 @@ def read_columns(
     - `content`: the whole file.
     - `expected`: the expected columns in words, for messages.
     - `names`, `ignore`: other names of columns, and columns to leave out, as in `read_recording`.
+    - `inputs`: the inputs of the rig besides the duty, whose columns may be called as they are.
 
     **Raises:** `RecordingError` that names the line and, if there is one, the column.
     """
     text = _decoded(content)
     separator = _separator(text)
     rows_of_file = _rows(text, separator)
-    found = names_of_titles(_titles(rows_of_file), names, ignore)
+    found = names_of_titles(_titles(rows_of_file), names, ignore, inputs)
     kept = [name is not None for name in found]
     titles = [name for name in found if name is not None]
     _check_titles(titles, separator, expected)
@@ -130,7 +136,7 @@ def read_columns(
         raise RecordingError(EMPTY)
     columns = []
     # Loggers write fractions of seconds with a comma, whatever they do in numbers.
-    is_number = [not is_timestamp_title(title) for title in titles]
+    is_number = [not is_timestamp_title(title) and not INPUT.fullmatch(title) for title in titles]
     numbers = (field for row in rows for field in compress(row, is_number))
     comma = separator != "," and any("," in field for field in numbers)
     for number, (title, fields) in enumerate(zip(titles, zip(*rows, strict=True), strict=True)):
@@ -146,7 +152,9 @@ def read_columns(
         truth = {field.lower() for field in fields} <= {"true", "false"}
         values = np.array([_truth(field) if truth else _number(field, comma) for field in fields])
         (wrong,) = np.nonzero(np.isinf(values))
-        if wrong.size:
+        if wrong.size and INPUT.fullmatch(title):  # names of states
+            values = np.full(len(fields), np.nan)
+        elif wrong.size:
             k = wrong[0]
             form = "21,5, with a decimal comma as elsewhere in the file" if comma else "21.5"
             raise RecordingError(
@@ -158,7 +166,10 @@ def read_columns(
 
 
 def names_of_columns(
-    content: bytes, names: Mapping[str, str] | None = None, ignore: Sequence[str] = ()
+    content: bytes,
+    names: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+    inputs: Collection[str] = (),
 ) -> dict[str, str | None]:
     """What each column is read as, title -> name; None for a column that is left out.
 
@@ -167,15 +178,19 @@ def names_of_columns(
     """
     text = _decoded(content)
     titles = _titles(_rows(text, _separator(text)))
-    found = zip(titles, names_of_titles(titles, names, ignore), strict=True)
+    found = zip(titles, names_of_titles(titles, names, ignore, inputs), strict=True)
     return {title: name for title, name in found if title}
 
 
 def names_of_titles(
-    titles: Sequence[str], names: Mapping[str, str] | None, ignore: Sequence[str]
+    titles: Sequence[str],
+    names: Mapping[str, str] | None,
+    ignore: Sequence[str],
+    inputs: Collection[str] = (),
 ) -> list[str | None]:
     """The titles by which columns are read; None for those left out: see `named`."""
-    return named(titles, names, ignore, _is_known)
+    found = named(titles, names, ignore, lambda title: title in inputs or _is_known(title))
+    return [f"input_{title}" if title in inputs else title for title in found]
 
 
 def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
@@ -256,7 +271,7 @@ def column_name(title: str) -> str:
 def _is_known(title: str) -> bool:
     """Whether a title is read as it is."""
     name = column_name(title)
-    forms = (TIME, CELL, TEMPERATURE)
+    forms = (TIME, CELL, INPUT, TEMPERATURE)
     return title.lower() in TITLES or any(form.fullmatch(name) for form in forms)
 
 

@@ -2,15 +2,15 @@
 
 import hashlib
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind
@@ -22,6 +22,7 @@ from ._checks import (
     checked_ambient,
     checked_channels,
     checked_duty,
+    checked_inputs,
     checked_temperatures,
     checked_time,
 )
@@ -67,6 +68,8 @@ class Experiment:
     - `ambient`: ambient temperature, degC: a number, a series `(times,)`, or `None` if it is not
       known. A constant series is stored as a number. Missing samples of a series are interpolated
       linearly; before the first and after the last it stays constant.
+    - `inputs`: the rig's other inputs, name -> a number or the name of a state, for the whole run
+      or for each time, such as `{"lid": "closed"}`. Sample k is held until time k + 1.
     - `name`: a label for plots and tables.
     - `group`: the day or session to which it belongs, in which camera and contacts stayed as they
       were; recordings of a group share the values of the parameters that `match` lets differ
@@ -85,6 +88,7 @@ class Experiment:
     channels: tuple[str, ...]
     temperatures: Float[np.ndarray, "times channels"] | None
     ambient: float | Float[np.ndarray, "times"] | None
+    inputs: Mapping[str, Shaped[np.ndarray, "times"]]
     name: str
     group: str
 
@@ -96,6 +100,7 @@ class Experiment:
         channels: Iterable[str] = (),
         temperatures: ArrayLike | None = None,
         ambient: ArrayLike | float | int | None = None,
+        inputs: Mapping[str, ArrayLike | float | int] | None = None,
         name: str = "",
         group: str = "",
     ) -> None:
@@ -109,6 +114,7 @@ class Experiment:
             "ambient": checked_ambient(ambient, times),
             "name": of_kind("name", name, str, "text", RecordingError),
             "group": of_kind("group", group, str, "text", RecordingError),
+            "inputs": checked_inputs(inputs, times),
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -123,6 +129,7 @@ class Experiment:
         cells: int = 1,
         channels: Iterable[str] = (),
         ambient: float | int | None = None,
+        inputs: Mapping[str, str] | None = None,
         name: str = "",
     ) -> "Experiment":
         """An experiment without recorded temperatures, from a duty schedule in words.
@@ -135,6 +142,8 @@ class Experiment:
             s, text such as `"10 min"`, or quantities of pint. A switch between two samples gets
             one of its own.
         - `cells`: number of cells.
+        - `inputs`: schedules of the rig's other inputs, such as `{"lid": "0:closed,600:open"}` or
+          `{"flow": "0:1.5,300:0"}`, the first of which begins at 0 s.
         - `channels`, `ambient`, `name`: as in `Experiment`.
 
         **Returns:**
@@ -145,8 +154,10 @@ class Experiment:
 
         `RecordingError` that quotes the invalid entry.
         """
-        time, duty = schedule_samples(text, duration=duration, step=step, cells=cells)
-        return cls(time, duty, channels=channels, ambient=ambient, name=name)
+        time, duty, columns = schedule_samples(
+            text, duration=duration, step=step, cells=cells, inputs=inputs or {}
+        )
+        return cls(time, duty, channels=channels, ambient=ambient, inputs=columns, name=name)
 
     @classmethod
     def from_dataframe(
@@ -209,6 +220,19 @@ class Experiment:
 
         return experiment_of_dataset(dataset, name=name)
 
+    def with_inputs(self, **inputs: Any) -> "Experiment":
+        """The experiment with these inputs beside its own, such as `with_inputs(lid="closed")`.
+
+        **Arguments:**
+
+        - `inputs`: as in `Experiment`.
+
+        **Raises:**
+
+        `RecordingError` for a shape or a number that is not valid.
+        """
+        return replace(self, inputs={**self.inputs, **inputs})
+
     @property
     def n_cells(self) -> int:
         """The number of cells."""
@@ -270,6 +294,8 @@ class Experiment:
             else:
                 array = np.asarray(part, np.float64) + 0.0  # -0.0 and 0.0 are the same number
                 content.update(repr(array.shape).encode() + array.tobytes())
+        for name, values in self.inputs.items():
+            content.update(repr((name, values.dtype.str)).encode() + values.tobytes())
         return content.hexdigest()
 
     def between(self, t0: float | int | None = None, t1: float | int | None = None) -> "Experiment":
@@ -303,14 +329,14 @@ class Experiment:
     def _part(self, part: Bool[np.ndarray, "times"], name: str) -> "Experiment":
         """The samples of a part, under a name."""
         ambient = self.ambient[part] if isinstance(self.ambient, np.ndarray) else self.ambient
-        return Experiment(
-            self.time[part],
-            self.duty[part],
-            channels=self.channels,
+        return replace(
+            self,
+            time=self.time[part],
+            duty=self.duty[part],
             temperatures=None if self.temperatures is None else self.temperatures[part],
             ambient=ambient,
+            inputs={input_: values[part] for input_, values in self.inputs.items()},
             name=name.strip(),
-            group=self.group,
         )
 
     def select(self, channels: Iterable[str]) -> "Experiment":
@@ -337,15 +363,8 @@ class Experiment:
                 f"{did_you_mean(unknown, self.channels)}"
             )
         columns = [self.channels.index(name) for name in names]
-        return Experiment(
-            self.time,
-            self.duty,
-            channels=names,
-            temperatures=None if self.temperatures is None else self.temperatures[:, columns],
-            ambient=self.ambient,
-            name=self.name,
-            group=self.group,
-        )
+        temperatures = None if self.temperatures is None else self.temperatures[:, columns]
+        return replace(self, channels=names, temperatures=temperatures)
 
     def to_xarray(self) -> "xarray.Dataset":
         """The experiment as a labelled data set.
@@ -353,7 +372,8 @@ class Experiment:
         **Returns:**
 
         `duty` (time, cell); if they are known, `temperature` (time, channel), degC, and `ambient`
-        (a number or (time,)), degC. Units are attributes; cells are named P1, P2, ...
+        (a number or (time,)), degC; `input_NAME` (time) for each other input. Units are attributes;
+        cells are named P1, P2, ...
         """
         import xarray
 
@@ -363,6 +383,8 @@ class Experiment:
         }
         if self.temperatures is not None:
             variables["temperature"] = (("time", "channel"), self.temperatures, degC)
+        for name, values in self.inputs.items():
+            variables[f"input_{name}"] = (("time",), values)
         if self.ambient is not None:
             dims = ("time",) if isinstance(self.ambient, np.ndarray) else ()
             variables["ambient"] = (dims, self.ambient, degC | {"long_name": "ambient temperature"})
@@ -389,6 +411,7 @@ class Experiment:
             )
         if self.ambient is not None:
             columns["ambient_degC"] = np.broadcast_to(self.ambient, self.time.shape)
+        columns |= {f"input_{name}": values for name, values in self.inputs.items()}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time_s"))
 
     def plot(self) -> "Figure":
@@ -432,6 +455,7 @@ class Experiment:
             ("duty", f"{_count(self.n_cells, 'cell')}, {duty}, {changes}"),
             ("channels", (", ".join(self.channels) or "none") + measured),
             ("ambient", ambient),
+            *([("inputs", ", ".join(self.inputs))] if self.inputs else []),
         ]
 
     def _missing(self) -> str:

@@ -21,7 +21,7 @@ WORDS = {
 }
 """German names of columns, in small letters, and the names by which they are read."""
 
-WITHOUT_UNIT = re.compile(r"(?:duty|pwm)_P\d+|(?:.+_)?time|timestamp|date", re.IGNORECASE)
+WITHOUT_UNIT = re.compile(r"(?:duty|pwm)_P\d+|(?:.+_)?time|timestamp|date|input_\w+", re.IGNORECASE)
 """Names that a reader gives and that need no unit."""
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
+from ._delimited import INPUT
 from ._experiment import Experiment
 
 if TYPE_CHECKING:
@@ -45,9 +46,25 @@ def experiment_of_dataset(data: "xarray.Dataset", *, name: str | None) -> Experi
     channels: tuple[str, ...] = ()
     if "channel" in data.coords:
         channels = tuple(str(channel) for channel in np.atleast_1d(data["channel"].values))
+    inputs = {
+        name[1]: np.broadcast_to(data[name[0]].values.astype(_kind_of(data[name[0]])), time.shape)
+        for name in (INPUT.fullmatch(str(variable)) for variable in data.data_vars)
+        if name is not None
+    }
     return Experiment(
-        time, duty, channels=channels, temperatures=temperatures, ambient=ambient, name=name
+        time,
+        duty,
+        channels=channels,
+        temperatures=temperatures,
+        ambient=ambient,
+        inputs=inputs,
+        name=name,
     )
+
+
+def _kind_of(variable: "xarray.DataArray") -> type:
+    """Text for names of states, which netCDF may give back as objects; otherwise numbers."""
+    return float if variable.dtype.kind in "iufb" else str
 
 
 def write_netcdf(dataset: "xarray.Dataset", stream: IO[bytes]) -> None:
@@ -76,7 +93,8 @@ def _dataset(content: bytes) -> "xarray.Dataset":
             )
             with opened:
                 wanted = ("time", "duty", "temperature", "ambient", "cell", "channel")
-                return opened[[name for name in wanted if name in opened]].load()
+                inputs = [name for name in opened.data_vars if INPUT.fullmatch(str(name))]
+                return opened[[name for name in (*wanted, *inputs) if name in opened]].load()
     except Exception as error:  # the libraries raise whatever the damaged bytes lead to
         raise RecordingError(f"is a damaged netCDF file ({type(error).__name__})") from None
 

@@ -64,7 +64,8 @@ def read_recording(
     **Arguments:**
 
     - `path`: the file. Its name without the ending becomes the name of the experiment.
-    - `rig`: the rig, whose driver says how many PWM counts full duty has and their polarity.
+    - `rig`: the rig, whose driver says how many PWM counts full duty has and their polarity, and
+      whose inputs may be columns of their own names, without `input_`.
     - `columns`: names for columns of a .csv, .xlsx or .parquet file that are called otherwise:
       `{"heater_on": "duty_P1", "Temperatur 1": "T1", "t_out": "ambient", "clock": "time"}`. A
       temperature without a unit in both names is in degC. `"time"` may be a time stamp or a number
@@ -124,6 +125,7 @@ def read_recording(
                 polarity=polarity,
                 names=columns,
                 ignore=ignore,
+                inputs=() if rig is None else [one.name for one in rig.inputs],
             )
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None

@@ -1,12 +1,13 @@
 """A duty schedule in words, `"0:0.5,500:0.78"`, turned into samples."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
-from .._arguments import finite_number, of_kind, whole_number
+from .._arguments import finite_number, mapping_of, of_kind, whole_number
 from .._errors import RecordingError
 from .._pint_quantities import in_unit
 from ..rig._units import DURATION, parse_quantity
@@ -15,20 +16,25 @@ MOST_SAMPLES, MOST_CELLS = 10_000_000, 1000
 
 
 def schedule_samples(
-    text: str, *, duration: Any, step: Any, cells: int
-) -> tuple[Float[np.ndarray, "times"], Float[np.ndarray, "times cells"]]:
-    """Times and duty cycles of a schedule; see `Experiment.schedule` for its form.
+    text: str, *, duration: Any, step: Any, cells: int, inputs: Mapping[str, str]
+) -> tuple[
+    Float[np.ndarray, "times"],
+    Float[np.ndarray, "times cells"],
+    dict[str, Shaped[np.ndarray, "times"]],
+]:
+    """Times, duty cycles and other inputs of a schedule; see `Experiment.schedule` for its form.
 
     **Arguments:**
 
     - `text`: entries `time:duty` or `time:duty/duty/...`, separated by commas.
     - `duration`, `step`: numbers in s, text such as `"10 min"`, or quantities of pint.
     - `cells`: number of cells.
+    - `inputs`: name -> entries `time:value`, separated by commas.
 
     **Returns:**
 
-    The times `(times,)`, s, from 0 to `duration`, including every switch, and the duty
-    `(times, cells)`.
+    The times `(times,)`, s, from 0 to `duration`, including every switch, the duty
+    `(times, cells)`, and each input `(times,)`.
 
     **Raises:**
 
@@ -52,7 +58,36 @@ def schedule_samples(
     if cells > MOST_CELLS:
         raise RecordingError(f"cells: expected at most {MOST_CELLS}, got {cells}")
     entries = [_entry(part, cells) for part in text.split(",")]
-    switches = np.array([time for time, _ in entries])
+    switches = _switches(text, [time for time, _ in entries], duration)
+    mapping_of("schedule: inputs", inputs, "name -> schedule", RecordingError)
+    others = {name: _input_entries(name, words, duration) for name, words in inputs.items()}
+    marks = sorted({*switches, *(time for at, _ in others.values() for time in at), duration})
+
+    grid = step * np.arange(math.floor(duration / step * (1 + 1e-9)) + 1)
+    between = []
+    for exact in marks:
+        nearest = min(round(exact / step), len(grid) - 1)
+        # A grid time within rounding of a switch is that switch: 3 * 0.1 is not 0.3 in binary.
+        if math.isclose(grid[nearest], exact, rel_tol=1e-9):
+            grid[nearest] = exact
+        else:
+            between.append(exact)
+    time = np.union1d(grid, between)
+    held = np.searchsorted(switches, time, side="right")  # 0: before the first entry
+    levels = np.array([np.zeros(cells), *(duty for _, duty in entries)])
+    columns = {
+        name: values[np.searchsorted(at, time, side="right") - 1]
+        for name, (at, values) in others.items()
+    }
+    return time, levels[held], columns
+
+
+def _switches(text: str, times: list[float], duration: float) -> Float[np.ndarray, "switches"]:
+    """The times of the entries of a schedule.
+
+    **Raises:** `RecordingError` if they do not increase, or are not inside the duration.
+    """
+    switches = np.array(times)
     if np.any(np.diff(switches) <= 0):
         place = int(np.argmax(np.diff(switches) <= 0))
         raise RecordingError(
@@ -65,20 +100,34 @@ def schedule_samples(
             f"schedule {text!r}: expected times from 0 s to before the end at {duration:g} s, got "
             f"{outside:g} s"
         )
+    return switches
 
-    grid = step * np.arange(math.floor(duration / step * (1 + 1e-9)) + 1)
-    between = []
-    for exact in (*switches, duration):
-        nearest = min(round(exact / step), len(grid) - 1)
-        # A grid time within rounding of a switch is that switch: 3 * 0.1 is not 0.3 in binary.
-        if math.isclose(grid[nearest], exact, rel_tol=1e-9):
-            grid[nearest] = exact
-        else:
-            between.append(exact)
-    time = np.union1d(grid, between)
-    held = np.searchsorted(switches, time, side="right")  # 0: before the first entry
-    levels = np.array([np.zeros(cells), *(duty for _, duty in entries)])
-    return time, levels[held]
+
+def _input_entries(
+    name: str, text: object, duration: float
+) -> tuple[Float[np.ndarray, "switches"], Shaped[np.ndarray, "switches"]]:
+    """The times and values of the schedule of an input: numbers if all of them are, otherwise
+    names of states."""
+    where = f"schedule of the input {name!r}"
+    expected = "text such as '0:closed,600:open'"
+    entries = str(of_kind(where, text, str, expected, RecordingError)).split(",")
+    times, values = [], []
+    for entry in entries:
+        at, colon, value = (part.strip() for part in entry.partition(":"))
+        try:
+            if not colon or not value:
+                raise ValueError
+            times.append(float(at))
+        except ValueError:
+            raise RecordingError(f"{where}: expected {expected}, got {entry.strip()!r}") from None
+        values.append(value)
+    switches = _switches(f"{name}: {text}", times, duration)
+    if switches[0] != 0:
+        raise RecordingError(f"{where}: expected a first time of 0 s, got {switches[0]:g} s")
+    try:
+        return switches, np.array([float(value) for value in values])
+    except ValueError:
+        return switches, np.array(values)
 
 
 def _seconds(where: str, value: object) -> float:

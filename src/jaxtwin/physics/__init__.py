@@ -11,6 +11,7 @@ then numbers for one set of parameter values (`System`). Which file holds what:
   `_heat_loss` (films and radiation), `_dc_sweep`
 - what is read: `_sensors` (weights, lags), `_camera` (pixels), `_registration` (where the camera
   looks), `_plate_edges` (found in a frame), `_recalibrations`, `_plate_map`
+- inputs besides the duty: `_input_effects`, the links and values that they change
 - the twin: `_twin`, a rig with values
 - faults: `_fault_models`, functions `System -> System`, and `_faults`, when they happen
 """

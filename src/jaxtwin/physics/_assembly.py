@@ -31,7 +31,7 @@ def build_netlist(rig: Rig) -> Netlist:
     capacitances, links = {}, []
     if rig.circuit is not None:
         capacitances = dict.fromkeys(plate.element_names, rig.circuit.capacitance)
-        links = circuit_links(rig.circuit)
+        links = circuit_links(rig.circuit, rig.inputs)
     elif rig.has_plate:
         capacitances = {name: element_capacitance(plate, name) for name in plate.element_names}
         links = finite_volume_links(plate, _covered_faces(rig))
@@ -57,9 +57,9 @@ def build_netlist(rig: Rig) -> Netlist:
             sink = f"{cell.name}.SINK"
             nodes.append(Node(sink, "sink", cell.sink_capacitance, behind))
         if cell.sink_resistance is not None:
-            links.append(Link(hot, sink, (cell.sink_resistance,), "sink"))
+            links.append(Link.of(rig.inputs, hot, sink, cell.sink_resistance, "sink"))
         if cell.sink_air_resistance is not None:
-            links.append(Link(sink, AMBIENT, (cell.sink_air_resistance,), "sink"))
+            links.append(Link.of(rig.inputs, sink, AMBIENT, cell.sink_air_resistance, "sink"))
         cells.append(
             ThermoelectricElement(
                 name=cell.name,
@@ -83,7 +83,9 @@ def build_netlist(rig: Rig) -> Netlist:
     )
     held = {AMBIENT, *(reservoir.name for reservoir in reservoirs)}
     links += [
-        Link(*((b, a) if a in held else (a, b)), (link.resistance * link.factor,), "body")
+        Link.of(
+            rig.inputs, *((b, a) if a in held else (a, b)), link.resistance * link.factor, "body"
+        )
         for link in rig.links
         for a, b in link.between
     ]

@@ -43,7 +43,11 @@ def lump(netlist: Netlist) -> tuple[Netlist, Int[np.ndarray, " nodes"]]:
         if a != b:
             parallel[replace(link, a=a, b=b)] += 1
     links = tuple(
-        replace(link, resistances=tuple(value / count for value in link.resistances))
+        replace(
+            link,
+            resistances=tuple(value / count for value in link.resistances),
+            conductances=tuple(value * count for value in link.conductances),
+        )
         for link, count in parallel.items()
     )
     loss = _lumped_loss(netlist, name)
@@ -71,7 +75,7 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     index = netlist.index
     held = {AMBIENT: len(index)}
     held |= {r.name: len(index) + 1 + number for number, r in enumerate(netlist.reservoirs)}
-    resistances = _numbered([link.resistances for link in netlist.links])
+    resistances = _numbered([(link.resistances, link.conductances) for link in netlist.links])
     ends = np.array([(index[x.a], (index if x.b in index else held)[x.b]) for x in netlist.links]).T
     inner = ends[1] < len(index)
     # Each link is listed for both of its ends, except ends at a fixed temperature.

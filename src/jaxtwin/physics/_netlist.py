@@ -1,12 +1,14 @@
 """The common form that every rig is turned into: nodes, links and thermoelectric cells."""
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, final
+from typing import Any, Literal, final
 
-from ..rig import Rig, Value
+from ..rig import Input, Rig, Switched, Value
+from ..rig._input import conductances, depends_on
 from ..rig._plate import AMBIENT
 
 NodeKind = Literal["plate", "cell", "sink", "body", "sensor"]
@@ -59,15 +61,30 @@ class Link:
     - `resistances`: the resistances in series, K/W, such as conduction and convection of eq. (6).
     - `role`: the part that it represents: `"conduction"`, `"film"`, `"contact"`, `"module"`,
       `"sink"`, `"body"` or `"sensor"`.
+    - `conductances`: for a link that an input changes, the terms of the sum that is its
+      conductance, W/K; such a link has no `resistances`.
     """
 
     a: str
     b: str
     resistances: tuple[Value, ...]
     role: Literal["conduction", "film", "contact", "module", "sink", "body", "sensor"]
+    conductances: tuple[Value, ...] = ()
+
+    @classmethod
+    def of(
+        cls, inputs: tuple[Input, ...], a: str, b: str, resistance: Value | Switched, role: Any
+    ) -> "Link":
+        """A link of one resistance, which may depend on the inputs of the rig."""
+        if isinstance(resistance, Value) and not depends_on(resistance, inputs):
+            return cls(a, b, (resistance,), role)
+        return cls(a, b, (), role, conductances(resistance))
 
     def resistance(self, values_si: Mapping[str, float]) -> float:
-        """The whole resistance for given parameters in SI units, K/W."""
+        """The whole resistance for given parameters and inputs in SI units, K/W."""
+        if self.conductances:
+            conductance = sum(value.evaluate(values_si) for value in self.conductances)
+            return 1 / conductance if conductance else math.inf
         return sum(value.evaluate(values_si) for value in self.resistances)
 
 
@@ -187,8 +204,17 @@ class Netlist:
 
 
 def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
-    """Counts and sums of a network, with the values of the rig's parameter table."""
+    """Counts and sums of a network, with the values of the rig's parameter table: those of the
+    plate, or of all nodes if the rig has none."""
     values = {name: row.to_si(row.value) for name, row in rig.parameters.items()}
+    values |= rig.nominal_inputs
+    if not rig.has_plate:
+        return {
+            "states": len(netlist.nodes),
+            "resistances": len(netlist.links),
+            "capacitance_J_per_K": netlist.capacitance(values),
+            "to_ambient_W_per_K": netlist.ambient_conductance(values),
+        }
     return {
         "states": len(netlist.nodes),
         "plate_nodes": sum(node.kind == "plate" for node in netlist.nodes),
@@ -200,6 +226,15 @@ def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
 
 def network_text(counts: dict[str, float | int]) -> str:
     """A summary of a network, for all places that print one."""
-    names = {"states": "state", "plate_nodes": "plate element", "plate_resistances": "resistance"}
-    parts = [f"{counts[key]} {noun}{'s' * (counts[key] != 1)}" for key, noun in names.items()]
-    return f"{', '.join(parts)} on the plate"
+    names = {
+        "states": "state",
+        "resistances": "resistance",
+        "plate_nodes": "plate element",
+        "plate_resistances": "resistance",
+    }
+    parts = [
+        f"{counts[key]} {noun}{'s' * (counts[key] != 1)}"
+        for key, noun in names.items()
+        if key in counts
+    ]
+    return ", ".join(parts) + " on the plate" * ("plate_nodes" in counts)

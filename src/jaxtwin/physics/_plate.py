@@ -1,6 +1,6 @@
 """The plate as a network: finite volumes from its geometry, or a circuit given link by link."""
 
-from ..rig import Circuit, Plate, Value
+from ..rig import Circuit, Input, Plate, Value
 from ..rig._plate import AMBIENT
 from ._netlist import Link
 
@@ -79,13 +79,17 @@ def exposed_area(plate: Plate, element: str, covered: float) -> tuple[Value, ...
     return (Value(2 * width * height * (1 - covered)), plate.thickness * rim)
 
 
-def circuit_links(circuit: Circuit) -> list[Link]:
+def circuit_links(circuit: Circuit, inputs: tuple[Input, ...]) -> list[Link]:
     """All plate links of a circuit that a rig file gives link by link."""
     return [
-        Link(a, b, (group.resistance * group.factor,), "film" if b == AMBIENT else "conduction")
+        Link.of(inputs, a, b, group.resistance * group.factor, _role(b))
         for group in circuit.links
         for a, b in (_ambient_last(pair) for pair in group.between)
     ]
+
+
+def _role(end: str) -> str:
+    return "film" if end == AMBIENT else "conduction"
 
 
 def _grid(plate: Plate) -> list[tuple[str, ...]]:

@@ -11,6 +11,7 @@ if the rig's losses are nonlinear; and the constant heat of bodies at a fixed te
 Deviations instead of temperatures near 300 K keep float32 usable.
 """
 
+from dataclasses import replace
 from typing import final
 
 import equinox as eqx
@@ -22,6 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._lapack import solve
 from ._driver import Bridge, CellHeat
 from ._heat_loss import NonlinearLoss
+from ._input_effects import Conditions
 from ._thermoelectric import ThermoelectricModule
 from ._wiring import Wiring
 
@@ -65,6 +67,9 @@ class System(eqx.Module):
     - `lag`, `delay`: the lag and the delay between the command and the duty cycle that reaches the
       cells, s, or None.
     - `is_valid`: whether all resistances and capacitances are above 0.
+    - `input_values`: the parameters on which the effects of inputs depend, None without inputs.
+    - `conductance_change`: the conductances of the links that inputs change, as differences from
+      those in `conductance`, W/K; None where no input is stated.
     """
 
     capacitance: Float[Array, " nodes"]
@@ -83,12 +88,14 @@ class System(eqx.Module):
     delay: Float[Array, ""] | None
     is_valid: Bool[Array, ""]
     wiring: Wiring = eqx.field(static=True)
+    input_values: dict[str, Float[Array, ""]] | None = None
+    conductance_change: Float[Array, " links"] | None = None
 
     @classmethod
     def assemble(cls, wiring: Wiring, values_si: dict[str, Float[Array, ""]]) -> "System":
         """Puts numbers into a wiring."""
-        resistances = wiring.resistances(values_si)
-        conductances = 1 / resistances
+        conductances = wiring.conductances(values_si)
+        effects = wiring.input_wiring
         ambient = wiring.ambient_sums(conductances)
         seebeck, electrical, thermal = wiring.module_constants(values_si).reshape(3, -1)
         voltage, supply, on = wiring.bridge_constants(values_si)
@@ -97,7 +104,13 @@ class System(eqx.Module):
             for part in (wiring.lag, wiring.delay, wiring.ambient_drift, wiring.current_limit)
         )
         capacitance = wiring.capacitances(values_si)
-        positive = [resistances, capacitance, electrical, thermal, supply + on + electrical]
+        positive = [
+            wiring.resistances(values_si),
+            capacitance,
+            electrical,
+            thermal,
+            supply + on + electrical,
+        ]
         positive += [part for part in (lag, delay, limit) if part is not None]
         return cls(
             capacitance=capacitance,
@@ -125,7 +138,43 @@ class System(eqx.Module):
             delay=delay,
             is_valid=jnp.stack([jnp.all(values > 0) for values in positive]).all(),
             wiring=wiring,
+            input_values=None if effects is None else effects.used(values_si),
         )
+
+    def conditions(self, levels: Float[Array, " inputs"]) -> Conditions:
+        """What the inputs of a moment change: the numbers of their states, or their values in SI
+        units, in the order of `wiring.inputs`."""
+        assert self.wiring.input_wiring is not None
+        assert self.input_values is not None
+        return self.wiring.input_wiring.conditions(self.input_values, levels)
+
+    def under(self, conditions: Conditions) -> "System":
+        """The equations under the inputs of a moment."""
+        bridge = eqx.tree_at(
+            lambda bridge: bridge.supply_voltage, self.bridge, conditions.supply_voltage
+        )
+        reservoirs = self.reservoirs
+        if reservoirs is not None:
+            temperature = reservoirs.temperature + conditions.reservoirs
+            reservoirs = Reservoirs(reservoirs.conductance, temperature)
+        changed = self.conductance_change
+        changed = conditions.conductance if changed is None else changed + conditions.conductance
+        return replace(self, bridge=bridge, reservoirs=reservoirs, conductance_change=changed)
+
+    def held_differences(
+        self, reference: Float[Array, ""], ambient_deviation: Float[Array, ""] | float
+    ) -> Float[Array, " links"]:
+        """The part of the temperature differences of the links that inputs change which does not
+        depend on the nodes: that of ends at the surroundings and at bodies of a given temperature,
+        K."""
+        effects = self.wiring.input_wiring
+        assert effects is not None
+        held = jnp.asarray(effects.to_ambient) * ambient_deviation
+        if self.reservoirs is not None:
+            held = held + jnp.asarray(effects.to_reservoir) @ (
+                self.reservoirs.temperature - reference
+            )
+        return held
 
     def cell_heat(
         self, side_temperatures: Float[Array, " sides"], duty: Float[Array, " cells"]
@@ -169,6 +218,10 @@ class System(eqx.Module):
             plate = slice(wiring.elements)
             rise = deviation[plate] - ambient_deviation
             flow = flow.at[plate].add(-self.loss.heat(rise, reference + ambient_deviation))
+        if self.conductance_change is not None and wiring.input_wiring is not None:
+            incidence = jnp.asarray(wiring.input_wiring.differences, deviation.dtype)
+            difference = incidence @ deviation + self.held_differences(reference, ambient_deviation)
+            flow = flow - (self.conductance_change * difference) @ incidence
         return flow.at[wiring.cold].add(-heat.cold).at[wiring.hot].add(heat.hot)
 
     def steady_state(
@@ -252,7 +305,7 @@ def conductance_entries(
 ) -> tuple[Float[Array, " pairs"], Float[Array, " nodes"]]:
     """The entries of the conductance matrix of a large network that are not 0: those beside the
     diagonal, with the opposite sign, for `wiring.pairs`, and the diagonal, W/K."""
-    conductances = 1 / wiring.resistances(values_si)
+    conductances = wiring.conductances(values_si)
     pairs, (a, b) = wiring.pair_sums(conductances), wiring.pairs
     return pairs, _to_held(wiring, conductances).at[a].add(pairs).at[b].add(pairs)
 

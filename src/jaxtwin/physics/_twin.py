@@ -89,13 +89,14 @@ class Twin(eqx.Module):
 
     @property
     def values_si(self) -> dict[str, Float[Array, "*draws"]]:
-        """All values in SI units."""
+        """All values in SI units, and the inputs where none is stated."""
         table = self.rig.parameters
-        return {name: table[name].to_si(jnp.asarray(v)) for name, v in self.values.items()}
+        values = {name: table[name].to_si(jnp.asarray(v)) for name, v in self.values.items()}
+        return values | {name: jnp.asarray(v) for name, v in self.rig.nominal_inputs.items()}
 
     @property
     def numbers_si(self) -> dict[str, float]:
-        """All values in SI units as plain numbers.
+        """All values in SI units, and the inputs where none is stated, as plain numbers.
 
         **Raises:** `ParameterError` if a parameter holds more than one value.
         """
@@ -108,7 +109,7 @@ class Twin(eqx.Module):
                     "pass several to simulate_batch"
                 )
             numbers[name] = float(self.rig.parameters[name].to_si(np.float64(value)))
-        return numbers
+        return {**numbers, **self.rig.nominal_inputs}
 
     def system(self, *, lumped: bool = False) -> System:
         """The equations with these values in them; a pure function of the parameters.

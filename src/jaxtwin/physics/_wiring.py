@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._errors import RigError
-from ..rig import Driver, Rig, Value
+from ..rig import Driver, Input, Rig, Value
 from ..rig._plate import AMBIENT
 from ._assembly import build_netlist
 from ._expressions import Expressions
+from ._input_effects import InputWiring
 from ._link_sums import LARGEST_TABLE, LinkSums
 from ._lumping import lump
 from ._netlist import Netlist
@@ -55,6 +56,7 @@ class Wiring:
       `Expressions`, or None.
     - `position` (nodes of the rig,): the index of the node that represents each node of the rig,
       and `rig_elements`: the same for the elements of the plate, which are the first nodes.
+    - `input_wiring`: the parts that the rig's inputs change, None without inputs.
     - `fingerprint`: a text that is equal for rigs of equal content, in every process.
     """
 
@@ -74,6 +76,7 @@ class Wiring:
         self._sum_outer_links()
         self._sum_losses()
         self._place_channels(rig, weights)
+        self.input_wiring = InputWiring(rig, netlist) if rig.inputs else None
         self.gain_names = self.gains.names - self._names_beside_gains()
 
         # The sizes are included, because the channels' weights depend on them and the netlist of a
@@ -83,7 +86,13 @@ class Wiring:
         registration = None if rig.camera is None else rig.camera.registration
         pixel = None if self.zones is None else self.zones.pixel_size
         parts = (rig.driver, rig.channels, registration, pixel, ambient, sizes, position.tolist())
+        parts += (rig.inputs,)
         self.fingerprint = netlist.fingerprint + repr(parts)
+
+    @property
+    def lowest_duty(self) -> Float[np.ndarray, " cells"]:
+        """The lowest duty of each cell: -1, and 0 of a heater."""
+        return np.array([0.0 if cell.is_heater else -1.0 for cell in self.netlist.cells])
 
     def _connect_cells(self) -> None:
         cells, index = self.netlist.cells, self.netlist.index
@@ -99,7 +108,11 @@ class Wiring:
         nodes, drift = self.netlist.nodes, rig.ambient_drift
         self.elements = sum(node.kind == "plate" for node in nodes)
         self.capacitances = Expressions([[node.capacitance] for node in nodes])
-        self.resistances = Expressions([link.resistances for link in self.netlist.links])
+        # A link that an input changes has a resistance of 1 here, in whose place its conductance is
+        # put.
+        self.resistances = Expressions(
+            [link.resistances or [Value(1.0)] for link in self.netlist.links]
+        )
         self.initial = Expressions([[node.initial_temperature] for node in nodes])
         self.ambient = Expressions([[rig.ambient_temperature]])
         self.ambient_drift = None if drift is None else Expressions([[drift]])
@@ -112,9 +125,8 @@ class Wiring:
         own = tuple(cell.has_own_supply for cell in cells)
         self.heaters = heaters if any(heaters) else ()
         self.own_supply = own if any(own) else ()
-        voltage = driver.supply_voltage or Value(1.0)  # of no cell and no heater
         self.bridge_constants = Expressions(
-            [[voltage], [driver.supply_resistance], [driver.on_resistance]]
+            [[driver.supply_voltage], [driver.supply_resistance], [driver.on_resistance]]
         )
         self.lag, self.delay, self.current_limit = (
             None if value is None else Expressions([[value]])
@@ -177,6 +189,28 @@ class Wiring:
         ]
         self.film_sums = LinkSums(self.elements, films, len(links))
 
+    def conductances(self, values_si: Mapping[str, Float[Array, ""]]) -> Float[Array, " links"]:
+        """The conductances of all links, those that inputs change where no input is stated, W/K."""
+        conductances = 1 / self.resistances(values_si)
+        effects = self.input_wiring
+        if effects is None or effects.links.size == 0:
+            return conductances
+        return conductances.at[effects.links].set(effects.conductances(values_si))
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        """The inputs of the rig besides the duty."""
+        return () if self.input_wiring is None else self.input_wiring.inputs
+
+    @property
+    def inputs_and_effects(self) -> tuple[tuple[Input, bool], ...]:
+        """The inputs, each with whether it changes a resistance of the network."""
+        effects = self.input_wiring
+        if effects is None:
+            return ()
+        names = effects.conductances.names
+        return tuple((one, not names.isdisjoint(one.names)) for one in effects.inputs)
+
     def _place_channels(self, rig: Rig, weights: Float[np.ndarray, "channels rig_nodes"]) -> None:
         self.channels = tuple(channel.name for channel in rig.channels)
         self.gains = Expressions([[channel.gain] for channel in rig.channels])
@@ -190,6 +224,7 @@ class Wiring:
         """Names of the parameters that act on anything but the gains of the channels."""
         tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
         tables += [] if self.zones is None else [self.zones.registration]
+        tables += [] if self.input_wiring is None else [self.input_wiring.conductances]
         return set().union(*(part.names for part in tables if part is not self.gains))
 
     def moved_weights(

@@ -11,6 +11,7 @@ change it. Which file holds what:
 - what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_heater`, `_heater_table`, `_body`,
   `_body_table`, `_fan_table`, and `_grounding` (a path for the heat of each of them)
 - what drives and reads it: `_driver`, `_limits`, `_camera`, `_bench_table`
+- what else changes during a run: `_input`, `_input_table`
 - channels: `_channel`; a kind of sensor (`_sensor`) says what it reads, weighs and shows:
   `_nodes_sensor`, `_zone_sensor`, `_point_sensor`, by the means of `_zone_means`
 - parameters: `_parameter`, `_parameter_table`, `_parameter_file`
@@ -26,6 +27,7 @@ from ._circuit import Circuit, CircuitLink
 from ._datasheet import Datasheet, load_module
 from ._driver import Driver
 from ._heater import Heater
+from ._input import Input, Switched
 from ._json_schema import json_schema
 from ._load import load_rig
 from ._material import Material, load_material
@@ -56,6 +58,7 @@ __all__ = [
     "Datasheet",
     "Driver",
     "Heater",
+    "Input",
     "Material",
     "NodesSensor",
     "Parameter",
@@ -65,6 +68,7 @@ __all__ = [
     "Rig",
     "SensorSite",
     "Sensors",
+    "Switched",
     "Value",
     "ZoneSensor",
     "bundled_materials",

@@ -1,6 +1,7 @@
 """Builds bodies and links from the tables `[[bodies]]` and `[[links]]` of a rig file."""
 
 from collections.abc import Sequence
+from functools import partial
 
 from ._body import Body
 from ._circuit import CircuitLink
@@ -44,14 +45,14 @@ def body_of(table: BodyTable, at: str, plate: Plate, fields: Fields) -> Body:
         fields.refuse(
             f"{at}.initial_temperature", "expected none beside a temperature; remove one of them"
         )
-    kinds = {
-        "capacitance": HEAT_CAPACITY,
-        "temperature": TEMPERATURE,
-        "initial_temperature": TEMPERATURE,
+    convert = {
+        "capacitance": partial(fields.value, kind=HEAT_CAPACITY),
+        "temperature": partial(fields.input_or_value, kind=TEMPERATURE),
+        "initial_temperature": partial(fields.value, kind=TEMPERATURE),
     }
     values = {
-        name: None if text is None else fields.value(f"{at}.{name}", text, kind)
-        for name, kind in kinds.items()
+        name: None if text is None else converted(f"{at}.{name}", text)
+        for name, converted in convert.items()
         for text in (getattr(table, name),)
     }
     return Body(table.name, **values)
@@ -70,7 +71,7 @@ def build_links(
     links = []
     for table in tables:
         at = f"links[{table.resistance}]"
-        resistance = fields.path(f"{at}.resistance", table.resistance)
+        resistance = fields.varying_path(f"{at}.resistance", table.resistance)
         pairs = []
         for text in table.between:
             ends = link_ends(f"{at}.between", text, plate.element_names, fields, others)

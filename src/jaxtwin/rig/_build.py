@@ -14,6 +14,7 @@ from ._circuit_table import build_circuit
 from ._fields import Fields
 from ._grounding import check_grounded
 from ._heater_table import build_heater, heater_bodies, heater_links
+from ._input_table import build_inputs
 from ._parameter_table import build_parameter_sets, build_parameters
 from ._plate import NO_PLATE
 from ._plate_table import build_plate
@@ -51,7 +52,8 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     table = validate(RigTable, data, source)
     parameters = build_parameters(table, source)
     sets = build_parameter_sets(table, parameters, source)
-    fields = Fields(source, parameters, sets)
+    inputs = build_inputs(table.inputs, parameters, source)
+    fields = Fields(source, parameters, sets, inputs)
     if not table.cells and not table.heaters:
         fields.refuse("cells", "expected [[cells]] or [[heaters]], got neither")
     fields.check_unique("cells", [cell.name for cell in table.cells])
@@ -86,6 +88,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         heaters=heaters,
         bodies=bodies,
         links=links,
+        inputs=inputs,
         driver=build_driver(table.driver, cells, heaters, fields),
         camera=table.camera and build_camera(table.camera, fields),
         channels=tuple(build_channel(channel, plate, bodies, fields) for channel in table.channels),

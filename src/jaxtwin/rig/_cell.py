@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
+from ._input import Switched
 from ._value import Value
 
 
@@ -39,9 +40,9 @@ class Cell:
     thermal_resistance: Value
     side_capacitance: Value
     contacts: tuple[tuple[str, Value], ...]
-    sink_resistance: Value | None = None
+    sink_resistance: Value | Switched | None = None
     sink_capacitance: Value | None = None
-    sink_air_resistance: Value | None = None
+    sink_air_resistance: Value | Switched | None = None
     initial_temperature: Value | None = None
     sink_initial_temperature: Value | None = None
     sink: str | None = None

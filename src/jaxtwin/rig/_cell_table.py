@@ -8,6 +8,7 @@ from ._cell import Cell
 from ._datasheet import load_module
 from ._fan_table import blown
 from ._fields import Fields
+from ._input import Switched
 from ._plate import Plate
 from ._schema import CellTable
 from ._units import (
@@ -77,9 +78,9 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
             fields.refuse(f"{at}.{name}", "expected a value, got none; give it, or name a module")
         return Value(getattr(load_module(table.module), name))
 
-    def path(name: str) -> Value | None:
-        text = getattr(table, name)
-        return None if text is None else fields.path(f"{at}.{name}", text)
+    def path(name: str) -> Value | Switched | None:
+        given = getattr(table, name)
+        return None if given is None else fields.varying_path(f"{at}.{name}", given)
 
     to_air = path("sink_air_resistance")
     return Cell(

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
+from ._input import Switched
 from ._value import Value
 
 
@@ -13,13 +14,13 @@ class CircuitLink:
 
     **Arguments:**
 
-    - `resistance`: K/W.
+    - `resistance`: K/W, or one for each state of an input.
     - `factor`: each link has factor times the resistance.
     - `between`: pairs of node names (plate elements, bodies or "ambient"). A pair may occur more
       than once: an edge element can lose heat to the surroundings in several ways.
     """
 
-    resistance: Value
+    resistance: Value | Switched
     factor: float
     between: tuple[tuple[str, str], ...]
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import final
 
 from .._name_suggestions import unknown_name
+from ._input import Input, Switched
 from ._parameter import Parameter
 from ._problems import refuse
 from ._units import (
@@ -28,6 +29,7 @@ class Fields:
     - `source`: the file, for messages.
     - `parameters`: its parameter table.
     - `parameter_sets`: its sets; a value must be in range for each of them.
+    - `inputs`: its inputs, which some fields may name in place of a parameter.
     """
 
     def __init__(
@@ -35,10 +37,12 @@ class Fields:
         source: str,
         parameters: Mapping[str, Parameter],
         parameter_sets: Mapping[str, Mapping[str, float]],
+        inputs: Sequence[Input] = (),
     ):
         self.refuse = functools.partial(refuse, source)
         self._parameters = parameters
         self._parameter_sets = parameter_sets
+        self._inputs = {one.name: one for one in inputs}
         self._used: set[str] = set()
 
     def value(self, field: str, text: str, kind: Kind) -> Value:
@@ -51,6 +55,13 @@ class Fields:
             return Value(self.constant(field, text, kind))
         if not text.isidentifier():
             self.refuse(field, f"expected {kind} or the name of a parameter, got {text!r}")
+        if text in self._inputs:
+            self.refuse(
+                field,
+                f"expected {kind} or the name of a parameter, got the input {text!r}; an input may "
+                "stand for a resistance or a fan's speed of links and sinks, the driver's "
+                "supply_voltage, and the temperature of a body",
+            )
         self.check_known(field, "parameter", text, self._parameters)
         parameter = self._parameters[text]
         try:
@@ -76,6 +87,55 @@ class Fields:
         except ValueError as problem:
             self.refuse(field, f"expected {THERMAL_RESISTANCE}, got {text!r}, {problem}")
         return self.value(field, text, THERMAL_RESISTANCE)
+
+    def varying_path(self, field: str, given: str | Mapping[str, str]) -> Value | Switched | None:
+        """Converts a thermal resistance as `path`, which an input may change: it may be the name of
+        an input, or a resistance for each state of an input.
+
+        **Raises:** `RigError` as `value`, and if the states are not those of the input.
+        """
+        if isinstance(given, str):
+            if given in self._inputs:
+                return self.input_or_value(field, given, THERMAL_RESISTANCE)
+            return self.path(field, given)
+        by = given["by"]
+        self.check_known(f"{field}.by", "input", by, self._inputs)
+        source = self._inputs[by]
+        states = [key for key in given if key != "by"]
+        if sorted(states) != sorted(source.states):
+            known = ", ".join(source.states) or "none, because it is a number"
+            self.refuse(
+                field,
+                f"expected a value for each state of {by!r}, {known}, got {', '.join(states)}",
+            )
+        self._used.add(by)
+        values = [
+            (source.share(state), self.path(f"{field}.{state}", given[state]))
+            for state in source.states
+        ]
+        finite = tuple((share, value) for share, value in values if value is not None)
+        return Switched(finite) if finite else None
+
+    def input_or_value(self, field: str, text: str, kind: Kind) -> Value:
+        """Converts a quantity, or the name of a parameter or an input.
+
+        **Raises:** `RigError` as `value`, and for an input that has states or another unit.
+        """
+        if text not in self._inputs:
+            return self.value(field, text, kind)
+        source = self._inputs[text]
+        if source.states:
+            self.refuse(
+                field,
+                f"expected a value for each state of {text!r}, such as {{ {source.states[0]} = "
+                f'..., by = "{text}" }}, got the input itself',
+            )
+        try:
+            unit_scale(source.unit, kind)
+        except ValueError as problem:
+            self.refuse(field, f"expected {kind}, got the input {text!r}, {problem}")
+        self._used.add(text)
+        return Value(1.0, ((text, 1.0),))
 
     def constant(self, field: str, text: str, kind: Kind) -> float:
         """Converts a quantity of a kind to SI units.
@@ -116,7 +176,15 @@ class Fields:
                 self.refuse(field, f"expected each name once, got {name!r} twice")
 
     def check_all_used(self) -> None:
-        """Refuses a parameter that nothing uses: it would be matched without any effect."""
+        """Refuses an input or a parameter that nothing uses: it would be matched without any
+        effect."""
+        for name in self._inputs:
+            if name not in self._used:
+                self.refuse(
+                    f"inputs[{name}]",
+                    "expected an input that a field of the rig names, got one that nothing uses; "
+                    "remove it or use it",
+                )
         for name in self._parameters:
             if name not in self._used:
                 self.refuse(

@@ -14,6 +14,7 @@ from ._channel import Channel
 from ._circuit import Circuit, CircuitLink
 from ._driver import Driver
 from ._heater import Heater
+from ._input import Input, nominal_inputs
 from ._limits import Limits
 from ._parameter import Parameter
 from ._plate import Plate
@@ -46,6 +47,7 @@ class Rig:
       A heater with a heat capacity is one of the bodies.
     - `ambient_drift`: the rate at which the ambient temperature changes from the first sample on,
       K/s; `None` for a constant one.
+    - `inputs`: the inputs besides the duty, such as the state of a lid.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Rig:
     sensors: Sensors | None = None
     bodies: tuple[Body, ...] = ()
     links: tuple[CircuitLink, ...] = ()
+    inputs: tuple[Input, ...] = ()
     heaters: tuple[Heater, ...] = ()
 
     @property
@@ -87,6 +90,12 @@ class Rig:
         """The lowest duty of each of the `driven`: -1 for a cell, which also cools, and 0 for a
         heater."""
         return (-1.0,) * len(self.cells) + (0.0,) * len(self.heaters)
+
+    @property
+    def nominal_inputs(self) -> Mapping[str, float]:
+        """The numbers of the inputs where none is stated, by the names that a `Value` has for
+        them."""
+        return nominal_inputs(self.inputs)
 
     @property
     def common_error(self) -> CommonError | None:
@@ -156,6 +165,7 @@ def _parts(rig: Rig) -> dict[str, str]:
     return {
         **{part: text for part, text in parts.items() if text},
         "driver": f"{rig.driver.averaging} averaging, {rig.driver.counts} counts",
+        **({"inputs": ", ".join(one.name for one in rig.inputs)} if rig.inputs else {}),
         "channels": " ".join(channel.name for channel in rig.channels),
         "parameters": f"{len(rig.parameters)}, {free} of them free",
         "parameter sets": ", ".join(rig.parameter_sets) or "none",

@@ -55,6 +55,17 @@ def _sensor_kind(value: str) -> str:
     return value
 
 
+def _quantity_or_switch(value: object) -> Any:
+    if not isinstance(value, dict):
+        return _quantity(value)
+    if not isinstance(value.get("by"), str) or len(value) < 3:
+        raise ValueError(
+            'expected a quantity, or one for each state of an input, such as { closed = "2 K/W", '
+            f'open = "0.1 K/W", by = "lid" }}, got {reprlib.repr(value)}'
+        )
+    return {key: _quantity(item) for key, item in value.items()}
+
+
 def _quantity_or_list(value: object) -> Any:
     return [_quantity(item) for item in value] if isinstance(value, list) else _quantity(value)
 
@@ -89,6 +100,24 @@ NamesOrResistances = Annotated[
         }
     ),
 ]
+QuantityOrSwitch = Annotated[
+    Any,
+    BeforeValidator(_quantity_or_switch),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string"},
+                {
+                    "type": "object",
+                    "properties": {"by": {"type": "string"}},
+                    "required": ["by"],
+                    "additionalProperties": {"type": "string"},
+                },
+            ]
+        }
+    ),
+]
+"""A quantity, or one for each state of an input, which `by` names."""
 Place = Annotated[list[str] | None, BeforeValidator(_place), ONE_OR_SEVERAL]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 _PLACES = ("nodes", "x", "y")  # the keys of a channel that say where its sensor is
@@ -155,6 +184,7 @@ class FanTable(Table):
 
 
 class BodyLinkTable(LinkTable):
+    resistance: QuantityOrSwitch
     fan: FanTable | None = None
 
 
@@ -169,10 +199,10 @@ class CellTable(Table):
     side_capacitance: Quantity | None = None
     contacts: Annotated[dict[str, Quantity], Field(min_length=1)]
     area: Quantity | None = None
-    sink_resistance: Quantity | None = None
+    sink_resistance: QuantityOrSwitch | None = None
     sink: Text | None = None
     sink_capacitance: Quantity | None = None
-    sink_air_resistance: Quantity | None = None
+    sink_air_resistance: QuantityOrSwitch | None = None
     fan: FanTable | None = None
     initial_temperature: Quantity | None = None
     sink_initial_temperature: Quantity | None = None
@@ -297,6 +327,14 @@ class ParameterTable(Table):
     description: str = ""
 
 
+class InputTable(Table):
+    name: Text
+    value: float | Text | None = None
+    unit: str | None = None
+    states: list[Text] | None = None
+    description: str = ""
+
+
 class RigTable(Table):
     format: Format
     name: Text
@@ -310,6 +348,7 @@ class RigTable(Table):
     bodies: list[BodyTable] = []
     links: list[BodyLinkTable] = []
     driver: DriverTable | None = None
+    inputs: list[InputTable] = []
     camera: CameraTable | None = None
     sensors: SensorsTable | None = None
     channels: Annotated[list[ChannelTable], Field(min_length=1)]

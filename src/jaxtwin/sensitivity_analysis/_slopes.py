@@ -41,7 +41,7 @@ def slopes_of(
 
     **Raises:** `SimulationError` for reductions of the plate, whose derivatives are not computed.
     """
-    requested = checked_reductions(reductions, [experiment])
+    requested = checked_reductions(reductions, [experiment], twin.rig)
     on_plate = [name for name, reduction in requested.items() if reduction.reads == "plate_end"]
     if on_plate:
         raise SimulationError(
@@ -108,7 +108,9 @@ def _slopes_of_chunk(
             "end": trajectory[-1],
         }
         if any(reduction.reads in ("energy", "peak_power") for reduction in reductions.values()):
-            drawn_power = power_of_states(drawn, states, grid.times, commands, grid.steady_start)
+            drawn_power = power_of_states(
+                drawn, states, grid.times, commands, grid.steady_start, grid.levels_at
+            )
             parts |= {"energy": drawn_power.energy[-1], "peak_power": drawn_power.peak}
         results = {}
         for name, reduction in reductions.items():

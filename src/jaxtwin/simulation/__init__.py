@@ -6,8 +6,10 @@ what:
 
 - the inputs: `_drive`, `_delay` (the driver's lag and delay), `_initial`, `_time_grid`, `_padding`
   (few sizes, few compiled programs), `_check_values`, `_twin_of_experiment`
-- the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_interpolation`
-  (samples inside a step), `_resolution`, `_refinement` (were the steps short enough?)
+- the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_step_readings`,
+  `_interpolation` (samples inside a step), `_resolution`, `_refinement` (were the steps short
+  enough?)
+- inputs besides the duty: `_input_levels`, `_regimes` (each step in the modes of its own network)
 - large plates: `_reduced_modes`, the few modes that the drive reaches
 - one run: `_simulate`, `_run` (its result), `_power`, `_uniformity`, `_exceeded_limits`
 - many draws: `_simulate_batch`, `_draw_solver`, `_chunk_programs`, `_compressed`, `_reductions`

@@ -22,6 +22,7 @@ def check_values(twin: Twin, where: str | None = None) -> None:
     **Raises:** `ParameterError` that names the quantity.
     """
     values = {name: np.float64(value) for name, value in twin.numbers_si.items()}
+    values |= _unit_inputs(twin.rig)
     for what, value in _positive_values(twin.rig):
         found = _evaluated(value, values)
         if not _is_positive(found):
@@ -42,6 +43,7 @@ def valid_draws(
     """
     table, values = twin.rig.parameters, {**twin.values, **draws}
     values_si = {name: table[name].to_si(np.asarray(v, float)) for name, v in values.items()}
+    values_si |= _unit_inputs(twin.rig)
     is_valid = np.ones(len(next(iter(draws.values()))), bool)
     for _, value in _positive_values(twin.rig):
         is_valid &= _is_positive(_evaluated(value, values_si))
@@ -64,6 +66,11 @@ def _evaluated(value: Value, values_si: Mapping[str, np.ndarray | np.float64]) -
         return np.asarray(value.evaluate(values_si))
 
 
+def _unit_inputs(rig: Rig) -> dict[str, np.float64]:
+    """1 for each input and the share of each state, so that the value of every state counts."""
+    return {name: np.float64(1.0) for one in rig.inputs for name in one.names}
+
+
 def _is_positive(value: np.ndarray) -> Bool[np.ndarray, "..."]:
     return np.asarray(np.isfinite(value) & (value > 0))
 
@@ -75,7 +82,8 @@ def _positive_values(rig: Rig) -> tuple[tuple[str, Value], ...]:
     named = [(f"lag of {c.name}", c.lag) for c in rig.channels if c.lag is not None]
     named += [(f"capacitance of {node.name}", node.capacitance) for node in netlist.nodes]
     for link in netlist.links:
-        named += [(f"resistance {link.a} - {link.b}", value) for value in link.resistances]
+        values = link.resistances or [1 / value for value in link.conductances]
+        named += [(f"resistance {link.a} - {link.b}", value) for value in values]
     named += [
         (f"electrical resistance of {c.name}", c.electrical_resistance) for c in netlist.cells
     ]

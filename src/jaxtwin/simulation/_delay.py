@@ -67,7 +67,8 @@ def draws_change_delay(twin: Twin, drawn: Iterable[str]) -> bool:
 def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     """Applies a delay to the duty cycles of a time grid.
 
-    A recorded ambient temperature has no delay; it is averaged over each step.
+    A recorded ambient temperature, and the rig's other inputs, have no delay; they are averaged
+    over each step.
 
     **Arguments:**
 
@@ -95,25 +96,33 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     # One table for all draws, whatever their delay.
     weights = sample_weights(jnp.concatenate([wait, polynomials]), step_of, part)
     waiting = (step_of < before)[:, None]
-    ambient = grid.ambient
-    if grid.ambient_at is not None:
-        held = jnp.asarray(grid.ambient_at, dtype)
+
+    def mean(at: Float[Array | np.ndarray, " times"]) -> Float[Array, " steps"]:
+        """The mean over each step of an input that is held between samples."""
+        held = jnp.asarray(at, dtype)
         summed = jnp.append(0.0, jnp.cumsum(held[:-1] * jnp.diff(times)))
-        ambient = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / lengths
+        means = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / lengths
         # A step of no length has the inputs of the step before it.
-        ambient = jnp.where(steps > 0, ambient, jnp.roll(ambient, 1))
+        means = jnp.where(steps > 0, means, jnp.roll(means, 1))
         # Steps that end behind the last sample.
-        ambient = jnp.where(ends > times[-1], held[-1], ambient)
+        return jnp.where(ends > times[-1], held[-1], means)
+
+    levels_at = grid.levels_at
     return TimeGrid(
         times=grid.times,
         sizes=sizes,
         size=size.astype(np.int32),
         duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
-        ambient=ambient,
+        ambient=grid.ambient if grid.ambient_at is None else mean(grid.ambient_at),
         polynomials=jnp.concatenate([wait * scale[:, None], polynomials]),
         step_of=step_of.astype(np.int32),
         weights=weights * jnp.where(waiting, scale, 1.0),
         ambient_at=grid.ambient_at,
+        levels=None
+        if levels_at is None
+        else jnp.stack([mean(level) for level in levels_at.T], axis=1),
+        levels_at=levels_at,
+        regimes=grid.regimes,
         steady_start=grid.steady_start,
         is_delayed=True,
     )

@@ -5,6 +5,7 @@ from typing import final
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -13,8 +14,10 @@ from .._arguments import finite_number, of_kind
 from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System
+from ..rig import Input
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures
+from ._input_levels import input_changes, input_levels
 from ._network_exponential import HeldInputs, NetworkProblem, network_field
 from ._time_grid import time_grid
 
@@ -90,10 +93,11 @@ def checked_method(
     return DiffraxMethod(solver, stepsize_controller, None if dt0 is None else float(dt0), adjoint)
 
 
-def stiff_method(experiment: Experiment) -> DiffraxMethod:
+def stiff_method(experiment: Experiment, inputs: tuple[Input, ...]) -> DiffraxMethod:
     """The method for draws for which no steps of the default solver are short enough."""
     # With unbounded temperatures it would take shorter and shorter steps without end.
-    most = RESCUE_STEPS * (1 + len(_input_changes(experiment)))
+    changes = input_changes(experiment, input_levels(experiment, inputs))
+    most = RESCUE_STEPS * (1 + len(changes))
     return DiffraxMethod(diffrax.Kvaerno5(), max_steps=most)
 
 
@@ -119,7 +123,8 @@ def solve_with_diffrax(
     drive = Drive.of(system, replace(grid, steady_start=isinstance(initial, str)))
     reference = drive.reference
     start = initial_temperatures(system, initial, grid.duty[0], reference)
-    changes = _input_changes(experiment)
+    levels = input_levels(experiment, system.wiring.inputs)
+    changes = input_changes(experiment, levels)
     held = np.concatenate([[0], changes])
     time = experiment.time - experiment.time[0]
     ambient = jnp.zeros(len(held))
@@ -133,6 +138,9 @@ def solve_with_diffrax(
         delay=system.delay,
         steady_start=isinstance(initial, str),
         drift=drive.ambient_drift,
+        conditions=None
+        if levels is None
+        else jax.vmap(system.conditions)(jnp.asarray(levels[held])),
     )
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(network_field),
@@ -184,12 +192,3 @@ def _clipped(
     around = [np.nextafter(time[changes], -np.inf), np.nextafter(time[changes], np.inf)]
     steps = np.unique(np.concatenate([[0.0], ends[nearest > 1e-6], *around]))
     return diffrax.StepTo(ts=jnp.asarray(steps))
-
-
-def _input_changes(experiment: Experiment) -> Int[np.ndarray, " changes"]:
-    """The indices of samples at which an input differs from the previous sample."""
-    duty, ambient = experiment.duty, experiment.ambient
-    changed = np.any(duty[1:] != duty[:-1], axis=1)
-    if isinstance(ambient, np.ndarray):
-        changed |= ambient[1:] != ambient[:-1]
-    return 1 + np.flatnonzero(changed)

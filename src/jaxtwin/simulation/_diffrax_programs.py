@@ -19,6 +19,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ._diffeqsolve import DiffraxMethod, solve_with_diffrax
 from ._initial import CheckedInitial, keeps_symmetry
+from ._input_levels import input_levels
 from ._modes import run_modes
 from ._power import SupplyPower, power_of_states
 from ._refinement import stability_number
@@ -89,6 +90,7 @@ def diffrax_chunk(
                 experiment.time,
                 experiment.duty,
                 isinstance(initial, str),
+                input_levels(experiment, twin.rig.inputs),
             )
             drawn = jax.tree.map(lambda rows: jnp.where(failed, jnp.nan, rows), drawn)
         return temperatures, plate, drawn, failed

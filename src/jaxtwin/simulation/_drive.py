@@ -3,10 +3,12 @@
 from typing import final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..physics import System
+from ..physics._input_effects import Conditions
 from ._delay import delayed_time_grid, lagged_duty
 from ._exponential import Inputs
 from ._time_grid import TimeGrid, reference_temperature
@@ -21,12 +23,14 @@ class Drive(eqx.Module):
     - `reference`: the temperature from which deviations are counted, K.
     - `lag`: the time constant of the driver's lag, s, or None.
     - `ambient_drift`: the drift of an ambient temperature that is not recorded, K/s, or None.
+    - `conditions`: what the rig's other inputs change in each step; None for a rig without any.
     """
 
     grid: TimeGrid
     reference: Float[Array, ""]
     lag: Float[Array, ""] | None
     ambient_drift: Float[Array, ""] | None
+    conditions: Conditions | None
 
     @classmethod
     def of(cls, system: System, grid: TimeGrid) -> "Drive":
@@ -36,14 +40,18 @@ class Drive(eqx.Module):
         if system.delay is not None and not grid.is_delayed:
             grid = delayed_time_grid(grid, system.delay)
         drift = system.ambient_drift if grid.ambient_at is None else None
-        return cls(grid, reference, system.lag, drift)
+        conditions = None
+        if grid.levels is not None:
+            levels = jnp.asarray(grid.levels, reference.dtype)
+            conditions = jax.vmap(system.conditions)(levels)
+        return cls(grid, reference, system.lag, drift, conditions)
 
     def inputs(self) -> Inputs:
         """The inputs of all steps. If the driver has a lag or the ambient drifts, these are the
         inputs at the start, in the middle and at the end of each step."""
         dtype = self.reference.dtype
         steps = jnp.asarray(self.grid.sizes, dtype)[self.grid.size]
-        return Inputs(self._duty(steps), self._ambient(steps))
+        return Inputs(self._duty(steps), self._ambient(steps), conditions=self.conditions)
 
     def ambient_at_samples(self, which: slice = slice(None)) -> Float[Array, "times 1"] | float:
         """The ambient temperature's deviation from the reference at all or some of the samples,

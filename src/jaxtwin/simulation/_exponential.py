@@ -28,6 +28,7 @@ from jaxtyping import Array, Float
 
 from .._jax_settings import in_precision
 from ..physics import System
+from ..physics._input_effects import Conditions
 from ._modes import Modes
 
 
@@ -39,19 +40,21 @@ class Inputs(eqx.Module):
     start, its middle and its end; likewise the ambient if it drifts. In a table of many steps, both
     have a leading axis for the steps.
 
-    `heat` is an additional heat flow into the modes, $V^T q$; None for none.
+    `heat` is an additional heat flow into the modes, $V^T q$; None for none. `conditions` are what
+    the rig's other inputs change during the step; None for a rig without any.
     """
 
     duty: Float[Array, "*steps_and_stages cells"]
     ambient: Float[Array, "*steps_stages"]
     heat: Float[Array, "*stages modes"] | None = None
+    conditions: Conditions | None = None
 
     def at(self, stage: int) -> "Inputs":
         """Returns the inputs at the start (0), in the middle (1) or at the end (2) of the step."""
         duty = self.duty if self.duty.ndim == 1 else self.duty[stage]
         ambient = self.ambient if self.ambient.ndim == 0 else self.ambient[stage]
         heat = self.heat if self.heat is None or self.heat.ndim == 1 else self.heat[stage]
-        return Inputs(duty, ambient, heat)
+        return Inputs(duty, ambient, heat, self.conditions)
 
 
 @final
@@ -62,6 +65,7 @@ class ModalField(eqx.Module):
     - `surroundings`: the force for each kelvin of the ambient's deviation, $V^T g_\text{amb}$.
     - `reservoir_force`: the constant force of bodies at a fixed temperature (`Reservoirs`), None
       for none.
+    - `reservoir_shapes`: the force for each kelvin of their temperatures, if inputs change these.
     - `stiffness`, `mass`: $V^T (G - G_0) V$ and $V^T (C - C_0) V$, where the modes are those of
       $G_0$ and $C_0$. Both are zero in value, but their derivatives are not.
     - `loss_dtype`: the type in which the losses that are not linear are computed, None for that of
@@ -75,6 +79,7 @@ class ModalField(eqx.Module):
     reservoir_force: Float[Array, " modes"] | None
     stiffness: Float[Array, "modes modes"]
     mass: Float[Array, "modes modes"]
+    reservoir_shapes: Float[Array, "modes reservoirs"] | None = None
     loss_dtype: DTypeLike | None = eqx.field(static=True, default=None)
 
     @classmethod
@@ -99,6 +104,9 @@ class ModalField(eqx.Module):
             else V.T @ system.reservoirs.heat(reference),
             stiffness=V.T @ conductance @ V,
             mass=V.T * capacitance @ V,
+            reservoir_shapes=None
+            if system.reservoirs is None or not system.wiring.inputs
+            else V.T @ system.reservoirs.conductance.T,
             loss_dtype=loss_dtype,
         )
 
@@ -106,13 +114,19 @@ class ModalField(eqx.Module):
     def force(self, amplitudes: Float[Array, " modes"], inputs: Inputs) -> Float[Array, " modes"]:
         """Computes the right-hand side without the decay of the modes: the heat of the cells, of
         the surroundings and of nonlinear losses."""
-        system, modes = self.system, self.modes
+        system, modes, conditions = self.system, self.modes, inputs.conditions
+        if conditions is not None:
+            system = system.under(conditions)
         deviation = modes.sides @ amplitudes
         heat = system.cell_heat(deviation + self.reference, inputs.duty)
         flow = jnp.concatenate([-heat.cold, heat.hot]) + modes.linearised_conductance @ deviation
         force = modes.sides.T @ flow + self.surroundings * inputs.ambient
         if self.reservoir_force is not None:
             force = force + self.reservoir_force
+        if conditions is not None and self.reservoir_shapes is not None:
+            force = force + self.reservoir_shapes @ conditions.reservoirs
+        if modes.switched is not None:
+            force = force - modes.switched.T @ self._switched_heat(system, amplitudes, inputs)
         if inputs.heat is not None:
             force = force + inputs.heat
         if modes.plate is not None:
@@ -123,6 +137,18 @@ class ModalField(eqx.Module):
         slope = force - modes.rates * amplitudes
         slope = slope - bent - _vanishing(self.mass, slope)
         return force - bent - _vanishing(self.mass, slope)
+
+    def _switched_heat(
+        self, system: System, amplitudes: Float[Array, " modes"], inputs: Inputs
+    ) -> Float[Array, " links"]:
+        """Computes the heat in the links that inputs change, beyond the modes' network, W."""
+        assert self.modes.switched is not None
+        change = system.conductance_change
+        nodes = self.modes.switched @ amplitudes
+        heat = -self.modes.linearised_change * nodes
+        if change is None:
+            return heat
+        return heat + change * (nodes + system.held_differences(self.reference, inputs.ambient))
 
     def _losses(
         self, amplitudes: Float[Array, " modes"], ambient: Float[Array, ""]

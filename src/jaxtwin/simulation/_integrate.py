@@ -1,8 +1,7 @@
 """Integrates a network over a run: the loop over exponential steps, and the readings."""
 
-from typing import Any, final
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,45 +13,9 @@ from ._drive import Drive
 from ._exponential import ModalField, decay_functions, exponential_step
 from ._interpolation import SLOPE_AT_END
 from ._modes import Modes, run_modes
+from ._regimes import integrate_in_regimes
+from ._step_readings import FAST, SLOPE_WEIGHT, StepReadings, largest
 from ._time_grid import TimeGrid
-
-SLOPE_WEIGHT = 0.15
-"""The largest weight of a slope within a step, as a multiple of the step size."""
-
-FAST = 16.0
-"""The rate times step size above which a mode is fast: the slope at the end of a step then follows
-from the last stage, see `StepResult`."""
-
-
-@final
-class StepReadings(eqx.Module):
-    """Weighted sums of node temperatures, or amplitudes of the modes, at the ends of steps.
-
-    `values` are deviations from the reference, K, and `slopes` are theirs, K/s. Row k belongs to
-    the start of step k. `error_estimate` is the largest accumulated error estimate in any channel
-    at any time, K.
-    """
-
-    values: Float[Array, "*chunk ends outputs"]
-    slopes: Float[Array, "*chunk ends outputs"]
-    error_estimate: Float[Array, "*chunk"]
-
-    def at_samples(
-        self, grid: TimeGrid, which: slice = slice(None)
-    ) -> Float[Array, "times outputs"]:
-        """Interpolates the sums at all or some of the samples of the grid."""
-        values, slopes = self.values, self.slopes
-        w = jnp.asarray(grid.weights, values.dtype)[which, :, None]
-        at = jnp.asarray(grid.step_of)[which]
-        before = jnp.maximum(at - 1, 0)
-        return (
-            w[:, 0] * values[at]
-            + w[:, 1] * slopes[at]
-            + w[:, 2] * values[at + 1]
-            + w[:, 3] * slopes[at + 1]
-            + w[:, 4] * values[before]
-            + w[:, 5] * slopes[before]
-        )
 
 
 def solve_network(
@@ -94,6 +57,9 @@ def integrate(
     **Arguments:** those of `solve_network`, the `modes` of the system (`run_modes`), and the
     `loss_dtype` of `ModalField`. A `readout` of None stands for the amplitudes of the modes.
     """
+    if drive.grid.regimes is not None:
+        assert readout is not None
+        return integrate_in_regimes(system, drive, modes, initial, readout, loss_dtype)
     dtype, grid = modes.rates.dtype, drive.grid
     field = ModalField.of(system, modes, drive.reference, loss_dtype)
     functions = decay_functions(modes.rates, jnp.asarray(grid.sizes, dtype))
@@ -128,9 +94,7 @@ def integrate(
     lengths = jnp.asarray(grid.sizes, dtype)[grid.size]
     errors = errors[1:] * (1 + SLOPE_WEIGHT * modes.rates * lengths[:, None])
     channel_shapes = (jnp.asarray(system.channel_weights, dtype) @ modes.shapes).T
-    estimates = jnp.abs(errors @ channel_shapes)
-    # XLA's maximum of several NaN is -inf in some vectorised loops (jax 0.10.2).
-    error_estimate = jnp.where(jnp.all(jnp.isfinite(estimates)), estimates.max(), jnp.nan)
+    error_estimate = largest(jnp.abs(errors @ channel_shapes))
     slopes = forces - modes.rates * amplitudes
     if readout is None:
         return StepReadings(amplitudes, slopes, error_estimate)

@@ -48,7 +48,9 @@ class Modes(eqx.Module):
     capacities by which the shapes are normalised. `linearised_conductance` is the derivative of the
     heat flow out of the cells' sides that is part of the network, W/K. `linearised_loss` is the
     same for the plate's losses beyond its linear film, or None. Both are derivatives at the
-    `operating_point`: the deviations of the sides, K.
+    `operating_point`: the deviations of the sides, K. `switched` are the temperature differences of
+    the links that inputs change, or None, and `linearised_change` the conductance of these links
+    that is part of the network in addition to the system's, W/K.
     """
 
     rates: Float[Array, " modes"]
@@ -59,6 +61,8 @@ class Modes(eqx.Module):
     linearised_conductance: Float[Array, "sides sides"]
     linearised_loss: Float[Array, " elements"] | None
     operating_point: Float[Array, " sides"]
+    switched: Float[Array, "links modes"] | None = None
+    linearised_change: Float[Array, " links"] | float = 0.0
 
     def amplitudes(self, deviation: Float[Array, " nodes"]) -> Float[Array, " modes"]:
         """The amplitudes of the modes for given temperatures: the inverse of the shapes is shapes^T
@@ -85,6 +89,9 @@ def network_modes(
     if point.loss is not None:
         plate = np.arange(system.wiring.elements)
         conductance = conductance.at[plate, plate].add(point.loss)
+    effects, change = system.wiring.input_wiring, system.conductance_change
+    if effects is not None and change is not None:
+        conductance = conductance + (effects.differences.T * change) @ effects.differences
     scale = 1 / jnp.sqrt(system.capacitance)
     rates, vectors = eigh(conductance * scale[:, None] * scale[None, :])
     shapes = scale[:, None] * vectors
@@ -97,6 +104,8 @@ def network_modes(
         linearised_conductance=point.conductance,
         linearised_loss=point.loss,
         operating_point=point.sides,
+        switched=None if effects is None else effects.differences @ shapes,
+        linearised_change=0.0 if change is None else change,
     )
 
 
@@ -150,13 +159,24 @@ def run_modes(system: System, inputs: InputSummary) -> Modes:
 
     - `system`: the equations.
     - `inputs`: the commanded duty cycles and the duration.
+
+    **Returns:** the modes; those of each of the inputs' regimes, with a leading axis, for a rig
+    with inputs besides the duty.
     """
     dtype = system.capacitance.dtype
     duty = jnp.asarray(inputs.mean, dtype)
-    modes = network_modes(system, duty, reference_temperature(system, inputs))
-    span = network_span(system, modes.rates[0], jnp.asarray(inputs.duration, dtype))
-    is_resolved = span <= LARGEST_SPAN
-    return eqx.tree_at(lambda m: m.rates, modes, jnp.where(is_resolved, modes.rates, jnp.nan))
+
+    def modes_of(system: System) -> Modes:
+        modes = network_modes(system, duty, reference_temperature(system, inputs))
+        span = network_span(system, modes.rates[0], jnp.asarray(inputs.duration, dtype))
+        is_resolved = span <= LARGEST_SPAN
+        rates = jnp.where(is_resolved, modes.rates, jnp.nan)
+        return eqx.tree_at(lambda modes: modes.rates, modes, rates)
+
+    if inputs.regimes is None:
+        return modes_of(system)
+    levels = jnp.asarray(inputs.regimes, dtype)
+    return jax.vmap(lambda regime: modes_of(system.under(system.conditions(regime))))(levels)
 
 
 def _operating_point(

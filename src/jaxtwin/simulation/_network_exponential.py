@@ -5,11 +5,13 @@ from typing import Any, ClassVar, TypeAlias, final
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics import System
+from ..physics._input_effects import Conditions
 from ._delay import lagged_duty
 from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
 from ._modes import Modes, network_modes
@@ -28,6 +30,7 @@ class HeldInputs(eqx.Module):
     - `ambient`: the ambient temperature's deviation in each span, `(spans,)`, K.
     - `drift`: the additional drift of the ambient temperature, K/s, or None.
     - `lag`, `delay`, `steady_start`: the driver's lag and delay, see `lagged_duty`.
+    - `conditions`: what the rig's other inputs change in each span; None for a rig without any.
     """
 
     starts: Float[Array, " spans"]
@@ -37,18 +40,23 @@ class HeldInputs(eqx.Module):
     delay: Float[Array, ""] | None = None
     steady_start: bool = eqx.field(static=True, default=False)
     drift: Float[Array, ""] | None = None
+    conditions: Conditions | None = None
 
     def __call__(self, t: RealScalarLike) -> Inputs:
         """The inputs at a time."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
-        return Inputs(self._duty(jnp.asarray(t), now), self._ambient(t, now))
+        duty, ambient = self._duty(jnp.asarray(t), now), self._ambient(t, now)
+        return Inputs(duty, ambient, conditions=self._conditions(now))
 
     def over(self, t: RealScalarLike, size: RealScalarLike) -> Inputs:
         """The inputs during a step."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
         stages = jnp.asarray(t + size * jnp.array([0.0, 0.5, 1.0]))
         duty = self.duty[now] if self.lag is None else self._duty(stages, now)
-        return Inputs(duty, self._ambient(stages, now))
+        return Inputs(duty, self._ambient(stages, now), conditions=self._conditions(now))
+
+    def _conditions(self, now: Int[Array, ""]) -> Conditions | None:
+        return jax.tree.map(lambda table: table[now], self.conditions)
 
     def _ambient(
         self, t: RealScalarLike | Float[Array, "*times"], now: Int[Array, ""]
@@ -79,6 +87,8 @@ def network_field(
 ) -> Float[Array, " nodes"]:
     """The vector field of a twin for `diffrax.ODETerm`, K/s."""
     now, system = problem.inputs(t), problem.system
+    if now.conditions is not None:
+        system = system.under(now.conditions)
     heat = system.heat_into_nodes(deviation, now.duty, problem.reference, now.ambient)
     return heat / system.capacitance
 

@@ -15,7 +15,7 @@ from jaxtyping import Shaped
 from ..io import Experiment
 from ..physics import System, Twin
 from ._interpolation import STANDING
-from ._time_grid import TimeGrid, build_time_grid, twin_steps
+from ._time_grid import GridOptions, TimeGrid, build_time_grid, twin_steps
 
 PARTS = 8
 """The number of sizes in each octave, and the smallest size."""
@@ -63,11 +63,10 @@ def padded_time_grid(
 
 
 @lru_cache(maxsize=64)
-def _padded_time_grid(
-    experiment: Experiment, steps: tuple[float, float, float, float, int]
-) -> TimeGrid:
-    grid = build_time_grid(experiment, *steps)
+def _padded_time_grid(experiment: Experiment, options: GridOptions) -> TimeGrid:
+    grid = build_time_grid(experiment, *options)
     ambient, ambient_at = grid.ambient, grid.ambient_at
+    levels, levels_at = grid.levels, grid.levels_at
     return TimeGrid(
         times=padded(np.asarray(grid.times)),
         sizes=np.append(grid.sizes, np.zeros(SIZES - len(grid.sizes) % SIZES)),
@@ -78,4 +77,7 @@ def _padded_time_grid(
         step_of=padded(np.asarray(grid.step_of)),
         weights=padded(np.asarray(grid.weights)),
         ambient_at=None if ambient_at is None else padded(np.asarray(ambient_at)),
+        levels=None if levels is None else padded(np.asarray(levels), least=STEPS),
+        levels_at=None if levels_at is None else padded(np.asarray(levels_at)),
+        regimes=grid.regimes,
     )

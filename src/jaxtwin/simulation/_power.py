@@ -7,6 +7,8 @@ temperatures linear between samples.
 
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -38,6 +40,7 @@ def supply_power(
     times: Float[Array | np.ndarray, " times"],
     commands: Float[Array | np.ndarray, "times cells"],
     steady_start: bool,
+    levels: Float[Array | np.ndarray, "times inputs"] | None,
 ) -> SupplyPower:
     """Power and energy of a run.
 
@@ -48,6 +51,7 @@ def supply_power(
     - `commands`: the commands that are held from each sample on, -1 to 1.
     - `steady_start`: whether the first command was always held before the start; otherwise the
       command was 0.
+    - `levels`: the rig's other inputs from each sample on; None for a rig without any.
     """
     dtype = sides.dtype
     times, commands = jnp.asarray(times, dtype), jnp.asarray(commands, dtype)
@@ -55,6 +59,9 @@ def supply_power(
     marks = times if system.delay is None else jnp.sort(jnp.concatenate([times, arrivals]))
     marks = jnp.clip(marks, times[0], times[-1])
     before = commands[0] if steady_start else jnp.zeros_like(commands[0])
+    voltages = None
+    if levels is not None:
+        voltages = jax.vmap(system.conditions)(jnp.asarray(levels, dtype)).supply_voltage
 
     def power(at: Array, side: Array) -> Float[Array, "*at cells"]:
         """Computes the power at some times of an interval. `side` is a time inside the interval, at
@@ -65,7 +72,11 @@ def supply_power(
         else:
             duty = lagged_duty(system.lag, None, arrivals, commands, at, steady_start)
         cold, hot = jnp.split(_linear(at, times, sides), 2, axis=-1)
-        return system.bridge.supply_power(system.module, duty, cold, hot)
+        bridge = system.bridge
+        if voltages is not None:
+            now = jnp.clip(jnp.searchsorted(times, side, side="right") - 1, 0)
+            bridge = eqx.tree_at(lambda b: b.supply_voltage, bridge, voltages[now][..., None])
+        return bridge.supply_power(system.module, duty, cold, hot)
 
     middles = (marks[1:] + marks[:-1]) / 2
     stages = power(jnp.stack([marks[:-1], middles, marks[1:]]), jnp.stack([middles] * 3))
@@ -92,6 +103,7 @@ def power_of_states(
     times: Float[Array | np.ndarray, " times"],
     commands: Float[Array | np.ndarray, "times cells"],
     steady_start: bool,
+    levels: Float[Array | np.ndarray, "times inputs"] | None,
 ) -> SupplyPower:
     """Power and energy of a twin's run.
 
@@ -99,4 +111,4 @@ def power_of_states(
     """
     system = twin.system()
     sides = jnp.asarray(states)[:, np.concatenate([system.wiring.cold, system.wiring.hot])]
-    return supply_power(system, sides, times, commands, steady_start)
+    return supply_power(system, sides, times, commands, steady_start, levels)

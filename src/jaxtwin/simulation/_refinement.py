@@ -3,6 +3,7 @@ solved again with shorter steps, and by a stiff solver if that does not help.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeAlias
 
 import jax
@@ -40,16 +41,26 @@ def stability_number(system: System, modes: Modes, inputs: InputSummary) -> Floa
 
     $$\max_u \left\lVert |h \varphi_1(-h L)| \, |\partial N / \partial x| \right\rVert_\infty$$
 
-    is well below 1, here over the smallest and the largest duty cycles $u$ of the run.
+    is well below 1, here over the smallest and the largest duty cycles $u$ of the run, and over
+    the regimes of other inputs.
 
     **Returns:** the number. Infinite if the modes cannot be trusted although float64 can carry
     the network; NaN if it cannot, see `_resolution`.
     """
+    if inputs.regimes is not None:
+        levels = jnp.asarray(inputs.regimes, modes.rates.dtype)
+        inputs = replace(inputs, regimes=None)
+        numbers = jax.vmap(
+            lambda regime, modes: stability_number(
+                system.under(system.conditions(regime)), modes, inputs
+            )
+        )(levels, modes)
+        return numbers.max()
     dtype = modes.rates.dtype
-    levels = jnp.stack([jnp.asarray(duty, dtype) for duty in (inputs.lowest, inputs.highest)])
+    duties = jnp.stack([jnp.asarray(duty, dtype) for duty in (inputs.lowest, inputs.highest)])
     reference = reference_temperature(system, inputs)
     longest = jnp.asarray(inputs.longest_step, dtype)
-    number = remainder_gain(system, modes, levels, reference, longest)
+    number = remainder_gain(system, modes, duties, reference, longest)
     duration = jnp.asarray(inputs.duration, dtype)
     slowest, fastest = modes.rates[0], modes.rates[-1]
     is_trusted = jnp.isfinite(number) & (spanned(fastest, slowest, duration) <= LARGEST_SPAN)

@@ -20,6 +20,7 @@ from .._whole_file import check_ending
 from ..io import Experiment
 from ..physics import Twin
 from ._exceeded_limits import exceeded_limits
+from ._input_levels import input_levels
 from ._padding import padded
 from ._power import SupplyPower, power_of_states
 from ._uniformity import Uniformity, uniformity
@@ -144,6 +145,7 @@ class Run:
                 "power: expected the run of a twin from its start, got one without a twin; "
                 "simulate the whole experiment"
             )
+        levels = input_levels(self.experiment, self.twin.rig.inputs)
         with own_settings():
             found = power_of_states(
                 self.twin,
@@ -151,6 +153,7 @@ class Run:
                 padded(self.time),
                 padded(self.experiment.duty),
                 self.is_steady_start,
+                None if levels is None else padded(levels),
             )
         count = len(self.time)
         return SupplyPower(
@@ -173,7 +176,15 @@ class Run:
 
     @property
     def plate_uniformity(self) -> Uniformity:
-        """The range and the standard deviation of the plate's temperature over its elements."""
+        """The range and the standard deviation of the plate's temperature over its elements.
+
+        **Raises:** `SimulationError` if the rig has no plate.
+        """
+        if not self.elements:
+            raise SimulationError(
+                "plate_uniformity: expected a run of a rig with a plate, got one of "
+                f"{self.rig}, which has none"
+            )
         plate = slice(self.elements)
         return uniformity(self.time, self.states[:, plate], self.nodes[plate])
 
@@ -187,9 +198,9 @@ class Run:
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset, with units in the attributes: temperature (time, channel),
-        state (time, node), duty (time, cell), channel_range, channel_std, plate_range and plate_std
-        (time). If they are known, recorded (time, channel), recorded_range, recorded_std and
-        ambient (time) follow."""
+        state (time, node), duty (time, cell), channel_range, channel_std, and with a plate
+        plate_range and plate_std (time). If they are known, recorded (time, channel),
+        recorded_range, recorded_std and ambient (time) follow."""
         import pandas
         import xarray
 
@@ -200,7 +211,9 @@ class Run:
             "state": (("time", "node"), self.states, celsius),
             "duty": (("time", "cell"), duty, {"units": "1"}),
         }
-        uniformities = {"channel": self.uniformity, "plate": self.plate_uniformity}
+        uniformities = {"channel": self.uniformity}
+        if self.elements:
+            uniformities["plate"] = self.plate_uniformity
         if self.experiment.temperatures is not None:
             variables["recorded"] = (("time", "channel"), self._recorded, celsius)
             uniformities["recorded"] = self.recorded_uniformity
@@ -270,6 +283,7 @@ class Run:
             channels=self.channels,
             temperatures=self.temperatures + random.normal(0.0, sd, self.temperatures.shape),
             ambient=self.experiment.ambient,
+            inputs=self.experiment.inputs,
             name=name or self.experiment.name,
             group=self.experiment.group,
         )

@@ -28,6 +28,7 @@ from ._initial import (
     initial_temperatures,
     keeps_symmetry,
 )
+from ._input_levels import check_inputs
 from ._integrate import integrate
 from ._modes import run_modes
 from ._padding import padded_time_grid
@@ -129,7 +130,7 @@ def simulate(
     def rescue(_: Int[np.ndarray, " draws"]) -> Results:
         from ._diffeqsolve import stiff_method
 
-        return solve_by(stiff_method(experiment))
+        return solve_by(stiff_method(experiment, twin.rig.inputs))
 
     with own_settings():
         if method is None:
@@ -169,7 +170,7 @@ def prepare_simulation(twin: Twin, experiment: Experiment) -> None:
 
 def is_large(twin: Twin, initial: CheckedInitial) -> bool:
     """Whether a run of a twin uses few modes: the network is large, and few cells drive it."""
-    if isinstance(initial, str):
+    if isinstance(initial, str) or twin.rig.inputs:
         return False
     netlist = wiring_of(twin.rig, keeps_symmetry(initial)).netlist
     return len(netlist.nodes) >= max(LARGE, NODES_PER_CELL * len(netlist.cells))
@@ -226,12 +227,14 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     """Returns the channels that an experiment requests of a twin.
 
     **Raises:** `SimulationError` if the experiment names a channel that the rig does not have, or
-    drives another number of cells and heaters, or a heater is to cool.
+    drives another number of cells and heaters, a heater is to cool, or it states an input that the
+    rig does not have.
     """
     check_twin("twin", twin, SimulationError)
     of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
     label = experiment.name or "the experiment"
     check_duty_of_rig(experiment, twin.rig, label, SimulationError)
+    check_inputs(experiment, twin.rig.inputs, twin.rig.name)
     unknown = [name for name in experiment.channels if name not in twin.channels]
     if unknown:
         raise SimulationError(

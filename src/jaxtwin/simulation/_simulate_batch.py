@@ -142,7 +142,7 @@ def simulate_batch(
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
     arrays = checked_draws(twin, draws)
-    wanted = None if reductions is None else checked_reductions(reductions, [experiment])
+    wanted = None if reductions is None else checked_reductions(reductions, [experiment], twin.rig)
     for name, number in (("chunk_size", chunk_size), ("workers", workers)):
         if number is not None:
             whole_number(name, number, 1, SimulationError)
@@ -177,7 +177,8 @@ def simulate_batch(
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
         from ._diffeqsolve import stiff_method
 
-        return solve_draws(batch, some(chosen), stiff_method(experiment), executor)
+        stiff = stiff_method(experiment, twin.rig.inputs)
+        return solve_draws(batch, some(chosen), stiff, executor)
 
     if method is None:
         results = solve_refined(total, solve, rescue)

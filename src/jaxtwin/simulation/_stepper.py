@@ -1,5 +1,7 @@
 """Steps a twin in time with a rig: for a live twin, an observer or a controller."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple, final
 
 import equinox as eqx
@@ -16,9 +18,11 @@ from .._compilation import persistent_jit
 from .._errors import SimulationError
 from .._jax_settings import in_precision, is_traced, settings_for
 from ..physics import System, Twin
+from ..physics._input_effects import Conditions
 from ..physics._twin import check_twin
 from ._check_values import check_values
 from ._exponential import Inputs, ModalField, StepFactors, exponential_step
+from ._input_levels import stated_levels
 from ._step_preparation import check_stable, is_multiple, prepare_steps, queue_length
 
 
@@ -178,6 +182,7 @@ class Stepper(eqx.Module):
         *,
         steps: ArrayLike | int = 1,
         heat: ArrayLike | None = None,
+        inputs: Mapping[str, Any] | None = None,
     ) -> StepperState:
         """Computes the state after one or several steps under a command.
 
@@ -189,8 +194,11 @@ class Stepper(eqx.Module):
         - `steps`: the number of steps under this command, in one compiled call.
         - `heat`: additional heat flows into the nodes during the step, `(nodes,)`, W, such as the
           heat of a hand on the plate; None for none.
+        - `inputs`: the rig's other inputs during the step, name -> number or name of a state. Those
+          that are not given have the value of the rig file.
 
-        **Raises:** `SimulationError` if the command does not have a number for each cell.
+        **Raises:** `SimulationError` if the command does not have a number for each cell, or for an
+        unknown input or state.
         """
         with settings_for(self.reference, state, duty, ambient, steps, heat):
             stepper, state = _in_precision_of_caller(self, state)
@@ -205,10 +213,15 @@ class Stepper(eqx.Module):
             ambient = stepper.ambient if ambient is None else jnp.asarray(ambient, dtype)
             if heat is not None:
                 heat = jnp.asarray(heat, dtype)
+            conditions = None
+            if inputs:
+                levels = stated_levels(self.system.wiring.inputs, inputs)
+                conditions = stepper.system.conditions(jnp.stack([jnp.asarray(x) for x in levels]))
+            held = command, ambient, heat, conditions
             if isinstance(steps, int) and is_traced(self.reference, state, command, ambient):
                 # With a Python number of steps the loop has a known length and gradients exist.
-                return _take_steps(stepper, state, command, ambient, steps, heat)
-            return _steps(stepper, state, command, ambient, jnp.asarray(steps), heat)
+                return _take_steps(stepper, state, steps, *held)
+            return _steps(stepper, state, jnp.asarray(steps), *held)
 
     def channels(
         self, state: StepperState, ambient: ArrayLike | float | int | None = None
@@ -259,12 +272,14 @@ def advance(
     command: Float[Array, " cells"],
     ambient: Float[Array, ""],
     heat: Float[Array, " nodes"] | None = None,
+    conditions: Conditions | None = None,
     loss_dtype: DTypeLike | None = None,
 ) -> ModalState:
     """Computes the state after a step under a command; ambient in degC, heat in W.
 
     **Arguments:**
 
+    - `conditions`: what the rig's other inputs change; None where none is stated.
     - `loss_dtype`: the precision of the losses that are not linear, None for that of the
       state. They are a small part of the heat flows: in float32 they cost a third of what they
       cost in float64, and channels change by microkelvins.
@@ -288,7 +303,8 @@ def advance(
         times = begin + size * _stages(size)
         flow = modal_heat if line is None else line.first + times[:, None] * line.slope
         inputs, duty = _inputs(system, duty, delayed[number], size, surroundings, flow)
-        if line is not None and len(stepper.sizes) == 1:
+        inputs = replace(inputs, conditions=conditions)
+        if line is not None and len(stepper.sizes) == 1 and conditions is None:
             force = line.force
         else:
             force = stepper.field.force(amplitudes, inputs.at(0))
@@ -348,14 +364,15 @@ def _stages(size: Float[Array, ""]) -> Float[Array, " 3"]:
 def _take_steps(
     stepper: Stepper,
     state: StepperState,
+    steps: Int[Array, ""] | int,
     command: Float[Array, " cells"],
     ambient: Float[Array, ""],
-    steps: Int[Array, ""] | int,
     heat: Float[Array, " nodes"] | None,
+    conditions: Conditions | None,
 ) -> StepperState:
     def step(number: Array, state: ModalState) -> ModalState:
         del number
-        return advance(stepper, state, command, ambient, heat)
+        return advance(stepper, state, command, ambient, heat, conditions)
 
     end = jax.lax.fori_loop(0, steps, step, to_modal(stepper, state))
     return StepperState(node_temperatures(stepper, end), end.duty, end.commands)

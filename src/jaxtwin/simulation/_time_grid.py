@@ -8,7 +8,7 @@ so that a run needs the exponentials of few sizes.
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import final
+from typing import TypeAlias, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,11 +19,17 @@ from .._celsius import ZERO_CELSIUS
 from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
+from ..rig import Input
+from ._input_levels import input_changes, input_levels, regimes
 from ._interpolation import sample_weights, step_polynomials
 
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
 """Step sizes without refinement: the first one, s; the largest one as a part of the time since the
 last change of an input; the largest one, s."""
+
+DELAYED_STEP = 0.5
+"""The largest step if the driver has a delay and the rig other inputs, s. The grid moves with the
+delay, so that these inputs change within a step, which takes their mean."""
 
 MOST_STEPS = 1_000_000
 """The largest number of steps without refinement, those of a year. More would fill the memory."""
@@ -53,6 +59,7 @@ class InputSummary(eqx.Module):
       commanded duty cycles, -1 to 1.
     - `duration`: the duration of the run, s. `longest_step`: its longest step, s.
     - `ambient`: the recorded ambient temperature at the start, K; None if it is not recorded.
+    - `regimes`: see `TimeGrid`.
     """
 
     first: Float[Array | np.ndarray, " cells"]
@@ -62,6 +69,7 @@ class InputSummary(eqx.Module):
     duration: Float[Array | np.ndarray, ""]
     longest_step: Float[Array | np.ndarray, ""]
     ambient: Float[Array | np.ndarray, ""] | None
+    regimes: Float[Array | np.ndarray, "regimes inputs"] | None = None
 
 
 @final
@@ -81,6 +89,10 @@ class TimeGrid(eqx.Module):
     - `weights`: the weights of the values and slopes around that step in the sample's temperature,
       which are the values of the polynomials at the sample.
     - `ambient_at`: the recorded ambient temperature at each sample, K, or None.
+    - `levels`, `levels_at`: the rig's inputs besides the duty, during each step and from each
+      sample on: numbers of states, or values in SI units. None for a rig without any.
+    - `regimes`: the inputs for which the modes of the network are found. Each step is taken in the
+      modes of the nearest of these.
     - `steady_start`: whether the first duty was always held before the start; otherwise the duty
       was 0. It matters for a driver with a lag or a delay.
     - `is_delayed`: whether `duty` is the duty that reaches the cells after the driver's delay;
@@ -96,6 +108,9 @@ class TimeGrid(eqx.Module):
     step_of: Int[Array | np.ndarray, " times"]
     weights: Float[Array | np.ndarray, "times data"]
     ambient_at: Float[Array | np.ndarray, " times"] | None
+    levels: Float[Array | np.ndarray, "steps inputs"] | None = None
+    levels_at: Float[Array | np.ndarray, "times inputs"] | None = None
+    regimes: Float[Array | np.ndarray, "regimes inputs"] | None = None
     steady_start: bool = eqx.field(static=True, default=False)
     is_delayed: bool = eqx.field(static=True, default=False)
 
@@ -113,6 +128,7 @@ class TimeGrid(eqx.Module):
             duration=as_array(duration),
             longest_step=as_array(self.sizes.max()),
             ambient=None if self.ambient_at is None else as_array(self.ambient_at[0]),
+            regimes=self.regimes,
         )
 
 
@@ -138,11 +154,19 @@ def reference_temperature(system: System, inputs: InputSummary) -> Float[Array, 
     return jnp.asarray(inputs.ambient, system.capacitance.dtype)
 
 
-def twin_steps(twin: Twin | System, refinement: int) -> tuple[float, float, float, float, int]:
+GridOptions: TypeAlias = tuple[float, float, float, float, int, tuple[tuple[Input, bool], ...]]
+"""The arguments of `build_time_grid` other than the experiment."""
+
+
+def twin_steps(twin: Twin | System, refinement: int) -> GridOptions:
     """The arguments of `build_time_grid` other than the experiment."""
     part = 0.5**refinement
     settling = 0.0 if twin.wiring.lag is None else SETTLING
-    return part * FIRST_STEP, part * GROWTH, part * LARGEST_STEP, settling, 2**refinement
+    inputs, longest = twin.wiring.inputs_and_effects, LARGEST_STEP
+    if twin.wiring.delay is not None and inputs:
+        longest = DELAYED_STEP
+    largest = part * longest
+    return part * FIRST_STEP, part * GROWTH, largest, settling, 2**refinement, inputs
 
 
 @lru_cache(maxsize=64)
@@ -153,6 +177,7 @@ def build_time_grid(
     largest_step: float = LARGEST_STEP,
     settling: float = 0.0,
     parts: int = 1,
+    inputs: tuple[tuple[Input, bool], ...] = (),
 ) -> TimeGrid:
     """Builds the time grid of an experiment.
 
@@ -164,15 +189,15 @@ def build_time_grid(
     - `largest_step`: the largest step, s.
     - `settling`: the time after an input change during which steps do not grow, s.
     - `parts`: the number of steps of a span that is too short for growing steps.
+    - `inputs`: the inputs of the rig besides the duty, each with whether it changes a resistance.
 
-    **Raises:** `SimulationError` if a run has more steps than fit into memory.
+    **Raises:** `SimulationError` if a run has more steps than fit into memory, or if a recording
+    lacks an input.
     """
     time, duty = experiment.time, experiment.duty
     ambient = experiment.ambient
-    changed = np.any(duty[1:] != duty[:-1], axis=1)
-    if isinstance(ambient, np.ndarray):
-        changed |= ambient[1:] != ambient[:-1]
-    switches = 1 + np.flatnonzero(changed)
+    levels = input_levels(experiment, tuple(one for one, _ in inputs))
+    switches = input_changes(experiment, levels)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     least = experiment.duration / largest_step
     if least > MOST_STEPS * parts:
@@ -210,6 +235,9 @@ def build_time_grid(
         step_of=step_of.astype(np.int32),
         weights=sample_weights(polynomials, step_of, part),
         ambient_at=celsius,
+        levels=None if levels is None else levels[held],
+        levels_at=levels,
+        regimes=None if levels is None else regimes(levels, np.array([x for _, x in inputs])),
     )
 
 

@@ -1,0 +1,89 @@
+"""Inputs besides the duty in experiments, schedules and files."""
+
+import pickle
+import re
+
+import numpy as np
+import pytest
+from boxes import box
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxtwin as jt
+from jaxtwin import Experiment, RecordingError
+from jaxtwin.io import read_recording, write_recording
+
+NAMES = st.text("abcdefgh_", min_size=1, max_size=6)
+COLUMNS = st.one_of(
+    st.lists(st.floats(-1e9, 1e9), min_size=5, max_size=5),
+    st.lists(st.sampled_from(["open", "closed", "half_open"]), min_size=5, max_size=5),
+)
+
+
+@given(st.dictionaries(NAMES, COLUMNS, max_size=3))
+@settings(max_examples=30, deadline=None)
+def test_every_format_reads_back_equal_inputs(tmp_path_factory, inputs):
+    folder = tmp_path_factory.mktemp("inputs")
+    experiment = Experiment(
+        range(5), [0.0, 0.5, 0.5, 0.0, 1.0], channels=["T1"], temperatures=range(5), inputs=inputs
+    )
+    assert pickle.loads(pickle.dumps(experiment)) == experiment
+    assert Experiment.from_dataframe(experiment.to_dataframe()) == experiment
+    for ending in ("csv", "nc"):
+        path = write_recording(experiment, folder / f"run.{ending}")
+        assert read_recording(path) == experiment
+
+
+def test_parts_keep_their_inputs():
+    experiment = Experiment(range(4), [0, 0, 1, 1], inputs={"lid": ["a", "b", "b", "c"]})
+    assert experiment.between(1, 3).inputs["lid"].tolist() == ["b", "b"]
+    assert experiment.with_inputs(lid="open").inputs["lid"].tolist() == ["open"] * 4
+    assert experiment != experiment.with_inputs(lid="open")
+
+
+def test_a_column_with_the_name_of_an_input_is_read_with_the_rig(tmp_path):
+    path = tmp_path / "box.csv"
+    path.write_text("time_s,duty_P1,T1_degC,lid,fan\n0,0.5,20,closed,True\n1,0.5,21,open,False\n")
+    experiment = read_recording(path, rig=box())
+    assert experiment.inputs["lid"].tolist() == ["closed", "open"]
+    assert experiment.inputs["fan"].tolist() == [1.0, 0.0]
+    with pytest.raises(RecordingError, match="column lid"):
+        read_recording(path)
+    named = read_recording(path, columns={"lid": "input_cover"}, ignore=["fan"])
+    assert named.inputs["cover"].tolist() == ["closed", "open"]
+
+
+def test_a_schedule_of_an_input_holds_each_value_until_the_next():
+    experiment = Experiment.schedule(
+        "0:0.5", duration=10, step=5, inputs={"lid": "0:closed,7:open", "flow": "0:1.5,5:0"}
+    )
+    assert experiment.time.tolist() == [0, 5, 7, 10]
+    assert experiment.inputs["lid"].tolist() == ["closed", "closed", "open", "open"]
+    assert experiment.inputs["flow"].tolist() == [1.5, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("5:open", "expected a first time of 0 s, got 5 s"),
+        ("0:closed,20:open", "expected times from 0 s to before the end at 10 s, got 20 s"),
+        ("open", "expected text such as '0:closed,600:open', got 'open'"),
+        ("0:", "got '0:'"),
+    ],
+)
+def test_a_wrong_schedule_of_an_input_is_refused(text, message):
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        Experiment.schedule("0:0.5", duration=10, step=1, inputs={"lid": text})
+
+
+@pytest.mark.parametrize(
+    ("inputs", "message"),
+    [
+        ({"lid": [0, 1]}, "input lid: expected one value or shape (3,), got shape (2,)"),
+        ({"lid": [0, np.nan, 1]}, "input lid: expected finite numbers, got nan"),
+        ({"a b": 1}, "inputs: expected names of letters, digits and _, got 'a b'"),
+    ],
+)
+def test_wrong_inputs_of_an_experiment_are_refused(inputs, message):
+    with pytest.raises(jt.RecordingError, match=re.escape(message)):
+        Experiment([0, 1, 2], [0, 0, 0], inputs=inputs)
