@@ -1,6 +1,8 @@
 """Boards that only answer: the host does what a device of the protocol does by itself."""
 
 import re
+import time
+from itertools import pairwise
 
 import pytest
 from hand_clock import HandClock
@@ -75,7 +77,7 @@ def test_a_board_greets_and_sends_each_reading_once(device):
     assert (hello.cells, hello.channels, hello.counts) == (("H1", "H2"), ("T1", "T2"), 1000)
     samples = [message for message in _messages(device, 20) if isinstance(message, Data)]
     assert [sample.temperatures for sample in samples] == [(21.5, 23.0)] * len(samples)
-    steps = [b.device_us - a.device_us for a, b in zip(samples, samples[1:], strict=False)]
+    steps = [after.device_us - before.device_us for before, after in pairwise(samples)]
     assert set(steps) == {250_000}
     assert [sample.seq for sample in samples] == list(range(len(samples)))
 
@@ -111,10 +113,14 @@ def test_a_closed_board_is_off(device, port):
 )
 def test_no_answer_and_garbage_are_errors_of_the_link(device, port, command, reply, message):
     port.replies[command] = reply
-    with pytest.raises(OSError, match=re.escape(message)):
+
+    def go_on() -> None:
         device.write(encode(Duty(1, (500, 0), "host")))
         for _ in range(3):
             device.read()
+
+    with pytest.raises(OSError, match=re.escape(message)):
+        go_on()
 
 
 def test_a_failed_sensor_is_a_fault_of_its_channel(device, port):
@@ -180,8 +186,6 @@ def test_a_board_without_a_kind_is_refused():
 def test_the_simulated_board_warms_its_sensor(rig, clock):
     board = TCLab.open("model?speed=1000", rig)
     board.apply([1.0, 0.0])
-    import time
-
     time.sleep(0.2)  # 200 s of the board
     warm, cold = board.temperatures()
     assert warm > cold + 5

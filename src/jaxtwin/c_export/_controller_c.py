@@ -7,6 +7,7 @@ import numpy as np
 
 from .._errors import ControlError
 from ..control import AbstractController
+from ..control.controllers._controller import check_limits_of_heaters
 from ..control.controllers._law import Law
 from ..rig import Rig
 from ._sources import Code, Parts, code_of, defines, type_of_numbers
@@ -22,16 +23,18 @@ def controller_c(
 ) -> Code:
     """Returns header, source and numbers.
 
-    **Raises:** `ControlError` if the controller is not for the rig or has no law in C, or a number
+    **Raises:** `ControlError` if the controller is not for the rig or has no law in C, cools with
+    heaters, or a number
     of it is not finite in this precision.
     """
     weights = controller.output_weights([channel.name for channel in rig.channels])
-    cells, outputs = len(rig.cells), len(weights)
+    cells, outputs = len(rig.driven), len(weights)
     if not controller.fits_outputs(outputs, cells):
         raise ControlError(
             f"export_c: measured: expected an output for each of the {cells} cells of {rig.name}, "
             f"got {outputs}"
         )
+    check_limits_of_heaters("export_c", controller.limits, rig)
     law = controller.law(cells)
     state = {**law.state, "seen": outputs}
     constants = dict(law.constants)
@@ -75,7 +78,7 @@ def _about(
             "References and measurements, degC, each the mean of these channels:",
             *(f"  {n}: {', '.join(channels[row > 0])}" for n, row in enumerate(weights)),
             f"Duty cycles from {lowest:g} to {highest:g}, positive heats, of the cells:",
-            *(f"  {n}: {cell.name}" for n, cell in enumerate(rig.cells)),
+            *(f"  {n}: {name}" for n, name in enumerate(rig.driven)),
             "",
             "A measurement that is no finite number leaves the last ones standing. After",
             f"{upper}_SILENCE_S without any, all duty cycles are 0 until {name}_init is called;",

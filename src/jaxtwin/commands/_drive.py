@@ -78,7 +78,7 @@ def drive(
         from ..live import Guard
         from ..live import drive as run_plan
 
-        cells = len(twin.rig.cells)
+        cells = len(twin.rig.driven)
         schedule = recorded or Experiment.schedule(duty or "", duration=duration, cells=cells)
         source = {"duty": duty} if plan is None else {"file": plan}
         about = {"plan": {**source, "duration_s": duration}}

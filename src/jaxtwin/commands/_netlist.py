@@ -49,7 +49,7 @@ def netlist(
             from ..spice import to_spice
 
             progress.step(f"writing {spice}")
-            step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.cells))
+            step = Experiment.schedule("0:0.5,500:0.78", duration=1000.0, cells=len(loaded.driven))
             write_whole_file(spice, to_spice(twin, step).encode(), JaxtwinError)
     say(f"{loaded.name}: {network_line(numbers)}", json)
     say_written(out, spice, json_path=json)

@@ -58,6 +58,11 @@ def network_line(counts: dict[str, float | int]) -> str:
     """The counts of a network for a person."""
     from ..physics._netlist import network_text
 
+    if "plate_nodes" not in counts:
+        return (
+            f"{network_text(counts)}, {counts['capacitance_J_per_K']:.1f} J/K, "
+            f"{counts['to_ambient_W_per_K']:.4g} W/K to ambient"
+        )
     return (
         f"{network_text(counts)}, "
         f"{counts['plate_capacitance_J_per_K']:.1f} J/K in the plate, "

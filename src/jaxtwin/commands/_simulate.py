@@ -79,7 +79,7 @@ def _experiment(
 
     if recording is not None:
         return open_recordings(rig, [recording])[0]
-    return Experiment.schedule(duty or "", duration=duration, cells=len(rig.cells))
+    return Experiment.schedule(duty or "", duration=duration, cells=len(rig.driven))
 
 
 def _own_values(fit: "Fit", twin: "Twin", experiment: "Experiment") -> tuple[dict[str, float], str]:

@@ -139,7 +139,7 @@ def _experiments(
 
     if recordings:
         return open_recordings(rig, recordings)
-    return [Experiment.schedule(duty or "", duration=duration, cells=len(rig.cells))]
+    return [Experiment.schedule(duty or "", duration=duration, cells=len(rig.driven))]
 
 
 def _summary(result: "Sweep") -> str:

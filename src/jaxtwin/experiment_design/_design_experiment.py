@@ -60,7 +60,7 @@ def design_experiment(
       a twin, of which only the priors are known, with the noise that a match assumes at first.
     - `duration`: the duration of the recording, an hour at most, s. `hold`: that of each step, s.
     - `bounds`: lowest and highest duty cycle; by default those of the fit's recordings and 0, or -1
-      and 1 for a twin or a fit without its recordings.
+      and 1 for a twin or a fit without its recordings, 0 and 1 if its rig has heaters.
     - `levels`: the number of duty cycles between which the search chooses, the bounds among them;
       they are rounded to the driver's counts.
     - `criterion`: `"D"` for the smallest volume of the confidence ellipsoid of the parameters of
@@ -101,7 +101,7 @@ def design_experiment(
         prior.twin,
         duration=duration,
         hold=hold,
-        bounds=_recorded_bounds(recordings) if bounds is None else bounds,
+        bounds=_recorded_bounds(recordings, prior.twin) if bounds is None else bounds,
         levels=levels,
         interval=interval,
     )
@@ -285,9 +285,9 @@ def _recordings(fit: Fit) -> dict[str, Experiment]:
     return dict(zip(fit.recordings, solution_of(fit).problem.experiments, strict=False))
 
 
-def _recorded_bounds(recordings: Mapping[str, Experiment]) -> tuple[float, float]:
+def _recorded_bounds(recordings: Mapping[str, Experiment], twin: Twin) -> tuple[float, float]:
     if not recordings:
-        return -1.0, 1.0
+        return max(twin.rig.lowest_duty), 1.0
     driven = np.concatenate([recording.duty.ravel() for recording in recordings.values()])
     return float(min(0.0, driven.min())), float(max(0.0, driven.max()))
 

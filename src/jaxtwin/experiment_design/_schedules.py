@@ -43,7 +43,7 @@ class Schedules:
     @property
     def cells(self) -> int:
         """The number of cells."""
-        return len(self.twin.rig.cells)
+        return len(self.twin.rig.driven)
 
     @property
     def duration(self) -> float:
@@ -125,6 +125,11 @@ def make_schedules(
             f"samples, got {hold:g} s"
         )
     low, high = _checked_bounds(bounds)
+    if low < max(twin.rig.lowest_duty):
+        raise MatchError(
+            f"design_experiment: bounds: expected 0 or more, because the heaters of "
+            f"{twin.rig.name} cannot cool, got {low:g} to {high:g}"
+        )
     whole_number("design_experiment: levels", levels, 2, MatchError)
     counts = twin.rig.driver.counts
     found = np.unique(np.rint(np.linspace(low, high, levels) * counts).astype(int))

@@ -39,7 +39,7 @@ class Follower:
         room = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
         self.ambient = float(room) - ZERO_CELSIUS
         """The ambient temperature of the twin, degC."""
-        self._duty = np.zeros(len(twin.rig.cells))
+        self._duty = np.zeros(len(twin.rig.driven))
         self._state: Any = None
         self._time = 0  # host time up to which the observer has predicted, ns
         # This compiles before the first data arrive.

@@ -39,7 +39,6 @@ def state_as_json(state: RigState, rig: Rig) -> dict[str, Any]:
     """
     names = [channel.name for channel in rig.channels]
     sample = state.sample
-    cells = [cell.name for cell in rig.cells]
     duty = [] if sample is None else rig.driver.duty(sample.pwm).tolist()
     return {
         "links": {name: str(link) for name, link in state.links.items()},
@@ -48,7 +47,7 @@ def state_as_json(state: RigState, rig: Rig) -> dict[str, Any]:
         ),
         "measured": dict(zip(names, (state.measured * 1e-9).tolist(), strict=False)),
         "faults": {names[place]: why for place, why in state.faults.items()},
-        "duty": dict(zip(cells, duty, strict=False)),
+        "duty": dict(zip(rig.driven, duty, strict=False)),
         "ambient_degC": state.ambient,
         "owner": "" if sample is None else sample.owner,
         "trip": state.trip,
@@ -76,7 +75,7 @@ def _content(record: Record, rig: Rig) -> dict[str, Any]:
             names: Sequence[str] = [channel.name for channel in rig.channels]
             return dict(zip(names, map(_number, record.temperatures.tolist()), strict=True))
         case Sample():
-            return dict(zip((cell.name for cell in rig.cells), record.pwm, strict=False))
+            return dict(zip(rig.driven, record.pwm, strict=False))
         case LinkChange():
             return {"link": record.link, "state": str(record.state)}
         case Gap():

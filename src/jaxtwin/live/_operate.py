@@ -192,7 +192,7 @@ class _Run:
             asked = duty(self._moment(elapsed * rate, rate))
             if asked is None:
                 return "completed"
-            pwm = counts_of(self._rig, _checked(asked, len(self._rig.cells)))
+            pwm = counts_of(self._rig, _checked(asked, self._rig.lowest_duty))
             self.commanding = True
             if not connection.send_duty(pwm):
                 raise SafetyStop("stopped: a command could not be sent", "link-down")
@@ -201,15 +201,20 @@ class _Run:
 
     def _moment(self, time: float, rate: float) -> Moment:
         state = self._service.state
-        pwm = state.sample.pwm if state.sample is not None else (0,) * len(self._rig.cells)
+        pwm = state.sample.pwm if state.sample is not None else (0,) * len(self._rig.driven)
         waited = np.where(state.measured > 0, self._connection.clock.now() - state.measured, np.inf)
         duty = self._rig.driver.duty(pwm)
         return Moment(time, state.temperatures, waited * 1e-9 * rate, duty, state.ambient)
 
 
-def _checked(duty: Sequence[float] | np.ndarray, cells: int) -> np.ndarray:
-    """Returns a duty that may be sent. Values such as NaN or 3 must not reach a driver."""
+def _checked(duty: Sequence[float] | np.ndarray, lowest: Sequence[float]) -> np.ndarray:
+    """Returns a duty that may be sent. Values such as NaN or 3 must not reach a driver, nor a
+    negative one a heater."""
     values = np.asarray(duty, np.float64)
-    if values.shape != (cells,) or not np.all(np.abs(values) <= 1):
-        raise JaxtwinError(f"duty: expected {cells} numbers from -1 to 1, got {duty}")
+    if values.shape != (len(lowest),) or not np.all((values >= lowest) & (values <= 1)):
+        kinds = [f"{low:g} to 1" for low in dict.fromkeys(lowest)]
+        heats = ", which is 0 to 1 for heaters" if len(kinds) > 1 else ""
+        raise JaxtwinError(
+            f"duty: expected {len(lowest)} numbers from {kinds[0]}{heats}, got {duty}"
+        )
     return values

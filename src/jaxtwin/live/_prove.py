@@ -124,7 +124,7 @@ class _Attempt:
         """Host time of the provocation, ns."""
         self.off_after = float("nan")
         self._connection, self._step = connection, step
-        self._heat = (duty,) * len(connection.rig.cells)
+        self._heat = (duty,) * len(connection.rig.driven)
         self._begin: int | None = None
         self._stopped = False
         self._scene = Scene(limits, connection.rig.driver.counts, {})

@@ -66,6 +66,8 @@ class Screen:
 
     def render(self) -> RenderableType:
         """Renders the whole view."""
+        if not self._rig.has_plate:
+            return Group(Panel(self._table(), title=self._rig.name, expand=False), self._status())
         top = Table.grid(padding=(0, 2))
         top.add_row(Panel(self._plate(), title=self._rig.name), self._table())
         return Group(top, self._status())

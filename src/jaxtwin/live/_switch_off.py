@@ -155,7 +155,7 @@ class _Switch:
     ):
         self.insisting = self.interrupted = False
         self._connection, self._trip, self._on_alarm = connection, trip, on_alarm
-        self._off = (0,) * len(connection.rig.cells)
+        self._off = (0,) * len(connection.rig.driven)
         self._begin = connection.clock.now()
         self._sent = -AGAIN
         self._alarms: set[str] = set()

@@ -282,7 +282,7 @@ def starting_shares(twin: Twin, names: Sequence[str]) -> dict[str, Share]:
 def _network(twin: Twin, names: tuple[str, ...], values: Float[Array, " parameters"]) -> _Network:
     """The linear network about a uniform rise above the room."""
     system = twin.system(lumped=False)
-    room, duty = system.ambient_temperature, jnp.zeros(len(twin.rig.cells))
+    room, duty = system.ambient_temperature, jnp.zeros(len(twin.rig.driven))
 
     def heat(deviation: Array) -> Array:
         return system.heat_into_nodes(deviation, duty, room)

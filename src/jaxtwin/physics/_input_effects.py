@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..rig import Input, Rig, Value
+from ..rig import Input, Rig
 from ..rig._plate import AMBIENT
 from ._expressions import Expressions
 from ._netlist import Netlist
@@ -63,8 +63,7 @@ class InputWiring:
             elif link.b != AMBIENT:
                 self.to_reservoir[row, held.index(link.b)] = 1.0
         self.reservoirs = Expressions([[one.temperature] for one in netlist.reservoirs])
-        voltage = rig.driver.supply_voltage or Value(1.0)  # of no cell and no heater
-        self.supply_voltage = Expressions([[voltage]])
+        self.supply_voltage = Expressions([[rig.driver.supply_voltage]])
 
     def used(self, values_si: Mapping[str, Float[Array, ""]]) -> dict[str, Float[Array, ""]]:
         """The parameters on which the effects of the inputs depend."""

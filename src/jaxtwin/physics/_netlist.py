@@ -204,9 +204,17 @@ class Netlist:
 
 
 def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
-    """Counts and sums of a network, with the values of the rig's parameter table."""
+    """Counts and sums of a network, with the values of the rig's parameter table: those of the
+    plate, or of all nodes if the rig has none."""
     values = {name: row.to_si(row.value) for name, row in rig.parameters.items()}
     values |= rig.nominal_inputs
+    if not rig.has_plate:
+        return {
+            "states": len(netlist.nodes),
+            "resistances": len(netlist.links),
+            "capacitance_J_per_K": netlist.capacitance(values),
+            "to_ambient_W_per_K": netlist.ambient_conductance(values),
+        }
     return {
         "states": len(netlist.nodes),
         "plate_nodes": sum(node.kind == "plate" for node in netlist.nodes),
@@ -218,6 +226,15 @@ def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
 
 def network_text(counts: dict[str, float | int]) -> str:
     """A summary of a network, for all places that print one."""
-    names = {"states": "state", "plate_nodes": "plate element", "plate_resistances": "resistance"}
-    parts = [f"{counts[key]} {noun}{'s' * (counts[key] != 1)}" for key, noun in names.items()]
-    return f"{', '.join(parts)} on the plate"
+    names = {
+        "states": "state",
+        "resistances": "resistance",
+        "plate_nodes": "plate element",
+        "plate_resistances": "resistance",
+    }
+    parts = [
+        f"{counts[key]} {noun}{'s' * (counts[key] != 1)}"
+        for key, noun in names.items()
+        if key in counts
+    ]
+    return ", ".join(parts) + " on the plate" * ("plate_nodes" in counts)

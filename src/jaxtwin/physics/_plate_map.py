@@ -8,6 +8,7 @@ from jaxtyping import Float
 from .._arguments import of_kind, whole_number
 from .._errors import ParameterError
 from ..rig import Rig
+from ..rig._plate_needed import check_has_plate
 
 
 class PlateMap(NamedTuple):
@@ -43,6 +44,7 @@ def plate_map(
     below 1.
     """
     of_kind("plate_map: rig", rig, Rig, "a Rig, as load_rig reads it", ParameterError)
+    check_has_plate("plate_map", rig, ParameterError)
     plate = rig.plate
     elements = len(plate.element_names)
     values = np.asarray(temperatures)

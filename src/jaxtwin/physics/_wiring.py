@@ -89,6 +89,11 @@ class Wiring:
         parts += (rig.inputs,)
         self.fingerprint = netlist.fingerprint + repr(parts)
 
+    @property
+    def lowest_duty(self) -> Float[np.ndarray, " cells"]:
+        """The lowest duty of each cell: -1, and 0 of a heater."""
+        return np.array([0.0 if cell.is_heater else -1.0 for cell in self.netlist.cells])
+
     def _connect_cells(self) -> None:
         cells, index = self.netlist.cells, self.netlist.index
         self.cold = np.array([index[cell.cold] for cell in cells], dtype=np.int32)
@@ -120,9 +125,8 @@ class Wiring:
         own = tuple(cell.has_own_supply for cell in cells)
         self.heaters = heaters if any(heaters) else ()
         self.own_supply = own if any(own) else ()
-        voltage = driver.supply_voltage or Value(1.0)  # of no cell and no heater
         self.bridge_constants = Expressions(
-            [[voltage], [driver.supply_resistance], [driver.on_resistance]]
+            [[driver.supply_voltage], [driver.supply_resistance], [driver.on_resistance]]
         )
         self.lag, self.delay, self.current_limit = (
             None if value is None else Expressions([[value]])

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from .._arguments import finite_number, whole_number
 from .._errors import ParameterError
 from ..rig import Rig
+from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
 from ._plate_map import HEAT, draw_cells, frame, rectangle
 from ._style import palette, points, styled
@@ -56,6 +57,7 @@ def animate_plate(
     **Raises:** `ParameterError` for a run of another rig, or numbers out of range.
     """
     simulated = run if isinstance(run, Run) else run.run
+    check_has_plate("animate_plate", rig, ParameterError)
     elements = rig.plate.element_names
     if tuple(simulated.nodes[: len(elements)]) != tuple(elements):
         raise ParameterError(
@@ -140,9 +142,9 @@ class _Film:
 
     def _draw_duty(self, axes: Axes) -> None:
         time, duty = self._run.time, 100 * self._run.experiment.duty
-        for number, (cell, each) in enumerate(zip(self._rig.cells, duty.T, strict=True)):
+        for number, (name, each) in enumerate(zip(self._rig.driven, duty.T, strict=True)):
             line = "-" if number == 0 else "--"  # cells are often driven alike
-            axes.step(time, each, line, where="post", lw=1.5, label=cell.name)
+            axes.step(time, each, line, where="post", lw=1.5, label=name)
         axes.set(xlabel="time, s", ylabel="duty, %", xlim=(time[0], time[-1]))
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
         self._now = axes.axvline(time[0], color=palette().muted, lw=1.0)

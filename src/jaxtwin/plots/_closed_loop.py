@@ -22,14 +22,15 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
     figure = pyplot.figure(figsize=(7.2, 6.4), layout="constrained")
     above, duty, power = figure.subplots(3, 1, sharex=True, height_ratios=(4, 1.4, 1.4))
     time, plate = run.time, np.asarray(run.loop.plate)
-    above.fill_between(
-        time,
-        plate.min(axis=1),
-        plate.max(axis=1),
-        color=palette().faint,
-        lw=0,
-        label="plate, all elements",
-    )
+    if run.loop.elements:
+        above.fill_between(
+            time,
+            plate.min(axis=1),
+            plate.max(axis=1),
+            color=palette().faint,
+            lw=0,
+            label="plate, all elements",
+        )
     references = np.unique(run.reference, axis=1).T
     for number, reference in enumerate(references):
         label = "reference" if number == 0 else None

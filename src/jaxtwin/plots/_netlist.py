@@ -81,12 +81,12 @@ def plot_netlist(
     )  # fmt: skip
 
     plate = twin.rig.plate
-    layout = netlist_layout(plate, len(twin.netlist.cells))
+    layout = netlist_layout(plate, len(twin.rig.cells))
     on_plate = shown[: len(plate.element_names)]
     colormap = ListedColormap(colormaps[colors](np.linspace(0.06, 0.62, 256)))
     scale = ScalarMappable(Normalize(*_limits(on_plate)), colormap)
     written = [text.format(value) for value in on_plate]
-    longest = max(map(len, (*plate.element_names, *written)))
+    longest = max(map(len, (*plate.element_names, *written)), default=0)
     narrow = (0.06 + 0.075 * longest) * layout.inch  # left of the links, which run in the middle
     for element, value, color in zip(
         plate.element_names, written, scale.to_rgba(on_plate), strict=True
@@ -102,8 +102,11 @@ def plot_netlist(
     margin = 0.1 * layout.inch
     ax.set_xlim(layout.left - margin, layout.left + layout.width + margin)
     ax.set_ylim(lowest + 1.5 * margin, -margin)
-    handles.append(Line2D([], [], color=palette().vermilion, lw=2, label="cells and sinks"))
-    if _differ(on_plate):
+    if twin.rig.cells:
+        handles.append(Line2D([], [], color=palette().vermilion, lw=2, label="cells and sinks"))
+    if not on_plate.size:
+        pass  # nothing is coloured
+    elif _differ(on_plate):
         bar = ax.figure.colorbar(scale, ax=ax, shrink=0.5, aspect=24, pad=0.01)
         bar.set_label(label)
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
@@ -111,7 +114,8 @@ def plot_netlist(
         handles.append(Rectangle((0, 0), 1, 1, fc=scale.to_rgba(on_plate)[0], label=label))
     in_one_row = layout.width > 2 * LEGEND * layout.inch
     columns = len(handles) if in_one_row else 3
-    ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns)
+    if handles:
+        ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns)
     if figure is not None:
         width, height = np.ptp(ax.get_xlim()) / layout.inch, np.ptp(ax.get_ylim()) / layout.inch
         beside, below = 1.0 if _differ(on_plate) else 0.2, 0.85 if in_one_row else 1.05
@@ -121,11 +125,13 @@ def plot_netlist(
 
 
 def _differ(values: Float[np.ndarray, " elements"]) -> bool:
-    return bool(np.ptp(values) > 1e-9 * abs(values.max()))
+    return values.size > 0 and bool(np.ptp(values) > 1e-9 * abs(values.max()))
 
 
 def _limits(values: Float[np.ndarray, " elements"]) -> tuple[float, float]:
     """The lowest and the highest value, widened if all are equal."""
+    if not values.size:
+        return 0.0, 1.0
     low, high = float(values.min()), float(values.max())
     return (low, high) if _differ(values) else (0.9 * low - 0.1, 1.1 * high + 0.1)
 

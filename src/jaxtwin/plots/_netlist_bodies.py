@@ -10,7 +10,7 @@ from .._celsius import ZERO_CELSIUS
 from ..physics import Twin
 from ..physics._sensors import sensor_name
 from ..rig._plate import AMBIENT
-from ._netlist_cells import ABOVE, draw_box, draw_note, outlined
+from ._netlist_cells import ABOVE, draw_box, draw_note, heater_text, outlined
 from ._netlist_layout import BOX, BOX_HEIGHT, Layout
 from ._style import INK, palette, points
 
@@ -47,6 +47,8 @@ def draw_bodies(
         for channel in twin.rig.channels
         if channel.lag is not None
     }
+    # In a box, air is a body.
+    surroundings = "air" if all(body.name != "air" for body in twin.rig.bodies) else AMBIENT
     lowest = top
     layout = replace(layout, columns=max(1, int(layout.width / (PITCH * layout.inch))))
     for number, body in enumerate(twin.rig.bodies):
@@ -59,12 +61,17 @@ def draw_bodies(
             text = f"held at {body.temperature.evaluate(values) - ZERO_CELSIUS:.3g} °C"
         draw_box(ax, x, top, layout.inch, body.name, text)
         y = top + BOX_HEIGHT * layout.inch
+        for heater in twin.netlist.cells:
+            if heater.is_heater and heater.cold == body.name:
+                y += LINE * layout.inch
+                note = f"{heater.name}, {heater_text(heater, values)}"
+                draw_note(ax, x - (BOX / 2 - 0.1) * layout.inch, y, note)
         for link in twin.netlist.links:
             if body.name not in (link.a, link.b):
                 continue
             y += LINE * layout.inch
             other = link.a if link.b == body.name else link.b
-            other = "air" if other == AMBIENT else other
+            other = surroundings if other == AMBIENT else other
             note = f"{float(link.resistance(values)):.3g} K/W to {other}"
             if other in lags:
                 note = f"{other.removesuffix('.SENSOR')}, {lags[other]:.3g} s behind"

@@ -9,6 +9,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._celsius import ZERO_CELSIUS
 from ..physics import ThermoelectricElement, Twin
+from ..physics._netlist import OWN_VOLTAGE
 from ..rig._plate import AMBIENT
 from ._netlist_layout import BOX, BOX_HEIGHT, GAP, Layout
 from ._style import INK, palette, points
@@ -26,7 +27,8 @@ def outlined(width: float) -> list[AbstractPathEffect]:
 
 
 def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Layout) -> None:
-    """Draws a stub from each element to each cell that touches it, with the contact's K/W.
+    """Draws a stub from each element to each cell that touches it, with the contact's K/W, and to
+    each heater whose heat goes into it, with its power or resistance.
 
     The stub ends in a dot with the cell's name, like a net in a circuit diagram, because wires
     across the plate could not be distinguished.
@@ -39,15 +41,21 @@ def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Lay
     """
     drawn = dict.fromkeys(twin.rig.plate.element_names, 0)
     for cell in twin.netlist.cells:
-        for link in twin.netlist.links:
-            if link.role != "contact" or link.b != cell.cold:
+        touched = [
+            (link.a, f"{float(link.resistance(values)):.3g} K/W")
+            for link in twin.netlist.links
+            if link.role == "contact" and link.b == cell.cold
+        ]
+        touched += [(cell.cold, heater_text(cell, values))] if cell.is_heater else []
+        for element, text in touched:
+            if element not in drawn:
                 continue
-            left, right, top, bottom = (100 * edge for edge in twin.rig.plate.extent(link.a))
+            left, right, top, bottom = (100 * edge for edge in twin.rig.plate.extent(element))
             x, y = (left + right) / 2, (top + bottom) / 2
             reach = 0.22 * min(right - left, bottom - top)
             # A second cell at the same element stands to the left of the first.
-            x_end, y_end = x + reach * (1 - 2 * drawn[link.a]), y - reach
-            drawn[link.a] += 1
+            x_end, y_end = x + reach * (1 - 2 * drawn[element]), y - reach
+            drawn[element] += 1
             ax.plot(
                 [x, x_end],
                 [y, y_end],
@@ -69,10 +77,18 @@ def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Lay
             upright = right - left < 0.6 * layout.inch
             gap = "  " if upright else "\n"
             ax.annotate(
-                f"{cell.name}{gap}{float(link.resistance(values)):.3g} K/W", (x_end, y_end),
+                f"{cell.name}{gap}{text}", (x_end, y_end),
                 (0, 5), textcoords="offset points", ha="center", va="bottom", color=INK,
                 fontsize=points(7.5), linespacing=1.1, rotation=90 if upright else 0, zorder=6,
             )  # fmt: skip
+
+
+def heater_text(heater: ThermoelectricElement, values: Mapping[str, float]) -> str:
+    """The power of a heater, or the resistance that the driver feeds."""
+    resistance = float(heater.electrical_resistance.evaluate(values))
+    if heater.has_own_supply:
+        return f"{OWN_VOLTAGE.factor**2 / resistance:.3g} W"
+    return f"{resistance:.3g} Ω"
 
 
 def draw_cells(
@@ -89,10 +105,11 @@ def draw_cells(
     """
     lowest = layout.plate[3]
     top = lowest
-    for number, cell in enumerate(twin.netlist.cells):
+    cells = [cell for cell in twin.netlist.cells if not cell.is_heater]
+    for number, cell in enumerate(cells):
         if number % layout.columns == 0:
             top = lowest + (ABOVE + 0.2 * (number > 0)) * layout.inch
-        x = layout.cell_centre(number, len(twin.netlist.cells))
+        x = layout.cell_centre(number, len(cells))
         lowest = max(
             lowest, _draw_column(ax, twin, cell, values, texts, x=x, top=top, inch=layout.inch)
         )
@@ -137,7 +154,9 @@ def _draw_column(
     node, y = cell.cold, top
     while node in own:
         draw_box(ax, x, y, inch, node, f"{kinds.get(node, 'sink')}, {texts[node]}")
-        link = next(link for link in twin.netlist.links if link.a == node)
+        link = next((link for link in twin.netlist.links if link.a == node), None)
+        if link is None:  # the far side is isolated
+            return y + BOX_HEIGHT * inch
         below = y + (BOX_HEIGHT + GAP) * inch
         ax.plot([x, x], [y + BOX_HEIGHT * inch, below], color=palette().vermilion, lw=2, zorder=2)
         resistance = f"{float(link.resistance(values)):.3g} K/W"

@@ -27,6 +27,10 @@ LEGEND = 6.0
 """The width of a legend of three columns, inches."""
 
 
+WITHOUT_PLATE = 8.0
+"""The width of the picture of a rig without a plate, inches."""
+
+
 @final
 @dataclass(frozen=True)
 class Layout:
@@ -59,14 +63,16 @@ class Layout:
 
 
 def netlist_layout(plate: Plate, cells: int) -> Layout:
-    """The layout for a plate with this many cells."""
+    """The layout for a plate, or a rig without one, with this many cells."""
+    rows = -(-cells // IN_A_ROW)
+    columns = -(-cells // rows) if rows else 1
+    if not plate.columns:
+        return Layout(1.0, (0.0, 0.0, 0.0, 0.0), max(PITCH * columns, WITHOUT_PLATE), columns)
     width, height = 100 * plate.width, 100 * plate.height
     extents = 100 * np.array([plate.extent(element) for element in plate.element_names])
     side = float(np.median(np.minimum(*(np.diff(extents)[:, ::2].T))))
     scale = min(WIDEST / width, HIGHEST / height)  # inches per cm
     scale = float(np.clip(scale, SMALLEST_SIDE / side, LARGEST_SIDE / side))
     inch = 1 / min(scale, LARGEST_PLATE / max(width, height))
-    rows = -(-cells // IN_A_ROW)
-    columns = -(-cells // rows) if rows else 1
     widest = max(width, inch * PITCH * columns, inch * LEGEND)
     return Layout(inch, (0.0, width, 0.0, height), widest, columns)

@@ -15,6 +15,7 @@ from matplotlib.patheffects import withStroke
 
 from .._errors import ParameterError
 from ..rig import Cell, Channel, Plate, Rig
+from ..rig._plate_needed import check_has_plate
 from ._style import INK, PALE, palette, points, styled
 
 _MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # width of a panel and room above it, inches
@@ -74,6 +75,7 @@ def plot_plate_map(
     **Raises:** `ParameterError` if there is not one temperature for each element and one title
     for each map, or if several maps are to go into given axes.
     """
+    check_has_plate("plot_plate_map", rig, ParameterError)
     shape = (len(titles), len(rig.plate.element_names))
     if np.shape(temperatures) != shape:
         raise ParameterError(

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from .._errors import SimulationError
 from ..physics import plate_map
 from ..rig import Channel, Rig
+from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
 from ._plate_map import HEAT, draw_cells, frame, rectangle
 from ._style import palette, points, styled
@@ -90,6 +91,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
 
     **Raises:** `SimulationError` if a run has nothing recorded, or a time lies outside of it.
     """
+    check_has_plate("plot_plate_beside", rig, SimulationError)
     columns = [_at(run, times) for run in runs]
     named = {channel.name: channel for channel in rig.channels}
     channels = [named[name] for run in runs for name in run.channels]

@@ -71,7 +71,8 @@ def write_report(
             "network": counts,
             "fit": fit.to_dict(),
         }
-        if all(len(run.channels) > 1 for run in fit.runs.values()):
+        has_zones = all(len(run.channels) > 1 for run in fit.runs.values())
+        if has_zones and fit.twin.rig.has_plate:
             progress.step("drawing the plate")
             even, evenness = uniformity_section(fit)
             sections.append(even)

@@ -5,6 +5,18 @@ from ..physics._netlist import network_counts
 from ..plots import plot_netlist, to_png
 from ._blocks import Numbers, Picture, Section, Text
 
+_COUNTS = (
+    ("plate_nodes", "{:.0f}", "plate elements"),
+    ("plate_resistances", "{:.0f}", "resistances on the plate"),
+    ("states", "{:.0f}", "states"),
+    ("resistances", "{:.0f}", "resistances"),
+    ("plate_capacitance_J_per_K", "{:.1f} J/K", "heat capacity of the plate"),
+    ("plate_to_ambient_W_per_K", "{:.3f} W/K", "plate to ambient"),
+    ("capacitance_J_per_K", "{:.1f} J/K", "heat capacity"),
+    ("to_ambient_W_per_K", "{:.3f} W/K", "to ambient"),
+)
+"""Count of a network, its form, and what it is."""
+
 
 def rig_section(
     twin: Twin, title: str, *, note: str = "", caption: str = "The thermal network of the rig."
@@ -28,15 +40,10 @@ def rig_section(
         (
             *(Text(paragraph) for paragraph in words if paragraph),
             Numbers(
-                (
-                    (f"{counts['plate_nodes']:.0f}", "plate elements"),
-                    (f"{counts['plate_resistances']:.0f}", "resistances on the plate"),
-                    (f"{counts['states']:.0f}", "states"),
-                    (
-                        f"{counts['plate_capacitance_J_per_K']:.1f} J/K",
-                        "heat capacity of the plate",
-                    ),
-                    (f"{counts['plate_to_ambient_W_per_K']:.3f} W/K", "plate to ambient"),
+                tuple(
+                    (form.format(counts[key]), words)
+                    for key, form, words in _COUNTS
+                    if key in counts
                 )
             ),
             Picture("netlist", to_png(plot_netlist(twin)), caption),

@@ -84,12 +84,10 @@ def build_driver(
         fields.value(f"driver.{name}", getattr(table, name) or "0 ohm", SERIES_RESISTANCE)
         for name in ("supply_resistance", "on_resistance")
     )
-    voltage = table.supply_voltage
+    voltage = table.supply_voltage or "1 V"  # which nothing uses
     limit = table.current_limit
     return Driver(
-        supply_voltage=None
-        if voltage is None
-        else fields.input_or_value("driver.supply_voltage", voltage, VOLTAGE),
+        supply_voltage=fields.input_or_value("driver.supply_voltage", voltage, VOLTAGE),
         supply_resistance=supply_resistance,
         on_resistance=on_resistance,
         counts=255 if table.counts is None else table.counts,

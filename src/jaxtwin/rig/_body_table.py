@@ -71,7 +71,7 @@ def build_links(
     links = []
     for table in tables:
         at = f"links[{table.resistance}]"
-        resistance = fields.path(f"{at}.resistance", table.resistance)
+        resistance = fields.varying_path(f"{at}.resistance", table.resistance)
         pairs = []
         for text in table.between:
             ends = link_ends(f"{at}.between", text, plate.element_names, fields, others)

@@ -39,7 +39,7 @@ class Cell:
     electrical_resistance: Value
     thermal_resistance: Value
     side_capacitance: Value
-    contacts: tuple[tuple[str, Value | Switched], ...]
+    contacts: tuple[tuple[str, Value], ...]
     sink_resistance: Value | Switched | None = None
     sink_capacitance: Value | None = None
     sink_air_resistance: Value | Switched | None = None

@@ -80,7 +80,7 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
 
     def path(name: str) -> Value | Switched | None:
         given = getattr(table, name)
-        return None if given is None else fields.path(f"{at}.{name}", given)
+        return None if given is None else fields.varying_path(f"{at}.{name}", given)
 
     to_air = path("sink_air_resistance")
     return Cell(

@@ -17,7 +17,7 @@ class Driver:
 
     **Arguments:**
 
-    - `supply_voltage`: V; None for a rig whose heaters all have a given power.
+    - `supply_voltage`: V; without effect on a rig whose heaters all have a given power.
     - `supply_resistance`: the resistance in series with each cell while it is connected, ohm.
     - `on_resistance`: the resistance of the bridge while it is on, ohm.
     - `lag`: the time constant with which the duty cycle that reaches the cells follows the command,
@@ -33,7 +33,7 @@ class Driver:
       `"open"` leaves it open.
     """
 
-    supply_voltage: Value | None
+    supply_voltage: Value
     supply_resistance: Value
     on_resistance: Value
     counts: int = 255

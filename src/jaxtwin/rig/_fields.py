@@ -76,23 +76,28 @@ class Fields:
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 
-    def path(self, field: str, given: str | Mapping[str, str]) -> Value | Switched | None:
-        """Converts a thermal resistance of a path that may be absent or change: `"inf K/W"` is
-        None; besides what `value` takes, it may be the name of an input, or a resistance for each
-        state of an input.
+    def path(self, field: str, text: str) -> Value | None:
+        """Converts a thermal resistance of a path that may be absent: `"inf K/W"` is None.
+
+        **Raises:** `RigError` as `value`.
+        """
+        try:
+            if is_infinite(text, THERMAL_RESISTANCE):
+                return None
+        except ValueError as problem:
+            self.refuse(field, f"expected {THERMAL_RESISTANCE}, got {text!r}, {problem}")
+        return self.value(field, text, THERMAL_RESISTANCE)
+
+    def varying_path(self, field: str, given: str | Mapping[str, str]) -> Value | Switched | None:
+        """Converts a thermal resistance as `path`, which an input may change: it may be the name of
+        an input, or a resistance for each state of an input.
 
         **Raises:** `RigError` as `value`, and if the states are not those of the input.
         """
-        if not isinstance(given, str):
-            return self._switched(field, given)
-        try:
-            if is_infinite(given, THERMAL_RESISTANCE):
-                return None
-        except ValueError as problem:
-            self.refuse(field, f"expected {THERMAL_RESISTANCE}, got {given!r}, {problem}")
-        return self.input_or_value(field, given, THERMAL_RESISTANCE)
-
-    def _switched(self, field: str, given: Mapping[str, str]) -> Switched:
+        if isinstance(given, str):
+            if given in self._inputs:
+                return self.input_or_value(field, given, THERMAL_RESISTANCE)
+            return self.path(field, given)
         by = given["by"]
         self.check_known(f"{field}.by", "input", by, self._inputs)
         source = self._inputs[by]
@@ -104,12 +109,12 @@ class Fields:
                 f"expected a value for each state of {by!r}, {known}, got {', '.join(states)}",
             )
         self._used.add(by)
-        found = [(state, self.path(f"{field}.{state}", given[state])) for state in source.states]
-        return Switched(
-            tuple(
-                (source.share(state), value) for state, value in found if isinstance(value, Value)
-            )
-        )
+        values = [
+            (source.share(state), self.path(f"{field}.{state}", given[state]))
+            for state in source.states
+        ]
+        finite = tuple((share, value) for share, value in values if value is not None)
+        return Switched(finite) if finite else None
 
     def input_or_value(self, field: str, text: str, kind: Kind) -> Value:
         """Converts a quantity, or the name of a parameter or an input.

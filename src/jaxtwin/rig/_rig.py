@@ -72,15 +72,9 @@ class Rig:
     sensors: Sensors | None = None
     bodies: tuple[Body, ...] = ()
     links: tuple[CircuitLink, ...] = ()
-    heaters: tuple[Heater, ...] = ()
     inputs: tuple[Input, ...] = ()
     initial_nodes: tuple[tuple[str, Value], ...] = ()
-
-    @property
-    def nominal_inputs(self) -> Mapping[str, float]:
-        """The numbers of the inputs where none is stated, by the names that a `Value` has for
-        them."""
-        return nominal_inputs(self.inputs)
+    heaters: tuple[Heater, ...] = ()
 
     @property
     def has_plate(self) -> bool:
@@ -98,6 +92,12 @@ class Rig:
         """The lowest duty of each of the `driven`: -1 for a cell, which also cools, and 0 for a
         heater."""
         return (-1.0,) * len(self.cells) + (0.0,) * len(self.heaters)
+
+    @property
+    def nominal_inputs(self) -> Mapping[str, float]:
+        """The numbers of the inputs where none is stated, by the names that a `Value` has for
+        them."""
+        return nominal_inputs(self.inputs)
 
     @property
     def common_error(self) -> CommonError | None:

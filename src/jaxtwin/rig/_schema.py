@@ -88,6 +88,18 @@ ONE_OR_SEVERAL = WithJsonSchema(
     {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 )
 QuantityOrList = Annotated[Any, BeforeValidator(_quantity_or_list), ONE_OR_SEVERAL]
+NamesOrResistances = Annotated[
+    Any,
+    BeforeValidator(_names_or_resistances),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "array", "items": {"type": "string"}},
+                {"type": "object", "additionalProperties": {"type": "string"}},
+            ]
+        }
+    ),
+]
 QuantityOrSwitch = Annotated[
     Any,
     BeforeValidator(_quantity_or_switch),
@@ -106,18 +118,6 @@ QuantityOrSwitch = Annotated[
     ),
 ]
 """A quantity, or one for each state of an input, which `by` names."""
-NamesOrResistances = Annotated[
-    Any,
-    BeforeValidator(_names_or_resistances),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "array", "items": {"type": "string"}},
-                {"type": "object", "additionalProperties": {"type": "string"}},
-            ]
-        }
-    ),
-]
 Place = Annotated[list[str] | None, BeforeValidator(_place), ONE_OR_SEVERAL]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 _PLACES = ("nodes", "x", "y")  # the keys of a channel that say where its sensor is

@@ -41,7 +41,7 @@ def slopes_of(
 
     **Raises:** `SimulationError` for reductions of the plate, whose derivatives are not computed.
     """
-    requested = checked_reductions(reductions, [experiment])
+    requested = checked_reductions(reductions, [experiment], twin.rig)
     on_plate = [name for name, reduction in requested.items() if reduction.reads == "plate_end"]
     if on_plate:
         raise SimulationError(

@@ -19,6 +19,8 @@ from .._display import html_table, picture
 from .._errors import SimulationError
 from .._name_suggestions import did_you_mean
 from ..io import Experiment
+from ..rig import Rig
+from ..rig._plate_needed import check_has_plate
 
 if TYPE_CHECKING:
     import pandas
@@ -285,12 +287,13 @@ def _of_each_draw(
 def checked_reductions(
     reductions: Iterable[str] | Mapping[str, str | ReductionFunction],
     experiments: Iterable[Experiment],
+    rig: Rig,
 ) -> dict[str, Reduction]:
     """Returns the requested reductions by the names of their results.
 
     **Raises:** `SimulationError` for an unknown name, for no name at all, for a value that is not a
-    function, and for the cost if an experiment has no recorded temperatures, or none in one of its
-    channels.
+    function, for the cost if an experiment has no recorded temperatures, or none in one of its
+    channels, and for those of the plate if the rig has none.
     """
     experiments = list(experiments)
     if isinstance(reductions, Mapping):
@@ -302,6 +305,9 @@ def checked_reductions(
         raise SimulationError(
             f"reductions: expected some of {', '.join(REDUCTIONS)}, or functions by name, got none"
         )
+    for name, reduction in wanted.items():
+        if reduction.reads == "plate_end":
+            check_has_plate(f"reductions: {name}", rig, SimulationError)
     if any(reduction.needs_recording for reduction in wanted.values()):
         for experiment in experiments:
             _check_recorded(experiment)

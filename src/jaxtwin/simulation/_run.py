@@ -176,7 +176,15 @@ class Run:
 
     @property
     def plate_uniformity(self) -> Uniformity:
-        """The range and the standard deviation of the plate's temperature over its elements."""
+        """The range and the standard deviation of the plate's temperature over its elements.
+
+        **Raises:** `SimulationError` if the rig has no plate.
+        """
+        if not self.elements:
+            raise SimulationError(
+                "plate_uniformity: expected a run of a rig with a plate, got one of "
+                f"{self.rig}, which has none"
+            )
         plate = slice(self.elements)
         return uniformity(self.time, self.states[:, plate], self.nodes[plate])
 
@@ -190,9 +198,9 @@ class Run:
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset, with units in the attributes: temperature (time, channel),
-        state (time, node), duty (time, cell), channel_range, channel_std, plate_range and plate_std
-        (time). If they are known, recorded (time, channel), recorded_range, recorded_std and
-        ambient (time) follow."""
+        state (time, node), duty (time, cell), channel_range, channel_std, and with a plate
+        plate_range and plate_std (time). If they are known, recorded (time, channel),
+        recorded_range, recorded_std and ambient (time) follow."""
         import pandas
         import xarray
 
@@ -203,7 +211,9 @@ class Run:
             "state": (("time", "node"), self.states, celsius),
             "duty": (("time", "cell"), duty, {"units": "1"}),
         }
-        uniformities = {"channel": self.uniformity, "plate": self.plate_uniformity}
+        uniformities = {"channel": self.uniformity}
+        if self.elements:
+            uniformities["plate"] = self.plate_uniformity
         if self.experiment.temperatures is not None:
             variables["recorded"] = (("time", "channel"), self._recorded, celsius)
             uniformities["recorded"] = self.recorded_uniformity

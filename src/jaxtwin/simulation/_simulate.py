@@ -228,8 +228,8 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     """Returns the channels that an experiment requests of a twin.
 
     **Raises:** `SimulationError` if the experiment names a channel that the rig does not have, or
-    drives another number of cells and heaters, or states an input that the rig does not have, or
-    a heater is to cool.
+    drives another number of cells and heaters, a heater is to cool, or it states an input that the
+    rig does not have.
     """
     check_twin("twin", twin, SimulationError)
     of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)

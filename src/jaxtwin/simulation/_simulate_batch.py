@@ -185,7 +185,7 @@ def _solve_batch(
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
     arrays = checked_draws(twin, draws)
-    wanted = None if reductions is None else checked_reductions(reductions, [experiment])
+    wanted = None if reductions is None else checked_reductions(reductions, [experiment], twin.rig)
     for name, number in (("chunk_size", chunk_size), ("workers", workers)):
         if number is not None:
             whole_number(name, number, 1, SimulationError)

@@ -100,12 +100,11 @@ def _head(twin: Twin, experiment: Experiment, values: Mapping[str, float]) -> li
 
 def _constants(rig: Rig, reference: float, values: Mapping[str, float]) -> list[str]:
     driver, limit = rig.driver, rig.driver.current_limit
-    voltage = driver.supply_voltage or OWN_VOLTAGE  # which no heater of a given power uses
     return [
         "*",
         "* Surroundings at the start, K; supply, V; its resistance and that of the bridge, ohm",
         f".param T_ref={float(reference)!r}",
-        f".param V_s={_number(voltage, values)}",
+        f".param V_s={_number(driver.supply_voltage, values)}",
         f".param R_s={_number(driver.supply_resistance, values)}",
         f".param R_on={_number(driver.on_resistance, values)}",
         *([] if limit is None else [f".param I_max={_number(limit, values)}"]),

@@ -157,7 +157,7 @@ def plan_sweep(
     if reductions is None:
         recorded = all(recording.temperatures is not None for recording in recordings)
         reductions = ("cost", "final") if recorded else ("final",)
-    asked = checked_reductions(reductions, recordings)
+    asked = checked_reductions(reductions, recordings, twins[0].rig)
     central = central_values(twins[0], names)
     plan = Plan(
         twins=tuple(twins),

@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ..._arguments import finite_number, is_ordered
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...rig import Rig
 from ._controller_fields import (
     ControllerField,
     FileContents,
@@ -105,7 +106,7 @@ class AbstractController(eqx.Module):
         **Raises:** `ControlError` that names the file and the field.
         """
         arguments = field_arguments(cls, cls.fields, contents)
-        cells = len(contents.rig.cells)
+        cells = len(contents.rig.driven)
         try:
             controller = cls(**contents.common, **arguments)
             outputs = len(controller.output_weights(contents.channels))
@@ -264,6 +265,18 @@ def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, fl
             f"{limits!r}"
         ) from None
     return lowest, highest
+
+
+def check_limits_of_heaters(where: str, limits: tuple[float, float], rig: Rig) -> None:
+    """Refuses limits below 0 for a rig with heaters: the controller would wait for them to cool.
+
+    **Raises:** `ControlError`.
+    """
+    if rig.heaters and limits[0] < 0:
+        raise ControlError(
+            f"{where}: expected limits from 0 on, because the heaters of {rig.name} cannot cool, "
+            f"got {limits[0]:g} to {limits[1]:g}; give the controller limits=(0, 1)"
+        )
 
 
 def check_non_negative(where: str, **values: Any) -> None:

@@ -217,7 +217,7 @@ def check_cells_of_fields(
 
     **Raises:** `ControlError`.
     """
-    cells = len(contents.rig.cells)
+    cells = len(contents.rig.driven)
     for name in fields:
         value = arguments.get(argument_name(controller, name))
         if value is not None and np.ndim(value) and np.shape(value) != (cells,):

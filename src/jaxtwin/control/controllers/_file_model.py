@@ -72,7 +72,7 @@ def read_model(contents: FileContents, kind: str) -> FileModel:
         contents.data,
         limited,
         contents.common["sample_time_s"],
-        len(contents.rig.cells),
+        len(contents.rig.driven),
         outputs,
         contents.channels,
         refuse,

@@ -186,7 +186,7 @@ class LQI(AbstractChannelGroupController):
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the gains."""
-        model, cells = read_model(contents, cls.kind), len(contents.rig.cells)
+        model, cells = read_model(contents, cls.kind), len(contents.rig.driven)
         settings = model_settings(cls, contents)
         check_cells_of_fields(cls, cls.fields, settings, contents)
         states, outputs = len(model.plant.A), len(model.plant.C)

@@ -133,14 +133,16 @@ def linearize(
 
 def _duty(twin: Twin, duty: ArrayLike | float | int) -> Array:
     cells = len(twin.netlist.cells)
-    expected = f"linearize: duty: expected {cells} numbers from -1 to 1, or a single one"
+    lowest = np.array(twin.rig.lowest_duty)
+    heats = ", of heaters from 0 to 1" if lowest.max() == 0 else ""
+    expected = f"linearize: duty: expected {cells} numbers from -1 to 1{heats}, or a single one"
     try:
         values: Any = duty if is_traced(duty) else np.asarray(duty)
     except ValueError:  # rows of different lengths
         values = np.array(None)
     if values.shape not in ((), (cells,)) or values.dtype.kind not in "iuf":
         raise ControlError(f"{expected}, got {duty!r}")
-    if not is_traced(values) and not np.all(np.abs(values) <= 1):
+    if not is_traced(values) and not np.all((values >= lowest) & (values <= 1)):
         raise ControlError(f"{expected}, got {duty!r}")
     return jnp.broadcast_to(jnp.asarray(values, float), (cells,))
 
@@ -150,7 +152,10 @@ def _check_reached(
 ) -> None:
     is_square = target.directions.shape[1] == len(target.temperatures)
     is_reached = np.abs(reached - target.temperatures).max() <= TEMPERATURE_TOLERANCE
-    if np.isfinite(reached).all() and (is_reached or not is_square) and np.abs(duty).max() < 1:
+    # A heater that is off may hold a temperature; any other end of the range is a duty that is cut.
+    is_inside = (duty > target.lowest_duty).all() or (is_reached and duty.min() > -1)
+    is_found = np.isfinite(reached).all() and (is_reached or not is_square)
+    if is_found and is_inside and duty.max() < 1:
         return
     wanted, got, at = (
         ", ".join(f"{value:.4g}" for value in values)

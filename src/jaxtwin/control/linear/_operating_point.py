@@ -118,12 +118,13 @@ class Target(eqx.Module):
     """Temperatures for which a duty cycle is searched.
 
     The search minimises the distance of `channels @ readings` from `temperatures` over `duty =
-    directions @ unknowns`.
+    directions @ unknowns`, with no duty below its `lowest_duty`.
     """
 
     channels: Float[np.ndarray, "targets channels"]
     temperatures: Float[np.ndarray, " targets"]
     directions: Float[np.ndarray, "cells unknowns"]
+    lowest_duty: Float[np.ndarray, " cells"]
 
 
 def target_of(twin: Twin, temperatures: Mapping[str, float] | float | int) -> Target:
@@ -134,10 +135,11 @@ def target_of(twin: Twin, temperatures: Mapping[str, float] | float | int) -> Ta
     """
     where = "linearize: temperatures"
     cells, names = len(twin.netlist.cells), twin.channels
+    lowest = twin.wiring.lowest_duty
     if not isinstance(temperatures, Mapping):
         mean = finite_number(where, temperatures, ControlError)
         everything = np.full((1, len(names)), 1 / len(names))
-        return Target(everything, np.array([mean]), np.ones((cells, 1)))
+        return Target(everything, np.array([mean]), np.ones((cells, 1)), lowest)
     for name in temperatures:
         if name not in names:
             raise ControlError(
@@ -151,7 +153,7 @@ def target_of(twin: Twin, temperatures: Mapping[str, float] | float | int) -> Ta
     numbers = [finite_number(f"{where}: {n}", v, ControlError) for n, v in temperatures.items()]
     rows = np.eye(len(names))[[names.index(name) for name in temperatures]]
     directions = np.ones((cells, 1)) if len(numbers) == 1 else np.eye(cells)
-    return Target(rows, np.array(numbers), directions)
+    return Target(rows, np.array(numbers), directions, lowest)
 
 
 def slopes(
@@ -183,6 +185,9 @@ def duty_for(
     Its derivatives with respect to the parameters are exact if the target can be reached.
     """
     directions = jnp.asarray(target.directions, reference.dtype)
+    # One unknown is the duty of all cells, otherwise each is that of one.
+    lowest = jnp.asarray(target.lowest_duty, reference.dtype)
+    lowest = lowest if directions.shape[1] > 1 else lowest.max()
     channels = jnp.asarray(target.channels, reference.dtype)
     aim = jnp.asarray(target.temperatures, reference.dtype) + ZERO_CELSIUS - reference
 
@@ -200,10 +205,10 @@ def duty_for(
 
     def newton(_: Int[Array, ""], unknowns: Array) -> Array:
         step = jnp.clip(change(unknowns), -LONGEST_STEP, LONGEST_STEP)
-        return jnp.clip(unknowns + step, -1.0, 1.0)
+        return jnp.clip(unknowns + step, lowest, 1.0)
 
     start = jnp.zeros(directions.shape[1], reference.dtype)
     found = jax.lax.stop_gradient(jax.lax.fori_loop(0, NEWTON_STEPS, newton, start))
     # A last step, through which the derivatives pass.
-    found = jnp.clip(found + change(found), -1.0, 1.0)
+    found = jnp.clip(found + change(found), lowest, 1.0)
     return directions @ found, readings(found)[0] + reference - ZERO_CELSIUS

@@ -178,7 +178,7 @@ class _Loop(NamedTuple):
         stepper, controller, scenario = self.stepper, self.controller, self.scenario
         read = self._read(state, inputs)
         asked, following = controller.step(state.controller, inputs.reference, read.measurement)
-        duty = _applied(scenario, asked, read.is_off)
+        duty = _applied(scenario, stepper.system.wiring.lowest_duty, asked, read.is_off)
 
         def step(
             carry: tuple[ModalState, Array], steps: _StepInputs
@@ -217,11 +217,14 @@ class _Loop(NamedTuple):
 
 
 def _applied(
-    scenario: Scenario, asked: Float[Array, " cells"], is_off: Bool[Array, ""]
+    scenario: Scenario,
+    lowest: Float[np.ndarray, " cells"],
+    asked: Float[Array, " cells"],
+    is_off: Bool[Array, ""],
 ) -> Float[Array, " cells"]:
     """Returns the duty that the driver gets: clipped, rounded to counts, and 0 once the cells are
     off."""
-    duty = jnp.where(is_off, 0.0, jnp.clip(asked, -1.0, 1.0))
+    duty = jnp.where(is_off, 0.0, jnp.clip(asked, lowest, 1.0))
     if scenario.counts is None:
         return duty
     rounded = jnp.round(duty * scenario.counts) / scenario.counts

@@ -16,7 +16,7 @@ from ...io import Experiment
 from ...physics import Twin
 from ...simulation import Run
 from ._loop_signals import ClosedLoop
-from ._measures import MEASURES
+from ._measures import measures_of
 
 if TYPE_CHECKING:
     import pandas
@@ -107,7 +107,7 @@ class ClosedLoopRun:
         with own_settings():
             rows = [
                 (name, float(function(self.loop)), unit)
-                for name, (function, unit) in MEASURES.items()
+                for name, (function, unit) in measures_of(self.loop.elements).items()
             ]
         return pandas.DataFrame(rows, columns=["measure", "value", "unit"]).set_index("measure")
 

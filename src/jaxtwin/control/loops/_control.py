@@ -120,7 +120,7 @@ def checked_loop(
         room = (
             float(system.ambient_temperature) - ZERO_CELSIUS if ambient is None else float(ambient)
         )
-        check_cells("control", controller, len(twin.rig.cells), len(weights))
+        check_cells("control", controller, twin.rig, len(weights))
         check_sample_time(twin, controller.sample_time_s)
         surroundings = np.full((1, 1), room)
         check_reach(system, weights, samples, times, surroundings, controller.limits)
@@ -174,13 +174,14 @@ class LiveLoop:
         self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
             # Compiled here, because messages of a connected rig would wait during a compilation.
-            off = np.zeros(len(twin.rig.cells))
+            off = np.zeros(len(twin.rig.driven))
             still = self._references[0]
             self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
             _step(controller, self._state, self._ahead[0], still)
         self._silence = float(silence_s)
         self._sample: int | None = None
-        self._duty = np.zeros(len(twin.rig.cells))
+        self._duty = np.zeros(len(twin.rig.driven))
+        self._lowest = np.array(twin.rig.lowest_duty)
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
         """Returns the duty at a moment; None at the end of the run."""
@@ -201,7 +202,7 @@ class LiveLoop:
         duty = np.asarray(asked, float)
         if duty.shape != self._duty.shape or not np.isfinite(duty).all():
             raise SafetyStop(f"stopped: the controller asked for duty {duty}", "controller")
-        self._sample, self._duty = sample, np.clip(duty, -1.0, 1.0)
+        self._sample, self._duty = sample, np.clip(duty, self._lowest, 1.0)
         self.decision = Decision(moment.time, self._references[sample], measurement, self._duty)
         return self._duty
 

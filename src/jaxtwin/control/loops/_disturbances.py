@@ -11,6 +11,7 @@ from ..._arguments import finite_number, of_kind
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ...physics import Twin
+from ...rig._plate_needed import check_has_plate
 
 
 @final
@@ -34,11 +35,11 @@ class Draught:
 @final
 @dataclass(frozen=True)
 class HeatInput:
-    """Heat into some elements of the plate, for example from a hand.
+    """Heat into some elements of the plate or bodies, for example from a hand.
 
     **Arguments:**
 
-    - `elements`: elements of the plate, which share the heat equally.
+    - `elements`: elements of the plate and bodies, which share the heat equally.
     - `start_s`, `end_s`: start and end, s.
     - `heat`: the heat flow, W, negative for cooling.
     """
@@ -72,7 +73,13 @@ def disturbance_tables(
         at = f"{where}: disturbances[{number}]"
         if not isinstance(disturbance, HeatInput):
             of_kind(at, disturbance, Draught, "a Draught or a HeatInput", ControlError)
-        elements = _checked_elements(at, disturbance.elements, plate.element_names)
+        known = plate.element_names
+        if isinstance(disturbance, HeatInput):
+            free = [body.name for body in twin.rig.bodies if body.temperature is None]
+            known = (*known, *free)
+        else:
+            check_has_plate(at, twin.rig, ControlError)
+        elements = _checked_elements(at, disturbance.elements, known)
         start, end = (
             finite_number(f"{at}.{name}", getattr(disturbance, name), ControlError)
             for name in ("start_s", "end_s")

@@ -13,8 +13,14 @@ from scipy.optimize import least_squares
 from ..._compilation import persistent_jit
 from ..._errors import ControlError
 from ...physics import System, Twin
+from ...rig import Rig
 from ...simulation._modes import network_modes
-from ..controllers._controller import AbstractChannelGroupController, AbstractController
+from ..controllers._controller import (
+    AbstractChannelGroupController,
+    AbstractController,
+    check_limits_of_heaters,
+)
+from ..controllers._function_controller import FunctionController
 from ._references import representative_samples
 
 DUTY_LEVELS = 17
@@ -59,7 +65,7 @@ def check_reach(
     range.
     """
     levels = np.linspace(*limits, DUTY_LEVELS)
-    equal = np.repeat(levels[:, None], len(system.wiring.cold), axis=1)
+    equal = np.maximum(levels[:, None], system.wiring.lowest_duty)
     reached = weights @ np.asarray(_steady_rises(system, equal)).T
     lowest = reached.min(axis=1) + float(ambient.min())
     highest = reached.max(axis=1) + float(ambient.max())
@@ -88,11 +94,17 @@ def check_reach(
             )
 
 
-def check_cells(where: str, controller: AbstractController, cells: int, outputs: int) -> None:
-    """Refuses a controller that does not command as many cells as the rig has.
+def check_cells(where: str, controller: AbstractController, rig: Rig, outputs: int) -> None:
+    """Refuses a controller that does not command as many cells and heaters as the rig has, or that
+    cools with heaters alone.
 
     **Raises:** `ControlError` that says what the controller commands.
     """
+    cells = len(rig.driven)
+    # A function has no limits of its own. In a rig that has cells too, a heater's part of a
+    # negative duty is 0.
+    if not rig.cells and not isinstance(controller, FunctionController):
+        check_limits_of_heaters(f"{where}: controller", controller.limits, rig)
     preview = (controller.preview_samples,) if controller.preview_samples else ()
 
     def commanded() -> Array | None:
@@ -157,12 +169,12 @@ def _nearest(
     def off(duty: Float[np.ndarray, " cells"]) -> Any:
         return weights @ np.asarray(_steady_rises(system, duty[None]))[0] - aim
 
-    cells = len(system.wiring.cold)
-    places = np.quantile(limits, [0.98, 0.02, 0.75, 0.25])
-    others = islice(product(places, repeat=cells), SEARCH_STARTS)
+    low = np.maximum(limits[0], system.wiring.lowest_duty)
+    places = np.quantile([low, np.full_like(low, limits[1])], [0.98, 0.02, 0.75, 0.25], axis=0)
+    others = islice(product(*places.T), SEARCH_STARTS)
     best = np.full(len(aim), np.inf)
-    for begin in chain([(start,) * cells], others):
-        found = least_squares(off, begin, bounds=limits, diff_step=1e-4).fun
+    for begin in chain([np.maximum(start, low)], others):
+        found = least_squares(off, begin, bounds=(low, limits[1]), diff_step=1e-4).fun
         if np.abs(found).max() < np.abs(best).max():
             best = found
         if np.abs(best).max() <= JOINT_TOLERANCE:

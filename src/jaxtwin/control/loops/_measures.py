@@ -117,6 +117,15 @@ MEASURES: dict[str, tuple[Measure, str]] = {
 """Name -> function and unit."""
 
 
+OF_PLATE = ("plate_range_at_rest", "largest_plate_range")
+"""The measures of the plate, which a rig without one does not have."""
+
+
+def measures_of(elements: int) -> dict[str, tuple[Measure, str]]:
+    """Those of `MEASURES` that a rig has whose plate has so many elements."""
+    return {name: row for name, row in MEASURES.items() if elements or name not in OF_PLATE}
+
+
 def units_of(measures: Mapping[str, Measure]) -> dict[str, str]:
     """Returns the units of those measures that are in `MEASURES`, whatever their names; the unit of
     a user's own function is not known."""

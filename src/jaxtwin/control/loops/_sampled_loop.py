@@ -99,9 +99,8 @@ class SampledLoops:
             name, value = next(iter(twin.values.items()))
             draws = {name: np.array([float(value)])}
         shifts = int(np.ceil(longest_delay_s / interval * (1 - 1e-9)))
-        found = _sampled_plants(
-            twin, draws, Target(weights, outputs, directions), jnp.asarray(interval), shifts
-        )
+        target = Target(weights, outputs, directions, twin.wiring.lowest_duty)
+        found = _sampled_plants(twin, draws, target, jnp.asarray(interval), shifts)
         matrices, duty = jax.tree.map(np.asarray, found)
         self._plants: Matrices = matrices
         self.omega = np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)

@@ -143,7 +143,7 @@ def scenario(
             surroundings = np.repeat(at_samples, substeps, axis=0)
         surroundings = surroundings.reshape(len(times), substeps)
         _check_above_absolute_zero(f"{where}: ambient", surroundings)
-        check_cells(where, chosen, len(plant.netlist.cells), len(weights))
+        check_cells(where, chosen, plant.rig, len(weights))
         check_sample_time(plant, interval)
         check_reach(system, weights, reference, times, surroundings, chosen.limits)
     late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, ControlError)

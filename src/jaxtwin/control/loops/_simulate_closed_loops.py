@@ -16,12 +16,14 @@ from ..._waiting import announced
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
+from ...rig import Rig
+from ...rig._plate_needed import check_has_plate
 from ...simulation import Precision, Reductions
 from ...simulation._simulate_batch import checked_draws, checked_precision
 from ..controllers._controller import AbstractController, parameter_names, with_values
 from ..controllers._function_controller import ControlFunction, as_controller
 from ._many_loops import longest_delay, simulate_many_loops, twin_at_medians
-from ._measures import MEASURES, Measure
+from ._measures import MEASURES, OF_PLATE, Measure, measures_of
 from ._scenario import scenario
 
 WHERE = "simulate_closed_loops"
@@ -88,7 +90,7 @@ def simulate_closed_loops(
             draws=plant_draws,
             controller_draws=drawn,
             count=count,
-            measures=_checked_measures(measures),
+            measures=_checked_measures(measures, plant.rig),
             precision=checked_precision(precision, ControlError),
             workers=workers,
         )
@@ -155,10 +157,11 @@ def _first_drawn(
 
 
 def _checked_measures(
-    measures: Iterable[str] | Mapping[str, Measure] | None,
+    measures: Iterable[str] | Mapping[str, Measure] | None, rig: Rig
 ) -> dict[str, Measure]:
     if measures is None:
-        return {name: function for name, (function, _) in MEASURES.items()}
+        elements = len(rig.plate.element_names)
+        return {name: function for name, (function, _) in measures_of(elements).items()}
     where = f"{WHERE}: measures"
     if isinstance(measures, Mapping):
         for name, function in measures.items():
@@ -171,4 +174,6 @@ def _checked_measures(
     for name in names:
         if name not in MEASURES:
             raise ControlError(f"{where}: {unknown_name('measure', name, MEASURES)}")
+        if name in OF_PLATE:
+            check_has_plate(f"{where}: {name}", rig, ControlError)
     return {name: MEASURES[name][0] for name in names}

@@ -13,6 +13,7 @@ from ..._waiting import announced
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
+from ...rig._plate_needed import check_has_plate
 from ..controllers._controller import checked_limits
 from ..linear._linear_model import LinearModel
 from ..linear._linearize import linearize
@@ -67,8 +68,10 @@ def most_even_point(
     """
     where = "most_even_point"
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
+    check_has_plate(where, plant.rig, ControlError)
     mean = finite_number(f"{where}: temperature", temperature, ControlError)
     low, high = checked_limits(where, limits)
+    low = np.maximum(low, plant.wiring.lowest_duty)
     elements = plant.wiring.elements
 
     def plate_at(duty: Float[np.ndarray, " cells"]) -> _Plate:
@@ -88,8 +91,8 @@ def most_even_point(
             reach = 0.4 * min(reach, float(np.abs(step).max()))
     if abs(at.error) > MEAN_TOLERANCE:
         raise ControlError(
-            f"{where}: temperature: expected a mean that duty cycles from {low:g} to {high:g} "
-            f"reach, got {mean:g} degC; the nearest found was {mean + at.error:.4g} degC"
+            f"{where}: temperature: expected a mean that duty cycles from {low.min():g} to "
+            f"{high:g} reach, got {mean:g} degC; the nearest found was {mean + at.error:.4g} degC"
         )
     return at.point
 

@@ -31,7 +31,8 @@ def command_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
         f"no data with pwm={SMALL},... owner={talk.owner} n={number}",
     )
     for sign in (1, -1):
-        own = tuple(sign * (-1) ** cell * (SMALL + cell) for cell in range(cells))
+        signs = [1 if hello.lowest(cell) == 0 else sign * (-1) ** cell for cell in range(cells)]
+        own = tuple(sign * (SMALL + cell) for cell, sign in enumerate(signs))
         talk.command(*own)
         ok = talk.reports(pwm=own)
         yield found("gives each cell its own counts, of either sign", ok, f"no data with pwm={own}")
@@ -68,6 +69,9 @@ def _beyond(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     cells, low, full = len(hello.cells), few(hello), hello.counts
     wrong = [(full + 1,) * cells, (-full - 1,) * cells, (*low[1:], full + 1), (*low[1:], -full - 1)]
     wrong += [(99_999,) * cells, (1,) * (cells + 1)] + ([(1,) * (cells - 1)] if cells > 1 else [])
+    for cell in range(cells):
+        if hello.lowest(cell) == 0:  # a heater that is asked to cool
+            wrong.append((*low[:cell], -SMALL, *low[cell + 1 :]))
     for counts in wrong:
         talk.command(*low)
         number = talk.command(*counts)

@@ -68,6 +68,7 @@ def _text(message: Hello | Data | Notice | Beat | Ask | Duty | Order) -> str:
             words += [f"channels={_joined(message.channels)}"] if message.channels else []
             words += ["camera={}x{}".format(*message.camera)] if message.camera else []
             words += [f"relay={write_name(message.relay)}"] if message.relay else []
+            words += [f"heaters={_joined(message.heaters)}"] if message.heaters else []
         case Data():
             words = [f"data seq={message.seq} t={message.device_us}"]
             words += [f"pwm={','.join(map(str, message.pwm))}"] if message.pwm else []
@@ -185,6 +186,7 @@ def _hello(fields: dict[str, str]) -> Hello:
         watchdog=None if watchdog is None else read_number(watchdog, 0.0, 1e6),
         rate=read_number(fields.pop("rate", "1"), 0.0, 1e6),
         relay=read_name(fields.pop("relay")) if "relay" in fields else "",
+        heaters=read_names(fields.pop("heaters", "")),
     )
 
 

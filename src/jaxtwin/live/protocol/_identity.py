@@ -29,10 +29,11 @@ class Identity:
 
     **Arguments:**
 
-    - `rig`, `cells`, `channels`: the names of the rig, its cells and its channels.
+    - `rig`, `cells`, `channels`: the names of the rig, its cells and heaters, and its channels.
     - `camera`: width and height of its frames, pixels; `None` if sensors read the channels.
     - `counts`: the PWM counts of full duty.
     - `relay`: the name of the relay in the supply; `""` if there is none.
+    - `heaters`: the names of those of the cells that only heat.
     - `weights`: share of each pixel in each channel, `(channels, pixels)`; rows sum to 1. Without
       a camera there are no pixels.
     """
@@ -43,6 +44,7 @@ class Identity:
     camera: tuple[int, int] | None
     counts: int
     relay: str
+    heaters: tuple[str, ...]
     weights: Float[np.ndarray, "channels pixels"]
 
     @classmethod
@@ -54,7 +56,8 @@ class Identity:
         camera, channels = rig.camera, len(rig.channels)
         return cls(
             rig=_checked(rig.name),
-            cells=tuple(_checked(cell.name) for cell in rig.cells),
+            cells=tuple(_checked(name) for name in rig.driven),
+            heaters=tuple(_checked(heater.name) for heater in rig.heaters),
             channels=tuple(_checked(channel.name) for channel in rig.channels),
             camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
@@ -71,6 +74,7 @@ class Identity:
         pairs = (
             ("rig", hello.rig, self.rig),
             ("cells", hello.cells or self.cells, self.cells),
+            ("heaters", hello.heaters if hello.cells else self.heaters, self.heaters),
             ("channels", hello.channels or self.channels, self.channels),
             ("camera", hello.camera or self.camera, self.camera),
             ("counts", hello.counts if hello.cells else self.counts, self.counts),

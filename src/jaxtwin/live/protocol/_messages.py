@@ -33,6 +33,7 @@ class Hello:
         time; `None` if it drives no cells.
     - `rate`: the seconds of device time in a second; 1 except for a virtual or replayed rig.
     - `relay`: the name of the relay in the supply that the device opens; `""` if it has none.
+    - `heaters`: the names of those of its cells that only heat, whose counts are never negative.
     """
 
     version: int
@@ -45,6 +46,11 @@ class Hello:
     watchdog: float | None = None
     rate: float = 1.0
     relay: str = ""
+    heaters: tuple[str, ...] = ()
+
+    def lowest(self, cell: int) -> int:
+        """The lowest counts of a cell, by its number: 0 for one that only heats."""
+        return 0 if self.cells[cell] in self.heaters else -self.counts
 
     @property
     def switches(self) -> bool:

@@ -24,9 +24,10 @@ class OutputStage:
     - `counts`: the counts of full duty.
     - `watchdog`: time without a command after which the cells are switched off, s.
     - `relay`: the name of the relay in the supply, which every trip opens; `""` without one.
+    - `heaters`: how many of the cells, the last ones, only heat.
     """
 
-    def __init__(self, cells: int, counts: int, watchdog: float, relay: str = ""):
+    def __init__(self, cells: int, counts: int, watchdog: float, relay: str = "", heaters: int = 0):
         self.pwm = (0,) * cells
         """The counts that are applied now."""
         self.owner = ""
@@ -40,6 +41,7 @@ class OutputStage:
         self._relay = relay
         self._off = self.pwm
         self._counts = counts
+        self._lowest = (-counts,) * (cells - heaters) + (0,) * heaters
         self._watchdog = watchdog
         self._commanded = 0.0
         self._newest = "", 0  # the owner and the number of the last duty that was applied
@@ -99,7 +101,10 @@ class OutputStage:
             return "owner"
         if self.trip_reason:
             return "tripped"
-        if len(duty.pwm) != len(self.pwm) or max(map(abs, duty.pwm)) > self._counts:
+        if len(duty.pwm) != len(self.pwm) or not all(
+            lowest <= count <= self._counts
+            for lowest, count in zip(self._lowest, duty.pwm, strict=True)
+        ):
             # It is not clipped: a host that sends such a command has a defect.
             return "range"
         owner, number = self._newest

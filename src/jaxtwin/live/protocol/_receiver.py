@@ -296,10 +296,12 @@ def _detail(notice: Notice) -> str:
 def _check_data(message: Data, hello: Hello) -> None:
     if len(message.pwm) != len(hello.cells):
         raise LinkError(f"expected counts for {len(hello.cells)} cells, got {len(message.pwm)}")
-    if any(abs(count) > hello.counts for count in message.pwm):
-        raise LinkError(
-            f"expected counts from -{hello.counts} to {hello.counts}, got {message.pwm}"
-        )
+    for cell, count in enumerate(message.pwm):
+        if not hello.lowest(cell) <= count <= hello.counts:
+            raise LinkError(
+                f"expected counts from {hello.lowest(cell)} to {hello.counts} of "
+                f"{hello.cells[cell]}, got {message.pwm}"
+            )
     # Without new readings there are none: those of the last sample would look frozen.
     if len(message.temperatures) not in (0, len(hello.channels)):
         raise LinkError(

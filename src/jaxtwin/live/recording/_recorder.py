@@ -116,7 +116,7 @@ class Recorder:
                     self._counted.update(counted_in(self._database))
             self._run = self._begin(None if existed else metadata)
             self._rows = RowWriter(
-                self._database, self._run, self._shift, len(rig.cells), keep_frames=keep_frames
+                self._database, self._run, self._shift, len(rig.driven), keep_frames=keep_frames
             )
             self._identity = self._on_disk()
         except RecordingError:

@@ -48,7 +48,7 @@ class DutyResponse:
         self._ambient = ambient
         self._rooms = np.full(3, self._file_room)
         self._driver = twin.rig.driver
-        self._duty = np.zeros((3, len(twin.rig.cells)))
+        self._duty = np.zeros((3, len(twin.rig.driven)))
         self._begin: int | None = None
         self._time = 0  # host time up to which the twins have been stepped, ns
         system = self._observer.stepper.system

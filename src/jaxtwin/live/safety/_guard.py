@@ -40,11 +40,10 @@ def interlocks_of(
     limits = OperatingLimits.of(twin) if limits is None else limits
     given = check_ambient(ambient, limits)
     rig = twin.rig
-    cells = tuple(cell.name for cell in rig.cells)
     return (
         Plausibility(twin.channels, limits, rig.driver),
         Presence(float(silence)),
-        Obedience(cells, limits.command_delay),
+        Obedience(rig.driven, limits.command_delay),
         TwinWatch(twin, limits, given),
     )
 

@@ -101,11 +101,10 @@ def _lowest(twin: Twin, room: float) -> float:
     r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a room that is
     colder than the rig file says.
 
-    A resistive heater, with a figure of merit $Z$ of 0, does not cool: the result is the
-    temperature of the room.
+    A rig of heaters does not cool: the result is the temperature of the room.
     """
     hot = room - _ROOM + ZERO_CELSIUS
-    coldest = math.inf
+    coldest = hot - ZERO_CELSIUS
     for cell in twin.rig.cells:
         module = twin.module(cell.name)
         seebeck, resistance = module.seebeck_coefficient, module.electrical_resistance
@@ -119,11 +118,13 @@ def _number(value: ArrayLike) -> float:
 
 
 def _fastest(stepper: Stepper) -> float:
-    """The fastest change of any reading, K/s: heated, cooled and heated again with full duty."""
-    full = np.ones(len(stepper.system.wiring.cold))
+    """The fastest change of any reading, K/s: heated, cooled, as far as the rig can cool, and
+    heated again with full duty."""
+    lowest = stepper.system.wiring.lowest_duty
+    full = np.ones_like(lowest)
     state = stepper.start()
     reading, fastest = np.asarray(stepper.channels(state)), 0.0
-    for duty in (full, -full, full):
+    for duty in (full, lowest, full):
         for _ in range(PROBE_SECONDS):
             state = stepper.step(state, duty, steps=PROBES_PER_SECOND)
             changed = np.asarray(stepper.channels(state))

@@ -44,9 +44,14 @@ class TwinWatch(AbstractInterlock):
         self._response = DutyResponse(twin, ambient)
         self._limits = limits
         self._given = ambient
-        self._cells = tuple(cell.name for cell in twin.rig.cells)
+        limit = twin.rig.limits
+        # A heater has no solder that melts: only a limit that the file states is its limit too.
+        watched = twin.rig.driven
+        if limit is None or limit.cell_temperature is None:
+            watched = watched[: len(twin.rig.cells)]
+        self._cells = watched
         self._channels = twin.channels
-        self._sides = np.array([twin.wiring.cold, twin.wiring.hot])
+        self._sides = np.array([twin.wiring.cold, twin.wiring.hot])[:, : len(watched)]
         self._following = Responsiveness(len(self._channels), limits)
 
     @property
@@ -75,6 +80,8 @@ class TwinWatch(AbstractInterlock):
         )
 
     def _cell_too_hot(self) -> Finding | None:
+        if not self._cells:
+            return None
         hottest = self._response.nodes[self._sides].max(axis=0)
         worst = int(np.argmax(hottest))
         if hottest[worst] <= self._limits.cell:

@@ -80,9 +80,10 @@ class VirtualRig:
         self._to_come = [(fault.time, fault.of(twin)) for fault in self.faults.rig]
         # The output stage runs in real time, because a watchdog counts real seconds.
         relay = "" if rig.limits is None else rig.limits.relay or ""
-        self.stage = OutputStage(len(rig.cells), rig.driver.counts, float(watchdog), relay)
+        self.stage = OutputStage(
+            len(rig.driven), rig.driver.counts, float(watchdog), relay, len(rig.heaters)
+        )
         self.twin = Plant(twin)
-        self._cells = [cell.name for cell in rig.cells]
         self._driver = rig.driver
         self._random = np.random.default_rng(seed)
         self._noise = rig.noise
@@ -114,13 +115,14 @@ class VirtualRig:
             VERSION,
             rig.name,
             boot=boot or secrets.token_hex(4),
-            cells=tuple(self._cells),
+            cells=rig.driven,
             channels=() if camera else tuple(channel.name for channel in rig.channels),
             camera=camera and (camera.width, camera.height),
             counts=rig.driver.counts,
             watchdog=float(watchdog),
             rate=float(speed),
             relay=relay,
+            heaters=tuple(heater.name for heater in rig.heaters),
         )
         if refusal := Identity.of(rig).refusal(self.hello):
             raise LinkError(f"virtual rig: {refusal}")
@@ -133,7 +135,7 @@ class VirtualRig:
     @property
     def supplied(self) -> tuple[int, ...]:
         """Counts by which the cells are heated now: 0 behind an open relay."""
-        return self.pwm if self.stage.supplied else (0,) * len(self._cells)
+        return self.pwm if self.stage.supplied else (0,) * len(self.pwm)
 
     def connected(self, client: object = None) -> bytes:
         """Returns the greeting of a new connection; `client` is its name."""
