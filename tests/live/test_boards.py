@@ -23,6 +23,7 @@ from jaxtwin.live import (
     parse,
     register_board,
 )
+from jaxtwin.live.protocol._identity import Identity
 
 
 class ScriptedPort:
@@ -63,17 +64,18 @@ def clock() -> HandClock:
 
 @pytest.fixture
 def device(rig: Rig, port: ScriptedPort, clock: HandClock) -> BoardDevice:
-    return BoardDevice(TCLab(port, 2, 2), rig, clock)
+    return BoardDevice(TCLab(port, 2), rig, clock)
 
 
 def _messages(device: BoardDevice, reads: int = 1) -> list:
-    frames, _ = deframe(b"", b"".join(device.read() for _ in range(reads)))
+    frames, _, _ = deframe(b"", b"".join(device.read() for _ in range(reads)))
     return [parse(frame) for frame in frames]
 
 
-def test_a_board_greets_and_sends_each_reading_once(device):
+def test_a_board_greets_and_sends_each_reading_once(device, rig):
     hello, *_ = _messages(device)
     assert isinstance(hello, Hello)
+    assert Identity.of(rig).refusal(hello) is None
     assert (hello.cells, hello.channels, hello.counts) == (("H1", "H2"), ("T1", "T2"), 1000)
     samples = [message for message in _messages(device, 20) if isinstance(message, Data)]
     assert [sample.temperatures for sample in samples] == [(21.5, 23.0)] * len(samples)

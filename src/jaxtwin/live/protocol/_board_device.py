@@ -45,12 +45,15 @@ class BoardDevice:
         self._clock: Clock = clock or SystemClock()
         identity = Identity.of(rig)
         self._channels = len(identity.channels)
-        self._stage = OutputStage(len(identity.cells), identity.counts, WATCHDOG)
+        self._stage = OutputStage(
+            len(identity.cells), identity.counts, WATCHDOG, heaters=len(identity.heaters)
+        )
         self._hello = Hello(
             VERSION,
             rig.name,
             boot=secrets.token_hex(4),
             cells=identity.cells,
+            heaters=identity.heaters,
             channels=identity.channels,
             counts=identity.counts,
             watchdog=WATCHDOG,

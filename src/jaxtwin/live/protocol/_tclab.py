@@ -42,9 +42,8 @@ class TCLab(AbstractBoard):
 
     kind = "tclab"
 
-    def __init__(self, port: Any, heaters: int, channels: int, rate: float = 1.0):
-        self._port, self._heaters, self._channels = port, heaters, channels
-        self.rate = rate
+    def __init__(self, port: Any, channels: int, rate: float = 1.0):
+        self._port, self._channels, self.rate = port, channels, rate
 
     @classmethod
     def open(cls, address: str, rig: Rig) -> AbstractBoard:
@@ -63,14 +62,14 @@ class TCLab(AbstractBoard):
         where, _, query = address.partition("?")
         if where == MODEL:
             speed = _speed(query)
-            return cls(SimulatedPort(speed), heaters, channels, speed)
+            return cls(SimulatedPort(speed), channels, speed)
         if not where or query:
             raise LinkError(
                 "tclab: expected tclab://PORT, such as tclab:///dev/ttyACM0 or tclab://COM3, "
                 f"tclab://model or tclab://model?speed=10, got tclab://{address}"
             )
         port = serial.Serial(where, BAUD, timeout=REPLY_SECONDS, write_timeout=REPLY_SECONDS)
-        board = cls(port, heaters, channels)
+        board = cls(port, channels)
         try:
             time.sleep(RESET_SECONDS)
             port.reset_input_buffer()
