@@ -8,7 +8,7 @@ import numpy as np
 
 from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
-from ._start import replaced_by_recorded_room
+from ._start import replaced_by_recorded_room, room_parameters
 
 if TYPE_CHECKING:
     import xarray
@@ -155,7 +155,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
             if recording == name
         ]
         lines.append(f"{name}: {', '.join(channels)}")
-    lines += ["", "identifiability:", fit.uncertainty.report()]
+    lines += ["", "identifiability:", fit.uncertainty.report(), *_room_beside_losses(fit)]
     return "\n".join(lines)
 
 
@@ -203,3 +203,16 @@ def prior_text(row: "FittedParameter") -> str:
     if row.is_logarithmic:
         return f"{row.prior_value:.4g} (factor {math.exp(row.prior_spread):.3g})"
     return f"{row.prior_value:.4g} (+- {row.prior_spread:.3g})"
+
+
+def _room_beside_losses(fit: "Fit") -> list[str]:
+    """What to do if a room that was not recorded and a loss to it stand for each other: the usual
+    trap of a rig without a thermometer in the room. No line if there is no such pair."""
+    rooms = room_parameters(fit.twin.rig)
+    names = {name for pair in fit.uncertainty.collinear for name in pair[:2]}
+    if not any(label.split("[")[0] in rooms for label in names):
+        return []
+    return [
+        "the room was not recorded: a warmer room and a smaller loss fit as well; its temperature "
+        "in the recording (ambient), or a recording that starts cold and at rest, tells them apart"
+    ]
