@@ -88,6 +88,8 @@ def test_a_duty_is_applied_in_percent_and_zero_after_the_watchdog(device, port):
     _messages(device)
     device.write(encode(Duty(1, (123, 0), "host")))
     assert port.commands[-2:] == ["Q1 12.3", "Q2 0"]
+    (changed, *_) = _messages(device)
+    assert changed.pwm == (123, 0)  # without waiting for the next period
     found = _messages(device, 20)
     assert port.commands.index("Q1 0", 3) > port.commands.index("Q1 12.3")
     assert [(m.kind, m.why) for m in found if isinstance(m, Notice)] == [("trip", "watchdog")]

@@ -16,9 +16,9 @@ from ._messages import VERSION, Ask, Data, Duty, Hello, Message, Notice, Order
 from ._output_stage import Answer, OutputStage
 from ._transport import READ_SECONDS
 
-PERIOD = 0.25
-"""The time between two samples, s. A board that is read over a serial line takes some hundredths of
-a second for each."""
+PERIOD_NS = 250_000_000
+"""The time between two samples, ns. A board that is read over a serial line takes some hundredths
+of a second for each."""
 
 WATCHDOG = 2.0
 """The time without a duty command after which the heaters are switched off, s."""
@@ -64,22 +64,23 @@ class BoardDevice:
         self._seq = {"data": 0, "event": 0}
         self._rest = b""
         self._out = encode(self._hello)
-        self._start = self._sampled = self._clock.now()
+        self._start = self._clock.now()
+        self._due = self._start + PERIOD_NS
         self._applied = self._stage.pwm
         board.apply([0.0] * len(identity.cells))
 
     def read(self) -> bytes:
         """Waits for the next sample, or for an answer to a command, and returns its bytes."""
-        due = self._sampled + round(PERIOD * 1e9)
         if not self._out:
-            left = (due - self._clock.now()) * 1e-9
+            left = (self._due - self._clock.now()) * 1e-9
             self._clock.wait(self._woken, min(max(left, 0.0), READ_SECONDS))
         with self._lock:
             self._woken.clear()
             self._on_time()
-            if self._clock.now() >= due:
-                # The next one is due a period later, whatever this one was late by.
-                self._sampled = max(due, self._clock.now() - round(PERIOD * 1e9))
+            now = self._clock.now()
+            if now >= self._due:
+                # After a pause the rest is skipped: a reading is of now.
+                self._due = max(self._due, now - PERIOD_NS) + PERIOD_NS
                 self._sample()
             sent, self._out = self._out, b""
         return sent
@@ -117,6 +118,8 @@ class BoardDevice:
         if self._stage.pwm != self._applied:
             self._board.apply([float(part) for part in self._driver.duty(self._stage.pwm)])
             self._applied = self._stage.pwm
+            # A sample tells at once when the duty changed.
+            self._due = min(self._due, self._clock.now())
 
     def _sample(self) -> None:
         """Reads the board.
