@@ -46,8 +46,8 @@ def parse_csv(
     ignore: Sequence[str] = (),
     own: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """The experiment in a .csv file; for the arguments see `read_recording`. `own` are titles that a
-    rig gives a meaning."""
+    """The experiment in a .csv file; for the arguments see `read_recording`. `own` are titles to
+    which the rig gives a meaning."""
     columns, lines = read_columns(content, EXPECTED, names, ignore, own)
     try:
         return experiment_of_columns(columns, name, counts, polarity)
