@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import expm
 
+from jaxtwin.data import data_folder
 from jaxtwin.rig import Rig
 from jaxtwin.rig._build import build_rig
 
@@ -54,6 +55,23 @@ between = ["wall-ambient"]
 P = { value = 30.0, unit = "W", bounds = [1.0, 100.0], prior = { spread = 0.3 }, free = true }
 R_film = { value = 0.5, unit = "K/W", bounds = [0.02, 10.0], prior = { spread = 1.0 }, free = true }
 """
+
+
+def cell_and_heater(averaging: str) -> Rig:
+    """A cell, a heater with a power and one with a resistance, on a plate."""
+    text = (data_folder() / "rigs" / "single-cell.toml").read_text()
+    document = tomllib.loads(text)
+    document["driver"] |= {"averaging": averaging, "current_limit": "3 A"}
+    document["heaters"] = [
+        {"name": "foil", "power": "5 W", "contacts": ["V11"]},
+        {
+            "name": "wire",
+            "electrical_resistance": "8 ohm",
+            "capacitance": "6 J/K",
+            "contacts": {"V11": "1.5 K/W", "ambient": "30 K/W"},
+        },
+    ]
+    return build_rig(document, "cell and heater")
 
 
 def heated_box(*changes: tuple[str, str]) -> Rig:

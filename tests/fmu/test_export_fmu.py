@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from heated_box import by_hand, cell_and_heater, heated_box
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, export_fmu, simulate
 from jaxtwin.fmu import FMU, _export_fmu
@@ -294,3 +295,17 @@ def test_a_duty_cycle_is_between_full_cooling_and_full_heating(twin: Twin):
     rows = variables_of(Stepper(twin, 1.0))
     limits = {row.name: row.limits for row in rows if row.causality == "input"}
     assert limits == {"duty.P1": (-1.0, 1.0), "duty.P2": (-1.0, 1.0), "ambient": None}
+
+
+def test_heaters_are_inputs_from_0_to_1_and_simulate_as_the_twin(tmp_path: Path):
+    twin = Twin(cell_and_heater("on-off"))
+    variables = {row.name: row for row in variables_of(Stepper(twin, 1.0))}
+    assert variables["duty.P1"].limits == (-1.0, 1.0)
+    assert variables["duty.foil"].limits == (0.0, 1.0)
+    box = Twin(heated_box())
+    fmu = export_fmu(box, tmp_path / "box.fmu", version="2.0")
+    rows = np.zeros(61, dtype=[(name, float) for name in ("time", "duty.heater", "duty.bulb")])
+    rows["time"], rows["duty.heater"], rows["duty.bulb"] = np.arange(61), 0.8, 0.3
+    found = simulated(fmu, rows, stop_time=60.0, output=["node.air"])
+    expected = by_hand((0.8, 0.3), 60.0)[0]
+    assert found["node.air"][-1] == pytest.approx(expected, abs=1e-3)

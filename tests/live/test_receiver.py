@@ -59,10 +59,10 @@ def test_a_sample_without_new_temperatures_is_no_reading() -> None:
     """A slow sensor need not repeat its last value, which would look frozen."""
     rig = load_rig("printer-bed")
     names = tuple(channel.name for channel in rig.channels)
-    cells = tuple(cell.name for cell in rig.cells)
+    cells = rig.driven
     made = Receiver("link", Identity.of(rig))
     made.changed(LinkChange("link", START, LinkState.CONNECTING, ""))
-    heard(made, Hello(2, rig.name, "b1", cells=cells, channels=names, watchdog=2.0))
+    heard(made, Hello(2, rig.name, "b1", cells, names, watchdog=2.0, heaters=cells))
     off, warm = (0,) * len(cells), (20.0,) * len(names)
     records = heard(made, data(0, pwm=off, temperatures=warm), data(1, pwm=off))
     assert [record.seq for record in of(records, Sample)] == [0, 1]

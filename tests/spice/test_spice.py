@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hand_rig import rig_of_many_parts
+from heated_box import cell_and_heater, heated_box
 from small_results import fit, recordings
 
 from jaxtwin import ParameterError, SimulationError, load_rig
@@ -70,6 +71,20 @@ def test_twin_agrees_with_ngspice_under_random_drive_and_ambient(rig, values, al
     ambient = 16 + np.cumsum(rng.normal(0, 0.2, 80))
     experiment = Experiment(time, rng.uniform(-1, 1, (80, 2)), ambient=ambient)
     assert largest_difference(Twin(rig, values), experiment, tmp_path) < allowed
+
+
+@pytest.mark.ngspice
+@pytest.mark.parametrize("averaging", ["on-off", "voltage"])
+def test_heaters_agree_with_ngspice(averaging, tmp_path):
+    """On a plate beside a cell, by power and by resistance; and without a plate."""
+    rng = np.random.default_rng(3)
+    time = np.arange(0, 200.0, 4)
+    duty = rng.uniform(0, 1, (50, 3))
+    duty[:, 0] -= 0.5
+    mixed = Twin(cell_and_heater(averaging))
+    assert largest_difference(mixed, Experiment(time, duty), tmp_path) < 2e-3
+    box = Twin(heated_box())
+    assert largest_difference(box, Experiment(time, duty[:, 1:]), tmp_path) < 2e-3
 
 
 @pytest.mark.slow

@@ -80,7 +80,10 @@ def _about(stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: 
             f"Sample time: {step!r} s. Numbers: {real}.",
             f"Its {kept} are exact; Peltier and Joule heat and losses are nonlinear.",
             "Duty cycles from -1 to 1, positive heats, of the cells:",
-            *(f"  {n}: {cell.name}" for n, cell in enumerate(wiring.netlist.cells)),
+            *(
+                f"  {n}: {cell.name}{', a heater: 0 to 1' if cell.is_heater else ''}"
+                for n, cell in enumerate(wiring.netlist.cells)
+            ),
             "Readings, degC, of the channels:",
             *(f"  {n}: {channel}" for n, channel in enumerate(wiring.channels)),
             "Nodes, degC:",

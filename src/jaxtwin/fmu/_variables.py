@@ -40,6 +40,7 @@ def variables_of(stepper: Stepper) -> list[Variable]:
     system = stepper.system
     wiring, start = system.wiring, np.asarray(stepper.start().nodes, float)
     cells = [cell.name for cell in wiring.netlist.cells]
+    lowest_duty = wiring.lowest_duty.tolist()
     rows = [
         Variable("time", 0, "independent", "s", None, None, "Time"),
         *(
@@ -49,11 +50,11 @@ def variables_of(stepper: Stepper) -> list[Variable]:
                 "input",
                 "",
                 0.0,
-                (-1.0, 1.0),
-                "Duty cycle, positive heats the plate",
+                (lowest, 1.0),
+                "Duty cycle, positive heats",
                 is_discrete=system.delay is not None,
             )
-            for cell in cells
+            for cell, lowest in zip(cells, lowest_duty, strict=True)
         ),
         Variable(
             "ambient", 0, "input", "degC", float(stepper.ambient), None, "Ambient temperature"
@@ -71,8 +72,8 @@ def variables_of(stepper: Stepper) -> list[Variable]:
     if system.lag is not None:
         text = "Duty cycle behind the driver's lag; the start can be set"
         states += [
-            Variable(f"lagged_duty.{cell}", 0, "local", "", 0.0, (-1.0, 1.0), text)
-            for cell in cells
+            Variable(f"lagged_duty.{cell}", 0, "local", "", 0.0, (lowest, 1.0), text)
+            for cell, lowest in zip(cells, lowest_duty, strict=True)
         ]
     first = len(rows)
     slopes = [

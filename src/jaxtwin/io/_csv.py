@@ -9,7 +9,7 @@ sample is an empty field. `_delimited` reads the variants that other programs wr
 import csv
 import io
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import IO
 
@@ -44,11 +44,11 @@ def parse_csv(
     polarity: int,
     names: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
-    inputs: Collection[str] = (),
+    own: Mapping[str, str] | None = None,
 ) -> Experiment:
-    """The experiment in a .csv file; for the arguments see `read_recording`. `inputs` are those of
-    the rig."""
-    columns, lines = read_columns(content, EXPECTED, names, ignore, inputs)
+    """The experiment in a .csv file; for the arguments see `read_recording`. `own` are titles to
+    which the rig gives a meaning."""
+    columns, lines = read_columns(content, EXPECTED, names, ignore, own)
     try:
         return experiment_of_columns(columns, name, counts, polarity)
     except WrongSampleError as error:

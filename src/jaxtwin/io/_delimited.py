@@ -17,7 +17,7 @@
 import csv
 import io
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from typing import final
@@ -101,7 +101,7 @@ def read_columns(
     expected: str,
     names: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
-    inputs: Collection[str] = (),
+    own: Mapping[str, str] | None = None,
 ) -> tuple[list[Column], list[int]]:
     """The columns in the order of the file, and the lines of their samples.
 
@@ -110,14 +110,14 @@ def read_columns(
     - `content`: the whole file.
     - `expected`: the expected columns in words, for messages.
     - `names`, `ignore`: other names of columns, and columns to leave out, as in `read_recording`.
-    - `inputs`: the inputs of the rig besides the duty, whose columns may be called as they are.
+    - `own`: titles that a rig gives a meaning, title -> name: those of its inputs and drives.
 
     **Raises:** `RecordingError` that names the line and, if there is one, the column.
     """
     text = _decoded(content)
     separator = _separator(text)
     rows_of_file = _rows(text, separator)
-    found = names_of_titles(_titles(rows_of_file), names, ignore, inputs)
+    found = names_of_titles(_titles(rows_of_file), names, ignore, own)
     kept = [name is not None for name in found]
     titles = [name for name in found if name is not None]
     _check_titles(titles, separator, expected)
@@ -169,7 +169,7 @@ def names_of_columns(
     content: bytes,
     names: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
-    inputs: Collection[str] = (),
+    own: Mapping[str, str] | None = None,
 ) -> dict[str, str | None]:
     """What each column is read as, title -> name; None for a column that is left out.
 
@@ -178,7 +178,7 @@ def names_of_columns(
     """
     text = _decoded(content)
     titles = _titles(_rows(text, _separator(text)))
-    found = zip(titles, names_of_titles(titles, names, ignore, inputs), strict=True)
+    found = zip(titles, names_of_titles(titles, names, ignore, own), strict=True)
     return {title: name for title, name in found if title}
 
 
@@ -186,11 +186,12 @@ def names_of_titles(
     titles: Sequence[str],
     names: Mapping[str, str] | None,
     ignore: Sequence[str],
-    inputs: Collection[str] = (),
+    own: Mapping[str, str] | None = None,
 ) -> list[str | None]:
     """The titles by which columns are read; None for those left out: see `named`."""
-    found = named(titles, names, ignore, lambda title: title in inputs or _is_known(title))
-    return [f"input_{title}" if title in inputs else title for title in found]
+    own = own or {}
+    found = named(titles, names, ignore, lambda title: title in own or _is_known(title))
+    return [title if title is None else own.get(title, title) for title in found]
 
 
 def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:

@@ -7,7 +7,7 @@ from .._arguments import of_kind, path_of, whole_number
 from .._errors import RecordingError
 from ..rig import Rig
 from ._csv import parse_csv
-from ._delimited import names_of_columns
+from ._delimited import CELL, names_of_columns
 from ._duty_of_rig import check_heats_only
 from ._experiment import Experiment
 from ._mat import parse_mat
@@ -125,13 +125,24 @@ def read_recording(
                 polarity=polarity,
                 names=columns,
                 ignore=ignore,
-                inputs=() if rig is None else [one.name for one in rig.inputs],
+                own=None if rig is None else _own_titles(rig),
             )
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
     if rig is not None:
         check_heats_only(experiment, rig, str(file), RecordingError)
     return experiment
+
+
+def _own_titles(rig: Rig) -> dict[str, str]:
+    """The titles of columns to which a rig gives a meaning: its inputs by their names, and the
+    duty and counts of its cells and heaters."""
+    own = {one.name: f"input_{one.name}" for one in rig.inputs}
+    for number, name in enumerate(rig.driven, start=1):
+        for kind in ("duty", "pwm"):
+            if CELL.fullmatch(f"{kind}_{name}") is None:  # P2 is the second, whatever its name
+                own[f"{kind}_{name}"] = f"{kind}_P{number}"
+    return own
 
 
 def column_names(

@@ -68,12 +68,12 @@ class Plate:
     @property
     def width(self) -> float:
         """Size in x, m."""
-        return sum(self.columns)
+        return sum(self.columns, 0.0)
 
     @property
     def height(self) -> float:
         """Size in y, m."""
-        return sum(self.rows)
+        return sum(self.rows, 0.0)
 
     @cached_property
     def column_edges(self) -> tuple[float, ...]:

@@ -21,9 +21,9 @@ def exceeded_limits(run: "Run", rig: Rig) -> tuple[str, ...]:
         found += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
     given = None if rig.limits is None else rig.limits.cell_temperature
     limit = SOLDER if given is None else given - ZERO_CELSIUS
-    # A resistive heater has no solder between two plates.
-    cells = [c.name for c in rig.cells if given is not None or c.seebeck_coefficient.factor != 0]
-    sides = [node for cell in cells for node in (f"{cell}.TC", f"{cell}.TH")]
+    sides = [f"{cell.name}.{side}" for cell in rig.cells for side in ("TC", "TH")]
+    if given is not None:  # a heater has no solder between two plates
+        sides += [heater.node for heater in rig.heaters]
     states = run.states[:, [run.nodes.index(node) for node in sides]]
     what = "at which solder melts" if given is None else "the limit of cells"
     return (*found, *_beyond(run, tuple(sides), states, limit, what))
