@@ -58,7 +58,7 @@ def test_a_column_that_is_called_as_a_channel_needs_no_option(tmp_path):
     [
         (NAMES + " --column t=T9", ["--ignore", "*"], "expected the channels"),
         (NAMES, ["--ignore", "elapsed"], "--column and --ignore"),
-        (NAMES + " --column fan_on=duty_P2", ["--ignore", "*"], "duty of 1 cells of single-cell"),
+        (NAMES + " --column fan_on=duty_P2", ["--ignore", "*"], "the 1 cell of single-cell, got 2"),
         ("--column clock", [], "--column: expected TITLE=NAME, got 'clock'"),
         (NAMES + " --column cloc=time", ["--ignore", "*"], "cloc; did you mean 'clock'?"),
     ],

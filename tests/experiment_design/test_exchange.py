@@ -139,9 +139,10 @@ def test_bounds_are_those_of_the_recordings_and_zero():
     def driven(*duty: float) -> Experiment:
         return Experiment(np.arange(float(len(duty))), np.array(duty)[:, None], channels=("T",))
 
-    assert _recorded_bounds({}) == (-1.0, 1.0)
-    assert _recorded_bounds({"a": driven(0.2, 0.5), "b": driven(0.3, 0.7)}) == (0.0, 0.7)
-    assert _recorded_bounds({"a": driven(-0.2, -0.5)}) == (-0.5, 0.0)
+    assert _recorded_bounds({}, -1.0) == (-1.0, 1.0)
+    assert _recorded_bounds({}, 0.0) == (0.0, 1.0)  # of heaters
+    assert _recorded_bounds({"a": driven(0.2, 0.5), "b": driven(0.3, 0.7)}, -1.0) == (0.0, 0.7)
+    assert _recorded_bounds({"a": driven(-0.2, -0.5)}, -1.0) == (-0.5, 0.0)
 
 
 def test_a_schedule_holds_each_step_to_the_next():

@@ -127,5 +127,5 @@ def test_why_a_line_was_nonsense_is_recorded_and_logged_once(
         data = encode(replace(wrong, seq=number, device_us=number))
         records += receiver.receive(Arrived("link", START, data))
     details = {event.detail for event in of(records, Event) if event.kind == "nonsense"}
-    assert details == {"1: expected counts from -255 to 255, got (300, 0)"}
-    assert caplog.messages == ["link: expected counts from -255 to 255, got (300, 0)"]
+    assert details == {"1: expected counts from -255 to 255 of P1, got (300, 0)"}
+    assert caplog.messages == ["link: expected counts from -255 to 255 of P1, got (300, 0)"]

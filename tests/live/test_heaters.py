@@ -7,6 +7,7 @@ from hand_clock import HandClock, virtual_bench
 from heated_box import heated_box
 
 from jaxtwin import JaxtwinError, Twin
+from jaxtwin._errors import SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import Duty, Guard, Hello, InProcess, Screen, VirtualRig, conform, drive, operate
 from jaxtwin.live.protocol._codec import encode, parse
@@ -85,6 +86,18 @@ def test_a_schedule_is_driven_and_heats_as_the_twin(box: Rig, box_twin: Twin, cl
     assert device.twin.nodes[0] == pytest.approx(expected, abs=1.5)
 
 
+def test_a_heater_that_is_too_hot_inside_is_switched_off(clock: HandClock):
+    """If the file states a limit; the heater is 24 K above the air at full power."""
+    box = heated_box(
+        ('temperature = "90 degC" }', 'temperature = "90 degC", cell_temperature = "40 degC" }')
+    )
+    twin = Twin(box)
+    bench = virtual_bench(box, VirtualRig(twin, speed=10), clock)
+    plan = Experiment.schedule("0:1/0", duration=200, cells=2)
+    with pytest.raises(SafetyStop, match=r"cell heater is at .* inside"):
+        drive(bench, Guard.of(twin), plan)
+
+
 def test_no_negative_duty_is_sent(box: Rig, box_twin: Twin, clock: HandClock):
     bench = virtual_bench(box, VirtualRig(box_twin), clock)
     with pytest.raises(
@@ -101,6 +114,7 @@ def test_limits_of_a_box(box_twin: Twin):
     limits = OperatingLimits.of(box_twin)
     assert limits.lowest == pytest.approx(0.0)
     assert 0 < limits.rate < 20
+    assert limits.cell == float("inf")
 
 
 def test_the_screen_shows_a_table_where_there_is_no_plate(box_twin: Twin):

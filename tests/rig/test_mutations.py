@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from hand_rig import text_of_many_parts
+from heated_box import TEXT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,6 +23,7 @@ TEXTS = {
     for name in ("paper-2024", "dual-cell")
 }
 TEXTS["many parts"] = text_of_many_parts("on-off").encode()
+TEXTS["without a plate"] = TEXT.encode()
 RIGS = {name: tomllib.loads(text.decode()) for name, text in TEXTS.items()}
 
 quantities = st.builds(

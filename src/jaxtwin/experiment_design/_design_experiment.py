@@ -101,7 +101,9 @@ def design_experiment(
         prior.twin,
         duration=duration,
         hold=hold,
-        bounds=_recorded_bounds(recordings, prior.twin) if bounds is None else bounds,
+        bounds=_recorded_bounds(recordings, max(prior.twin.rig.lowest_duty))
+        if bounds is None
+        else bounds,
         levels=levels,
         interval=interval,
     )
@@ -285,9 +287,9 @@ def _recordings(fit: Fit) -> dict[str, Experiment]:
     return dict(zip(fit.recordings, solution_of(fit).problem.experiments, strict=False))
 
 
-def _recorded_bounds(recordings: Mapping[str, Experiment], twin: Twin) -> tuple[float, float]:
+def _recorded_bounds(recordings: Mapping[str, Experiment], lowest: float) -> tuple[float, float]:
     if not recordings:
-        return max(twin.rig.lowest_duty), 1.0
+        return lowest, 1.0
     driven = np.concatenate([recording.duty.ravel() for recording in recordings.values()])
     return float(min(0.0, driven.min())), float(max(0.0, driven.max()))
 

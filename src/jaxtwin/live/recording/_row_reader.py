@@ -68,9 +68,8 @@ class RowReader:
             "SELECT link, arrival, hello FROM greetings ORDER BY id"
         ):
             content = json.loads(hello)
-            for field in ("cells", "channels", "camera"):
-                content[field] = tuple(content[field]) if content[field] is not None else None
-            yield Greeting(link, arrival, Hello(**content))
+            lists = {key: tuple(part) for key, part in content.items() if isinstance(part, list)}
+            yield Greeting(link, arrival, Hello(**content | lists))
 
     def _changes_and_events(self) -> Rows:
         query = "SELECT link, arrival, device_us, seq, kind, detail FROM events ORDER BY id"

@@ -42,7 +42,8 @@ class OperatingLimits:
     **Arguments:**
 
     - `hottest`, `lowest`: the limits of a reading.
-    - `cell`: the limit of a cell's sides in the twin.
+    - `cell`: the limit of a cell's sides in the twin; infinite for heaters, unless the file states
+      one.
     - `rate`: the fastest change of a reading, K/s in the time of the rig.
     - `jump`: largest change at once, by noise and recalibrations of a camera, K.
     - `frozen`: longest time at full duty, or its multiple at a lower one, for which a reading may
@@ -85,7 +86,7 @@ class OperatingLimits:
         return cls(
             hottest=given.temperature - ZERO_CELSIUS,
             lowest=lowest,
-            cell=SOLDER if inside is None else inside - ZERO_CELSIUS,
+            cell=inside - ZERO_CELSIUS if inside is not None else SOLDER if rig.cells else math.inf,
             rate=_fastest(Stepper(twin, 1 / PROBES_PER_SECOND))
             if given.rate is None
             else given.rate,

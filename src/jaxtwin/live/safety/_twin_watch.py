@@ -44,10 +44,9 @@ class TwinWatch(AbstractInterlock):
         self._response = DutyResponse(twin, ambient)
         self._limits = limits
         self._given = ambient
-        limit = twin.rig.limits
-        # A heater has no solder that melts: only a limit that the file states is its limit too.
-        watched = twin.rig.driven
-        if limit is None or limit.cell_temperature is None:
+        given, watched = twin.rig.limits, twin.rig.driven
+        if twin.rig.cells and (given is None or given.cell_temperature is None):
+            # Heaters have no solder that melts, as cells do.
             watched = watched[: len(twin.rig.cells)]
         self._cells = watched
         self._channels = twin.channels
@@ -80,8 +79,6 @@ class TwinWatch(AbstractInterlock):
         )
 
     def _cell_too_hot(self) -> Finding | None:
-        if not self._cells:
-            return None
         hottest = self._response.nodes[self._sides].max(axis=0)
         worst = int(np.argmax(hottest))
         if hottest[worst] <= self._limits.cell:
