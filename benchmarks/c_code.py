@@ -136,7 +136,7 @@ def programs(twin: jt.Twin) -> list[tuple[str, Any, str, np.ndarray]]:
         ("nonlinear twin, 12 modes", reduce_stepper(stepper, 12, example), OF_TWIN, duty),
     ]
     for name, controller in controllers.items():
-        loop = jt.simulate_closed_loop(twin, controller, "0:30,600:35,1800:28", duration_s=STEPS)
+        loop = jt.simulate_closed_loop(twin, controller, "0:30,600:35,1800:28", duration=STEPS)
         inputs = np.hstack([loop.reference, loop.measurement])[:STEPS]
         made.append((name, controller, OF_CONTROLLER, inputs))
     return made

@@ -41,7 +41,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
         "plants and delays": {"draws": plant | delays},
     }.items():
         for precision in ("float32", "float64"):
-            settings: Any = options | {"duration_s": duration, "precision": precision}
+            settings: Any = options | {"duration": duration, "precision": precision}
             jt.simulate_closed_loop(twin, pid, references, **settings)  # compiles
             wall, cpu = time.perf_counter(), time.process_time()
             jt.simulate_closed_loop(twin, pid, references, **settings)
@@ -67,7 +67,7 @@ def _error(
         twin,
         pid,
         references,
-        duration_s=duration,
+        duration=duration,
         draws={"t_delay": [delay]},
         measures={"temperatures": lambda loop: loop.temperatures, "duty": lambda loop: loop.duty},
         precision=precision,

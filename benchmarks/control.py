@@ -80,7 +80,7 @@ def measure(count: int, fit_file: Path | None) -> dict[str, Any]:
             plant,
             controller,
             reference,
-            duration_s=DURATION,
+            duration=DURATION,
             initial=START,
             draws=rows,
             measures=MEASURED,
@@ -116,7 +116,7 @@ def controllers(
     small = model.reduce(4)
     common: dict[str, Any] = {"measured": [LEFT, RIGHT], "limits": LIMITS}
     settings: dict[str, Any] = {
-        "duration_s": 900,
+        "duration": 900,
         "sensitivity_limit": 1.6,
         "starts": 1,
         "rounds": 15,

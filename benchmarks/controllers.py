@@ -62,7 +62,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
     }
     kept = {"error": MEASURES["integral_absolute_error"][0]}
     for name, (controller, duration) in loops.items():
-        conditions = scenario(twin, controller, 40, duration_s=duration, quantised=False)
+        conditions = scenario(twin, controller, 40, duration=duration, quantised=False)
         vector = ControllerVector.of("benchmark", controller, names[name])
         slopes = LoopSlopes(twin, draws, vector, conditions, kept, None)
         answer[f"gradient of a {name}, s"] = _seconds(lambda s=slopes, v=vector: s([v.values], 1))
@@ -92,7 +92,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
 
 def _steps(mpc: MPC, twin: jt.Twin, count: int) -> Callable[[], object]:
     """All steps of a warm-up to 40 degC, with the readings of its closed loop."""
-    run = jt.simulate_closed_loop(twin, mpc, 40, duration_s=count)
+    run = jt.simulate_closed_loop(twin, mpc, 40, duration=count)
     rows = run.reference, run.measurement
 
     @jax.jit

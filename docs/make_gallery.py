@@ -33,7 +33,7 @@ def main() -> None:
         plate,
         PID(Kp=0.1, Ki=0.001, measured=[["T11", "T21", "TAM"], ["T16", "T26", "TCM"]]),
         "0:40/35,400:30/45",
-        duration_s=800,
+        duration=800,
     )
     schedule = jt.Experiment.schedule("0:0.5,300:-0.3", duration=600, cells=2)
     draws = jt.reduce_batch(

@@ -71,13 +71,13 @@ def draw_example_rigs() -> Figure:
         jt.Twin("pcr-block"),
         PID(Kp=0.3, Ki=0.06, sample_time_s=0.1, limits=(-1, 1)),
         "0:95,40:55,60:72,80:95,95:55,115:72,135:95,150:55,170:72",
-        duration_s=190,
+        duration=190,
     )
     bed = jt.simulate_closed_loop(
         jt.Twin("printer-bed"),
         PID(Kp=0.2, Ki=0.002, limits=(0, 1), measured=["T_middle"]),
         "0:60,900:100",
-        duration_s=2400,
+        duration=2400,
     )
     # Steps of a fifth of the voltage, then off.
     steps = "0:0,20:-0.2,140:-0.4,260:-0.6,380:-0.8,500:-1,620:0"

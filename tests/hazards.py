@@ -247,7 +247,7 @@ def controlled(controller: Path) -> Callable[[Scene, RigConnection, Twin, bool],
 
         pid = read_controller(controller, twin.rig)
         # What can be reached depends on the room.
-        loop = LiveLoop(twin, pid, references, duration_s=120, ambient=scene.room)
+        loop = LiveLoop(twin, pid, references, duration=120, ambient=scene.room)
 
         def spoil(_: Any) -> None:
             """The controller's own numbers are lost, and so is what it asks for."""

@@ -55,19 +55,19 @@ CASES = {
         "ParameterError",
         "style: expected paper, grey or dark, got 'light'",
     ),
-    "control.scenario(twin, pid, 30, duration_s=20, faults=5)": (
+    "control.scenario(twin, pid, 30, duration=20, faults=5)": (
         "ControlError",
         "faults: expected text such as 'drop=0.01,jumps=164', or Faults, got 5",
     ),
-    "control.scenario(twin, pid, 30, duration_s=20, disturbances=draught)": (
+    "control.scenario(twin, pid, 30, duration=20, disturbances=draught)": (
         "ControlError",
         "disturbances: expected a list of Draught and HeatInput, got Draught",
     ),
-    "control.scenario(twin, pid, 30, duration_s=20, noise='no')": (
+    "control.scenario(twin, pid, 30, duration=20, noise='no')": (
         "ControlError",
         "scenario: noise: expected True or False, got 'no'",
     ),
-    "control.scenario(twin, pid, 30, duration_s=20, quantised=1)": (
+    "control.scenario(twin, pid, 30, duration=20, quantised=1)": (
         "ControlError",
         "scenario: quantised: expected True or False, got 1",
     ),

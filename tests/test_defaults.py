@@ -91,7 +91,7 @@ DEFAULTS = {
         },
         "Relay": {"timeout_s": 600.0, "limits": RANGE, "sample_time_s": 1.0},
         "UltimatePoint.pid": {"rule": "tyreus-luyben"},
-        "LiveLoop": {"silence_s": 3.0},
+        "LiveLoop": {"silence": 3.0},
         "disk_margin": {"skew": 0.0},
         "frontier": {
             "against": "largest_plate_range",
@@ -102,7 +102,7 @@ DEFAULTS = {
             "seed": 0,
         },
         "most_even_point": {"limits": RANGE},
-        "scenario": {"faults": "", "seed": 0, "sensor_delay_s": 0.0, "silence_s": 3.0},
+        "scenario": {"faults": "", "seed": 0, "sensor_delay": 0.0, "silence": 3.0},
         "ultimate_point": {"cycles": 3},
     },
     "jaxtwin.io": {"Session.experiment": {"step": 1.0}},

@@ -32,8 +32,10 @@ SMALLER = {
     "draws=1000": "draws=300",
     "draws=4096": "draws=16",
     "moment.time > 600": "moment.time > 3",
-    '"0:30,300:35", duration_s=600)': '"0:30", duration_s=5)',
-    "LiveLoop(twin, relay, 40, duration_s=900)": "LiveLoop(twin, relay, 40, duration_s=5)",
+    '"0:30,300:35", duration=600)': '"0:30", duration=5)',
+    "LiveLoop(twin, relay, 40, duration=900)": "LiveLoop(twin, relay, 40, duration=5)",
+    # All parameters of three recordings by another solver take as long as the rest of the page.
+    "match(twin, recordings, solver=": 'match(twin, recordings[:1], free=["R_E", "h_A"], solver=',
 }
 ADDRESS = "127.0.0.1:7000"
 """Of the virtual rig in the pages."""

@@ -74,7 +74,7 @@ def an_hour(key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         Twin("dual-cell"),
         controller_of(key),
         REFERENCES,
-        duration_s=3600,
+        duration=3600,
         faults="stall=60/2",
         failed_channels={"T11": 3400.0},
         quantised=False,

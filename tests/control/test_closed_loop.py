@@ -31,7 +31,7 @@ DURATION = 120.0
 @pytest.mark.slow
 def test_a_loop_is_controller_and_stepper_in_turns(twin: Twin, pid: PID):
     """By hand, sample by sample, with quantised duty."""
-    run = simulate_closed_loop(twin, pid, "0:20,20:24", duration_s=DURATION, noise=False)
+    run = simulate_closed_loop(twin, pid, "0:20,20:24", duration=DURATION, noise=False)
     with jax.enable_x64(True):
         stepper = Stepper(twin, 1.0)
         plant = stepper.start()
@@ -60,7 +60,7 @@ def test_a_loop_is_controller_and_stepper_in_turns(twin: Twin, pid: PID):
 
 @pytest.mark.slow
 def test_gradients_are_those_of_differences(twin: Twin):
-    conditions = scenario(twin, PID(0.05), 35, duration_s=DURATION, quantised=False)
+    conditions = scenario(twin, PID(0.05), 35, duration=DURATION, quantised=False)
 
     def cost(Kp: jax.Array, resistance: jax.Array) -> jax.Array:
         plant = twin.with_values({"R_E": resistance})
@@ -87,7 +87,7 @@ def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
         twin,
         pid,
         35,
-        duration_s=DURATION,
+        duration=DURATION,
         draws=draws,
         controller_draws={"Kp": [0.05, 0.2, 0.1]},
     )
@@ -96,7 +96,7 @@ def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
         twin.with_values({"R_E": 2.1, "t_delay": 3.5}),
         PID(Kp=0.2, Ki=0.001),
         35,
-        duration_s=DURATION,
+        duration=DURATION,
     ).measures()["value"]
     for name in MEASURES:
         np.testing.assert_allclose(found[name][1], single[name], rtol=1e-6, err_msg=name)
@@ -104,7 +104,7 @@ def test_draws_are_loops_side_by_side(twin: Twin, pid: PID):
         twin,
         pid,
         35,
-        duration_s=DURATION,
+        duration=DURATION,
         controller_draws={"Kp": [0.05, 0.2]},
         measures={"hottest": lambda loop: loop.plate.max()},
         precision="float32",
@@ -123,7 +123,7 @@ def test_measures_of_many_loops_have_the_units_of_single_ones(twin: Twin, pid: P
         "own": lambda loop: loop.plate.max(),
     }
     found = simulate_closed_loops(
-        twin, pid, 35, duration_s=DURATION, draws={"R_E": [1.9, 2.1]}, measures=measures
+        twin, pid, 35, duration=DURATION, draws={"R_E": [1.9, 2.1]}, measures=measures
     )
     data = found.to_xarray()
     assert {name: data[name].attrs.get("units") for name in measures} == {
@@ -143,23 +143,21 @@ def test_every_measure_is_known_by_its_function():
 
 
 def test_a_stall_and_a_failed_channel_end_with_the_cells_off(twin: Twin, pid: PID):
-    """The last reading stands for silence_s; then the cells are off, for good."""
+    """The last reading stands for silence; then the cells are off, for good."""
     lost = simulate_closed_loop(
-        twin, pid, 45, duration_s=DURATION, failed_channels={"T14": 60.0}, noise=False
+        twin, pid, 45, duration=DURATION, failed_channels={"T14": 60.0}, noise=False
     )
     assert np.all(lost.duty[60:63] != 0)
     assert np.all(lost.measurement[60:] == lost.measurement[59])
     assert np.all(lost.duty[64:] == 0)
-    stalled = simulate_closed_loop(twin, pid, 45, duration_s=DURATION, faults="stall=60/6")
+    stalled = simulate_closed_loop(twin, pid, 45, duration=DURATION, faults="stall=60/6")
     assert np.all(stalled.duty[64:] == 0)
-    brief = simulate_closed_loop(twin, pid, 45, duration_s=DURATION, faults="stall=60/2,drop=0.3")
+    brief = simulate_closed_loop(twin, pid, 45, duration=DURATION, faults="stall=60/2,drop=0.3")
     assert np.all(brief.duty[70:] != 0)
 
 
 def test_recalibrations_are_those_of_the_virtual_rig(twin: Twin, pid: PID):
-    conditions = scenario(
-        twin, pid, 35, duration_s=DURATION, faults="jumps=60", noise=False, seed=5
-    )
+    conditions = scenario(twin, pid, 35, duration=DURATION, faults="jumps=60", noise=False, seed=5)
     # Frames of the virtual rig have the same: tests/live/test_virtual_rig.py.
     random = np.random.default_rng([5, 1])
     fast, slow = random.normal(0, 1.0), random.normal(0, 1.0)  # the rig file: 1 K, 10 s and 40 s
@@ -171,7 +169,7 @@ def test_recalibrations_are_those_of_the_virtual_rig(twin: Twin, pid: PID):
 
 
 def test_noise_is_that_of_the_camera_s_zones(twin: Twin, pid: PID):
-    conditions = scenario(twin, pid, 35, duration_s=3000)
+    conditions = scenario(twin, pid, 35, duration=3000)
     deviation = np.asarray(conditions.error).std(axis=0)
     pixels = 80 * 36 / 12  # of a zone; each has 0.1 K
     np.testing.assert_allclose(deviation[0], 0.1 / np.sqrt(pixels), rtol=0.1)
@@ -182,7 +180,7 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
     hand = HeatInput(("V14", "V15"), 40, 80, 10.0)
     draught = Draught(("V14", "V15"), 40, 80, 40.0)
     off = PID(0.0)
-    settings: dict[str, Any] = {"duration_s": DURATION, "noise": False, "initial": 40.0}
+    settings: dict[str, Any] = {"duration": DURATION, "noise": False, "initial": 40.0}
     still = simulate_closed_loop(twin, off, 30, **settings).run.node("V14")
     warm = simulate_closed_loop(twin, off, 30, disturbances=[hand], **settings).run.node("V14")
     cool = simulate_closed_loop(twin, off, 30, disturbances=[draught], **settings).run.node("V14")
@@ -195,15 +193,15 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
 
 
 def test_a_delay_of_4_s_gives_the_readings_of_4_s_before(twin: Twin, pid: PID):
-    settings: dict[str, Any] = {"duration_s": DURATION, "noise": False}
-    late = simulate_closed_loop(twin, pid, 35, sensor_delay_s=4, **settings)
+    settings: dict[str, Any] = {"duration": DURATION, "noise": False}
+    late = simulate_closed_loop(twin, pid, 35, sensor_delay=4, **settings)
     np.testing.assert_allclose(late.measurement[4:], late.output[:-4], atol=1e-12)
 
 
 @pytest.mark.slow
 def test_a_slow_controller_has_steps_of_the_plant_between_its_samples(twin: Twin):
     slow = simulate_closed_loop(
-        twin, PID(0.1, 0.001, sample_time_s=2.5), 35, duration_s=DURATION, noise=False
+        twin, PID(0.1, 0.001, sample_time_s=2.5), 35, duration=DURATION, noise=False
     )
     assert len(slow.time) == 48 * 3 + 1
     np.testing.assert_array_equal(slow.duty[0], slow.duty[2])
@@ -214,7 +212,7 @@ def test_a_slow_controller_has_steps_of_the_plant_between_its_samples(twin: Twin
 @pytest.mark.slow
 def test_power_is_what_the_supply_gives(twin: Twin):
     """Half duty on both cells: half the current of a cell that is connected, from 12 V."""
-    run = simulate_closed_loop(twin, lambda t, r, y: jnp.full(2, 0.5), 30, duration_s=DURATION)
+    run = simulate_closed_loop(twin, lambda t, r, y: jnp.full(2, 0.5), 30, duration=DURATION)
     values = twin.values
     sides = [[run.run.node(f"P{cell}.{side}")[-1] for side in ("TC", "TH")] for cell in (1, 2)]
     duty = round(0.5 * 255) / 255
@@ -237,7 +235,7 @@ def test_energy_is_the_integral_of_the_delayed_and_lagged_duty(delay: float, lag
         bundled("printer-bed", driver),
         lambda time, reference, measurement: 0.8,
         30,
-        duration_s=30.0,
+        duration=30.0,
         quantised=False,
     )
     late = np.maximum(run.time - delay, 0.0)
@@ -253,7 +251,7 @@ def test_the_peak_of_a_short_pulse_lies_between_the_steps():
         bundled("printer-bed", {"delay": "1.3 s", "lag": "2 s"}),
         lambda time, reference, measurement: jnp.where(time < 0.5, 1.0, 0.0),
         30,
-        duration_s=30.0,
+        duration=30.0,
     )
     peak = HEATER * (1 - np.exp(-1 / 2.0))
     assert run.measures().loc["peak_power", "value"] == pytest.approx(peak, rel=1e-9)
@@ -266,7 +264,7 @@ def test_the_peak_of_a_short_pulse_lies_between_the_steps():
 def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: float):
     """Two ways to the same rule: steps of one size, and any times and commands."""
     plant = twin.with_values({"t_delay": delay})
-    run = simulate_closed_loop(plant, pid, "0:20,20:40", duration_s=DURATION, seed=2)
+    run = simulate_closed_loop(plant, pid, "0:20,20:40", duration=DURATION, seed=2)
     np.testing.assert_allclose(run.power, run.run.power, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(run.energy, run.run.energy, rtol=1e-9, atol=1e-6)
     assert run.energy[-1] > 1000
@@ -282,12 +280,12 @@ def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: floa
         ("0:35/36", {}, "expected one temperature for all outputs, or one for each of the 1"),
         ("0:warm", {}, "expected 'time:temperature'"),
         ([1.0, 2.0], {}, "expected a number, text such as"),
-        (35, {"duration_s": 0.5}, "expected a multiple of the controller's sample time"),
+        (35, {"duration": 0.5}, "expected a multiple of the controller's sample time"),
         (35, {"faults": "fail=P1@60"}, "expected drop, jumps and stall"),
-        (35, {"sensor_delay_s": 0.3}, "expected a multiple of the step of the plant"),
+        (35, {"sensor_delay": 0.3}, "expected a multiple of the step of the plant"),
         (35, {"failed_channels": {"T99": 1.0}}, "unknown channel 'T99'"),
         (35, {"disturbances": [Draught(("V99",), 0, 1, 1)]}, "unknown element 'V99'"),
-        (35, {"silence_s": -1}, "silence_s: expected at least 0 s, got -1 s"),
+        (35, {"silence": -1}, "silence: expected at least 0 s, got -1 s"),
         (35, {"initial": -300}, "initial: expected -273.15 degC and above, got -300 degC"),
         (
             35,
@@ -300,7 +298,7 @@ def test_references_and_settings_that_do_not_fit_are_refused(
     twin: Twin, pid: PID, references: Any, settings: dict[str, Any], message: str
 ):
     with pytest.raises(ControlError, match=message):
-        simulate_closed_loop(twin, pid, references, **{"duration_s": DURATION, **settings})
+        simulate_closed_loop(twin, pid, references, **{"duration": DURATION, **settings})
 
 
 @pytest.mark.parametrize(
@@ -318,7 +316,7 @@ def test_draws_and_measures_that_do_not_fit_are_refused(
     twin: Twin, pid: PID, settings: dict[str, Any], message: str
 ):
     with pytest.raises(ControlError, match=f"^simulate_closed_loops: .*{message}"):
-        simulate_closed_loops(twin, pid, 35, duration_s=DURATION, **settings)
+        simulate_closed_loops(twin, pid, 35, duration=DURATION, **settings)
 
 
 @pytest.mark.parametrize(
@@ -334,7 +332,7 @@ def test_a_controller_of_another_number_of_cells_is_refused(
     twin: Twin, controller: Any, message: str
 ):
     with pytest.raises(ControlError, match=message):
-        simulate_closed_loop(twin, controller, 35, duration_s=DURATION)
+        simulate_closed_loop(twin, controller, 35, duration=DURATION)
 
 
 @pytest.mark.parametrize(
@@ -350,7 +348,7 @@ def test_draws_of_a_controller_are_as_good_as_its_parameters(
     twin: Twin, pid: PID, draws: dict[str, Any], message: str
 ):
     with pytest.raises(ControlError, match=message):
-        simulate_closed_loops(twin, pid, 35, duration_s=DURATION, controller_draws=draws)
+        simulate_closed_loops(twin, pid, 35, duration=DURATION, controller_draws=draws)
 
 
 def test_checks_are_made_with_the_median_of_the_valid_draws(twin: Twin):
@@ -358,14 +356,14 @@ def test_checks_are_made_with_the_median_of_the_valid_draws(twin: Twin):
     values = twin_at_medians(twin, drawn).values
     assert (values["R_E"], values["t_delay"]) == (0.4, 2.0)
     with pytest.raises(ParameterError, match=r"dual-cell: draw 0: .*R_E.* above 0, got -2"):
-        simulate_closed_loops(twin, PID(0.1), 35, duration_s=DURATION, draws={"R_E": [-2.0, -1.0]})
+        simulate_closed_loops(twin, PID(0.1), 35, duration=DURATION, draws={"R_E": [-2.0, -1.0]})
 
 
 def test_a_duty_that_does_not_stay_finite_ends_the_simulation(twin: Twin):
     with pytest.raises(SimulationError, match="do not stay finite"):
-        simulate_closed_loop(twin, lambda time, *_: time * jnp.inf, 35, duration_s=DURATION)
+        simulate_closed_loop(twin, lambda time, *_: time * jnp.inf, 35, duration=DURATION)
 
 
 def test_a_controller_slower_than_the_plate_is_refused(twin: Twin):
     with pytest.raises(ControlError, match="at most the rig's longest time constant"):
-        simulate_closed_loop(twin, PID(0.1, sample_time_s=3000), 35, duration_s=6000)
+        simulate_closed_loop(twin, PID(0.1, sample_time_s=3000), 35, duration=6000)

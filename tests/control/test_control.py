@@ -69,12 +69,12 @@ def test_the_rig_does_what_the_simulated_loop_did(
     with Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder:
         bench = virtual_bench(twin.rig, device, clock, journal=recorder)
         outcome = control(
-            bench, Guard.of(twin), LiveLoop(twin, controller, "0:30,100:35", duration_s=200)
+            bench, Guard.of(twin), LiveLoop(twin, controller, "0:30,100:35", duration=200)
         )
     assert outcome == "completed"
     assert device.pwm == OFF
     simulated = jt.simulate_closed_loop(
-        twin, controller, "0:30,100:35", duration_s=200, seed=4, faults="jumps=60"
+        twin, controller, "0:30,100:35", duration=200, seed=4, faults="jumps=60"
     )
     with Session(tmp_path / "session.db") as session:
         decisions = decisions_in(session)
@@ -118,7 +118,7 @@ def served(device: VirtualRig, clock: Clock) -> Iterator[str]:
 def test_a_rig_over_tcp_does_what_the_simulated_loop_did(twin: Twin, pid: PID, tmp_path: Path):
     """Each channel of each frame within 0.3 K, with a step of the reference and the same seed."""
     speed, schedule = 4, "0:30,60:35"
-    simulated = jt.simulate_closed_loop(twin, pid, schedule, duration_s=120, seed=4).run
+    simulated = jt.simulate_closed_loop(twin, pid, schedule, duration=120, seed=4).run
     device = VirtualRig(twin, speed=speed, seed=4)
     clock = PatientClock("rig", threading.current_thread().name)
     with (
@@ -126,7 +126,7 @@ def test_a_rig_over_tcp_does_what_the_simulated_loop_did(twin: Twin, pid: PID, t
         Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder,
         connect(twin.rig, url, journal=recorder, clock=clock) as bench,
     ):
-        outcome = control(bench, Guard.of(twin), LiveLoop(twin, pid, schedule, duration_s=120))
+        outcome = control(bench, Guard.of(twin), LiveLoop(twin, pid, schedule, duration=120))
     assert outcome == "completed"
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
@@ -159,7 +159,7 @@ def test_a_rig_without_readings_is_switched_off(
         control(
             virtual_bench(twin.rig, device, clock),
             Guard.of(twin),
-            LiveLoop(twin, pid, 40, duration_s=60),
+            LiveLoop(twin, pid, 40, duration=60),
         )
     for _ in range(30):
         clock.turn(0.1)
@@ -171,7 +171,7 @@ def test_a_rig_without_readings_is_switched_off(
 def test_dropped_frames_do_not_stop_a_run(twin: Twin, pid: PID, clock: HandClock):
     device = VirtualRig(twin, speed=10, faults=Faults.parse("drop=0.2"))
     bench = virtual_bench(twin.rig, device, clock)
-    assert control(bench, Guard.of(twin), LiveLoop(twin, pid, 30, duration_s=100)) == "completed"
+    assert control(bench, Guard.of(twin), LiveLoop(twin, pid, 30, duration=100)) == "completed"
     assert device.pwm == OFF
     assert device.twin.temperatures.mean() > 20
 
@@ -183,7 +183,7 @@ def test_the_mean_stays_within_half_a_kelvin_with_a_loosened_contact(
     """Ten times the contact resistances of a cell: the other cell, and more duty, hold the mean."""
     device = VirtualRig(twin, speed=4, faults=Faults.parse("loosen=P1@60/10"))
     bench = virtual_bench(twin.rig, device, clock)
-    assert control(bench, Guard.of(twin), LiveLoop(twin, pid, 40, duration_s=300)) == "completed"
+    assert control(bench, Guard.of(twin), LiveLoop(twin, pid, 40, duration=300)) == "completed"
     assert device.twin.temperatures.mean() == pytest.approx(40, abs=0.5)
     assert device.pwm == OFF
 
@@ -205,7 +205,7 @@ def test_a_nan_of_a_sensor_switches_the_cells_off_before_the_controller_would(
         control(
             virtual_bench(twin.rig, device, clock),
             Guard.of(twin),
-            LiveLoop(twin, PID(0.02), 40, duration_s=60),
+            LiveLoop(twin, PID(0.02), 40, duration=60),
         )
     clock.turn(1.0)
     device.due(clock.now())
@@ -240,8 +240,8 @@ def test_a_live_controller_decides_as_in_the_simulated_loop(twin: Twin, kind: st
     """Given the readings of the simulated loop, with the references that it was given there."""
     controller, schedule = of_kind(twin, kind), "0:20,15:23"
     settings: dict[str, Any] = {"noise": False, "quantised": False}
-    run = jt.simulate_closed_loop(twin, controller, schedule, duration_s=40, **settings)
-    loop = LiveLoop(twin, controller, schedule, duration_s=40)
+    run = jt.simulate_closed_loop(twin, controller, schedule, duration=40, **settings)
+    loop = LiveLoop(twin, controller, schedule, duration=40)
     off, new = np.zeros(2), np.zeros(len(twin.channels))
     decided = [
         loop(Moment(float(time), temperatures, new, off, None))
@@ -263,7 +263,7 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
     with Recorder(tmp_path / "session.db", twin.rig, clock=clock) as recorder:
         bench = virtual_bench(twin.rig, device, clock, journal=recorder)
         mpc = read_controller(tmp_path / "mpc.toml", twin.rig)
-        outcome = control(bench, Guard.of(twin), LiveLoop(twin, mpc, "0:16,40:20", duration_s=60))
+        outcome = control(bench, Guard.of(twin), LiveLoop(twin, mpc, "0:16,40:20", duration=60))
     assert outcome == "completed"
     assert device.pwm == OFF
     with Session(tmp_path / "session.db") as session:
@@ -279,7 +279,7 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
 
 def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(twin: Twin, pid: PID):
     """As the simulated loop does, whose cells are off after as long."""
-    loop, again = (LiveLoop(twin, pid, 40, duration_s=60) for _ in range(2))
+    loop, again = (LiveLoop(twin, pid, 40, duration=60) for _ in range(2))
     values, new, off = np.full(15, 20.0), np.zeros(15), np.zeros(2)
     never = np.where(np.arange(15) == 3, np.nan, values)  # channel 3 has not been read yet
     np.testing.assert_array_equal(loop(Moment(0.0, never, new, off, None)), off)
@@ -298,7 +298,7 @@ def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(twin: Twin
 
 
 def test_an_old_reading_of_what_is_not_controlled_stops_nothing(twin: Twin):
-    loop = LiveLoop(twin, PID(0.1, measured=["TAM"]), 40, duration_s=60)
+    loop = LiveLoop(twin, PID(0.1, measured=["TAM"]), 40, duration=60)
     old = np.where(np.array(twin.channels) == "TAM", 0.0, 100.0)
     assert loop(Moment(1.0, np.full(15, 20.0), old, np.zeros(2), None)) is not None
 
@@ -314,7 +314,7 @@ def test_a_duty_that_is_not_finite_switches_the_cells_off(
         control(
             virtual_bench(twin.rig, device, clock),
             Guard.of(twin),
-            LiveLoop(twin, wrong, 40, duration_s=60),
+            LiveLoop(twin, wrong, 40, duration=60),
         )
     assert device.pwm == OFF
 
@@ -327,7 +327,7 @@ def test_a_reference_out_of_reach_is_refused_before_anything_is_sent(
         control(
             virtual_bench(twin.rig, device, clock),
             Guard.of(twin),
-            LiveLoop(twin, pid, 300, duration_s=60),
+            LiveLoop(twin, pid, 300, duration=60),
         )
     assert device.pwm == OFF
 
@@ -370,7 +370,7 @@ def test_a_relay_on_a_rig_finds_what_it_finds_in_the_simulated_loop(
     assert run_command([*words, "300"]) == 0
     said = capsys.readouterr().out
     assert device.pwm == OFF
-    simulated = ultimate_point(jt.simulate_closed_loop(twin, relay, 30, duration_s=300, seed=2))
+    simulated = ultimate_point(jt.simulate_closed_loop(twin, relay, 30, duration=300, seed=2))
     found = re.search(r"ultimate gain (\S+) 1/K, period (\S+) s", said)
     assert found is not None
     assert float(found[1]) == pytest.approx(simulated.gain, rel=0.05)
@@ -404,7 +404,7 @@ def test_deviations_grow_in_the_simulated_loop_as_the_check_says(twin: Twin):
         twin,
         proportional,
         40,
-        duration_s=400,
+        duration=400,
         initial=np.asarray(rest.nodes),
         noise=False,
         quantised=False,

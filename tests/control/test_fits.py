@@ -13,7 +13,7 @@ from jaxtwin.control import PID, frontier, most_even_point
 from jaxtwin.matching import posterior_draws
 
 CONTROLLER = PID(Kp=0.1, Ki=0.001)
-SETTINGS: dict[str, Any] = {"duration_s": 20, "rounds": 1}
+SETTINGS: dict[str, Any] = {"duration": 20, "rounds": 1}
 
 pytestmark = pytest.mark.slow
 
@@ -45,13 +45,13 @@ def test_the_most_even_point_of_a_fit_is_that_of_its_mean_twin():
 
 def test_a_closed_loop_of_a_fit_is_that_of_its_mean_twin():
     found, expected = (
-        jt.simulate_closed_loop(twin, CONTROLLER, 25, duration_s=20, seed=3)
+        jt.simulate_closed_loop(twin, CONTROLLER, 25, duration=20, seed=3)
         for twin in (fit(), fit().mean_twin)
     )
     assert_same(found.loop, expected.loop)
     draws = posterior_draws(fit(), 3)
     many, expected = (
-        jt.simulate_closed_loops(twin, CONTROLLER, 25, duration_s=20, draws=draws, seed=3)
+        jt.simulate_closed_loops(twin, CONTROLLER, 25, duration=20, draws=draws, seed=3)
         for twin in (fit(), fit().mean_twin)
     )
     for name, values in expected.custom.items():

@@ -13,7 +13,7 @@ from jaxtwin.plots import plot_frontier
 
 START = PID(Kp=0.03, Ki=0.0004, limits=(0, 1))
 SETTINGS: dict[str, Any] = {
-    "duration_s": 150,
+    "duration": 150,
     "draws": {"R_E": [1.8, 2.1]},
     "sensitivity_limit": 1.6,
     "noise": False,
@@ -79,6 +79,6 @@ def test_dominated_points_of_a_frontier_are_drawn_hollow(found: Frontier):
 def test_invalid_arguments_of_frontier_are_refused(
     twin: Twin, settings: dict[str, Any], message: str
 ):
-    given: dict[str, Any] = {"duration_s": 150, "weights": [0, 1]} | settings
+    given: dict[str, Any] = {"duration": 150, "weights": [0, 1]} | settings
     with pytest.raises(ControlError, match=message):
         frontier(START, twin, 24, **given)

@@ -139,7 +139,7 @@ def test_a_direct_gain_acts_behind_the_delay():
 def test_room_for_a_longer_delay_changes_nothing():
     model = LinearModel([[-1 / 3]], [[1 / 3]], [[1.0]], [[0.5]], delay_s=1.2)
     commands = np.sin(np.arange(30.0))[:, None]
-    own, roomy = model.discretise(0.5), model.discretise(0.5, longest_delay_s=4.0)
+    own, roomy = model.discretise(0.5), model.discretise(0.5, longest_delay=4.0)
     assert len(roomy.A) > len(own.A)
     np.testing.assert_allclose(roomy.simulate(commands), own.simulate(commands), atol=1e-14)
 
@@ -185,13 +185,13 @@ def test_models_of_many_draws_are_those_of_each():
 
     def model(R_E) -> DiscreteModel:
         linear = linearize(twin.with_values({"R_E": R_E}), duty=[0.4, 0.4])
-        return linear.discretise(1.0, longest_delay_s=3.0)
+        return linear.discretise(1.0, longest_delay=3.0)
 
     with jax.enable_x64(True):
         batch = jax.vmap(model)(values)
     for number, value in enumerate(values):
         single = linearize(twin.with_values({"R_E": value}), duty=[0.4, 0.4])
-        single = single.discretise(1.0, longest_delay_s=3.0)
+        single = single.discretise(1.0, longest_delay=3.0)
         np.testing.assert_allclose(batch.A[number], single.A, rtol=0, atol=1e-12)
         np.testing.assert_allclose(batch.B[number], single.B, rtol=0, atol=1e-12)
         outputs = batch.operating_point.outputs[number]
@@ -248,7 +248,7 @@ def test_invalid_matrices_delays_and_sample_times_are_refused():
     with pytest.raises(ControlError, match="sample_time_s: expected a number above 0"):
         model.discretise(0.0)
     with pytest.raises(ControlError, match="at least the driver's delay, 2 s, got 1 s"):
-        model.discretise(1.0, longest_delay_s=1.0)
+        model.discretise(1.0, longest_delay=1.0)
     with pytest.raises(ControlError, match="delay is traced by JAX"):
         jax.jit(lambda m: m.discretise(1.0))(model)
     with pytest.raises(ControlError, match="duty: expected 1 numbers"):

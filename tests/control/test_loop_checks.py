@@ -51,7 +51,7 @@ def test_several_outputs_out_of_reach_are_refused_with_the_nearest(twin: Twin):
     controller = DecoupledPI(0.1, 0.001, 0.1, 0.001, measured=["T12", "T15"], limits=(0, 1))
     words = r"at the same time, got 60/20 degC at 60 s; the nearest are 5\d\.\d+/2\d\.\d+ degC"
     with pytest.raises(ControlError, match=words):
-        simulate_closed_loop(twin, controller, "0:30,60:60/20", duration_s=120)
+        simulate_closed_loop(twin, controller, "0:30,60:60/20", duration=120)
 
 
 def test_a_simulated_loop_and_one_on_a_rig_have_the_limits_of_their_controller(twin: Twin):
@@ -61,7 +61,7 @@ def test_a_simulated_loop_and_one_on_a_rig_have_the_limits_of_their_controller(t
         r"references: expected 16\.0 to 3\d\.\d degC, which a duty of 0 to 0\.3 can hold, got 50"
     )
     with pytest.raises(ControlError, match=words):
-        simulate_closed_loop(twin, weak, 50, duration_s=60)
+        simulate_closed_loop(twin, weak, 50, duration=60)
     with pytest.raises(ControlError, match=words):
         checked_loop(twin, weak, 50, 60)
 
@@ -87,7 +87,7 @@ def without_return(time, reference, measurement):
 )
 def test_a_function_that_jax_cannot_trace_is_answered_in_a_sentence(twin: Twin, function, words):
     with pytest.raises(ControlError, match=words) as caught:
-        simulate_closed_loop(twin, function, 35, duration_s=60)
+        simulate_closed_loop(twin, function, 35, duration=60)
     assert "\n" not in str(caught.value)
     with pytest.raises(ControlError, match=words):
         checked_loop(twin, FunctionController(function), 35, 60)

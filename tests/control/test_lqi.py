@@ -162,12 +162,12 @@ def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
     """Designed on 4 states of the plate at 40 °C, far below, and with heat that nobody told."""
     model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(2.0)
     lqi = LQI(model, measured=["TAM", "TCM"], limits=(0, 1))
-    hand = HeatInput(elements=("V14", "V15"), start_s=200, end_s=500, heat=2.0)
+    hand = HeatInput(elements=("V14", "V15"), start=200, end=500, heat=2.0)
     run = simulate_closed_loop(
         twin,
         lqi,
         "0:33/31",
-        duration_s=500,
+        duration=500,
         noise=False,
         quantised=False,
         disturbances=[hand],

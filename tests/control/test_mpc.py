@@ -139,7 +139,7 @@ def test_with_preview_the_duty_moves_before_the_reference():
 def test_a_simulated_loop_gives_the_references_to_come(twin: Twin):
     """With `preview` the duty moves before the reference does, and the error's integral is less."""
     model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(2.0)
-    settings: dict[str, Any] = {"duration_s": 200.0, "noise": False, "quantised": False}
+    settings: dict[str, Any] = {"duration": 200.0, "noise": False, "quantised": False}
     runs = []
     for preview in (False, True):
         mpc = MPC(
@@ -181,12 +181,12 @@ def test_an_mpc_takes_over_without_a_jump_of_the_duty():
 def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
     model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(2.0)
     mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), horizon=10)
-    hand = HeatInput(elements=("V14", "V15"), start_s=150, end_s=400, heat=2.0)
+    hand = HeatInput(elements=("V14", "V15"), start=150, end=400, heat=2.0)
     run = simulate_closed_loop(
         twin,
         mpc,
         "0:33/31",
-        duration_s=400,
+        duration=400,
         noise=False,
         quantised=False,
         disturbances=[hand],

@@ -43,16 +43,16 @@ def test_a_stall_shorter_than_the_silence_leaves_a_slow_controller_on():
     for interval in (1.0, 5.0):
         pid = PID(Kp=0.02, Ki=0.001, sample_time_s=interval, limits=(0, 1))
         for faults, is_on in (("stall=60/1", True), ("stall=61/1", True), ("stall=60.5/4", False)):
-            loop = simulate_closed_loop(twin, pid, 30.0, duration_s=120, faults=faults, noise=False)
+            loop = simulate_closed_loop(twin, pid, 30.0, duration=120, faults=faults, noise=False)
             assert bool(np.all(loop.duty[-1] != 0)) == is_on, (interval, faults)
 
 
 def test_a_channel_that_fails_and_a_lost_sample_are_silences():
     twin, pid = Twin("single-cell"), PID(Kp=0.02, sample_time_s=2.0, limits=(0, 1))
-    failed = scenario(twin, pid, 30.0, duration_s=20, failed_channels={"T": 9.0}, noise=False)
+    failed = scenario(twin, pid, 30.0, duration=20, failed_channels={"T": 9.0}, noise=False)
     np.testing.assert_allclose(failed.silence[:5], 0)
     np.testing.assert_allclose(failed.silence[5:], np.arange(10, 21, 2) - 9 + 1 / 9)
-    lost = scenario(twin, pid, 30.0, duration_s=20, faults="drop=0.999", seed=3, noise=False)
+    lost = scenario(twin, pid, 30.0, duration=20, faults="drop=0.999", seed=3, noise=False)
     before = 0.0
     for arrives, silence in zip(lost.arrives[1:], lost.silence[1:], strict=True):
         # The next frame comes a ninth of a second after the samples whose frames are lost.
@@ -67,7 +67,7 @@ def test_ambient_and_reference_may_have_a_value_for_each_sample():
     """A sample each 2 s has two steps of the plant."""
     twin, pid = Twin("single-cell"), PID(Kp=0.02, sample_time_s=2.0, limits=(0, 1))
     room, target = np.linspace(15, 25, 11), np.linspace(25, 27, 11)
-    found = scenario(twin, pid, target, duration_s=20, ambient=room)
+    found = scenario(twin, pid, target, duration=20, ambient=room)
     np.testing.assert_array_equal(found.ambient, np.column_stack([room, room]))
     np.testing.assert_array_equal(found.reference, target[:, None])
 

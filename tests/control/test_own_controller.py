@@ -155,7 +155,7 @@ def test_a_loop_that_is_not_stable_is_refused(twin: Twin):
 
 
 def test_an_own_controller_holds_its_reference_on_a_twin(twin: Twin):
-    run = simulate_closed_loop(twin, AutomaticReset(0.1, 80.0), 35, duration_s=900, noise=False)
+    run = simulate_closed_loop(twin, AutomaticReset(0.1, 80.0), 35, duration=900, noise=False)
     np.testing.assert_allclose(run.measurement[-1], 35, atol=0.1)
 
 

@@ -33,7 +33,7 @@ def run(twin: Twin, relay: Relay) -> ClosedLoopRun:
         twin,
         relay,
         REFERENCE,
-        duration_s=400,
+        duration=400,
         initial=rest,
         noise=False,
         quantised=False,

@@ -76,7 +76,7 @@ def test_the_tuned_loop_is_better_and_keeps_to_the_limit(twin: Twin, tuning: Tun
     np.testing.assert_allclose([controller.Kp, controller.Ki], tuning.after.values)
     # The same loops by simulate_closed_loops.
     again = jt.simulate_closed_loops(
-        twin, controller, 24, duration_s=150, draws=DRAWS, noise=False, quantised=False
+        twin, controller, 24, duration=150, draws=DRAWS, noise=False, quantised=False
     )
     for number, name in enumerate(tuning.measures):
         np.testing.assert_allclose(tuning.after.measures[:, number], again[name], rtol=1e-6)
@@ -179,15 +179,15 @@ def test_the_box_is_logarithmic_where_it_is_above_0():
 )
 def test_invalid_arguments_of_tune_are_refused(twin: Twin, settings: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
-        jt.tune(START, twin, 24, duration_s=150, **settings)
+        jt.tune(START, twin, 24, duration=150, **settings)
 
 
 def test_a_draw_that_no_rig_can_have_is_refused_by_its_number(twin: Twin):
     with pytest.raises(ParameterError, match=r"dual-cell: draw 2: .*R_E.* above 0, got -1"):
-        jt.tune(START, twin, 24, duration_s=150, draws={"R_E": [2.0, 1.9, -1.0]})
+        jt.tune(START, twin, 24, duration=150, draws={"R_E": [2.0, 1.9, -1.0]})
 
 
 def test_a_controller_without_usual_gains_needs_names(twin: Twin):
     lqi = LQI(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
     with pytest.raises(ControlError, match="expected names of parameters for a LQI"):
-        jt.tune(lqi, twin, 24, duration_s=150)
+        jt.tune(lqi, twin, 24, duration=150)

@@ -23,7 +23,7 @@ def drawn(lines: list[Line2D]) -> list[np.ndarray]:
 
 
 def test_the_signals_of_a_closed_loop_are_drawn():
-    run = simulate_closed_loop(fit().twin, PID(Kp=0.1, Ki=0.001), 25.0, duration_s=20)
+    run = simulate_closed_loop(fit().twin, PID(Kp=0.1, Ki=0.001), 25.0, duration=20)
     above, duty, power = plots.plot_closed_loop(run).axes
     reference, *outputs = drawn(list(above.lines))
     np.testing.assert_array_equal(reference, np.full(21, 25.0))

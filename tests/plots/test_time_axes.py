@@ -24,7 +24,7 @@ def runs() -> list[Run]:
 
 def closed_loop() -> Figure:
     return plots.plot_closed_loop(
-        simulate_closed_loop(fit().twin, PID(Kp=0.1, Ki=0.001), 25.0, duration_s=20)
+        simulate_closed_loop(fit().twin, PID(Kp=0.1, Ki=0.001), 25.0, duration=20)
     )
 
 

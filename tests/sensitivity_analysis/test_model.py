@@ -52,7 +52,7 @@ def test_a_failed_run_is_left_out(twin: Twin):
 def test_measures_of_closed_loops_are_outputs():
     twin = Twin("single-cell")
     controller = PID(0.1, 0.001, measured=[list(twin.channels)])
-    settings: dict[str, Any] = {"duration_s": 300, "noise": False, "quantised": False}
+    settings: dict[str, Any] = {"duration": 300, "noise": False, "quantised": False}
 
     def loops(draws: Draws) -> Reductions:
         measures = ["settling_time", "energy"]

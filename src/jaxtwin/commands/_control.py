@@ -71,7 +71,7 @@ def control(
 
         chosen = read_controller(controller, twin.rig)
         loop = LiveLoop(
-            twin, chosen, reference, duration_s=duration, silence_s=silence, ambient=ambient
+            twin, chosen, reference, duration=duration, silence=silence, ambient=ambient
         )
         guard = Guard.of(twin, silence=silence, ambient=ambient)
         keep = decisions.append if isinstance(chosen, Relay) else None

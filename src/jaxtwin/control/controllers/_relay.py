@@ -55,7 +55,7 @@ class Relay(AbstractChannelGroupController):
 
     ```python
     relay = Relay(amplitude=0.1, bias=0.4, hysteresis=0.1, limits=(0, 1))
-    run = jt.simulate_closed_loop(twin, relay, 40, duration_s=900)
+    run = jt.simulate_closed_loop(twin, relay, 40, duration=900)
     point = ultimate_point(run)
     pid = point.pid(limits=(0, 1))
     ```

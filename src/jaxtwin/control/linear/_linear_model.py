@@ -114,7 +114,7 @@ class LinearModel(eqx.Module):
             return to_numpy(self.D - self.C @ solve(jnp.asarray(self.A), jnp.asarray(self.B)))
 
     def discretise(
-        self, sample_time_s: float | int, *, longest_delay_s: float | int | None = None
+        self, sample_time_s: float | int, *, longest_delay: float | int | None = None
     ) -> DiscreteModel:
         r"""Discretises the model under commands that are held between the sample times.
 
@@ -126,18 +126,18 @@ class LinearModel(eqx.Module):
         **Arguments:**
 
         - `sample_time_s`: $T_s$, s.
-        - `longest_delay_s`: the delay for which the model has states. None for its own delay. It
+        - `longest_delay`: the delay for which the model has states. None for its own delay. It
           must be given if the delay is traced by JAX.
 
         **Raises:** `ControlError` if the sample time is not positive, or if the delay is longer
-        than `longest_delay_s`, or is traced and `longest_delay_s` is missing.
+        than `longest_delay`, or is traced and `longest_delay` is missing.
         """
         sample_time = finite_number("discretise: sample_time_s", sample_time_s, ControlError)
         if sample_time <= 0:
             raise ControlError(
                 f"discretise: sample_time_s: expected a number above 0, in s, got {sample_time:g}"
             )
-        shifts = self._shifts(sample_time, longest_delay_s)
+        shifts = self._shifts(sample_time, longest_delay)
         with settings_for(self):
             time = jnp.asarray(sample_time, self.A.dtype)
             lag = self.lag_s if self.is_lagged else None
@@ -349,12 +349,12 @@ class LinearModel(eqx.Module):
     def _balanced(self) -> Balanced:
         return balanced(np.asarray(self.A), np.asarray(self.B), np.asarray(self.C))
 
-    def _shifts(self, sample_time: float, longest_delay_s: float | int | None) -> int:
+    def _shifts(self, sample_time: float, longest_delay: float | int | None) -> int:
         """The number of commands that can be in transit."""
         if not self.is_delayed:
             return 0
         longest = checked_longest_delay(
-            "discretise: longest_delay_s", longest_delay_s, self.delay_s, ControlError
+            "discretise: longest_delay", longest_delay, self.delay_s, ControlError
         )
         # Rounding must not make n + 1 commands of a delay of n steps.
         return int(np.ceil(longest / sample_time * (1 - 1e-9)))

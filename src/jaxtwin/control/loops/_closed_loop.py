@@ -39,7 +39,7 @@ def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) 
     - `controller`: a controller with the outputs for which the scenario was made.
     - `scenario`: references, initial state, disturbances and errors of the readings.
     """
-    stepper = Stepper(twin, scenario.step_s, longest_delay=scenario.longest_delay_s)
+    stepper = Stepper(twin, scenario.step, longest_delay=scenario.longest_delay)
     return run_loop(stepper, controller, scenario)
 
 
@@ -212,7 +212,7 @@ class _Loop(NamedTuple):
         is_new = inputs.arrives & is_finite
         return state._replace(
             measurement=jnp.where(is_new, output, state.measurement),
-            is_off=state.is_off | (inputs.silence > self.scenario.silence_s),
+            is_off=state.is_off | (inputs.silence > self.scenario.silence_limit),
         )
 
 
@@ -256,7 +256,7 @@ def _signals(
     duty = of_samples(recorded.duty)
     drawn = drawn_in_steps(stepper, duty, of_steps(recorded.followed), sides)
     return ClosedLoop(
-        time=scenario.step_s * jnp.arange(count, dtype=celsius.dtype),
+        time=scenario.step * jnp.arange(count, dtype=celsius.dtype),
         reference=of_samples(jnp.asarray(scenario.reference)),
         output=temperatures @ jnp.asarray(scenario.output_weights).T,
         measurement=of_samples(recorded.measurement),

@@ -101,7 +101,7 @@ def checked_loop(
     twin: Twin,
     controller: AbstractController,
     references: Any,
-    duration_s: float | int,
+    duration: float | int,
     ambient: float | int | None = None,
 ) -> Float[np.ndarray, "samples outputs"]:
     """Checks a loop before it runs on a rig, and returns the references at its samples, degC.
@@ -113,7 +113,7 @@ def checked_loop(
     not a multiple of the sample time, or a loop that is not stable.
     """
     weights = np.asarray(controller.output_weights(twin.channels), float)
-    times = sample_times("control", duration_s, controller.sample_time_s)
+    times = sample_times("control", duration, controller.sample_time_s)
     samples = reference_samples("control: references", references, times, len(weights))
     with own_settings():
         system = twin.system()
@@ -134,7 +134,7 @@ class LiveLoop:
 
     The duty is held between two samples. If `operate` calls later than the next sample, the samples
     in between are left out. The controller never receives a reading that is not a number: the last
-    valid one of that channel replaces it, and after `silence_s` without one the run stops, as in
+    valid one of that channel replaces it, and after `silence` without one the run stops, as in
     `simulate_closed_loop`. The cells stay off until the first reading. (The interlocks of `operate`
     react faster: a channel that reports its failure stops the rig at the next frame.)
 
@@ -143,8 +143,8 @@ class LiveLoop:
     - `twin`: the twin of the rig, for which the loop is checked.
     - `controller`: the controller that commands the cells.
     - `references`: as in `simulate_closed_loop`.
-    - `duration_s`: the duration in the time of the rig, s, a multiple of the sample time.
-    - `silence_s`: the longest time without a reading, in the time of the rig, s.
+    - `duration`: the duration in the time of the rig, s, a multiple of the sample time.
+    - `silence`: the longest time without a reading, in the time of the rig, s.
     - `ambient`: the temperature of the room, degC; None: that of the rig file.
 
     **Raises:** `ControlError` for a controller of another number of cells, invalid references,
@@ -158,19 +158,19 @@ class LiveLoop:
         controller: AbstractController,
         references: object,
         *,
-        duration_s: float | int,
-        silence_s: float | int = 3.0,
+        duration: float | int,
+        silence: float | int = 3.0,
         ambient: float | int | None = None,
     ):
         text = references if isinstance(references, str) else np.asarray(references).tolist()
-        self._duration = float(duration_s)
+        self._duration = float(duration)
         self.plan = {"references": text, "duration_s": self._duration}
         """References and duration, for the recording."""
         self.decision: Decision | None = None
         """The last decision; None before the first."""
         self._controller = controller
         self._weights = np.asarray(controller.output_weights(twin.channels), float)
-        self._references = checked_loop(twin, controller, references, duration_s, ambient)
+        self._references = checked_loop(twin, controller, references, duration, ambient)
         self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
             # Compiled here, because messages of a connected rig would wait during a compilation.
@@ -178,7 +178,7 @@ class LiveLoop:
             still = self._references[0]
             self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
             _step(controller, self._state, self._ahead[0], still)
-        self._silence = float(silence_s)
+        self._silence = float(silence)
         self._sample: int | None = None
         self._duty = np.zeros(len(twin.rig.driven))
         self._lowest = np.array(twin.rig.lowest_duty)

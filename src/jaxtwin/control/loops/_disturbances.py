@@ -22,13 +22,13 @@ class Draught:
     **Arguments:**
 
     - `elements`: elements of the plate, such as `("V11", "V12")`.
-    - `start_s`, `end_s`: start and end, s.
+    - `start`, `end`: start and end, s.
     - `film_coefficient`: the increase of the film coefficient of the upper face, W/(m^2 K).
     """
 
     elements: tuple[str, ...]
-    start_s: float | int
-    end_s: float | int
+    start: float | int
+    end: float | int
     film_coefficient: float | int
 
 
@@ -40,13 +40,13 @@ class HeatInput:
     **Arguments:**
 
     - `elements`: elements of the plate and bodies, which share the heat equally.
-    - `start_s`, `end_s`: start and end, s.
+    - `start`, `end`: start and end, s.
     - `heat`: the heat flow, W, negative for cooling.
     """
 
     elements: tuple[str, ...]
-    start_s: float | int
-    end_s: float | int
+    start: float | int
+    end: float | int
     heat: float | int
 
 
@@ -82,11 +82,11 @@ def disturbance_tables(
         elements = _checked_elements(at, disturbance.elements, known)
         start, end = (
             finite_number(f"{at}.{name}", getattr(disturbance, name), ControlError)
-            for name in ("start_s", "end_s")
+            for name in ("start", "end")
         )
         if not start < end:
             raise ControlError(
-                f"{at}.end_s: expected a time after the start at {start:g} s, got {end:g} s"
+                f"{at}.end: expected a time after the start at {start:g} s, got {end:g} s"
             )
         # A disturbance acts during a step if it acts at the sample at which the step begins.
         during = (times >= start - 1e-9) & (times < end - 1e-9)

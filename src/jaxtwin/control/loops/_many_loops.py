@@ -77,7 +77,7 @@ def simulate_many_loops(
     delay of all draws.
     """
     dtype = jnp.float32 if precision == "float32" else jnp.float64
-    whole = is_whole_delay(twin, draws, scenario.step_s)
+    whole = is_whole_delay(twin, draws, scenario.step)
     if not draws:
         # Loops that share a plant also get a copy each: products with a matrix for each draw take
         # three quarters of the time of products with a single matrix.
@@ -85,7 +85,7 @@ def simulate_many_loops(
         draws = {name: np.full(count, float(value))}
     rows = {f"plant {name}": np.asarray(values) for name, values in draws.items()}
     rows |= {f"controller {name}": values for name, values in controller_draws.items()}
-    sizes = scenario.step_s, scenario.longest_delay_s
+    sizes = scenario.step, scenario.longest_delay
 
     def work(chunk: Mapping[str, np.ndarray]) -> Mapping[str, Array]:
         with own_settings():
@@ -121,11 +121,11 @@ def numbers_per_step(twin: Twin, scenario: Scenario) -> int:
     return 2 + len(twin.netlist.nodes) + len(twin.channels) + 3 * outputs + 2 * cells
 
 
-def is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
+def is_whole_delay(twin: Twin, drawn: Iterable[str], step: float) -> bool:
     """Whether the driver's delay is the same whole number of plant steps in all draws."""
     delay = twin.wiring.delay
     return delay is None or (
-        delay.names.isdisjoint(drawn) and is_multiple(twin.system().delay, step_s)
+        delay.names.isdisjoint(drawn) and is_multiple(twin.system().delay, step)
     )
 
 
@@ -133,8 +133,8 @@ def is_whole_delay(twin: Twin, drawn: Iterable[str], step_s: float) -> bool:
 def steppers_of(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
-    step_s: float,
-    longest_delay_s: float,
+    step: float,
+    longest_delay: float,
     is_whole_delay: bool,
 ) -> Stepper:
     """Makes a stepper for each draw; its numbers are NaN for invalid draws."""
@@ -142,8 +142,8 @@ def steppers_of(
     def stepper_of(values: Mapping[str, Array]) -> Stepper:
         made = Stepper(
             twin.with_values(values),
-            step_s,
-            longest_delay=longest_delay_s,
+            step,
+            longest_delay=longest_delay,
             is_whole_delay=is_whole_delay,
         )
         valid = made.system.is_valid

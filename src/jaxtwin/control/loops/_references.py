@@ -109,17 +109,17 @@ def representative_samples(
 
 
 def sample_times(
-    where: str, duration_s: object, sample_time_s: float
+    where: str, duration: object, sample_time_s: float
 ) -> Float[np.ndarray, " samples"]:
     """Times of the samples from 0 to the duration, s.
 
     **Raises:** `ControlError` if the duration is not a multiple of the sample time.
     """
-    duration = finite_number(f"{where}: duration_s", duration_s, ControlError)
+    duration = finite_number(f"{where}: duration", duration, ControlError)
     count = round(duration / sample_time_s)
     if count < 1 or not math.isclose(count * sample_time_s, duration, rel_tol=1e-9):
         raise ControlError(
-            f"{where}: duration_s: expected a multiple of the controller's sample time "
+            f"{where}: duration: expected a multiple of the controller's sample time "
             f"{sample_time_s:g} s, got {duration:g} s"
         )
     return sample_time_s * np.arange(count + 1)

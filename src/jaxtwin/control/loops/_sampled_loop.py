@@ -76,8 +76,8 @@ class SampledLoops:
     - `vector`: the map from the vector to the controller.
     - `weights`: the weights of the channels in the controller's outputs.
     - `outputs`: the outputs in the steady state, degC.
-    - `longest_delay_s`: the longest delay of the driver in all draws, s.
-    - `sensor_delay_s`: the delay of the readings, s.
+    - `longest_delay`: the longest delay of the driver in all draws, s.
+    - `sensor_delay`: the delay of the readings, s.
     """
 
     def __init__(
@@ -88,8 +88,8 @@ class SampledLoops:
         weights: Float[np.ndarray, "outputs channels"],
         outputs: Float[np.ndarray, " outputs"],
         *,
-        longest_delay_s: float,
-        sensor_delay_s: float,
+        longest_delay: float,
+        sensor_delay: float,
     ):
         self._vector, self._outputs = vector, outputs
         interval = vector.controller.sample_time_s
@@ -98,14 +98,14 @@ class SampledLoops:
         if not draws:  # a single draw with the twin's value
             name, value = next(iter(twin.values.items()))
             draws = {name: np.array([float(value)])}
-        shifts = int(np.ceil(longest_delay_s / interval * (1 - 1e-9)))
+        shifts = int(np.ceil(longest_delay / interval * (1 - 1e-9)))
         target = Target(weights, outputs, directions, twin.wiring.lowest_duty)
         found = _sampled_plants(twin, draws, target, jnp.asarray(interval), shifts)
         matrices, duty = jax.tree.map(np.asarray, found)
         self._plants: Matrices = matrices
         self.omega = np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)
         self._z = np.exp(1j * self.omega * interval)
-        late = np.exp(-1j * self.omega * sensor_delay_s)
+        late = np.exp(-1j * self.omega * sensor_delay)
         self._response = _response(matrices, self._z) * late[:, None, None]
         low, high = vector.controller.limits
         inside = DISTANCE_FROM_LIMITS * (high - low)

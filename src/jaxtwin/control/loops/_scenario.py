@@ -44,10 +44,10 @@ class Scenario(eqx.Module):
       conductance (W/K) of disturbances; None for none.
     - `error`, `arrives`: errors of the readings, K, and whether a reading arrives. `silence`: the
       longest time without one since the sample before, s.
-    - `step_s`: step of the plant, s. `longest_delay_s`: the longest delay of the driver, s.
+    - `step`: step of the plant, s. `longest_delay`: the longest delay of the driver, s.
     - `sensor_delay_steps`: the delay of the readings in steps.
     - `counts`: full duty in counts; None for a duty that is not quantised.
-    - `silence_s`: the cells are switched off for good after this time without a reading.
+    - `silence_limit`: the cells are switched off for good after this time without a reading, s.
     """
 
     time: Float[Array | np.ndarray, " samples"]
@@ -60,11 +60,11 @@ class Scenario(eqx.Module):
     error: Float[Array | np.ndarray, "samples channels"]
     arrives: Bool[Array | np.ndarray, " samples"]
     silence: Float[Array | np.ndarray, " samples"]
-    step_s: float = eqx.field(static=True)
-    longest_delay_s: float = eqx.field(static=True)
+    step: float = eqx.field(static=True)
+    longest_delay: float = eqx.field(static=True)
     sensor_delay_steps: int = eqx.field(static=True)
     counts: int | None = eqx.field(static=True)
-    silence_s: float = eqx.field(static=True)
+    silence_limit: float = eqx.field(static=True)
 
 
 def scenario(
@@ -72,7 +72,7 @@ def scenario(
     controller: AbstractController | ControlFunction,
     references: float | int | str | ArrayLike,
     *,
-    duration_s: float | int,
+    duration: float | int,
     initial: float | int | ArrayLike | None = None,
     ambient: float | int | str | ArrayLike | None = None,
     disturbances: Sequence[Disturbance] = (),
@@ -81,14 +81,14 @@ def scenario(
     failed_channels: Mapping[str, float] | None = None,
     seed: int = 0,
     quantised: bool = True,
-    sensor_delay_s: float | int = 0.0,
-    silence_s: float | int = 3.0,
+    sensor_delay: float | int = 0.0,
+    silence: float | int = 3.0,
 ) -> Scenario:
     """Makes the scenario of a closed loop, for `closed_loop` and `simulate_closed_loop`.
 
     **Arguments:**
 
-    - `twin`, `controller`, `references`, `duration_s`: as in `simulate_closed_loop`.
+    - `twin`, `controller`, `references`, `duration`: as in `simulate_closed_loop`.
     - `initial`: the temperatures at the start, degC: a number for all nodes, or `(nodes,)`; None
       for those of the rig file.
     - `ambient`: the ambient temperature, degC: a number, text such as `"0:16,600:22"`, or
@@ -100,8 +100,8 @@ def scenario(
     - `failed_channels`: channel -> time from which it reads NaN, s.
     - `seed`: the seed of noise and faults.
     - `quantised`: whether the duty is rounded to the driver's counts.
-    - `sensor_delay_s`: the delay of the readings, s.
-    - `silence_s`: the cells are switched off for the rest of the run after this time without a
+    - `sensor_delay`: the delay of the readings, s.
+    - `silence`: the cells are switched off for the rest of the run after this time without a
       reading, s.
 
     **Raises:** `ControlError` for an invalid argument, for a controller whose outputs or gains do
@@ -112,12 +112,12 @@ def scenario(
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
     chosen = as_controller(f"{where}: controller", controller)
     interval = chosen.sample_time_s
-    times = sample_times(where, duration_s, interval)
+    times = sample_times(where, duration, interval)
     weights = np.asarray(chosen.output_weights(plant.channels), float)
     reference = reference_samples(f"{where}: references", references, times, len(weights))
-    silence = finite_number(f"{where}: silence_s", silence_s, ControlError)
+    silence = finite_number(f"{where}: silence", silence, ControlError)
     if silence < 0:
-        raise ControlError(f"{where}: silence_s: expected at least 0 s, got {silence:g} s")
+        raise ControlError(f"{where}: silence: expected at least 0 s, got {silence:g} s")
     if isinstance(disturbances, Draught | HeatInput) or not isinstance(disturbances, Iterable):
         raise ControlError(
             f"{where}: disturbances: expected a list of Draught and HeatInput, got {disturbances!r}"
@@ -146,11 +146,11 @@ def scenario(
         check_cells(where, chosen, plant.rig, len(weights))
         check_sample_time(plant, interval)
         check_reach(system, weights, reference, times, surroundings, chosen.limits)
-    late = finite_number(f"{where}: sensor_delay_s", sensor_delay_s, ControlError)
+    late = finite_number(f"{where}: sensor_delay", sensor_delay, ControlError)
     late_steps = round(late / step)
     if late < 0 or not math.isclose(late_steps * step, late, abs_tol=1e-9):
         raise ControlError(
-            f"{where}: sensor_delay_s: expected a multiple of the step of the plant, {step:g} s, "
+            f"{where}: sensor_delay: expected a multiple of the step of the plant, {step:g} s, "
             f"of at least 0, got {late:g} s"
         )
     errors = reading_errors(
@@ -177,11 +177,11 @@ def scenario(
         error=errors.error,
         arrives=errors.arrives,
         silence=errors.silence,
-        step_s=step,
-        longest_delay_s=delay,
+        step=step,
+        longest_delay=delay,
         sensor_delay_steps=late_steps,
         counts=plant.rig.driver.counts if is_quantised else None,
-        silence_s=silence,
+        silence_limit=silence,
     )
 
 

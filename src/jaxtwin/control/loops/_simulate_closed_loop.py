@@ -29,21 +29,21 @@ def simulate_closed_loop(
     controller: AbstractController | ControlFunction,
     references: float | int | str | ArrayLike,
     *,
-    duration_s: float | int,
+    duration: float | int,
     **settings: Any,
 ) -> ClosedLoopRun:
     """Simulates a controller on a twin. `simulate_closed_loops` does it for many draws.
 
     ```python
     pid = jaxtwin.control.PID(Kp=0.1, Ki=0.001)
-    run = jt.simulate_closed_loop(twin, pid, "0:35,600:45", duration_s=1800)
+    run = jt.simulate_closed_loop(twin, pid, "0:35,600:45", duration=1800)
     run.measures()
     ```
 
     The controller reads the channels at its sample time, with the noise that the rig file states.
     The commanded duty is rounded to the driver's counts. The plant is solved in the steps of
     `Stepper`, with the driver's delay and lag. If a reading is lost or NaN, the controller receives
-    the last one again. After `silence_s` without a reading, the cells are off for the rest of the
+    the last one again. After `silence` without a reading, the cells are off for the rest of the
     run, as `jaxtwin control` switches a rig off.
 
     **Arguments:**
@@ -54,7 +54,7 @@ def simulate_closed_loop(
       `jax.numpy`, whose outputs are all channels.
     - `references`: the references of the outputs, degC: a number, text such as `"0:35,600:45"` or
       `"0:35/37"`, or an array `(outputs,)` or `(samples, outputs)`.
-    - `duration_s`: the duration, s, a multiple of the controller's sample time.
+    - `duration`: the duration, s, a multiple of the controller's sample time.
     - `settings`: the further keywords of `jaxtwin.control.scenario`: disturbances, noise, faults,
       delays.
 
@@ -68,9 +68,9 @@ def simulate_closed_loop(
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
     check_values(plant)
     chosen = as_controller(f"{where}: controller", controller, settings.pop("sample_time_s", None))
-    conditions = scenario(plant, chosen, references, duration_s=duration_s, **settings)
+    conditions = scenario(plant, chosen, references, duration=duration, **settings)
     with own_settings():
-        stepper = Stepper(plant, conditions.step_s, longest_delay=conditions.longest_delay_s)
+        stepper = Stepper(plant, conditions.step, longest_delay=conditions.longest_delay)
         loop = jax.tree.map(np.asarray, run_loop(stepper, chosen, conditions))
     if not (np.isfinite(loop.nodes).all() and np.isfinite(loop.duty).all()):
         raise SimulationError(

@@ -36,7 +36,7 @@ def simulate_closed_loops(
     controller: AbstractController | ControlFunction,
     references: float | int | str | ArrayLike,
     *,
-    duration_s: float | int,
+    duration: float | int,
     draws: Mapping[str, ArrayLike] | None = None,
     controller_draws: Mapping[str, ArrayLike] | None = None,
     measures: Iterable[str] | Mapping[str, Measure] | None = None,
@@ -49,13 +49,13 @@ def simulate_closed_loops(
 
     ```python
     pid = jaxtwin.control.PID(Kp=0.1, Ki=0.001)
-    loops = jt.simulate_closed_loops(twin, pid, 35, duration_s=600, draws={"R_E": [1.9, 2.0, 2.1]})
+    loops = jt.simulate_closed_loops(twin, pid, 35, duration=600, draws={"R_E": [1.9, 2.0, 2.1]})
     loops["settling_time"]
     ```
 
     **Arguments:**
 
-    - `twin`, `controller`, `references`, `duration_s`: as in `simulate_closed_loop`.
+    - `twin`, `controller`, `references`, `duration`: as in `simulate_closed_loop`.
     - `draws`: parameter of the twin -> values `(draws,)` in the unit of the rig's table.
     - `controller_draws`: parameter of the controller, such as `"Kp"` -> values `(draws, ...)`.
     - `measures`: names of `jaxtwin.control.MEASURES`, or name -> a pure JAX function of a
@@ -80,13 +80,13 @@ def simulate_closed_loops(
         whole_number(f"{WHERE}: workers", workers, 1, ControlError)
     median_twin = twin_at_medians(plant, plant_draws)
     first = _first_drawn(chosen, drawn) if drawn else chosen
-    conditions = scenario(median_twin, first, references, duration_s=duration_s, **settings)
+    conditions = scenario(median_twin, first, references, duration=duration, **settings)
     with own_settings():
         longest = longest_delay(median_twin, plant_draws)
         return simulate_many_loops(
             median_twin,
             chosen,
-            replace(conditions, longest_delay_s=longest),
+            replace(conditions, longest_delay=longest),
             draws=plant_draws,
             controller_draws=drawn,
             count=count,

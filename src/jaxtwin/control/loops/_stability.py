@@ -37,8 +37,8 @@ def check_stability(
             ControllerVector(controller, ()),
             weights,
             reference,
-            longest_delay_s=0.0 if delay is None else float(delay),
-            sensor_delay_s=0.0,
+            longest_delay=0.0 if delay is None else float(delay),
+            sensor_delay=0.0,
         )
         growth = loops.growth()
         if not growth < 1 + ROUNDING:

@@ -134,7 +134,7 @@ def frontier(
     twin: Twin | Fit,
     references: float | int | str | ArrayLike,
     *,
-    duration_s: float | int,
+    duration: float | int,
     against: str = "largest_plate_range",
     weights: Iterable[float | int],
     objective: str | Mapping[str, float] = "integral_absolute_error",
@@ -151,7 +151,7 @@ def frontier(
 
     ```python
     found = jaxtwin.control.frontier(
-        pid, twin, 40, duration_s=900, against="largest_plate_range", weights=[0, 30, 100, 300],
+        pid, twin, 40, duration=900, against="largest_plate_range", weights=[0, 30, 100, 300],
     )
     found.to_dataframe(), found.plot()
     ```
@@ -165,7 +165,7 @@ def frontier(
     - `against`: the measure whose weight changes, a measure that has a derivative.
     - `weights`: its weights, in 1 over its unit, at least 0.
     - `objective`: the rest of the objective: a measure, or measure -> weight.
-    - `controller`, `twin`, `references`, `duration_s`, `tuned`, `draws`, `tail_weight`,
+    - `controller`, `twin`, `references`, `duration`, `tuned`, `draws`, `tail_weight`,
       `sensitivity_limit`, `rounds`, `seed`, `workers`, `settings`: as in `jaxtwin.tune`.
 
     **Raises:** `ControlError` if arguments do not fit each other, as in `jaxtwin.tune`.
@@ -192,7 +192,7 @@ def frontier(
         controller,
         twin,
         references,
-        duration_s,
+        duration,
         tuned=tuned,
         objective=base,
         draws=draws,

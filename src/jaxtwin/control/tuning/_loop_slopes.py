@@ -64,10 +64,10 @@ class LoopSlopes:
     ):
         self._vector, self._scenario, self._workers = vector, scenario, workers
         self._measures = tuple(measures.items())
-        size = scenario.step_s, scenario.longest_delay_s
+        size = scenario.step, scenario.longest_delay
         with own_settings():
             if draws:
-                whole = is_whole_delay(twin, draws, scenario.step_s)
+                whole = is_whole_delay(twin, draws, scenario.step)
                 steppers = steppers_of(twin, dict(draws), *size, whole)
                 self.count = len(next(iter(draws.values())))
             else:

@@ -23,7 +23,7 @@ def tune(
     twin: Twin | Fit,
     references: float | int | str | ArrayLike,
     *,
-    duration_s: float | int,
+    duration: float | int,
     tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None = None,
     objective: str | Mapping[str, float] | Measure = "integral_absolute_error",
     draws: int | Mapping[str, ArrayLike] | None = None,
@@ -39,7 +39,7 @@ def tune(
 
     ```python
     pid = jaxtwin.control.PID(Kp=0.05, Ki=0.0005, limits=(0, 1))
-    tuning = jt.tune(pid, twin, 40, duration_s=900, objective={
+    tuning = jt.tune(pid, twin, 40, duration=900, objective={
         "integral_absolute_error": 1.0, "energy": 1e-3,
     })
     tuning.controller, tuning.plot()
@@ -63,7 +63,7 @@ def tune(
 
     - `controller`: the start of the search. Parameters that are not tuned keep their values.
     - `twin`: the twin, or a fit (`Fit.mean_twin`).
-    - `references`, `duration_s`: as in `simulate_closed_loop`.
+    - `references`, `duration`: as in `simulate_closed_loop`.
     - `tuned`: the parameters of the controller that are tuned, name -> (lowest, highest); or
       names, whose bounds are then a thirtieth and thirty times their values. None for the gains
       above 0 of a `PID` or a `DecoupledPI`. The search uses the logarithm of a parameter whose
@@ -93,7 +93,7 @@ def tune(
         controller,
         twin,
         references,
-        duration_s,
+        duration,
         tuned=tuned,
         objective=objective,
         draws=draws,

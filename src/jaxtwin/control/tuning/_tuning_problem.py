@@ -42,7 +42,7 @@ def tuning_problem(
     controller: object,
     twin: Twin | Fit,
     references: float | int | str | ArrayLike,
-    duration_s: float | int,
+    duration: float | int,
     *,
     tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None,
     objective: object,
@@ -75,12 +75,12 @@ def tuning_problem(
         median_twin,
         controller,
         references,
-        duration_s=duration_s,
+        duration=duration,
         **{**settings, "seed": seed, "quantised": False},
     )
     with own_settings():
         delay = longest_delay(median_twin, plant_draws)
-        conditions = replace(conditions, longest_delay_s=delay)
+        conditions = replace(conditions, longest_delay=delay)
         loops = LoopSlopes(median_twin, plant_draws, vector, conditions, aim.measures, workers)
         linear = None
         if limit is not None:
@@ -90,8 +90,8 @@ def tuning_problem(
                 vector,
                 np.asarray(conditions.output_weights),
                 np.asarray(conditions.reference)[-1],
-                longest_delay_s=delay,
-                sensor_delay_s=conditions.sensor_delay_steps * conditions.step_s,
+                longest_delay=delay,
+                sensor_delay=conditions.sensor_delay_steps * conditions.step,
             )
     return TuningProblem(plant.rig.name, vector, box, aim, limit, loops, linear, starts, seed)
 
