@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from heated_box import AMBIENT, heated_box
 
-from jaxtwin import ControlError, ParameterError, SimulationError, Twin, simulate, simulate_batch
+from jaxtwin import ControlError, ParameterError, SimulationError, Twin, reduce_batch, simulate
 from jaxtwin.c_export import export_c
 from jaxtwin.control import (
     LQI,
@@ -51,7 +51,7 @@ def controllers(twin: Twin, limits: tuple[float, float]):
 def test_controllers_hold_a_box_and_never_ask_for_cooling(twin: Twin):
     """A step down as well: the box cools by itself, with its heater off."""
     for controller in controllers(twin, (0, 1)):
-        run = simulate_closed_loop(twin, controller, "0:45,900:35", duration_s=2400)
+        run = simulate_closed_loop(twin, controller, "0:45,900:35", duration=2400)
         assert run.duty.min() == 0
         assert run.duty.max() <= 1
         assert run.output[run.time == 898, 0] == pytest.approx(45, abs=0.7)
@@ -62,7 +62,7 @@ def test_limits_that_ask_heaters_to_cool_are_refused(rig: Rig, twin: Twin, tmp_p
     message = "expected limits from 0 on, because the heaters of heated box cannot cool"
     for controller in controllers(twin, (-1, 1)):
         with pytest.raises(ControlError, match=message):
-            simulate_closed_loop(twin, controller, "0:45", duration_s=60)
+            simulate_closed_loop(twin, controller, "0:45", duration=60)
         with pytest.raises(ControlError, match=message):
             export_c(controller, tmp_path / "controller", rig=rig)
 
@@ -72,7 +72,7 @@ def test_a_function_that_asks_for_cooling_gets_none(twin: Twin):
         twin,
         FunctionController(lambda time, references, measurement: -0.5 + 0 * measurement),
         "0:30",
-        duration_s=20,
+        duration=20,
     )
     assert run.duty == pytest.approx(0)
     assert run.output == pytest.approx(AMBIENT)
@@ -81,7 +81,7 @@ def test_a_function_that_asks_for_cooling_gets_none(twin: Twin):
 def test_references_below_the_room_are_out_of_reach(twin: Twin):
     pid = PID(Kp=0.05, limits=(0, 1))
     with pytest.raises(ControlError, match=r"expected 20.0 to .* a duty of 0 to 1 can hold"):
-        simulate_closed_loop(twin, pid, "0:15", duration_s=60)
+        simulate_closed_loop(twin, pid, "0:15", duration=60)
 
 
 def test_points_of_heaters(twin: Twin):
@@ -97,12 +97,12 @@ def test_points_of_heaters(twin: Twin):
 def test_heat_of_a_disturbance_goes_into_bodies(twin: Twin):
     off = FunctionController(lambda time, references, measurement: 0 * measurement)
     hand = HeatInput(("wall",), 0, 100, 20.0)
-    run = simulate_closed_loop(twin, off, "0:20", duration_s=100, disturbances=[hand])
+    run = simulate_closed_loop(twin, off, "0:20", duration=100, disturbances=[hand])
     stored = (run.run.states[-1] - AMBIENT) @ np.array([60.0, 400.0, 25.0])
     assert 0.85 * 2000 < stored < 2000
     with pytest.raises(ControlError, match="expected a rig with a plate, got heated box"):
         simulate_closed_loop(
-            twin, off, "0:20", duration_s=100, disturbances=[Draught(("wall",), 0, 9, 5.0)]
+            twin, off, "0:20", duration=100, disturbances=[Draught(("wall",), 0, 9, 5.0)]
         )
 
 
@@ -120,17 +120,17 @@ def test_what_shows_a_plate_says_that_there_is_none(rig: Rig, twin: Twin):
     with pytest.raises(SimulationError, match="a rig with a plate, got one of heated box"):
         _ = run.plate_uniformity
     with pytest.raises(SimulationError, match=f"reductions: plate_range: {sentence}"):
-        simulate_batch(twin, run.experiment, {"P": np.ones(2)}, reductions=["plate_range"])
+        reduce_batch(twin, run.experiment, {"P": np.ones(2)}, ["plate_range"])
     pid = PID(Kp=0.05, limits=(0, 1))
     with pytest.raises(ControlError, match=f"largest_plate_range: {sentence}"):
         simulate_closed_loops(
-            twin, pid, "0:30", duration_s=20, draws={"P": np.array([30.0])},
+            twin, pid, "0:30", duration=20, draws={"P": np.array([30.0])},
             measures=["largest_plate_range"],
         )  # fmt: skip
 
 
 def test_the_rest_leaves_the_plate_out(twin: Twin):
-    run = simulate_closed_loop(twin, PID(Kp=0.05, limits=(0, 1)), "0:30", duration_s=20)
+    run = simulate_closed_loop(twin, PID(Kp=0.05, limits=(0, 1)), "0:30", duration=20)
     assert "largest_plate_range" not in run.measures().index
     assert "energy" in run.measures().index
     plot_closed_loop(run)

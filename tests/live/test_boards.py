@@ -3,6 +3,7 @@
 import re
 import time
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from hand_clock import HandClock
@@ -170,7 +171,7 @@ def test_a_board_of_ones_own_is_a_link(rig):
             self.duty.append("closed")
 
     register_board(Oven)
-    device = opener("oven://7", rig)()
+    device: Any = opener("oven://7", rig)()
     device.write(encode(Duty(1, (1000, 0), "host")))
     samples = [m for m in _messages(device, 3) if isinstance(m, Data)]
     assert samples[0].temperatures == (20.0, 21.0)

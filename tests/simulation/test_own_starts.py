@@ -75,6 +75,8 @@ def test_a_match_holds_only_the_starts_that_are_given(tmp_path):
     assert fit.parameters["T_sink"].value == pytest.approx(35.0, abs=1.0)
     fit.save(tmp_path / "fit.toml")
     again = jt.Fit.load(tmp_path / "fit.toml", experiments=recording, rig=twin.rig)
+    assert again.comparisons is not None
+    assert fit.comparisons is not None
     np.testing.assert_allclose(
         again.comparisons[0].run.temperatures, fit.comparisons[0].run.temperatures, atol=1e-9
     )

@@ -212,7 +212,8 @@ def _room_beside_losses(fit: "Fit") -> list[str]:
     names = {name for pair in fit.uncertainty.collinear for name in pair[:2]}
     if not any(label.split("[")[0] in rooms for label in names):
         return []
-    return [
+    advice = (
         "the room was not recorded: a warmer room and a smaller loss fit as well; its temperature "
         "in the recording (ambient), or a recording that starts cold and at rest, tells them apart"
-    ]
+    )
+    return [advice]

@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from .._errors import SimulationError
 from ..simulation import Run
+from ._samples import joined_samples
 from ._style import palette, points, styled
 
 PANELS = 5  # panels in a row
@@ -54,7 +55,7 @@ def plot_bands(
         axes.fill_between(run.time, below, above, color=palette().sky, alpha=0.45, lw=0)
         if recorded is not None:
             readings = recorded[:, number]
-            axes.plot(run.time, readings, color=palette().muted, lw=1.0)
+            axes.plot(*joined_samples(run.time, readings), color=palette().muted, lw=1.0)
             there = ~np.isnan(readings)
             inside = np.count_nonzero((below <= readings) & (readings <= above)) / max(
                 1, there.sum()

@@ -16,6 +16,7 @@ from .._goodness_of_fit import fit_text, mean_fit_percent
 from ..simulation import Run
 from ._labels import label_ends
 from ._samples import (
+    joined_samples,
     masked_key,
     mean_of_samples,
     means_of_last_samples,
@@ -57,7 +58,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
     for panels, (run, fit, channels) in zip(grid, rows, strict=True):
         for axes, channel in zip(panels, channels, strict=False):
             recorded = _recorded(run)[:, run.channels.index(channel)]
-            axes.plot(run.time, recorded, **_as_recorded())
+            axes.plot(*joined_samples(run.time, recorded), **_as_recorded())
             axes.plot(run.time, run.channel(channel), color=palette().vermilion, lw=TWIN)
             axes.set_title(channel)
             text = fit_text(fit[channel], " %") if channel in fit else "no sample"

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ..io import Experiment
 from ._labels import label_ends
-from ._samples import means_of_last_samples
+from ._samples import joined_samples, means_of_last_samples
 from ._style import Dashes, line_of, palette, styled
 
 
@@ -41,8 +41,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
         if experiment.temperatures is not None:
             for number, temperature in enumerate(experiment.temperatures.T):
                 axes[0].plot(
-                    experiment.time,
-                    temperature,
+                    *joined_samples(experiment.time, temperature),
                     color=palette().cycle[number % len(palette().cycle)],
                     lw=1.1,
                 )

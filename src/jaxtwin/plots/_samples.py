@@ -7,6 +7,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from ..io._experiment import GAP_FACTOR
 from ..simulation import Run
 from ._style import palette
 
@@ -74,3 +75,17 @@ def means_of_last_samples(
     """
     ends = [column[~np.isnan(column)][-max(1, samples) :] for column in values.T]
     return np.array([end.mean() if end.size else np.nan for end in ends])
+
+
+def joined_samples(
+    time: Float[np.ndarray, " times"], readings: Float[np.ndarray, " times"]
+) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
+    """The samples that exist, as the points of a line: a sensor that is read less often than the
+    recording has rows is a line as well, and where samples were lost the line has a gap."""
+    there = ~np.isnan(readings)
+    if there.all() or np.count_nonzero(there) < 2:
+        return time, readings
+    found, values = time[there], readings[there]
+    steps = np.diff(found)
+    (lost,) = np.nonzero(steps > GAP_FACTOR * np.median(steps))
+    return np.insert(found, lost + 1, np.nan), np.insert(values, lost + 1, np.nan)
