@@ -93,6 +93,19 @@ def test_the_example_is_a_rig_that_runs(tmp_path):
     assert run.channel("T1")[-1] > run.channel("T1")[0] + 5
 
 
+def test_the_example_without_a_plate_is_a_rig_that_runs(tmp_path):
+    (example,) = [
+        text for text in re.findall(r"```toml\n(.+?)```", PAGE, re.DOTALL) if "mug" in text
+    ]
+    file = tmp_path / "mug.toml"
+    file.write_text(example, encoding="utf-8")
+    rig = load_rig(file)
+    assert not rig.has_plate
+    run = simulate(Twin(rig), Experiment.schedule("0:1", duration=600))
+    # 300 W for 10 minutes into 1650 J/K, less what is lost.
+    assert 60 < run.channel("T_water")[-1] - run.channel("T_water")[0] < 110
+
+
 @pytest.mark.parametrize("name", bundled_modules())
 def test_the_numbers_of_the_modules_are_those_of_their_files(name: str):
     found = re.search(rf"^\| `{re.escape(name)}` \| (.+) \|$", PAGE, re.MULTILINE)

@@ -20,7 +20,7 @@ ALUMINIUM = 2702 * 903
 
 def driven(rig: str, text: str, duration: float, step: float = 1.0) -> Run:
     twin = Twin(rig)
-    drive = Experiment.schedule(text, duration=duration, step=step, cells=len(twin.rig.cells))
+    drive = Experiment.schedule(text, duration=duration, step=step, cells=len(twin.rig.driven))
     return simulate(twin, drive)
 
 
