@@ -6,8 +6,8 @@ program in a folder (`_store`). `persistent_jit_unoptimised` is for what runs in
 
 JAX's own cache cannot take its place: a process must trace a program before it can look it up
 there, which is a large part of a first call. What is kept are therefore executables of
-`jax.experimental.serialize_executable`, which are pickles; `_store` says from which folders they are
-loaded. A program that cannot be serialized or loaded is traced and compiled as by `jax.jit`.
+`jax.experimental.serialize_executable`, which are pickles; `_store` says from which folders they
+are loaded. A program that cannot be serialized or loaded is traced and compiled as by `jax.jit`.
 """
 
 from ._persistent_jit import clear_programs as clear_programs
