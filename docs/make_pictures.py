@@ -30,6 +30,7 @@ def main() -> None:
         "camera-error": plots.plot_camera_error(fit),
         "network": plots.plot_netlist(jt.Twin("dual-cell")),
         "example-rigs": draw_example_rigs(),
+        "plateless-rigs": draw_plateless_rigs(),
         "indices-over-time": draw_indices_over_time(experiments[0]),
     }
     synthetic = [jt.read_recording(path) for path in synthetic_recordings()]
@@ -97,6 +98,44 @@ def draw_example_rigs() -> Figure:
         above.set(title=title, ylabel="temperature, °C")
         below.set(xlabel=f"time, {unit}", ylabel="duty, %", ylim=(-110, 110))
         above.legend()
+    figure.align_ylabels()
+    return figure
+
+
+@plots.styled
+def draw_plateless_rigs() -> Figure:
+    """The rigs without a plate, each with an input that changes while it runs."""
+    figure, grid = pyplot.subplots(
+        2, 4, figsize=(13, 4.6), sharex="col", height_ratios=[3, 1], layout="constrained"
+    )
+    columns = (
+        ("heated-box", "0:0.2", 5400, {"lid": "0:closed,3000:open,3300:closed"}, (3000, 3300),
+         "Heated box: lid open"),
+        ("oven", "0:1,540:0.18", 5400, {"door": "0:closed,3000:open,3120:closed"}, (3000, 3120),
+         "Oven: door open"),
+        ("water-bath", "0:1,1200:0.15", 3600, {"stirrer": "0:1,600:0"}, (600, 3600),
+         "Water bath: stirrer off"),
+        ("battery-pack", "0:0/0/0,300:1/0.6/0.3,1500:0.1/0.1/0.1,2400:1/0.6/0.3", 3600,
+         {"T_coolant": "0:20,3000:10"}, (3000, 3600), "Battery pack: colder coolant"),
+    )  # fmt: skip
+    for (above, below), (name, duty, duration, inputs, span, title) in zip(
+        grid.T, columns, strict=True
+    ):
+        twin = jt.Twin(name)
+        experiment = jt.Experiment.schedule(
+            duty, duration=duration, step=5, cells=len(twin.netlist.cells), inputs=inputs
+        )
+        run = jt.simulate(twin, experiment)
+        for channel, look in zip(run.channels, ("-", (0, (4, 2)), (0, (1, 1))), strict=False):
+            above.plot(run.time / 60, run.channel(channel), label=channel, ls=look)
+        for panel in (above, below):
+            panel.axvspan(span[0] / 60, span[1] / 60, color="0.9", lw=0)
+        below.step(run.time / 60, 100 * experiment.duty[:, 0], where="post", color="0.3", lw=1)
+        above.set(title=title)
+        below.set(xlabel="time, min", ylim=(-5, 110))
+        above.legend()
+    grid[0, 0].set_ylabel("temperature, °C")
+    grid[1, 0].set_ylabel("duty, %")
     figure.align_ylabels()
     return figure
 
