@@ -1,7 +1,7 @@
 """The reference of rig files: every key with its type, unit, default and range.
 
 Types, defaults and numbers come from the schema. The unit of a quantity is known where the file is
-read, so two small files that hold every quantity are read, and what each was taken for is noted.
+read, so three small files that hold every quantity are read, and what each was taken for is noted.
 """
 
 import json
@@ -147,6 +147,29 @@ temperature = "20 degC"
 temperature = "20 degC"
 """
 
+HEATERS = """
+format = 1
+name = "heaters"
+parameters = {}
+sensors = { noise = "0.1 K" }
+ambient = { temperature = "20 degC" }
+initial = { nodes = { air = "20 degC" } }
+channels = [{ name = "T1", nodes = ["air"] }]
+driver = { supply_voltage = "12 V" }
+bodies = [{ name = "air", capacitance = "100 J/K" }]
+links = [{ resistance = "2 K/W", between = ["air-ambient"] }]
+[[heaters]]
+name = "H1"
+power = "10 W"
+capacitance = "5 J/K"
+contacts = { air = "1 K/W" }
+initial_temperature = "20 degC"
+[[heaters]]
+name = "H2"
+electrical_resistance = "4 ohm"
+contacts = ["air"]
+"""
+
 
 def write(page: Path) -> None:
     """Writes the page."""
@@ -183,7 +206,8 @@ def kinds() -> dict[str, tuple[str, Kind]]:
 
     def noting(what: str, original: Any) -> Any:
         def read(fields: Fields, field: str, text: str, kind: Kind) -> Any:
-            path = re.sub(r"\[[^]]*\]", "", field).replace("contacts.V11", "contacts")
+            path = re.sub(r"\[[^]]*\]", "", field)
+            path = re.sub(r"(contacts|initial\.nodes)\.\w+", r"\1", path)
             found.setdefault(path, (what, kind))
             return original(fields, field, text, kind)
 
@@ -194,7 +218,8 @@ def kinds() -> dict[str, tuple[str, Kind]]:
         patch.object(Fields, "value", noting("quantity", Fields.value)),
         patch.object(Fields, "constant", noting("size", Fields.constant)),
     ):
-        for name, text in (("geometry", GEOMETRY), ("circuit", CIRCUIT)):
+        files = (("geometry", GEOMETRY), ("circuit", CIRCUIT), ("heaters", HEATERS))
+        for name, text in files:
             file = Path(folder) / f"{name}.toml"
             file.write_text(text, encoding="utf-8")
             load_rig(file)
@@ -230,7 +255,9 @@ def _row(
     path = f"{_path(model)}.{key}".lstrip(".")
     if path not in taken_for:
         if _holds_a_quantity(model.model_fields[key]):
-            raise KeyError(f"{path}: expected in GEOMETRY or CIRCUIT, where its unit is noted")
+            raise KeyError(
+                f"{path}: expected in GEOMETRY, CIRCUIT or HEATERS, where its unit is noted"
+            )
         described = model.model_json_schema()["properties"][key]
         return _plain_type(described), "", _range(described)
     what, kind = taken_for[path]
@@ -239,15 +266,31 @@ def _row(
     elif key in ("x", "y"):
         what = f"{what}, or list of two"
     elif annotation is Any:
-        what = f"{what}, or list"
+        what += _also(model.model_fields[key])
     elif "list[" in str(annotation):
         what = {"quantity": "list of quantities", "size": "list of sizes"}[what]
     least = {"positive": "> 0", "zero": "≥ 0", "any": ""}[kind.least]
     return what, kind.unit or "1", "> 0 K" if kind.absolute else least
 
 
+def _also(field: Any) -> str:
+    """What else than a quantity a key takes."""
+    readers = {getattr(part, "func", None) for part in field.metadata}
+    if schema._quantity_or_switch in readers:
+        return ", or one for each state of an input"
+    if schema._names_or_resistances in readers:
+        return " for each node, or list of names"
+    return ", or list"
+
+
 def _holds_a_quantity(field: Any) -> bool:
-    quantities = {schema._quantity, schema._quantity_or_list, schema._place}
+    quantities = {
+        schema._quantity,
+        schema._quantity_or_list,
+        schema._quantity_or_switch,
+        schema._names_or_resistances,
+        schema._place,
+    }
 
     def found(metadata: Any, annotation: Any) -> bool:
         own = any(getattr(part, "func", None) in quantities for part in metadata)

@@ -126,7 +126,9 @@ def test_a_match_to_a_synthetic_recording_finds_other_values(name):
     duty = (rng.random((12, cells)) > 0.5).repeat(40, axis=0) * 0.6
     experiment = Experiment(
         {"oven": 20.0, "water-bath": 30.0}.get(name, 5.0) * np.arange(480), duty, ambient=22.0
-    ).with_inputs(**{one.name: one.states[0] if one.states else one.value for one in twin.rig.inputs})
+    ).with_inputs(
+        **{one.name: one.states[0] if one.states else one.value for one in twin.rig.inputs}
+    )
     free = [row.name for row in twin.rig.parameters.values() if row.free and row.lower > 0]
     truth = twin.with_values(
         {n: float(twin.values[n]) * np.exp(spread * rng.normal()) for n in free if n[0] in "RCP"}

@@ -11,6 +11,7 @@
   `T1_time` those of the channel `T1`.
 - A column of `True` and `False` holds 1 and 0.
 - A column `input_lid` holds numbers, or names of states.
+- The long form of InfluxDB, a row for each value, becomes a column for each field (`_influx`).
 - An empty field or a word for "not available" is a missing sample, NaN.
 """
 
@@ -26,6 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
+from ._influx import widened
 from ._named_columns import named
 from ._timestamps import TITLES, is_timestamp_title, microseconds_of_timestamps
 
@@ -114,7 +116,7 @@ def read_columns(
 
     **Raises:** `RecordingError` that names the line and, if there is one, the column.
     """
-    text = _decoded(content)
+    text = widened(_decoded(content))
     separator = _separator(text)
     rows_of_file = _rows(text, separator)
     found = names_of_titles(_titles(rows_of_file), names, ignore, own)
@@ -176,7 +178,7 @@ def names_of_columns(
     **Raises:** `RecordingError` if the file is no text or holds nothing, or for a title that it
     does not have.
     """
-    text = _decoded(content)
+    text = widened(_decoded(content))
     titles = _titles(_rows(text, _separator(text)))
     found = zip(titles, names_of_titles(titles, names, ignore, own), strict=True)
     return {title: name for title, name in found if title}
