@@ -11,7 +11,7 @@ from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights
 from jaxtwin.rig import Rig, bundled_rigs
 from jaxtwin.rig._zone_means import mean_weights
 
-RIGS = bundled_rigs()
+RIGS = [name for name in bundled_rigs() if load_rig(name).has_plate]
 WITH_CAMERA = [name for name in RIGS if load_rig(name).camera is not None]
 
 
