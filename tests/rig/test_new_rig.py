@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from jaxtwin import RigError, build_netlist, load_rig
 from jaxtwin.cli import run
 from jaxtwin.rig import CellPlace, bundled_materials, bundled_modules, load_module, new_rig_text
+from jaxtwin.rig._example_rig import example_rigs
 
 PLAIN: dict[str, Any] = {
     "width": "8 cm",
@@ -286,3 +287,64 @@ def test_a_wrong_command_is_one_clear_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert message in line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", example_rigs())
+def test_a_rig_without_a_plate_is_written_after_an_example(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    example = load_rig(kind)
+    name, row = next(iter(example.parameters.items()))
+    other = 1.25 * row.value
+    assert run(["new-rig", "mine.toml", "--kind", kind, "--value", f"{name}={other}"]) == 0
+    rig = load_rig("mine.toml")
+    assert rig.name == "mine"
+    assert rig.parameters[name].value == pytest.approx(other)
+    changed = {
+        key for key, new in rig.parameters.items() if new.value != example.parameters[key].value
+    }
+    assert changed == {name}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--kind", "box"], "--kind: unknown kind 'box'"),
+        (["--kind", "oven", "--value", "P=9"], "value.P: expected 200 to 4000 W, got 9"),
+        (["--kind", "oven", "--value", "Q=9"], "value: unknown parameter 'Q'"),
+        (["--kind", "oven", "--value", "P"], "--value: expected such as"),
+        (["--kind", "oven", "--value", "P=hot"], "--value: P: expected a number, got 'hot'"),
+        ([*ARGUMENTS, "--value", "P=9"], "--value: expected none for a plate"),
+    ],
+)
+def test_a_wrong_kind_or_value_is_refused_and_nothing_is_written(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.chdir(tmp_path)
+    assert run(["new-rig", "mine.toml", *arguments]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_person_is_asked_for_the_kind_and_its_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[str] = []
+
+    def prompt(question: str, default: str | None) -> str | None:
+        asked.append(question)
+        if question.startswith("kind of rig"):
+            return "water-bath"
+        return "12" if question.startswith("tau") else default
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr(typer, "prompt", prompt)
+    assert run(["new-rig", "bath.toml"]) == 0
+    assert load_rig("bath.toml").parameters["tau"].value == 12
+    assert len(asked) == 8  # without the room, which belongs to a recording

@@ -1,18 +1,22 @@
 """`jaxtwin new-rig`: a first rig file, from a few questions."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from .._errors import JaxtwinError, RigError
+from .._name_suggestions import unknown_name
 from .._whole_file import write_whole_file
 from ._output import check_output, write_json
 
 if TYPE_CHECKING:
-    from ..rig import CellPlace
+    from ..rig import CellPlace, Rig
+
+PLATE = "plate"
+"""The kind of a rig with a plate and cells."""
 
 Asked = tuple[str, str, str | None]
 """Option, question and default of the answer; None if there is none."""
@@ -49,6 +53,17 @@ def new_rig(
         Literal["camera", "sensors"] | None,
         typer.Option(help="What reads the zones; camera if nobody can be asked."),
     ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="plate, or a rig without one after which the file is written, such as heated-box.",
+        ),
+    ] = None,
+    value: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=NUMBER", help="With such a kind: the value of a parameter."),
+    ] = None,
 ) -> None:
     """Write a commented rig file. What no option gives is asked.
 
@@ -60,13 +75,24 @@ def new_rig(
     if file.exists():
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
     from ..rig import _units as units
-    from ..rig import bundled_materials, bundled_modules, json_schema, load_module, new_rig_text
+    from ..rig import bundled_materials, bundled_modules, load_module, new_rig_text
+    from ..rig._example_rig import example_rig_text, example_rigs
     from ..rig._fields import Fields
     from ..rig._new_rig import check_zones, covered_elements, divided_plate, misfit, plate_size
 
     fields = Fields("new rig", {}, {})
     fields.constant("supply_voltage", supply_voltage, units.VOLTAGE)
     fields.constant("limit", limit, units.TEMPERATURE)
+
+    on_plate = [width, height, thickness, material, module, at, zones, reader]
+    kind = _kind(kind, any(option is not None for option in on_plate), example_rigs())
+    if kind != PLATE:
+        _write(file, example_rig_text(file.stem, kind, _values(kind, value)))
+        return
+    if value:
+        raise typer.BadParameter(
+            "--value: expected none for a plate; edit the file that is written"
+        )
 
     def size(argument: str) -> Callable[[str], object]:
         return lambda text: plate_size(fields, argument, text)
@@ -119,20 +145,73 @@ def new_rig(
         limit=limit,
         reader=reader,
     )
+    rig = _write(file, text)
+    for cell in rig.cells:
+        note = misfit(rig.plate, [element for element, _ in cell.contacts], sheet)
+        if note:
+            print(f"{cell.name}: {note}")
+
+
+def _write(file: Path, text: str) -> "Rig":
+    """Writes the rig file, and beside it the schema; shows the rig that it describes."""
+    from ..rig import json_schema, load_rig
+
     # Editors with Even Better TOML or Taplo read the schema's place from the first line.
     schema = file.with_name("rig.schema.json")
     write_whole_file(file, f"#:schema ./{schema.name}\n{text}".encode(), RigError)
     if not schema.exists():
         write_json(schema, json_schema())
-    from ..rig import load_rig
-
     rig = load_rig(str(file))
     print(rig)
-    for cell in rig.cells:
-        note = misfit(rig.plate, [element for element, _ in cell.contacts], sheet)
-        if note:
-            print(f"{cell.name}: {note}")
     print(f"written to {file}; check it after a change: jaxtwin check {file}")
+    return rig
+
+
+def _kind(given: str | None, is_plate: bool, examples: Sequence[str]) -> str:
+    """The kind of rig: a plate if one of its options is given, or if nobody can be asked."""
+    known = [PLATE, *examples]
+    if given is None and (is_plate or not sys.stdin.isatty()):
+        return PLATE
+
+    def check(text: str) -> None:
+        if text not in known:
+            raise typer.BadParameter(f"--kind: {unknown_name('kind', text, known)}")
+
+    return _answer(given, ("--kind", f"kind of rig ({', '.join(known)})", PLATE), check)
+
+
+def _values(example: str, given: list[str] | None) -> dict[str, float]:
+    """The values of an example's parameters: those of the options, and the answers of a person,
+    who is asked for each that is not of a single recording."""
+    from ..rig import load_rig
+    from ..rig._example_rig import check_value
+    from ..rig._fields import Fields
+
+    rig, fields = load_rig(example), Fields("new rig", {}, {})
+    values = {}
+    for text in given or []:
+        name, number = _pair("--value", text, "=", '"P=40"')
+        values[name] = _number(name, number)
+        check_value(rig, name, values[name], fields)
+    if given or not sys.stdin.isatty():
+        return values
+    for row in rig.parameters.values():
+        if row.scope != "recording":
+            question = f"{row.name}, {row.description}, {row.unit}"
+            answer = _answer(
+                None,
+                ("--value", question, f"{row.value:g}"),
+                lambda text, name=row.name: check_value(rig, name, _number(name, text), fields),
+            )
+            values[row.name] = _number(row.name, answer)
+    return values
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"--value: {name}: expected a number, got {text!r}") from None
 
 
 def _answer(given: str | None, asked: Asked, check: Callable[[str], object]) -> str:

@@ -15,7 +15,7 @@ change it. Which file holds what:
 - channels: `_channel`; a kind of sensor (`_sensor`) says what it reads, weighs and shows:
   `_nodes_sensor`, `_zone_sensor`, `_point_sensor`, by the means of `_zone_means`
 - parameters: `_parameter`, `_parameter_table`, `_parameter_file`
-- writing: `_new_rig` (a first rig file), `_json_schema` (for editors)
+- writing: `_new_rig` and `_example_rig` (a first rig file), `_json_schema` (for editors)
 """
 
 from ._body import Body
