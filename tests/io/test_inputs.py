@@ -5,12 +5,13 @@ import re
 
 import numpy as np
 import pytest
-from boxes import box
+from boxes import box, box_file
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxtwin as jt
 from jaxtwin import Experiment, RecordingError
+from jaxtwin.cli import run
 from jaxtwin.io import read_recording, write_recording
 
 NAMES = st.text("abcdefgh_", min_size=1, max_size=6)
@@ -87,3 +88,18 @@ def test_a_wrong_schedule_of_an_input_is_refused(text, message):
 def test_wrong_inputs_of_an_experiment_are_refused(inputs, message):
     with pytest.raises(jt.RecordingError, match=re.escape(message)):
         Experiment([0, 1, 2], [0, 0, 0], inputs=inputs)
+
+
+def test_import_says_what_the_columns_of_inputs_hold(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    box_file(tmp_path)
+    (tmp_path / "raw.csv").write_text(
+        "time_s,heater,T1,cover,fan\n0,0.5,20,closed,True\n1,0.5,21,open,False\n"
+    )
+    columns = ["--column", "heater=duty_P1", "--column", "cover=input_lid"]
+    assert run(["import", "raw.csv", "--rig", "box.toml", *columns, "--out", "run.csv"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "input_fan 0 to 1" in told
+    assert "input_lid from cover closed, open" in told
+    assert "inputs of box without a column: V_supply, T_water" in told
+    assert read_recording("run.csv").inputs["lid"].tolist() == ["closed", "open"]

@@ -172,3 +172,11 @@ def test_a_stepper_takes_inputs_for_each_step(twin):
         stepper.step(state, [0.5], inputs={"lid": "ajar"})
     with pytest.raises(jt.SimulationError, match="unknown input 'door'"):
         stepper.step(state, [0.5], inputs={"door": 1.0})
+
+
+def test_all_leaves_of_a_stepper_are_arrays(twin):
+    import equinox as eqx
+    import jax
+
+    for one in (twin, Twin("tclab"), Twin("single-cell")):
+        assert all(map(eqx.is_array, jax.tree.leaves(jt.Stepper(one))))

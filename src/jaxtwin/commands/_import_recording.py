@@ -58,6 +58,7 @@ def import_recording(
     left_out = [title for title, name in read_as if name is None]
     write_recording(experiment, out)
     missing = [c.name for c in of_rig.channels if c.name not in experiment.channels]
+    unstated = [one.name for one in of_rig.inputs if one.name not in experiment.inputs]
     gaps = experiment.gaps.tolist()
     say(f"{out}: {len(experiment.time)} samples in {experiment.duration:g} s, from {file}", json)
     say(aligned(_ranges(experiment, names)), json)
@@ -65,6 +66,8 @@ def import_recording(
         say(f"  left out: {', '.join(left_out)}", json)
     if missing:
         say(f"  channels of {of_rig.name} without a column: {', '.join(missing)}", json)
+    if unstated:
+        say(f"  inputs of {of_rig.name} without a column: {', '.join(unstated)}", json)
     for before, after in gaps:
         say(f"  nothing from {before:g} s to {after:g} s", json)
     write_json(
@@ -76,6 +79,7 @@ def import_recording(
             "left_out": left_out,
             "channels": list(experiment.channels),
             "channels_without_column": missing,
+            "inputs_without_column": unstated,
             "gaps_s": gaps,
         },
     )
@@ -103,6 +107,13 @@ def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
     from .._name_suggestions import did_you_mean
     from ..io._duty_of_rig import check_duty_of_rig
 
+    known = [one.name for one in rig.inputs]
+    strange = [name for name in experiment.inputs if name not in known]
+    if strange:
+        raise RecordingError(
+            f"{file}: expected the inputs {', '.join(known) or 'none'} of {rig.name}, got "
+            f"{', '.join(strange)}"
+        )
     channels = [channel.name for channel in rig.channels]
     unknown = [name for name in experiment.channels if name not in channels]
     if unknown:
@@ -129,6 +140,12 @@ def _ranges(experiment: "Experiment", names: dict[str, str]) -> list[tuple[str, 
     if experiment.ambient is not None:
         values["ambient"] = np.atleast_1d(experiment.ambient), " degC"
     rows = []
+    states = {}
+    for name, column in experiment.inputs.items():
+        if column.dtype.kind == "U":
+            states[f"input_{name}"] = ", ".join(dict.fromkeys(column.tolist()))
+        else:
+            values[f"input_{name}"] = column, ""
     for name, (column, unit) in values.items():
         source = f"from {titles[name]}" if titles.get(name, name) != name else ""
         lost = int(np.isnan(column).sum())
@@ -137,4 +154,8 @@ def _ranges(experiment: "Experiment", names: dict[str, str]) -> list[tuple[str, 
         )
         note = f", {lost} missing" if lost else ""
         rows.append((f"  {name}", source, f"{low:.4g} to {high:.4g}{unit}{note}"))
+    rows += [
+        (f"  {name}", f"from {titles[name]}" * (titles.get(name, name) != name), text)
+        for name, text in states.items()
+    ]
     return rows

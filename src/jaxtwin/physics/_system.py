@@ -24,6 +24,7 @@ from .._lapack import solve
 from ._driver import Bridge, CellHeat
 from ._heat_loss import NonlinearLoss
 from ._input_effects import Conditions
+from ._netlist import OWN_VOLTAGE
 from ._thermoelectric import ThermoelectricModule
 from ._wiring import Wiring
 
@@ -126,6 +127,7 @@ class System(eqx.Module):
                 current_limit=limit,
                 heaters=wiring.heaters,
                 own_supply=wiring.own_supply,
+                own_voltage=jnp.asarray(OWN_VOLTAGE.factor, capacitance.dtype),
             ),
             ambient_temperature=wiring.ambient(values_si)[0],
             ambient_drift=drift,

@@ -145,7 +145,9 @@ class ModalField(eqx.Module):
         assert self.modes.switched is not None
         change = system.conductance_change
         nodes = self.modes.switched @ amplitudes
-        heat = -self.modes.linearised_change * nodes
+        heat = jnp.zeros_like(nodes)
+        if self.modes.linearised_change is not None:
+            heat = -self.modes.linearised_change * nodes
         if change is None:
             return heat
         return heat + change * (nodes + system.held_differences(self.reference, inputs.ambient))

@@ -62,7 +62,7 @@ class Modes(eqx.Module):
     linearised_loss: Float[Array, " elements"] | None
     operating_point: Float[Array, " sides"]
     switched: Float[Array, "links modes"] | None = None
-    linearised_change: Float[Array, " links"] | float = 0.0
+    linearised_change: Float[Array, " links"] | None = None
 
     def amplitudes(self, deviation: Float[Array, " nodes"]) -> Float[Array, " modes"]:
         """The amplitudes of the modes for given temperatures: the inverse of the shapes is shapes^T
@@ -105,7 +105,7 @@ def network_modes(
         linearised_loss=point.loss,
         operating_point=point.sides,
         switched=None if effects is None else effects.differences @ shapes,
-        linearised_change=0.0 if change is None else change,
+        linearised_change=change,
     )
 
 
