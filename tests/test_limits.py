@@ -22,9 +22,12 @@ from jaxtwin.live.protocol._framing import encode_line
 from jaxtwin.live.protocol._words import read_integer, read_name, read_number, read_word, split
 from jaxtwin.live.virtual_rig._serve import TcpServer
 from jaxtwin.physics import Faults
+from jaxtwin.rig import load_rig
 from jaxtwin.sensitivity_analysis import Morris, Normal, Uniform
 from jaxtwin.sensitivity_analysis._sampling import checked_seed, checked_spread
 from jaxtwin.simulation._initial import checked_initial
+
+TCLAB = load_rig("tclab")
 
 TWO_SAMPLES = Experiment(np.array([0.0, 1.0, 2.0]), np.zeros((3, 1)))
 FIRST_ORDER = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
@@ -122,7 +125,11 @@ LIMITS: list[tuple[Callable[..., object], dict[str, object], dict[str, object]]]
     (image, {"pixels": 1}, {"width": 0, "pixels": 0}),
     (listen, {"address": "127.0.0.1:0"}, {"address": "127.0.0.1:65536"}),
     (listen, {"address": ":0"}, {"address": ":-1"}),
-    (opener, {"url": "socket://rig:7000"}, {"url": "socket://rig"}),
+    (
+        opener,
+        {"url": "socket://rig:7000", "rig": TCLAB},
+        {"url": "socket://rig", "rig": TCLAB},
+    ),
     (checked_seed, {"where": "seed", "seed": 2**128 - 1}, {"where": "seed", "seed": 2**128}),
     (checked_seed, {"where": "seed", "seed": 0}, {"where": "seed", "seed": -1}),
     (checked_spread, {"where": "spread", "spread": 0.999}, {"where": "spread", "spread": 1.0}),

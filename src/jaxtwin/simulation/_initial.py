@@ -53,7 +53,7 @@ def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
     if isinstance(initial, str) and initial == "steady":
         return "steady"
     nodes = len(twin.netlist.nodes)
-    if isinstance(initial, Mapping):
+    if isinstance(initial, Mapping) and initial:
         return _of_nodes(twin, initial)
     expected = (
         f'None, "steady", a number, an array of {nodes} node temperatures in degC, or names of '
