@@ -171,11 +171,11 @@ class System(eqx.Module):
         K."""
         effects = self.wiring.input_wiring
         assert effects is not None
-        held = jnp.asarray(effects.to_ambient) * ambient_deviation
+        dtype = reference.dtype
+        held = jnp.asarray(effects.to_ambient, dtype) * ambient_deviation
         if self.reservoirs is not None:
-            held = held + jnp.asarray(effects.to_reservoir) @ (
-                self.reservoirs.temperature - reference
-            )
+            above = self.reservoirs.temperature - reference
+            held = held + jnp.asarray(effects.to_reservoir, dtype) @ above
         return held
 
     def cell_heat(

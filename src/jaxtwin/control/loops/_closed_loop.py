@@ -224,7 +224,7 @@ def _applied(
 ) -> Float[Array, " cells"]:
     """Returns the duty that the driver gets: clipped, rounded to counts, and 0 once the cells are
     off."""
-    duty = jnp.where(is_off, 0.0, jnp.clip(asked, lowest, 1.0))
+    duty = jnp.where(is_off, 0.0, jnp.clip(asked, jnp.asarray(lowest, asked.dtype), 1.0))
     if scenario.counts is None:
         return duty
     rounded = jnp.round(duty * scenario.counts) / scenario.counts
