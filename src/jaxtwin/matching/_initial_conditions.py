@@ -96,7 +96,7 @@ class InitialConditions:
 def estimate_initial_conditions(
     twin: Twin | Fit,
     experiment: Experiment,
-    warm_up: float = WARM_UP,
+    warm_up: float | int = WARM_UP,
     names: Iterable[str] | None = None,
     *,
     group: str | None = None,
