@@ -283,7 +283,7 @@ def _warnings(
     unknowns: Unknowns,
     result: DescentResult,
     covariance: Float[np.ndarray, "values values"],
-    warm_up: float,
+    warm_up: float | int,
 ) -> tuple[str, ...]:
     errors = np.sqrt(np.diag(covariance))
     objective = result.objective
