@@ -10,6 +10,7 @@ change it. Which file holds what:
 - the plate: `_plate`, `_plate_table`, `_circuit`, `_circuit_table`, `_material`
 - what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_heater`, `_heater_table`, `_body`,
   `_body_table`, `_fan_table`, and `_grounding` (a path for the heat of each of them)
+- where cells and heaters lie on it: `_placement`, `_placement_table`, and the areas in `_overlap`
 - what drives and reads it: `_driver`, `_limits`, `_camera`, `_bench_table`
 - what else changes during a run: `_input`, `_input_table`
 - channels: `_channel`; a kind of sensor (`_sensor`) says what it reads, weighs and shows:
@@ -35,6 +36,7 @@ from ._new_rig import CellPlace, new_rig_text
 from ._nodes_sensor import NodesSensor
 from ._parameter import Parameter
 from ._parameter_file import read_parameters, write_parameters
+from ._placement import Placement
 from ._plate import Plate
 from ._point_sensor import PointSensor
 from ._rig import Rig
@@ -62,6 +64,7 @@ __all__ = [
     "Material",
     "NodesSensor",
     "Parameter",
+    "Placement",
     "Plate",
     "PointSensor",
     "Registration",
