@@ -84,9 +84,11 @@ def _common_areas(
         slope = (y_1 - y_0) / (x_1 - x_0)
         ends = (xp.clip(x + end, left, right)[..., None, :] for end in (x_0, x_1))
         first, last = (y[..., None] + y_0 + slope * (end - x[..., None] - x_0) for end in ends)
-        total = total + (
-            _integral_of_clip(xp, last, top, bottom) - _integral_of_clip(xp, first, top, bottom)
-        ) / slope
+        total = (
+            total
+            + (_integral_of_clip(xp, last, top, bottom) - _integral_of_clip(xp, first, top, bottom))
+            / slope
+        )
     return xp.abs(total)
 
 

@@ -165,9 +165,7 @@ def _parts(rig: Rig) -> dict[str, str]:
         )
         if rig.has_plate
         else "",
-        "cells": ", ".join(
-            f"{cell.name} {_place_text(cell)}" for cell in rig.cells
-        ),
+        "cells": ", ".join(f"{cell.name} {_place_text(cell)}" for cell in rig.cells),
         "heaters": ", ".join(_heater_text(heater) for heater in rig.heaters),
         "bodies": ", ".join(body.name for body in rig.bodies),
     }

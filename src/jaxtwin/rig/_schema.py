@@ -148,15 +148,18 @@ class Table(BaseModel):
 
 
 class PlateTable(Table):
-    columns: Annotated[list[Quantity], Field(min_length=1)]
-    rows: Annotated[list[Quantity], Field(min_length=1)]
+    columns: Annotated[list[Quantity], Field(min_length=1)] | None = None
+    rows: Annotated[list[Quantity], Field(min_length=1)] | None = None
+    width: Quantity | None = None
+    height: Quantity | None = None
+    resolution: Quantity | None = None
     thickness: Quantity
     material: Text | None = None
     density: Quantity | None = None
     specific_heat: Quantity | None = None
     conductivity: Quantity | None = None
     film_coefficient: QuantityOrList = None
-    film_row_factor: list[Quantity] | None = None
+    film_row_factor: Annotated[list[Quantity], Field(min_length=1)] | None = None
     film_exponent: Quantity | None = None
     emissivity: Quantity | None = None
 
