@@ -5,9 +5,10 @@ units, names and geometry, part by part (`_build`), then values in SI units. A q
 is a `Value` (`_value`): a number, or a number times parameters to powers, so that a match can
 change it. Which file holds what:
 
-- reading: `_load`, `_build`, `_fields` (texts to values), `_problems` (messages), `_bundled`
+- reading: `_load`, `_build`, `_fields` (texts to values), `_problems` (messages), `_bundled`, and
+  `_with_resolution` (the same rig on another grid)
 - units: `_units`, and `_common_units` for those that need no pint
-- the plate: `_plate`, `_plate_table`, `_circuit`, `_circuit_table`, `_material`
+- the plate: `_plate`, `_plate_table`, `_grid_table`, `_circuit`, `_circuit_table`, `_material`
 - what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_heater`, `_heater_table`, `_body`,
   `_body_table`, `_fan_table`, and `_grounding` (a path for the heat of each of them)
 - where cells and heaters lie on it: `_placement`, `_placement_table`, and the areas in `_overlap`
