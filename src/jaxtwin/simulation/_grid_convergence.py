@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from .._arguments import finite_number
+from .._display import html_table
 from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
@@ -24,6 +25,7 @@ from ._simulate import simulate
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray
 
 COARSEST = 0.5
 """The resolution of the first grid, as a fraction of the smaller side of the plate."""
@@ -77,25 +79,55 @@ class GridConvergence:
         return kept
 
     def to_dataframe(self) -> "pd.DataFrame":
-        """The grids as a table of pandas, a row for each."""
+        """The grids as a table of pandas, a row for each, with resolutions in m and changes and
+        errors in K."""
         import pandas as pd
 
         return pd.DataFrame([vars(grid) for grid in self.grids])
 
+    def to_xarray(self) -> "xarray.Dataset":
+        """The grids as a labelled dataset along their resolution, with units in the attributes."""
+        import xarray
+
+        table = self.to_dataframe()
+        units = {"elements": "1", "change": "K", "error": "K"}
+        return xarray.Dataset(
+            {
+                name: ("resolution", table[name].to_numpy(), {"units": unit})
+                for name, unit in units.items()
+            },
+            coords={"resolution": ("resolution", table["resolution"].to_numpy(), {"units": "m"})},
+        )
+
     def __str__(self) -> str:
-        lines = [f"{self.name}: largest change of a reading with the grid", ""]
-        lines.append(f"{'resolution':>12}{'elements':>10}{'change':>12}{'to finest':>12}")
-        for grid in self.grids:
-            change = "" if math.isnan(grid.change) else f"{grid.change:.3f} K"
-            lines.append(
-                f"{100 * grid.resolution:>9.3g} cm{grid.elements:>10}{change:>12}"
-                f"{grid.error:>10.3f} K"
-            )
+        rows = [("resolution", "elements", "change", "to finest"), *self._rows()]
+        lines = ["".join(text.rjust(12) for text in row) for row in rows]
+        return "\n".join([self._title, "", *lines, "", self._end])
+
+    def _repr_html_(self) -> str:
+        head = ("resolution", "elements", "change", "to finest")
+        return html_table(f"{self._title}; {self._end}", head, self._rows())
+
+    @property
+    def _title(self) -> str:
+        return f"{self.name}: largest change of a reading with the grid"
+
+    @property
+    def _end(self) -> str:
         if self.resolution is None:
-            end = f"no grid keeps {self.tolerance:g} K; the cells may be too small for the plate"
-        else:
-            end = f'resolution = "{100 * self.resolution:.3g} cm" keeps {self.tolerance:g} K'
-        return "\n".join([*lines, "", end])
+            return f"no grid keeps {self.tolerance:g} K; the cells may be too small for the plate"
+        return f'resolution = "{100 * self.resolution:.3g} cm" keeps {self.tolerance:g} K'
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        return [
+            (
+                f"{100 * grid.resolution:.3g} cm",
+                str(grid.elements),
+                "" if math.isnan(grid.change) else f"{grid.change:.3f} K",
+                f"{grid.error:.3f} K",
+            )
+            for grid in self.grids
+        ]
 
 
 def grid_convergence(
