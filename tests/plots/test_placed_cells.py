@@ -65,4 +65,4 @@ def test_the_network_shows_the_cell_as_it_lies_on_the_plate():
     assert "on 4 cm × 4 cm of the plate" in texts
     assert texts.count("K/W to the plate") == 1  # of the mat, in place of 24 contacts
     assert "0.2 K/W to the plate" in texts
-    pyplot.close(axes.figure)
+    pyplot.close("all")

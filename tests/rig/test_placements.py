@@ -146,6 +146,7 @@ def test_coefficients_beside_a_resolution_stand_for_equal_parts():
     losses = 'film_coefficient = ["10 W/(m^2 K)", "20 W/(m^2 K)", "30 W/(m^2 K)"]'
     losses += '\nfilm_row_factor = ["1", "0.5"]'
     plate = placed_rig(grid=GRID.replace('"1 cm"', '"2 cm"'), losses=losses).plate
+    assert plate.film_coefficient is not None
     assert [value.factor for value in plate.film_coefficient] == [10] * 3 + [20] * 3 + [30] * 3
     assert [value.factor for value in plate.film_row_factor] == [1, 1, 0.5, 0.5]
     assert sum(plate.columns) == pytest.approx(0.16)
