@@ -97,21 +97,6 @@ def _example(source: Input) -> str:
     return repr(source.states[0]) if source.states else f"{source.value:g}"
 
 
-def check_inputs(experiment: Experiment, inputs: tuple[Input, ...], rig: str) -> None:
-    """Refuses an experiment that states an input which the rig does not have.
-
-    **Raises:** `SimulationError`.
-    """
-    known = [one.name for one in inputs]
-    for name in experiment.inputs:
-        if name not in known:
-            label = experiment.name or "the experiment"
-            raise SimulationError(
-                f"{label}: inputs: expected those of {rig}, {', '.join(known) or 'none'}, got "
-                f"{name!r}"
-            )
-
-
 def regimes(
     levels: Float[np.ndarray, "times inputs"], changes_network: Bool[np.ndarray, " inputs"]
 ) -> Float[np.ndarray, "regimes inputs"]:

@@ -67,7 +67,7 @@ def tuning_problem(
     if workers is not None:
         whole_number(f"{where}: workers", workers, 1, ControlError)
     vector, box = search_box(f"{where}: tuned", controller, tuned)
-    aim = checked_objective(where, objective, tail_weight)
+    aim = checked_objective(where, objective, tail_weight, plant.rig)
     limit = _checked_limit(where, sensitivity_limit)
     plant_draws = _plant_draws(where, plant, twin, draws, seed)
     median_twin = twin_at_medians(plant, plant_draws)
