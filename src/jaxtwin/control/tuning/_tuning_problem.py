@@ -60,6 +60,7 @@ def tuning_problem(
             f"{where}: controller: expected a controller with parameters, got {controller!r}"
         )
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
+    controller = controller.for_rig(plant.rig)
     if settings.get("quantised"):
         raise ControlError(
             f"{where}: quantised: expected False, because rounding has no derivative, got True"
