@@ -55,7 +55,7 @@ def test_a_controller_compiles_with_its_law(key: str, precision, tmp_path: Path)
 
 
 @pytest.mark.c_compiler
-@pytest.mark.parametrize("rig", ["dual-cell", "paper-2024", "single-cell"])
+@pytest.mark.parametrize("rig", ["dual-cell", "paper-2024", "single-cell", "oven", "battery-pack"])
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_a_twin_compiles(rig: str, precision, tmp_path: Path):
     export_c(Stepper(Twin(rig), 1.0), tmp_path, precision=precision)

@@ -8,12 +8,15 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from boxes import box, box_table
 from compiled_c import compiled, ran
 from hand_rig import rig_of_many_parts
 from heated_box import cell_and_heater, heated_box
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, simulate
 from jaxtwin.c_export import export_c
+from jaxtwin.rig import Rig
+from jaxtwin.rig._build import build_rig
 from jaxtwin.simulation import reduce_stepper
 
 MAIN = """
@@ -23,7 +26,8 @@ MAIN = """
 int main(void)
 {
     static model_state state;
-    static %(real)s row[MODEL_CELLS + 1], nodes[MODEL_NODES], readings[MODEL_CHANNELS];
+    static %(real)s row[MODEL_CELLS + 1 + MODEL_INPUTS];
+    static %(real)s nodes[MODEL_NODES], readings[MODEL_CHANNELS];
     static %(real)s off[MODEL_CELLS];
     double value;
     int i, n = 0, begun = 0;
@@ -38,10 +42,15 @@ int main(void)
             continue;
         }
         row[n++] = (%(real)s)value;
-        if (n < MODEL_CELLS + 1) {
+        if (n < MODEL_CELLS + 1 + MODEL_INPUTS) {
             continue;
         }
         n = 0;
+#if MODEL_INPUTS > 0
+        for (i = 0; i < MODEL_INPUTS; ++i) {
+            state.inputs[i] = row[MODEL_CELLS + 1 + i];
+        }
+#endif
         model_step(&state, row, row[MODEL_CELLS]);
         model_output(&state, row[MODEL_CELLS], readings);
         model_nodes(&state, nodes);
@@ -69,6 +78,29 @@ TWINS = {
     "cell and heaters, mean voltage": Twin(cell_and_heater("voltage")),
 }
 
+
+def box_with_losses() -> Rig:
+    """The box, whose plate also loses heat by radiation, behind a driver with delay and lag."""
+    table = box_table()
+    del table["circuit"]
+    table["plate"] |= {"material": "aluminium", "film_coefficient": "10 W/(m^2 K)"}
+    table["plate"] |= {"film_exponent": "0.25", "emissivity": "0.8"}
+    table["driver"] |= {"delay": "1.4 s", "lag": "2 s"}
+    return build_rig(table, "box")
+
+
+WITH_INPUTS = {
+    "a lid, a fan, a supply and a coolant that change": Twin(box()),
+    "losses that are not linear": Twin(box_with_losses()),
+    "heated-box": Twin("heated-box"),
+    "oven": Twin("oven"),
+    "water-bath": Twin("water-bath"),
+    "battery-pack": Twin("battery-pack"),
+}
+
+LEVELS = {"V_supply": (9.0, 14.0), "T_water": (5.0, 50.0), "T_coolant": (5.0, 50.0)}
+"""The range of an input that is a number; that of the others is 0 to 2."""
+
 PRECISIONS: tuple[Literal["double", "float"], ...] = ("double", "float")
 
 pytestmark = pytest.mark.c_compiler
@@ -81,10 +113,28 @@ def an_hour(cells: int, room: float) -> np.ndarray:
     return np.column_stack([duty, room + np.linspace(0, 3, len(duty)).round(3)])
 
 
+def inputs_of_an_hour(stepper: Stepper) -> np.ndarray:
+    """Lids that open and close and numbers that change, each at times of its own."""
+    random = np.random.default_rng(1)
+    columns = []
+    for one in stepper.system.wiring.inputs:
+        changes = np.sort(random.integers(0, 3600, 20))
+        low, high = LEVELS.get(one.name, (0.0, 2.0))
+        levels = random.uniform(low, high, 21)
+        if one.states:
+            levels = np.arange(21) % len(one.states)
+        columns.append(levels[np.searchsorted(changes, np.arange(3600), side="right")])
+    return np.column_stack(columns)
+
+
 def in_python(stepper: Stepper, rows: np.ndarray) -> np.ndarray:
+    inputs = [one.name for one in stepper.system.wiring.inputs]
+    cells = len(stepper.system.wiring.cold)
+
     def step(state, row):
-        state = stepper.step(state, row[:-1], row[-1])
-        readings = stepper.channels(state, row[-1])
+        held = dict(zip(inputs, row[cells + 1 :], strict=True))
+        state = stepper.step(state, row[:cells], row[cells], inputs=held)
+        readings = stepper.channels(state, row[cells])
         return state, jax.numpy.concatenate([readings, state.nodes])
 
     with jax.enable_x64(True):
@@ -111,6 +161,39 @@ def test_an_hour_in_c_is_the_hour_in_python(key: str, tmp_path: Path):
         found = in_c(stepper, tmp_path / precision, precision, start, rows)
         assert found.shape == expected.shape
         np.testing.assert_allclose(found, expected, rtol=0, atol=allowed(precision, expected))
+
+
+@pytest.mark.parametrize("key", WITH_INPUTS)
+def test_an_hour_in_which_inputs_change_is_the_hour_in_python(key: str, tmp_path: Path):
+    """To 1e-12 of the largest temperature in double, within 0.01 K in float."""
+    stepper = Stepper(WITH_INPUTS[key], 1.0)
+    rows = an_hour(len(stepper.system.wiring.cold), float(stepper.ambient))
+    rows[:, :-1] = np.maximum(rows[:, :-1], stepper.system.wiring.lowest_duty)
+    rows = np.column_stack([rows, inputs_of_an_hour(stepper)]).astype(np.float32).astype(float)
+    expected = in_python(stepper, rows)
+    start = np.asarray(stepper.start().nodes)
+    for precision in PRECISIONS:
+        found = in_c(stepper, tmp_path / precision, precision, start, rows)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=allowed(precision, expected))
+
+
+@pytest.mark.parametrize("rig", ["heated-box", "oven", "battery-pack"])
+def test_inputs_in_c_are_those_of_simulate(rig: str, tmp_path: Path):
+    """To the error of steps of a second; `simulate` takes others, in the modes of each regime."""
+    twin = Twin(rig)
+    stepper = Stepper(twin, 1.0)
+    inputs = twin.rig.inputs
+    levels = inputs_of_an_hour(stepper)[:1800]
+    time, cells = np.arange(1800.0), len(twin.rig.driven)
+    duty = np.where(time < 900, 0.6, 0.2)[:, None] * np.ones(cells)
+    experiment = Experiment(time, duty).with_inputs(
+        **{one.name: column for one, column in zip(inputs, levels.T, strict=True)}
+    )
+    expected = simulate(twin, experiment)
+    rows = np.column_stack([duty, np.full(1800, float(stepper.ambient)), levels])[:-1]
+    found = in_c(stepper, tmp_path, "double", np.asarray(stepper.start().nodes), rows)
+    temperatures = np.hstack([expected.temperatures, expected.states])
+    np.testing.assert_allclose(found, temperatures[1:], rtol=0, atol=5e-5)
 
 
 @pytest.mark.slow
@@ -165,6 +248,12 @@ def test_the_header_says_what_goes_in_and_out(tmp_path: Path):
     assert all(f": {channel}\n" in header for channel in twin.channels)
     assert all(f": {node.name}\n" in header for node in twin.netlist.nodes)
     assert f"#define PLATE_MODES {len(twin.netlist.nodes)}" in header
+
+
+def test_the_header_says_which_inputs_there_are(tmp_path: Path):
+    header = export_c(Stepper(Twin(box()), 1.0), tmp_path).header.read_text()
+    for line in ("0: lid, 0 closed, 1 open (0)", "1: fan (1)", "3: T_water, degC (20)"):
+        assert f" {line}\n" in header
 
 
 def test_half_a_step_of_a_second_is_a_step_of_half_a_second(tmp_path: Path):

@@ -98,7 +98,7 @@ def test_what_is_saved_is_read_again(tmp_path: Path, twin: Twin, controller):
     save_controller(path, controller, twin.rig)
     again = read_controller(path, twin.rig)
     assert type(again) is type(controller)
-    for name, value in vars(controller).items():
+    for name, value in vars(controller.for_rig(twin.rig)).items():
         found = getattr(again, name)
         if isinstance(value, np.ndarray):
             np.testing.assert_array_equal(found, value)

@@ -13,10 +13,14 @@ from jaxtwin.control import (
     Draught,
     FunctionController,
     HeatInput,
+    LiveLoop,
     linearize,
     most_even_point,
+    read_controller,
+    save_controller,
     simulate_closed_loop,
     simulate_closed_loops,
+    tune,
 )
 from jaxtwin.io import Experiment
 from jaxtwin.physics import plate_map
@@ -39,7 +43,7 @@ def twin(rig: Rig) -> Twin:
     return Twin(rig)
 
 
-def controllers(twin: Twin, limits: tuple[float, float]):
+def controllers(twin: Twin, limits: tuple[float, float] | None = None):
     model = linearize(twin, temperatures=40.0).discretise(2.0)
     return [
         PID(Kp=0.3, Ki=0.002, limits=limits, sample_time_s=2.0),
@@ -50,12 +54,57 @@ def controllers(twin: Twin, limits: tuple[float, float]):
 
 def test_controllers_hold_a_box_and_never_ask_for_cooling(twin: Twin):
     """A step down as well: the box cools by itself, with its heater off."""
-    for controller in controllers(twin, (0, 1)):
+    for controller in controllers(twin):
         run = simulate_closed_loop(twin, controller, "0:45,900:35", duration=2400)
         assert run.duty.min() == 0
         assert run.duty.max() <= 1
         assert run.output[run.time == 898, 0] == pytest.approx(45, abs=0.7)
         assert run.output[-1, 0] == pytest.approx(35, abs=0.5)
+
+
+def test_limits_that_are_not_given_are_those_of_heaters(rig: Rig, twin: Twin, tmp_path):
+    """A reference that falls far: a controller that expects cooling would wind up meanwhile."""
+    for default, given in zip(controllers(twin), controllers(twin, (0, 1)), strict=True):
+        assert (default.limits, given.limits) == ((-1, 1), (0, 1))
+        runs = [
+            simulate_closed_loop(twin, one, "0:60,900:25,1500:40", duration=2000)
+            for one in (default, given)
+        ]
+        np.testing.assert_array_equal(runs[0].duty, runs[1].duty)
+        np.testing.assert_array_equal(runs[0].loop.limits, (0, 1))
+        files = tmp_path / "default.toml", tmp_path / "given.toml"
+        for file, one in zip(files, (default, given), strict=True):
+            save_controller(file, one, rig)
+        assert files[0].read_text() == files[1].read_text()
+        assert "limits = [0.0, 1.0]" in files[0].read_text()
+        text = "\n".join(
+            line for line in files[0].read_text().splitlines() if not line.startswith("limits")
+        )
+        files[1].write_text(text)
+        assert read_controller(files[1], rig).limits == (0, 1)
+        sources = [
+            export_c(one, tmp_path / name, rig=rig)
+            for name, one in (("default", default), ("given", given))
+        ]
+        assert sources[0].numbers.read_bytes() == sources[1].numbers.read_bytes()
+        assert sources[0].header.read_bytes() == sources[1].header.read_bytes()
+    live = LiveLoop(twin, PID(Kp=0.3, sample_time_s=2.0), "0:60", duration=100)
+    assert live._controller.limits == (0, 1)
+
+
+def test_tuning_knows_that_heaters_cannot_cool(twin: Twin):
+    """Its measures are those of a rig without a plate."""
+    pid = PID(Kp=0.1, Ki=0.001, sample_time_s=2.0)
+    found = tune(pid, twin, 40, duration=600, rounds=2, starts=1)
+    assert found.controller.limits == (0, 1)
+    assert "energy" in found.measures
+    assert "largest_plate_range" not in found.measures
+    with pytest.raises(ControlError, match="objective: largest_plate_range: expected a rig with"):
+        tune(pid, twin, 40, duration=600, objective={"largest_plate_range": 1.0})
+
+
+def test_cells_may_cool_without_limits():
+    assert PID(Kp=0.1).for_rig(Twin("dual-cell").rig).limits == (-1, 1)
 
 
 def test_limits_that_ask_heaters_to_cool_are_refused(rig: Rig, twin: Twin, tmp_path):

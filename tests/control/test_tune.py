@@ -139,7 +139,8 @@ def test_the_search_finds_a_minimum_on_a_curved_limit():
 
 def test_the_worst_draws_count_by_their_weight():
     """Of 40 draws the worst 2 are 5 %."""
-    objective = checked_objective("tune", {"energy": 2.0}, 0.25)
+    rig = Twin("single-cell").rig
+    objective = checked_objective("tune", {"energy": 2.0}, 0.25, rig)
     column = list(objective.measures).index("energy")
     values = np.full((40, len(objective.measures)), np.inf)  # a measure without weight may be
     values[:, column] = np.arange(40)

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from boxes import box
 
 from jaxtwin import Experiment, SimulationError, Stepper, Twin, simulate
 from jaxtwin.simulation import reduce_stepper
@@ -71,6 +72,17 @@ def test_all_modes_are_the_stepper_itself(whole: Stepper):
     same = reduce_stepper(whole, 30, random.uniform(-1, 1, (3000, 2)))
     duty = random.uniform(-0.3, 1.0, (50, 2))
     np.testing.assert_allclose(channels(same, duty), channels(whole, duty), rtol=0, atol=1e-6)
+
+
+def test_inputs_act_in_all_modes_as_in_the_stepper_itself():
+    stepper = Stepper(Twin(box()), 1.0)
+    example = np.random.default_rng(0).uniform(-1, 1, (400, 1))
+    reduced = reduce_stepper(stepper, 6, example)
+    inputs = {"lid": "open", "fan": 0.2, "T_water": 30.0}
+    found, expected = (
+        one.step(one.start(), [0.5], steps=60, inputs=inputs) for one in (reduced, stepper)
+    )
+    np.testing.assert_allclose(found.nodes, expected.nodes, rtol=0, atol=1e-9)
 
 
 def test_an_idle_plate_in_another_room_is_as_warm_as_the_room(twelve: Stepper):

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import ControlError
 from ..control import AbstractController
-from ..control.controllers._controller import check_limits_of_heaters
+from ..control.controllers._duty_limits import check_limits_of_heaters
 from ..control.controllers._law import Law
 from ..rig import Rig
 from ._sources import Code, Parts, code_of, defines, type_of_numbers
@@ -24,9 +24,9 @@ def controller_c(
     """Returns header, source and numbers.
 
     **Raises:** `ControlError` if the controller is not for the rig or has no law in C, cools with
-    heaters, or a number
-    of it is not finite in this precision.
+    heaters, or a number of it is not finite in this precision.
     """
+    controller = controller.for_rig(rig)
     weights = controller.output_weights([channel.name for channel in rig.channels])
     cells, outputs = len(rig.driven), len(weights)
     if not controller.fits_outputs(outputs, cells):

@@ -5,11 +5,14 @@ In `twin.c` the decay of the modes in a step, $(e^{-\lambda h} - 1) z$, is compu
 factors keep all digits of a `float` even if a slow mode decays by a thousandth.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..simulation import Stepper
+from ._input_tables import input_lines, input_numbers, input_tables
 from ._sources import Code, Parts, code_of, defines, type_of_numbers
 from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_tables
 from ._text import comment_block
@@ -34,17 +37,27 @@ def stepper_c(
             rates = np.asarray(stepper.field.modes.rates, float)
             tables["rate"] = (rates, "by which the modes decay, 1/s")
         numbers = defines(name, stepper_constants(stepper, sizes), precision, COMMENTS)
-        sides = ", ".join(map(str, sizes.sides))
         numbers += "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
-        numbers += f"static const int {name}_side[{len(sizes.sides)}] = {{{sides}}};\n"
+        numbers += _whole_numbers(name, "side", sizes.sides)
+        inputs = stepper.system.wiring.inputs
+        if inputs:
+            tables |= input_tables(stepper)
+            numbers += "\n/* Inputs and shares of their states, which have a number. */\n"
+            for key, found in input_numbers(inputs).items():
+                numbers += _whole_numbers(name, key, found)
         parts = Parts(
             _about(stepper, sizes, name, precision, origin),
             _sizes(stepper, sizes, name, precision, with_slopes=with_slopes),
             numbers,
             tables,
-            sizes.modes + sizes.cells * (1 + sizes.queue),
+            sizes.modes + sizes.cells * (1 + sizes.queue) + len(inputs),
         )
         return code_of("twin", name, precision, parts)
+
+
+def _whole_numbers(name: str, key: str, values: Sequence[int]) -> str:
+    text = ", ".join(map(str, values))
+    return f"static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
 
 
 def _sizes(
@@ -58,10 +71,15 @@ def _sizes(
         "NODES": sizes.nodes,
         "MODES": sizes.modes,
         "QUEUE": sizes.queue,
+        "INPUTS": len(stepper.system.wiring.inputs),
     }
     if with_slopes:
         constants["HAS_SLOPES"] = 1
-    comments = {"AMBIENT": "of the rig, degC", "QUEUE": "commands that can be on their way"}
+    comments = {
+        "AMBIENT": "of the rig, degC",
+        "QUEUE": "commands that can be on their way",
+        "INPUTS": "besides duty and ambient",
+    }
     return type_of_numbers(name, precision) + defines(name, constants, precision, comments)
 
 
@@ -84,6 +102,7 @@ def _about(stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: 
                 f"  {n}: {cell.name}{', a heater: 0 to 1' if cell.is_heater else ''}"
                 for n, cell in enumerate(wiring.netlist.cells)
             ),
+            *input_lines(wiring.inputs),
             "Readings, degC, of the channels:",
             *(f"  {n}: {channel}" for n, channel in enumerate(wiring.channels)),
             "Nodes, degC:",

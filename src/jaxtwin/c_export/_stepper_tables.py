@@ -9,6 +9,7 @@ from ..control.controllers._law import Table
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..rig._plate import FILM_REFERENCE
 from ..simulation import Stepper
+from ._input_tables import input_constants
 
 
 @final
@@ -146,7 +147,7 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
             "CALM": CALM**2,
             "FILM_SCALE": 1 / (FILM_REFERENCE**2 + CALM**2),
         }
-    return found
+    return found | input_constants(stepper)
 
 
 COMMENTS = {
@@ -158,5 +159,7 @@ COMMENTS = {
     "IMAX": "through a connected cell, A",
     "HALF_EXPONENT": "of the film",
     "CALM": "K^2",
+    "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
+    "SHARES": "of states, and the inputs",
 }
 """Macro -> its meaning and its unit."""

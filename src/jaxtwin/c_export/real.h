@@ -10,6 +10,7 @@
 #define model_fmax fmaxf
 #define model_exp expf
 #define model_log logf
+#define model_pow powf
 #else
 #define MODEL_EPSILON DBL_EPSILON
 #define model_sqrt sqrt
@@ -18,4 +19,5 @@
 #define model_fmax fmax
 #define model_exp exp
 #define model_log log
+#define model_pow pow
 #endif

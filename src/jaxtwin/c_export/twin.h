@@ -13,9 +13,13 @@ typedef struct {
 #if MODEL_QUEUE > 0
     model_real late[MODEL_QUEUE][MODEL_CELLS]; /* commands on their way */
 #endif
+#if MODEL_INPUTS > 0
+    model_real inputs[MODEL_INPUTS]; /* of the next steps, set by whoever calls */
+#endif
 } model_state;
 
-/* From temperatures of the nodes, degC, and duty cycles that have been commanded for long. */
+/* From temperatures of the nodes, degC, and duty cycles that have been commanded for long. Other
+   inputs have the values of the rig file. */
 void model_init(model_state *state, const model_real nodes[MODEL_NODES],
                 const model_real duty[MODEL_CELLS]);
 
@@ -31,9 +35,9 @@ void model_nodes(const model_state *state, model_real nodes[MODEL_NODES]);
 
 #ifdef MODEL_HAS_SLOPES
 /* How fast the temperatures of the nodes change, K/s; the duty is what reaches the cells, the
-   ambient in degC. */
+   ambient in degC. Of other inputs there are MODEL_INPUTS. */
 void model_slopes(const model_real nodes[MODEL_NODES], const model_real duty[MODEL_CELLS],
-                  model_real ambient, model_real slopes[MODEL_NODES]);
+                  model_real ambient, const model_real *inputs, model_real slopes[MODEL_NODES]);
 #endif
 
 #ifdef __cplusplus

@@ -102,18 +102,11 @@ def _channels_by_title(rig: "Rig", titles: Sequence[str]) -> dict[str, str]:
 
 
 def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
-    """Refuses a recording whose channels or cells are not those of the rig."""
+    """Refuses a recording whose channels, cells or inputs are not those of the rig."""
     from .._errors import RecordingError
     from .._name_suggestions import did_you_mean
     from ..io._duty_of_rig import check_duty_of_rig
 
-    known = [one.name for one in rig.inputs]
-    strange = [name for name in experiment.inputs if name not in known]
-    if strange:
-        raise RecordingError(
-            f"{file}: expected the inputs {', '.join(known) or 'none'} of {rig.name}, got "
-            f"{', '.join(strange)}"
-        )
     channels = [channel.name for channel in rig.channels]
     unknown = [name for name in experiment.channels if name not in channels]
     if unknown:

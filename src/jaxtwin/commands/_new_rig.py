@@ -1,7 +1,7 @@
 """`jaxtwin new-rig`: a first rig file, from a few questions."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -76,7 +76,7 @@ def new_rig(
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
     from ..rig import _units as units
     from ..rig import bundled_materials, bundled_modules, load_module, new_rig_text
-    from ..rig._example_rig import example_rig_text, example_rigs
+    from ..rig._example_rig import example_rig_text
     from ..rig._fields import Fields
     from ..rig._new_rig import check_zones, covered_elements, divided_plate, misfit, plate_size
 
@@ -85,7 +85,7 @@ def new_rig(
     fields.constant("limit", limit, units.TEMPERATURE)
 
     on_plate = [width, height, thickness, material, module, at, zones, reader]
-    kind = _kind(kind, any(option is not None for option in on_plate), example_rigs())
+    kind = _kind(kind, any(option is not None for option in on_plate))
     if kind != PLATE:
         _write(file, example_rig_text(file.stem, kind, _values(kind, value)))
         return
@@ -167,11 +167,13 @@ def _write(file: Path, text: str) -> "Rig":
     return rig
 
 
-def _kind(given: str | None, is_plate: bool, examples: Sequence[str]) -> str:
+def _kind(given: str | None, is_plate: bool) -> str:
     """The kind of rig: a plate if one of its options is given, or if nobody can be asked."""
-    known = [PLATE, *examples]
-    if given is None and (is_plate or not sys.stdin.isatty()):
+    if given == PLATE or (given is None and (is_plate or not sys.stdin.isatty())):
         return PLATE
+    from ..rig._example_rig import example_rigs
+
+    known = [PLATE, *example_rigs()]
 
     def check(text: str) -> None:
         if text not in known:

@@ -141,7 +141,12 @@ def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str
         0.0 if time is None else float(time) for time in (stepper.system.delay, stepper.system.lag)
     )
     start = np.asarray(stepper.start().nodes, float)
-    lagged = len(stepper.system.wiring.cold) if lag else 0
+    wiring = stepper.system.wiring
+    lowest = np.asarray(wiring.lowest_duty, float)
+    # An array of C has at least one entry.
+    values = np.array([*(one.value for one in wiring.inputs), 0.0])
+    states = np.array([*(float(len(one.states)) for one in wiring.inputs), 0.0])
+    lagged = len(wiring.cold) if lag else 0
     constants = {"DELAY_S": delay, "LAG_S": lag, "LAGGED": lagged}
     wrapper = "fmi2.c" if version == "2.0" else "fmi3.c"
     return {
@@ -150,7 +155,10 @@ def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str
         f"{name}.c": code.source,
         f"{name}_fmu.h": f'#define {name.upper()}_TOKEN "@TOKEN@"\n'
         + defines(name, constants, "double", COMMENTS)
-        + table(f"{name}_start", start, "temperatures of the nodes at the start, degC", "double"),
+        + table(f"{name}_start", start, "temperatures of the nodes at the start, degC", "double")
+        + table(f"{name}_lowest", lowest, "duty cycles of cells and heaters", "double")
+        + table(f"{name}_inputs", values, "other inputs of the rig file", "double")
+        + table(f"{name}_states", states, "how many states they have, 0 for numbers", "double"),
         wrapper: renamed(included(Path(__file__).with_name(wrapper), {}), name),
     }
 

@@ -6,6 +6,14 @@ from xml.etree import ElementTree as ET
 from .._celsius import ZERO_CELSIUS
 from ._variables import Variable
 
+UNITS = {
+    "s": {"s": "1"},
+    "1/s": {"s": "-1"},
+    "degC": {"K": "1", "offset": str(ZERO_CELSIUS)},
+    "K/s": {"K": "1", "s": "-1"},
+}
+"""The units of the twin's own variables, by those of the SI."""
+
 
 def model_description(
     variables: Sequence[Variable],
@@ -58,20 +66,18 @@ def model_description(
             for name in sources:
                 ET.SubElement(files, "File", {"name": name})
     units = ET.SubElement(root, "UnitDefinitions")
-    for name, base in (
-        ("s", {"s": "1"}),
-        ("1/s", {"s": "-1"}),
-        ("degC", {"K": "1", "offset": str(ZERO_CELSIUS)}),
-        ("K/s", {"K": "1", "s": "-1"}),
-    ):
+    for name, base in UNITS.items():
         ET.SubElement(ET.SubElement(units, "Unit", {"name": name}), "BaseUnit", base)
+    for name in dict.fromkeys(v.unit for v in variables if v.unit and v.unit not in UNITS):
+        ET.SubElement(units, "Unit", {"name": name})
+    _add_choices(root, variables, is_2=is_2)
     ET.SubElement(root, "DefaultExperiment", {"startTime": "0", "stepSize": repr(step_size)})
     listed = ET.SubElement(root, "ModelVariables")
     for variable in variables:
         if is_2:
             _scalar_variable(listed, variable)
         else:
-            _float64(listed, variable)
+            _variable(listed, variable)
     structure = ET.SubElement(root, "ModelStructure")
     outputs = [variable.reference for variable in variables if variable.causality == "output"]
     slopes = [variable.reference for variable in variables if variable.state is not None]
@@ -113,22 +119,46 @@ def _attributes(variable: Variable) -> dict[str, str]:
     return attributes
 
 
+def _add_choices(root: ET.Element, variables: Sequence[Variable], *, is_2: bool) -> None:
+    """The types of the inputs that have states."""
+    chosen = [variable for variable in variables if variable.choices]
+    if not chosen:
+        return
+    types = ET.SubElement(root, "TypeDefinitions")
+    for variable in chosen:
+        name = {"name": _type_name(variable)}
+        if is_2:
+            parent = ET.SubElement(ET.SubElement(types, "SimpleType", name), "Enumeration")
+        else:
+            parent = ET.SubElement(types, "EnumerationType", name)
+        for number, state in enumerate(variable.choices):
+            ET.SubElement(parent, "Item", {"name": state, "value": str(number)})
+
+
+def _type_name(variable: Variable) -> str:
+    """FMI 2 wants a name that no variable has."""
+    return f"{variable.name}.states"
+
+
 def _scalar_variable(listed: ET.Element, variable: Variable) -> None:
     row = ET.SubElement(listed, "ScalarVariable", _attributes(variable))
     numbers = _numbers(variable)
     if variable.state is not None:
         numbers["derivative"] = str(variable.state + 1)
-    ET.SubElement(row, "Real", numbers)
+    ET.SubElement(row, "Enumeration" if variable.choices else "Real", numbers)
 
 
-def _float64(listed: ET.Element, variable: Variable) -> None:
+def _variable(listed: ET.Element, variable: Variable) -> None:
     attributes = _attributes(variable)
     if variable.state is not None:
         attributes["derivative"] = str(variable.state)
-    ET.SubElement(listed, "Float64", attributes | _numbers(variable))
+    kind = "Enumeration" if variable.choices else "Float64"
+    ET.SubElement(listed, kind, attributes | _numbers(variable))
 
 
 def _numbers(variable: Variable) -> dict[str, str]:
+    if variable.choices:
+        return {"declaredType": _type_name(variable), "start": f"{variable.start:g}"}
     found = {"unit": variable.unit} if variable.unit else {}
     if variable.limits is not None:
         found |= {"min": repr(variable.limits[0]), "max": repr(variable.limits[1])}

@@ -4,6 +4,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ..rig import Input
 from ..simulation import Stepper
 
 Causality = Literal["independent", "input", "output", "local"]
@@ -17,6 +18,7 @@ class Variable(NamedTuple):
     - `start`: the value at the start; None for a variable that is computed.
     - `is_discrete`: whether it changes only at events.
     - `state`: the number of the state whose derivative it is; None if it is not a derivative.
+    - `choices`: the names of the states of an input that has states, whose number is its value.
     """
 
     name: str
@@ -28,11 +30,12 @@ class Variable(NamedTuple):
     description: str
     is_discrete: bool = False
     state: int | None = None
+    choices: tuple[str, ...] = ()
 
 
 def variables_of(stepper: Stepper) -> list[Variable]:
-    """Returns time, duty cycles, ambient, channels, the states, which can be set before the start,
-    and their derivatives.
+    """Returns time, duty cycles, ambient, the rig's other inputs, channels, the states, which can
+    be set before the start, and their derivatives.
 
     The states are the temperatures of the nodes and, if the driver has a lag, the duty cycles
     behind it.
@@ -59,6 +62,7 @@ def variables_of(stepper: Stepper) -> list[Variable]:
         Variable(
             "ambient", 0, "input", "degC", float(stepper.ambient), None, "Ambient temperature"
         ),
+        *(_input_variable(one) for one in wiring.inputs),
         *(
             Variable(channel, 0, "output", "degC", None, None, "What the channel reads")
             for channel in wiring.channels
@@ -93,3 +97,20 @@ def variables_of(stepper: Stepper) -> list[Variable]:
         variable._replace(reference=number)
         for number, variable in enumerate([*rows, *states, *slopes])
     ]
+
+
+def _input_variable(source: Input) -> Variable:
+    """The variable of an input: an enumeration of its states, or a number in its unit."""
+    numbers = ", ".join(f"{number} {state}" for number, state in enumerate(source.states))
+    text = source.description or (f"State: {numbers}" if source.states else "Input of the rig")
+    return Variable(
+        f"input.{source.name}",
+        0,
+        "input",
+        source.unit,
+        source.value,
+        None,
+        text,
+        is_discrete=bool(source.states),
+        choices=source.states,
+    )

@@ -31,7 +31,6 @@ typedef struct {
         return n == 0 ? OK : ERROR; \
     }
 
-NO_VALUES(Integer, int)
 NO_VALUES(Boolean, bool_t)
 NO_VALUES(String, string_t)
 
@@ -173,6 +172,31 @@ EXPORTED status_t fmi2GetReal(component_t c, const uint32_t v[], size_t n, doubl
 EXPORTED status_t fmi2SetReal(component_t c, const uint32_t v[], size_t n, const double values[])
 {
     return set(c, v, n, values) ? OK : ERROR;
+}
+
+/* Enumerations: the states of an input. */
+EXPORTED status_t fmi2GetInteger(component_t c, const uint32_t v[], size_t n, int values[])
+{
+    size_t k;
+    for (k = 0; k < n; ++k) {
+        int64_t state;
+        if (!get_choice(c, v[k], &state)) {
+            return ERROR;
+        }
+        values[k] = (int)state;
+    }
+    return OK;
+}
+
+EXPORTED status_t fmi2SetInteger(component_t c, const uint32_t v[], size_t n, const int values[])
+{
+    size_t k;
+    for (k = 0; k < n; ++k) {
+        if (!set_choice(c, v[k], values[k])) {
+            return ERROR;
+        }
+    }
+    return OK;
 }
 
 EXPORTED status_t fmi2DoStep(component_t c, double time, double size, bool_t is_final)

@@ -35,7 +35,6 @@ NO_VALUES(Int16, int16_t)
 NO_VALUES(UInt16, uint16_t)
 NO_VALUES(Int32, int32_t)
 NO_VALUES(UInt32, uint32_t)
-NO_VALUES(Int64, int64_t)
 NO_VALUES(UInt64, uint64_t)
 NO_VALUES(Boolean, bool)
 NO_VALUES(String, string_t)
@@ -295,6 +294,31 @@ EXPORTED status_t fmi3SetFloat64(component_t c, const uint32_t v[], size_t n,
                                  const double values[], size_t count)
 {
     return count == n && set(c, v, n, values) ? OK : ERROR;
+}
+
+/* Enumerations: the states of an input. */
+EXPORTED status_t fmi3GetInt64(component_t c, const uint32_t v[], size_t n, int64_t values[],
+                               size_t count)
+{
+    size_t k;
+    for (k = 0; k < n; ++k) {
+        if (count != n || !get_choice(c, v[k], &values[k])) {
+            return ERROR;
+        }
+    }
+    return OK;
+}
+
+EXPORTED status_t fmi3SetInt64(component_t c, const uint32_t v[], size_t n,
+                               const int64_t values[], size_t count)
+{
+    size_t k;
+    for (k = 0; k < n; ++k) {
+        if (count != n || !set_choice(c, v[k], values[k])) {
+            return ERROR;
+        }
+    }
+    return OK;
 }
 
 EXPORTED status_t fmi3DoStep(component_t c, double time, double size, bool never_back,

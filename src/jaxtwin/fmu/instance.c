@@ -1,5 +1,6 @@
 /* What the two versions of FMI share: an instance, its values and its clock. The values have the
-   numbers of their variables: time, duty cycles, ambient, channels, states and their derivatives.
+   numbers of their variables: time, duty cycles, ambient, other inputs, channels, states and their
+   derivatives.
    In co-simulation the twin takes steps itself. In model exchange a solver integrates the states; a
    command that changes enters a queue at an event, and leaves it at another event after the
    delay. */
@@ -24,7 +25,8 @@
 /* Numbers of the variables: 0 is the time. */
 #define DUTY 1
 #define AMBIENT (DUTY + MODEL_CELLS)
-#define CHANNEL (AMBIENT + 1)
+#define INPUT (AMBIENT + 1)
+#define CHANNEL (INPUT + MODEL_INPUTS)
 #define NODE (CHANNEL + MODEL_CHANNELS)
 #define LAGGED (NODE + MODEL_NODES)
 #define STATES (MODEL_NODES + MODEL_LAGGED)
@@ -40,8 +42,9 @@ typedef struct {
     double duty[MODEL_CELLS], nodes[MODEL_NODES];
     double lagged[MODEL_CELLS]; /* duty behind the lag */
     double steps; /* that have been taken */
+    double inputs[MODEL_INPUTS + 1]; /* C has no empty arrays */
     /* Inputs of the step that has begun, if one has. */
-    double held_duty[MODEL_CELLS], held_ambient;
+    double held_duty[MODEL_CELLS], held_ambient, held_inputs[MODEL_INPUTS + 1];
     int is_held;
     int is_running, is_exchange;
     /* Of model exchange: the last command, that which has arrived, and those between. */
@@ -57,6 +60,7 @@ static void reset(instance_t *self)
     memset(self, 0, sizeof *self);
     self->is_exchange = is_exchange;
     self->ambient = MODEL_AMBIENT;
+    memcpy(self->inputs, model_inputs, sizeof self->inputs);
     for (i = 0; i < MODEL_NODES; ++i) {
         self->nodes[i] = model_start[i];
     }
@@ -97,7 +101,7 @@ static void slopes(const instance_t *self, const double *nodes, const double *la
                    const double *delayed, double *values)
 {
     int i;
-    model_slopes(nodes, MODEL_LAGGED > 0 ? lagged : delayed, self->ambient, values);
+    model_slopes(nodes, MODEL_LAGGED > 0 ? lagged : delayed, self->ambient, self->inputs, values);
     for (i = MODEL_NODES; i < STATES; ++i) {
         values[i] = (delayed[i - MODEL_NODES] - lagged[i - MODEL_NODES]) / MODEL_LAG_S;
     }
@@ -127,6 +131,8 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
             values[k] = self->duty[number - DUTY];
         } else if (number == AMBIENT) {
             values[k] = self->ambient;
+        } else if (number < CHANNEL) {
+            values[k] = self->inputs[number - INPUT];
         } else if (number < NODE) {
             values[k] = channels[number - CHANNEL];
         } else if (number < LAGGED) {
@@ -142,7 +148,8 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
     return 1;
 }
 
-/* Refuses what is no number, duty cycles beyond full duty, and nodes of a twin that runs. */
+/* Refuses what is no number, duty cycles beyond full duty, heaters that are to cool, states that an
+   input does not have, and nodes of a twin that runs. */
 static int set(instance_t *self, const uint32_t *numbers, size_t count, const double *values)
 {
     size_t k;
@@ -152,16 +159,22 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
             return 0;
         }
         if (number >= DUTY && number < AMBIENT) {
-            if (values[k] < -1.0 || values[k] > 1.0) {
+            if (values[k] < model_lowest[number - DUTY] || values[k] > 1.0) {
                 return 0;
             }
             self->duty[number - DUTY] = values[k];
         } else if (number == AMBIENT) {
             self->ambient = values[k];
+        } else if (number >= INPUT && number < CHANNEL) {
+            const double states = model_states[number - INPUT];
+            if (states > 0.0 && (values[k] < 0.0 || values[k] > states - 1.0)) {
+                return 0;
+            }
+            self->inputs[number - INPUT] = values[k];
         } else if (number >= NODE && number < LAGGED && !self->is_running) {
             self->nodes[number - NODE] = values[k];
         } else if (number >= LAGGED && number < SLOPE && !self->is_running) {
-            if (values[k] < -1.0 || values[k] > 1.0) {
+            if (values[k] < model_lowest[number - LAGGED] || values[k] > 1.0) {
                 return 0;
             }
             self->lagged[number - LAGGED] = values[k];
@@ -172,8 +185,26 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
     return 1;
 }
 
+/* The number of the state of an input that has states. */
+static int get_choice(const instance_t *self, uint32_t number, int64_t *state)
+{
+    if (number < INPUT || number >= CHANNEL || !(model_states[number - INPUT] > 0.0)) {
+        return 0;
+    }
+    *state = (int64_t)self->inputs[number - INPUT];
+    return 1;
+}
+
+static int set_choice(instance_t *self, uint32_t number, int64_t state)
+{
+    const double value = (double)state;
+    int64_t before;
+    return get_choice(self, number, &before) && set(self, &number, 1, &value);
+}
+
 static void hold_inputs(instance_t *self)
 {
+    memcpy(self->held_inputs, self->inputs, sizeof self->held_inputs);
     memcpy(self->held_duty, self->duty, sizeof self->held_duty);
     self->held_ambient = self->ambient;
 }
@@ -194,6 +225,9 @@ static int advance(instance_t *self, double time, double size)
         hold_inputs(self);
     }
     while (self->steps < until) {
+#if MODEL_INPUTS > 0
+        memcpy(self->state.inputs, self->held_inputs, sizeof self->state.inputs);
+#endif
         model_step(&self->state, self->held_duty, self->held_ambient);
         self->steps += 1.0;
         hold_inputs(self);

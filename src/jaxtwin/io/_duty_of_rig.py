@@ -1,5 +1,5 @@
-"""Checks of an experiment's duty against a rig: how many columns it has, and that no heater is
-asked to cool."""
+"""Checks of what an experiment drives against a rig: how many columns of duty it has, that no
+heater is asked to cool, and that the rig has its inputs."""
 
 import numpy as np
 
@@ -17,7 +17,8 @@ def check_duty_of_rig(
 
     - `label`: the experiment in messages.
 
-    **Raises:** `error` if it drives another number of cells and heaters, or a heater is to cool.
+    **Raises:** `error` if it drives another number of cells and heaters, a heater is to cool, or it
+    states an input that the rig does not have.
     """
     if experiment.n_cells != len(rig.driven):
         parts = [
@@ -30,6 +31,13 @@ def check_duty_of_rig(
             f"{experiment.n_cells}"
         )
     check_heats_only(experiment, rig, label, error)
+    known = [one.name for one in rig.inputs]
+    for name in experiment.inputs:
+        if name not in known:
+            raise error(
+                f"{label}: inputs: expected those of {rig.name}, {', '.join(known) or 'none'}, got "
+                f"{name!r}"
+            )
 
 
 def check_heats_only(

@@ -42,7 +42,8 @@ def drive(
     **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
 
     **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready;
-    `JaxtwinError` if the plan is for another number of cells and heaters, or a heater is to cool.
+    `JaxtwinError` if the plan is for another number of cells and heaters, a heater is to cool, or
+    it states an input that the rig does not have.
     """
     label = f"{connection.rig.name}: the plan {plan.name}".rstrip()
     check_duty_of_rig(plan, connection.rig, label, JaxtwinError)

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from .._errors import SimulationError
+from .._errors import JaxtwinError, SimulationError
 from .._name_suggestions import unknown_name
 from ..io import Experiment
 from ..rig import Input
@@ -44,72 +45,59 @@ def _levels(experiment: Experiment, source: Input) -> Float[np.ndarray, " times"
                 f"{_example(source)}) states it for the whole recording"
             )
         return np.full(len(experiment.time), source.scale * source.value + source.offset)
-    return _numbers(given, source, label)
+    return _numbers(given, source, label, SimulationError)
 
 
 def _numbers(
-    given: Shaped[np.ndarray, "*times"], source: Input, label: str
+    given: Shaped[np.ndarray, "*times"], source: Input, label: str, error: type[JaxtwinError]
 ) -> Float[np.ndarray, "*times"]:
     """The levels of an input whose values or states are given."""
     where = f"{label}: input {source.name}"
     if given.dtype.kind == "U":
         if not source.states:
             unit = source.unit and f" in {source.unit}"
-            raise SimulationError(f"{where}: expected a number{unit}, got {str(given.flat[0])!r}")
+            raise error(f"{where}: expected a number{unit}, got {str(given.flat[0])!r}")
         for state in dict.fromkeys(given.ravel().tolist()):
             if state not in source.states:
-                raise SimulationError(f"{where}: {unknown_name('state', state, source.states)}")
+                raise error(f"{where}: {unknown_name('state', state, source.states)}")
         found = [source.states.index(state) for state in given.ravel().tolist()]
         return np.array(found, float).reshape(given.shape)
     if source.states:
         last = len(source.states) - 1
         outside = (given < 0) | (given > last)
         if outside.any():
-            raise SimulationError(
+            raise error(
                 f"{where}: expected {', '.join(source.states)}, or 0 to {last}, got "
                 f"{given[outside][0]:g}"
             )
     return np.asarray(source.scale * given + source.offset)
 
 
-def stated_levels(inputs: tuple[Input, ...], stated: Mapping[str, Any]) -> list[Any]:
+def stated_levels(
+    where: str, inputs: tuple[Input, ...], stated: Mapping[str, Any], error: type[JaxtwinError]
+) -> Float[Array, " inputs"]:
     """The levels of all inputs for a moment, of which some are stated: numbers (which JAX may
     trace) or names of states. The others have the value of the rig file.
 
-    **Raises:** `SimulationError` for an unknown input or state.
+    **Raises:** `error`, with `where` before it, for an unknown input or state.
     """
     known = [one.name for one in inputs]
     for name in stated:
         if name not in known:
-            raise SimulationError(f"inputs: {unknown_name('input', name, known)}")
-    return [_level(stated.get(one.name, one.value), one) for one in inputs]
+            raise error(f"{where}: inputs: {unknown_name('input', name, known)}")
+    levels = [_level(where, stated.get(one.name, one.value), one, error) for one in inputs]
+    return jnp.stack([jnp.asarray(level) for level in levels])
 
 
-def _level(stated: Any, source: Input) -> Any:
+def _level(where: str, stated: Any, source: Input, error: type[JaxtwinError]) -> Any:
     if isinstance(stated, jax.Array):
         return source.scale * stated + source.offset
-    return _numbers(
-        np.asarray(stated if isinstance(stated, str) else float(stated)), source, "step"
-    )
+    given = np.asarray(stated if isinstance(stated, str) else float(stated))
+    return _numbers(given, source, where, error)
 
 
 def _example(source: Input) -> str:
     return repr(source.states[0]) if source.states else f"{source.value:g}"
-
-
-def check_inputs(experiment: Experiment, inputs: tuple[Input, ...], rig: str) -> None:
-    """Refuses an experiment that states an input which the rig does not have.
-
-    **Raises:** `SimulationError`.
-    """
-    known = [one.name for one in inputs]
-    for name in experiment.inputs:
-        if name not in known:
-            label = experiment.name or "the experiment"
-            raise SimulationError(
-                f"{label}: inputs: expected those of {rig}, {', '.join(known) or 'none'}, got "
-                f"{name!r}"
-            )
 
 
 def regimes(

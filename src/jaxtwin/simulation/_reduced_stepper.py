@@ -142,4 +142,6 @@ def projected(
         linearised_conductance=modes.linearised_conductance,
         linearised_loss=modes.linearised_loss,
         operating_point=modes.operating_point,
+        switched=None if modes.switched is None else modes.switched @ onto,
+        linearised_change=modes.linearised_change,
     )

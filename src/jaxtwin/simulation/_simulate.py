@@ -28,7 +28,6 @@ from ._initial import (
     initial_temperatures,
     keeps_symmetry,
 )
-from ._input_levels import check_inputs
 from ._integrate import integrate
 from ._modes import run_modes
 from ._padding import padded_time_grid
@@ -235,7 +234,6 @@ def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:
     of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
     label = experiment.name or "the experiment"
     check_duty_of_rig(experiment, twin.rig, label, SimulationError)
-    check_inputs(experiment, twin.rig.inputs, twin.rig.name)
     unknown = [name for name in experiment.channels if name not in twin.channels]
     if unknown:
         raise SimulationError(

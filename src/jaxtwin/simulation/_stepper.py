@@ -215,8 +215,9 @@ class Stepper(eqx.Module):
                 heat = jnp.asarray(heat, dtype)
             conditions = None
             if inputs:
-                levels = stated_levels(self.system.wiring.inputs, inputs)
-                conditions = stepper.system.conditions(jnp.stack([jnp.asarray(x) for x in levels]))
+                known = self.system.wiring.inputs
+                levels = stated_levels("Stepper.step", known, inputs, SimulationError)
+                conditions = stepper.system.conditions(levels)
             held = command, ambient, heat, conditions
             if isinstance(steps, int) and is_traced(self.reference, state, command, ambient):
                 # With a Python number of steps the loop has a known length and gradients exist.
@@ -295,7 +296,8 @@ def advance(
         delayed = commands[places]
     amplitudes, duty = state.amplitudes, state.duty
     now = delayed[0] if system.lag is None else duty
-    line = _loss_line(stepper, state, now, surroundings, modal_heat, loss_dtype)
+    held = Inputs(now, surroundings, modal_heat, conditions)
+    line = _loss_line(stepper, state, held, loss_dtype)
     begin = jnp.zeros_like(stepper.sizes[0])
     for number in range(len(stepper.sizes)):
         size = stepper.sizes[number]
@@ -304,7 +306,7 @@ def advance(
         flow = modal_heat if line is None else line.first + times[:, None] * line.slope
         inputs, duty = _inputs(system, duty, delayed[number], size, surroundings, flow)
         inputs = replace(inputs, conditions=conditions)
-        if line is not None and len(stepper.sizes) == 1 and conditions is None:
+        if line is not None and len(stepper.sizes) == 1:
             force = line.force
         else:
             force = stepper.field.force(amplitudes, inputs.at(0))
@@ -326,13 +328,11 @@ class _LossLine(NamedTuple):
 def _loss_line(
     stepper: Stepper,
     state: ModalState,
-    duty: Float[Array, " cells"],
-    surroundings: Float[Array, ""],
-    heat: Float[Array, " modes"] | None,
+    held: Inputs,
     dtype: DTypeLike | None,
 ) -> _LossLine | None:
-    """Computes the losses of the plate beyond the modes' linear losses, with `heat`; None if losses
-    are linear.
+    """Computes the losses of the plate beyond the modes' linear losses, with the heat of the inputs
+    at the start of the step; None if losses are linear.
 
     These losses change by a thousandth in a second, and cost more than all the rest. They are
     therefore computed at the start and in the middle of a step, and interpolated linearly.
@@ -340,7 +340,7 @@ def _loss_line(
     parts = stepper.plate, stepper.field.modes.linearised_loss, stepper.system.loss
     if any(part is None for part in parts):
         return None
-    given: Any = (*parts, stepper.reference, surroundings)
+    given: Any = (*parts, stepper.reference, held.ambient)
     if dtype is not None:
         given = jax.tree.map(lambda leaf: leaf.astype(dtype), given)
     plate, linearised, law, reference, room = given
@@ -349,10 +349,10 @@ def _loss_line(
         deviation = plate @ amplitudes.astype(plate.dtype)
         lost = law.heat(deviation - room, reference + room)
         found = (plate.T @ (linearised * deviation - lost)).astype(amplitudes.dtype)
-        return found if heat is None else found + heat
+        return found if held.heat is None else found + held.heat
 
     first = force(state.amplitudes)
-    begin = stepper.field.force(state.amplitudes, Inputs(duty, surroundings, first))
+    begin = stepper.field.force(state.amplitudes, replace(held, heat=first))
     middle = force(stepper.half_decay * state.amplitudes + stepper.half * begin)
     return _LossLine(first, (middle - first) * 2 / stepper.sizes.sum(), begin)
 

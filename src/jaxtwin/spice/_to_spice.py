@@ -56,9 +56,9 @@ def to_spice(
 
     **Returns:** the text, to be saved as a file for ngspice.
 
-    **Raises:** `SimulationError` if the experiment drives another number of cells and heaters, or
-    a heater is to cool;
-    `ParameterError` if a parameter holds more than one value.
+    **Raises:** `SimulationError` if the experiment drives another number of cells and heaters, a
+    heater is to cool, or it states an input that the rig does not have; `ParameterError` if a
+    parameter holds more than one value.
     """
     twin = twin_of_experiment(twin, experiment)
     label = experiment.name or "the experiment"

@@ -123,6 +123,11 @@ class AbstractController(eqx.Module):
         """Returns the lines of the controller's file, without those of all controllers."""
         return field_lines(self, self.fields)
 
+    def for_rig(self, rig: Rig) -> "AbstractController":
+        """Returns the controller as it commands a rig, in a loop, in its file and in C. By default
+        it is the same for all rigs."""
+        return self
+
     def law(self, cells: int) -> Law:
         """Returns the controller's law in C for a rig with so many cells. By default there is none.
 
@@ -248,35 +253,6 @@ def checked_measured(where: str, measured: Any) -> tuple[tuple[str, ...], ...] |
             f"[['T11', 'T12'], ['T15', 'T16']], got {measured!r}"
         )
     return groups
-
-
-def checked_limits(where: str, limits: Sequence[float | int]) -> tuple[float, float]:
-    """Returns the lowest and the highest duty.
-
-    **Raises:** `ControlError` if they are not within -1 to 1, or not in this order.
-    """
-    try:
-        lowest, highest = (float(limit) for limit in limits)
-        if not -1 <= lowest < highest <= 1:
-            raise ValueError
-    except (TypeError, ValueError):
-        raise ControlError(
-            f"{where}: limits: expected the lowest and the highest duty, from -1 to 1, got "
-            f"{limits!r}"
-        ) from None
-    return lowest, highest
-
-
-def check_limits_of_heaters(where: str, limits: tuple[float, float], rig: Rig) -> None:
-    """Refuses limits below 0 for a rig with heaters: the controller would wait for them to cool.
-
-    **Raises:** `ControlError`.
-    """
-    if rig.heaters and limits[0] < 0:
-        raise ControlError(
-            f"{where}: expected limits from 0 on, because the heaters of {rig.name} cannot cool, "
-            f"got {limits[0]:g} to {limits[1]:g}; give the controller limits=(0, 1)"
-        )
 
 
 def check_non_negative(where: str, **values: Any) -> None:

@@ -129,6 +129,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
             f"save_controller: controller: expected one whose class has a file ({known}; "
             f"register_controller adds a class), got {controller!r}"
         )
+    controller = controller.for_rig(rig)
     lines = [
         f"format = {FORMAT}",
         f"rig = {json.dumps(rig.name)}",
@@ -190,6 +191,7 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
         # Overflows warn here; they are refused at the end as numbers that are not finite.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # includes LinAlgWarning
-            return controller.from_file(FileContents(data, common, rig, refuse_field))
+            contents = FileContents(data, common, rig, refuse_field)
+            return controller.from_file(contents).for_rig(rig)
     except (ArithmeticError, LinAlgError, TypeError, ValueError) as error:
         refuse_field("", str(error))

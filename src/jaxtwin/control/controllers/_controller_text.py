@@ -30,7 +30,8 @@ def controller_text(controller: Any) -> str:
 
 
 def _fields(controller: Any) -> list[Any]:
-    return [field for field in dataclasses.fields(controller) if hasattr(controller, field.name)]
+    fields = dataclasses.fields(controller)
+    return [field for field in fields if field.repr and hasattr(controller, field.name)]
 
 
 def _named(name: str, value: Any, unit: str) -> str:

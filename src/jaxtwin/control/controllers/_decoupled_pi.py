@@ -22,15 +22,14 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ..._errors import ControlError
 from ..._jax_settings import own_settings
 from ._controller import (
-    AbstractChannelGroupController,
     AbstractController,
     Numbers,
     check_non_negative,
-    checked_limits,
     checked_measured,
     checked_sample_time,
 )
 from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents, numbers
+from ._duty_limits import AbstractDutyLimitedController, checked_limits
 from ._law import Law, bundled_law, of_cells, parameter_text
 from ._pid import INTEGRAL, PROPORTIONAL, WEIGHT, Parameter, as_parameter, tracking_share
 
@@ -42,7 +41,7 @@ class DecoupledPIState(NamedTuple):
 
 
 @final
-class DecoupledPI(AbstractChannelGroupController):
+class DecoupledPI(AbstractDutyLimitedController):
     """A multivariable PI controller: one pair of gains for the mean of the outputs, another for
     their differences.
 
@@ -79,6 +78,7 @@ class DecoupledPI(AbstractChannelGroupController):
     decoupling: Parameter
     setpoint_weight: Parameter
     limits: tuple[float, float] = eqx.field(static=True)
+    has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] = eqx.field(static=True)
 
@@ -92,7 +92,7 @@ class DecoupledPI(AbstractChannelGroupController):
         measured: Sequence[str | Sequence[str]],
         decoupling: Numbers | None = None,
         setpoint_weight: Numbers = 1.0,
-        limits: Sequence[float | int] = (-1.0, 1.0),
+        limits: Sequence[float | int] | None = None,
         sample_time_s: float | int = 1.0,
     ):
         self.check_parameters(
@@ -118,6 +118,7 @@ class DecoupledPI(AbstractChannelGroupController):
         if isinstance(self.decoupling, np.ndarray):
             check_decoupling("DecoupledPI", self.decoupling, len(groups))
         self.limits = checked_limits("DecoupledPI", limits)
+        self.has_own_limits = limits is not None
         self.sample_time_s = checked_sample_time("DecoupledPI", sample_time_s)
 
     @classmethod

@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import check_callable
 from ..._errors import ControlError
+from ...rig import Rig
 from ._controller import AbstractController, checked_sample_time
 
 ControlFunction: TypeAlias = Callable[[Array, Array, Array], npt.ArrayLike]
@@ -84,9 +85,9 @@ class FunctionController(AbstractController):
 
 
 def as_controller(
-    where: str, controller: Any, sample_time_s: float | int | None = None
+    where: str, controller: Any, rig: Rig, sample_time_s: float | int | None = None
 ) -> AbstractController:
-    """Returns a controller unchanged, and makes one from a plain function.
+    """Returns a controller as it commands a rig, and makes one from a plain function.
 
     **Arguments:**
 
@@ -102,7 +103,7 @@ def as_controller(
                 f"{where}: expected a sample time only beside a plain function, got "
                 f"{sample_time_s!r} s beside a controller with {controller.sample_time_s:g} s"
             )
-        return controller
+        return controller.for_rig(rig)
     if controller is None:
         raise ControlError(f"{where}: expected a controller or a function, got None")
     check_callable(where, controller, ControlError)

@@ -23,12 +23,10 @@ from ...rig._units import Kind
 from ..linear._discrete_model import DiscreteModel
 from ..linear._riccati import regulator
 from ._controller import (
-    AbstractChannelGroupController,
     AbstractController,
     Numbers,
     check_non_negative,
     checked_deviations,
-    checked_limits,
     checked_measured,
     with_values,
 )
@@ -40,6 +38,7 @@ from ._controller_fields import (
     check_cells_of_fields,
     matrix,
 )
+from ._duty_limits import AbstractDutyLimitedController, checked_limits
 from ._file_model import (
     MODEL_FIELDS,
     PER_KELVIN,
@@ -76,7 +75,7 @@ class LQIState(NamedTuple):
 
 
 @final
-class LQI(AbstractChannelGroupController):
+class LQI(AbstractDutyLimitedController):
     """State feedback with integral action and a Kalman filter, designed on a linear model.
 
     ```python
@@ -102,7 +101,7 @@ class LQI(AbstractChannelGroupController):
       reading noise determines how much the filter trusts the model.
     - `setpoint_weight`: b, the part of the duty for a new reference that is applied at once. With 0
       the integral provides all of it, which overshoots least.
-    - `limits`: limits of the duty, within -1 to 1. At a limit the integral is set back by
+    - `limits`: limits of the duty, as in `PID`. At a limit the integral is set back by
       back-calculation, and the filter uses the duty that the cells get.
 
     **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
@@ -125,6 +124,7 @@ class LQI(AbstractChannelGroupController):
     duty: Float[Array | np.ndarray, " cells"]
     outputs: Float[Array | np.ndarray, " outputs"]
     limits: tuple[float, float] = eqx.field(static=True)
+    has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
 
@@ -139,9 +139,10 @@ class LQI(AbstractChannelGroupController):
         drift: Numbers = 0.1,
         reading_noise: Numbers = 0.1,
         setpoint_weight: Numbers = 0.0,
-        limits: Sequence[float | int] = (-1.0, 1.0),
+        limits: Sequence[float | int] | None = None,
     ):
         self.limits = checked_limits("LQI", limits)
+        self.has_own_limits = limits is not None
         self.measured = checked_measured("LQI", measured)
         self.check_parameters(setpoint_weight=setpoint_weight)
         self.setpoint_weight = as_parameter(setpoint_weight)

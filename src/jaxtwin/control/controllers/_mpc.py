@@ -40,11 +40,9 @@ from ._condensed_program import (
     soft_limits,
 )
 from ._controller import (
-    AbstractChannelGroupController,
     AbstractController,
     Numbers,
     checked_deviations,
-    checked_limits,
     checked_measured,
 )
 from ._controller_fields import (
@@ -54,6 +52,7 @@ from ._controller_fields import (
     FileContents,
     as_quantity,
 )
+from ._duty_limits import AbstractDutyLimitedController, checked_limits
 from ._file_model import (
     MODEL_FIELDS,
     designed,
@@ -84,7 +83,7 @@ class MPCState(NamedTuple):
 
 
 @final
-class MPC(AbstractChannelGroupController):
+class MPC(AbstractDutyLimitedController):
     """Model predictive control, designed on a linear model.
 
     ```python
@@ -141,6 +140,7 @@ class MPC(AbstractChannelGroupController):
     horizon: int = eqx.field(static=True)
     rate_limit: float | None = eqx.field(static=True)
     limits: tuple[float, float] = eqx.field(static=True)
+    has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     preview: bool = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
@@ -156,13 +156,14 @@ class MPC(AbstractChannelGroupController):
         duty_change_deviation: Numbers = 0.05,
         drift: Numbers = 0.1,
         reading_noise: Numbers = 0.1,
-        limits: Sequence[float | int] = (-1.0, 1.0),
+        limits: Sequence[float | int] | None = None,
         rate_limit: float | int | None = None,
         temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
         excess_deviation: float | int = 0.1,
         preview: bool = False,
     ):
         self.limits = checked_limits("MPC", limits)
+        self.has_own_limits = limits is not None
         self.measured = checked_measured("MPC", measured)
         self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
         self.preview = true_or_false("MPC: preview", preview, ControlError)

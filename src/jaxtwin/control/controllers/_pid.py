@@ -22,14 +22,13 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._jax_settings import own_settings
 from ._controller import (
-    AbstractChannelGroupController,
     Numbers,
     check_non_negative,
-    checked_limits,
     checked_measured,
     checked_sample_time,
 )
 from ._controller_fields import ControllerField
+from ._duty_limits import AbstractDutyLimitedController, checked_limits
 from ._law import Law, bundled_law, of_cells, parameter_text
 
 PROPORTIONAL = ControllerField("a gain", "1/K", "0.1 1/K", "zero", is_required=True)
@@ -49,7 +48,7 @@ class PIDState(NamedTuple):
 
 
 @final
-class PID(AbstractChannelGroupController):
+class PID(AbstractDutyLimitedController):
     """A PID controller for each cell, all with the same output or each with its own.
 
     ```python
@@ -69,7 +68,8 @@ class PID(AbstractChannelGroupController):
       measurement alone.
     - `tracking_time_s`: time constant of the anti-windup by back-calculation, s; None for Kp / Ki.
       It is at least the sample time.
-    - `limits`: limits of the duty, within -1 to 1. (0, 1) never cools.
+    - `limits`: limits of the duty, within -1 to 1. (0, 1) never cools. None for -1 to 1, and for
+      0 to 1 on a rig with heaters.
     - `sample_time_s`: the sample time, s.
     - `measured`: the outputs, each a channel or a group of channels that is averaged; None for the
       mean over all channels.
@@ -97,6 +97,7 @@ class PID(AbstractChannelGroupController):
     derivative_weight: Parameter
     tracking_time_s: Parameter | None
     limits: tuple[float, float] = eqx.field(static=True)
+    has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
 
@@ -110,7 +111,7 @@ class PID(AbstractChannelGroupController):
         setpoint_weight: Numbers = 1.0,
         derivative_weight: Numbers = 0.0,
         tracking_time_s: Numbers | None = None,
-        limits: Sequence[float | int] = (-1.0, 1.0),
+        limits: Sequence[float | int] | None = None,
         sample_time_s: float | int = 1.0,
         measured: Sequence[str | Sequence[str]] | None = None,
     ):
@@ -128,6 +129,7 @@ class PID(AbstractChannelGroupController):
         self.derivative_weight = as_parameter(derivative_weight)
         self.tracking_time_s = None if tracking_time_s is None else as_parameter(tracking_time_s)
         self.limits = checked_limits("PID", limits)
+        self.has_own_limits = limits is not None
         self.sample_time_s = checked_sample_time("PID", sample_time_s)
         self.measured = checked_measured("PID", measured)
 

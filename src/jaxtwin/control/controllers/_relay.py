@@ -18,15 +18,14 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 from ..._arguments import finite_number
 from ..._errors import ControlError
 from ._controller import (
-    AbstractChannelGroupController,
     AbstractController,
     Numbers,
     check_non_negative,
-    checked_limits,
     checked_measured,
     checked_sample_time,
 )
 from ._controller_fields import ControllerField, FileContents
+from ._duty_limits import AbstractDutyLimitedController, checked_limits
 from ._pid import Parameter, as_parameter
 
 
@@ -50,7 +49,7 @@ class RelayState(NamedTuple):
 
 
 @final
-class Relay(AbstractChannelGroupController):
+class Relay(AbstractDutyLimitedController):
     """A relay with hysteresis, for finding the gain and the period of a critical oscillation.
 
     ```python
@@ -95,6 +94,7 @@ class Relay(AbstractChannelGroupController):
     hysteresis: Parameter
     timeout_s: float = eqx.field(static=True)
     limits: tuple[float, float] = eqx.field(static=True)
+    has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
 
@@ -106,7 +106,7 @@ class Relay(AbstractChannelGroupController):
         *,
         timeout_s: float | int = 600.0,
         measured: str | Sequence[str] | None = None,
-        limits: Sequence[float | int] = (-1.0, 1.0),
+        limits: Sequence[float | int] | None = None,
         sample_time_s: float | int = 1.0,
     ):
         self.check_parameters(amplitude=amplitude, bias=bias, hysteresis=hysteresis)
@@ -118,6 +118,7 @@ class Relay(AbstractChannelGroupController):
         group = None if measured is None else [measured]
         self.measured = checked_measured("Relay", group)
         self.limits = checked_limits("Relay", limits)
+        self.has_own_limits = limits is not None
         self.sample_time_s = checked_sample_time("Relay", sample_time_s)
 
     @classmethod

@@ -20,6 +20,7 @@ from ...matching._nominal_twin import nominal_twin
 from ...physics import System, Twin
 from ...simulation import Run
 from ...simulation._check_values import check_values
+from ...simulation._input_levels import stated_levels
 from ._linear_model import LinearModel
 from ._operating_point import (
     OperatingPoint,
@@ -43,6 +44,7 @@ def linearize(
     duty: ArrayLike | float | int | None = None,
     temperatures: Mapping[str, float] | float | int | None = None,
     ambient: float | int | None = None,
+    inputs: Mapping[str, Any] | None = None,
     run: Run | HasRun | None = None,
     time: float | int | None = None,
 ) -> LinearModel:
@@ -82,6 +84,9 @@ def linearize(
       temperatures of channels, degC: of one channel, reached with the same duty for all cells; of
       as many channels as cells; or of more, which are approximated in the sense of least squares.
     - `ambient`: the temperature of the surroundings, degC; None for that of the rig, or of the run.
+    - `inputs`: the rig's other inputs, name -> number or name of a state, such as
+      `{"lid": "open"}`. Those that are not given have the value of the rig file. With a run they
+      are those of the run.
     - `run`: a run of this rig, or a `ClosedLoopRun`, instead of duty and temperatures, for its
       state at a `time`. The duty of the operating point is the one that reaches the cells then,
       behind delay and lag.
@@ -91,8 +96,9 @@ def linearize(
 
     **Raises:** `ControlError` if not exactly one of duty, temperatures and run is given, if a time
     is given without a run or is outside of it, if they do not fit the rig, if no duty from -1 to 1
-    reaches the temperatures, or if no steady state is found; `ParameterError` if a parameter has
-    several values, or if a resistance, a heat capacity, a lag or a delay is not above 0.
+    reaches the temperatures, for an unknown input or state, or if no steady state is found;
+    `ParameterError` if a parameter has several values, or if a resistance, a heat capacity, a lag
+    or a delay is not above 0.
     """
     twin = nominal_twin("linearize: twin", twin, ControlError)
     given_points = {"duty": duty, "temperatures": temperatures, "run": run}
@@ -107,6 +113,8 @@ def linearize(
             "linearize: expected a time beside a run, s, got "
             f"{'no time' if time is None else f'time {time!r} without a run'}"
         )
+    if run is not None and inputs is not None:
+        raise ControlError(f"linearize: inputs: expected none beside a run, got {inputs!r}")
     if not is_traced(twin):
         check_values(twin)
     target = None if temperatures is None else target_of(twin, temperatures)
@@ -120,7 +128,10 @@ def linearize(
     with settings_for(twin, duty):
         given = None if duty is None else _duty(twin, duty)
         room = None if ambient is None else jnp.asarray(ambient)
-        model, reached, imbalance = to_numpy(model_at_rest(twin, given, target, room))
+        levels = None
+        if inputs:
+            levels = stated_levels("linearize", twin.rig.inputs, inputs, ControlError)
+        model, reached, imbalance = to_numpy(model_at_rest(twin, given, target, room, levels))
     if not is_traced(imbalance) and not float(imbalance) <= REST_TOLERANCE:
         raise ControlError(
             f"linearize: {twin.rig.name}: expected a steady state, but the rig does not come to "
@@ -173,10 +184,11 @@ def model_at_rest(
     duty: Float[Array, " cells"] | None,
     target: Target | None,
     ambient: Float[Array, ""] | None,
+    levels: Float[Array, " inputs"] | None = None,
 ) -> tuple[LinearModel, Float[Array, " targets"], Float[Array, ""]]:
     """Computes the model, the temperatures that were reached, and the relative heat flow that is
     left in the steady state."""
-    system = twin.system()
+    system = _under(twin.system(), levels)
     reference = jnp.asarray(system.ambient_temperature)
     if ambient is not None:
         reference = jnp.asarray(ambient, reference.dtype) + ZERO_CELSIUS
@@ -195,12 +207,17 @@ def model_at_rest(
 @persistent_jit
 def _model_in_motion(twin: Twin, point: PointOfRun) -> LinearModel:
     """The model at a state that is not at rest."""
-    system = twin.system()
+    system = _under(twin.system(), point.levels)
     reference = jnp.asarray(point.ambient) + ZERO_CELSIUS
     nodes, duty = jnp.asarray(point.nodes) - point.ambient, jnp.asarray(point.duty)
     model, _ = _model(twin, system, nodes, duty, reference)
     rates = system.heat_into_nodes(nodes, duty, reference) / system.capacitance
     return eqx.tree_at(lambda m: m.rates, model, rates, is_leaf=lambda leaf: leaf is None)
+
+
+def _under(system: System, levels: Float[Array | np.ndarray, " inputs"] | None) -> System:
+    """The equations under the rig's other inputs; None for those of the rig file."""
+    return system if levels is None else system.under(system.conditions(jnp.asarray(levels)))
 
 
 def _model(

@@ -12,6 +12,7 @@ from ..._errors import ControlError
 from ...physics import Twin
 from ...simulation import Run
 from ...simulation._delay import lagged_duty
+from ...simulation._input_levels import input_levels
 
 
 @runtime_checkable
@@ -30,11 +31,13 @@ class PointOfRun(NamedTuple):
     - `nodes`: the temperatures of the nodes, degC.
     - `duty`: the duty that reaches the cells, -1 to 1.
     - `ambient`: the temperature of the surroundings, degC.
+    - `levels`: the rig's other inputs, as numbers (`input_levels`); None for a rig without any.
     """
 
     nodes: Float[Array | np.ndarray, " nodes"]
     duty: Float[Array | np.ndarray, " cells"]
     ambient: Float[Array | np.ndarray, ""]
+    levels: Float[Array | np.ndarray, " inputs"] | None
 
 
 def point_of_run(twin: Twin, run: Run, time: Any, ambient: float | int | None) -> PointOfRun:
@@ -81,4 +84,5 @@ def point_of_run(twin: Twin, run: Run, time: Any, ambient: float | int | None) -
             run.is_steady_start,
         )[0]
     nodes = np.array([np.interp(at, times, column) for column in run.states.T])
-    return PointOfRun(nodes, duty, np.asarray(room))
+    levels = input_levels(experiment, twin.rig.inputs)
+    return PointOfRun(nodes, duty, np.asarray(room), None if levels is None else levels[now])

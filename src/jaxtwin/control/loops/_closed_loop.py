@@ -40,7 +40,7 @@ def closed_loop(twin: Twin, controller: AbstractController, scenario: Scenario) 
     - `scenario`: references, initial state, disturbances and errors of the readings.
     """
     stepper = Stepper(twin, scenario.step, longest_delay=scenario.longest_delay)
-    return run_loop(stepper, controller, scenario)
+    return run_loop(stepper, controller.for_rig(twin.rig), scenario)
 
 
 @persistent_jit

@@ -162,6 +162,7 @@ class LiveLoop:
         silence: float | int = 3.0,
         ambient: float | int | None = None,
     ):
+        controller = controller.for_rig(twin.rig)
         text = references if isinstance(references, str) else np.asarray(references).tolist()
         self._duration = float(duration)
         self.plan = {"references": text, "duration_s": self._duration}

@@ -15,11 +15,8 @@ from ..._errors import ControlError
 from ...physics import System, Twin
 from ...rig import Rig
 from ...simulation._modes import network_modes
-from ..controllers._controller import (
-    AbstractChannelGroupController,
-    AbstractController,
-    check_limits_of_heaters,
-)
+from ..controllers._controller import AbstractChannelGroupController, AbstractController
+from ..controllers._duty_limits import check_limits_of_heaters
 from ..controllers._function_controller import FunctionController
 from ._references import representative_samples
 

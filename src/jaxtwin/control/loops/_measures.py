@@ -143,8 +143,6 @@ def _error(loop: ClosedLoop) -> Float[Array, "times outputs"]:
 
 def _plate_range(loop: ClosedLoop) -> Float[Array, " times"]:
     plate = jnp.asarray(loop.plate)
-    if plate.shape[1] == 0:  # a rig without a plate
-        return jnp.full(plate.shape[0], jnp.nan, plate.dtype)
     return plate.max(axis=1) - plate.min(axis=1)
 
 

@@ -110,7 +110,7 @@ def scenario(
     """
     where = "scenario"
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
-    chosen = as_controller(f"{where}: controller", controller)
+    chosen = as_controller(f"{where}: controller", controller, plant.rig)
     interval = chosen.sample_time_s
     times = sample_times(where, duration, interval)
     weights = np.asarray(chosen.output_weights(plant.channels), float)

@@ -67,7 +67,8 @@ def simulate_closed_loop(
     where = "simulate_closed_loop"
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
     check_values(plant)
-    chosen = as_controller(f"{where}: controller", controller, settings.pop("sample_time_s", None))
+    sample_time = settings.pop("sample_time_s", None)
+    chosen = as_controller(f"{where}: controller", controller, plant.rig, sample_time)
     conditions = scenario(plant, chosen, references, duration=duration, **settings)
     with own_settings():
         stepper = Stepper(plant, conditions.step, longest_delay=conditions.longest_delay)

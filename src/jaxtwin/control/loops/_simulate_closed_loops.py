@@ -72,7 +72,8 @@ def simulate_closed_loops(
     settings do not fit each other; `ParameterError` if no draw of the twin is valid.
     """
     plant = nominal_twin(f"{WHERE}: twin", twin, ControlError)
-    chosen = as_controller(f"{WHERE}: controller", controller, settings.pop("sample_time_s", None))
+    sample_time = settings.pop("sample_time_s", None)
+    chosen = as_controller(f"{WHERE}: controller", controller, plant.rig, sample_time)
     plant_draws = checked_draws(plant, draws) if draws else {}
     drawn = _checked_controller_draws(chosen, controller_draws)
     count = _count(plant_draws, drawn)

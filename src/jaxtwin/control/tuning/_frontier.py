@@ -15,6 +15,7 @@ from ..._errors import ControlError
 from ..._name_suggestions import did_you_mean, unknown_name
 from ..._waiting import announced, silent
 from ...matching import Fit
+from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..loops._measures import MEASURES
@@ -203,11 +204,12 @@ def frontier(
         workers=workers,
         settings=settings,
     )
+    rig = nominal_twin("frontier: twin", twin, ControlError).rig
     tunings = []
     for amount in amounts:
         began = time.perf_counter()
         sums = {**base, against: base.get(against, 0.0) + amount}
-        aim = checked_objective("frontier", sums, tail_weight)
+        aim = checked_objective("frontier", sums, tail_weight, rig)
         with silent():
             found = problem._replace(objective=aim).solved(number, began)
         tunings.append(found)

@@ -14,7 +14,7 @@ from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
 from ...rig._plate_needed import check_has_plate
-from ..controllers._controller import checked_limits
+from ..controllers._duty_limits import checked_limits
 from ..linear._linear_model import LinearModel
 from ..linear._linearize import linearize
 from ..linear._operating_point import OperatingPoint

@@ -10,7 +10,9 @@ from jaxtyping import Float
 from ..._arguments import finite_number
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
-from ..loops._measures import MEASURES, Measure
+from ...rig import Rig
+from ...rig._plate_needed import check_has_plate
+from ..loops._measures import OF_PLATE, Measure, measures_of
 
 STEPWISE = {
     "settling_time": "integral_time_absolute_error",
@@ -62,17 +64,18 @@ class Objective(NamedTuple):
         return float(share @ sums), share @ by_parameters
 
 
-def checked_objective(where: str, objective: object, tail_weight: object) -> Objective:
+def checked_objective(where: str, objective: object, tail_weight: object, rig: Rig) -> Objective:
     """Makes an objective from the name of a measure, from name -> weight, or from a function of a
     `ClosedLoop`.
 
-    **Raises:** `ControlError` for anything else, for unknown measures, and for measures without a
-    derivative.
+    **Raises:** `ControlError` for anything else, for unknown measures, for measures without a
+    derivative, and for those of the plate if the rig has none.
     """
     tail = finite_number(f"{where}: tail_weight", tail_weight, ControlError)
     if not 0 <= tail <= 1:
         raise ControlError(f"{where}: tail_weight: expected a number from 0 to 1, got {tail:g}")
-    measures: dict[str, Measure] = {name: function for name, (function, _) in MEASURES.items()}
+    of_rig = measures_of(len(rig.plate.element_names))
+    measures: dict[str, Measure] = {name: function for name, (function, _) in of_rig.items()}
     at = f"{where}: objective"
     if callable(objective):
         measures[OWN_OBJECTIVE] = cast(Measure, objective)
@@ -90,8 +93,10 @@ def checked_objective(where: str, objective: object, tail_weight: object) -> Obj
             f"{objective!r}"
         )
     for name in weights:
+        if name in OF_PLATE:
+            check_has_plate(f"{at}: {name}", rig, ControlError)
         if name not in measures:
-            raise ControlError(f"{at}: {unknown_name('measure', name, MEASURES)}")
+            raise ControlError(f"{at}: {unknown_name('measure', name, of_rig)}")
         if name in STEPWISE:
             raise ControlError(
                 f"{at}: expected measures that have a derivative, got {name}, which changes by "

@@ -60,6 +60,7 @@ def tuning_problem(
             f"{where}: controller: expected a controller with parameters, got {controller!r}"
         )
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
+    controller = controller.for_rig(plant.rig)
     if settings.get("quantised"):
         raise ControlError(
             f"{where}: quantised: expected False, because rounding has no derivative, got True"
@@ -67,7 +68,7 @@ def tuning_problem(
     if workers is not None:
         whole_number(f"{where}: workers", workers, 1, ControlError)
     vector, box = search_box(f"{where}: tuned", controller, tuned)
-    aim = checked_objective(where, objective, tail_weight)
+    aim = checked_objective(where, objective, tail_weight, plant.rig)
     limit = _checked_limit(where, sensitivity_limit)
     plant_draws = _plant_draws(where, plant, twin, draws, seed)
     median_twin = twin_at_medians(plant, plant_draws)
