@@ -5,6 +5,7 @@ from ._errors import ControlError as ControlError
 from ._errors import JaxtwinError as JaxtwinError  # the base class of all errors
 from ._errors import LinkError as LinkError
 from ._errors import MatchError as MatchError
+from ._errors import ObserverError as ObserverError
 from ._errors import ParameterError as ParameterError
 from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
@@ -30,6 +31,11 @@ from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
 from .matching import prediction_band as prediction_band  # where readings are expected
 from .matching import profile as profile  # the cost of a match over one parameter
+from .observers import Forecast as Forecast  # expected readings with bands
+from .observers import Observed as Observed  # a recording that an observer followed
+from .observers import ProcessNoise as ProcessNoise  # what a twin does not know of its rig
+from .observers import estimate_noise as estimate_noise  # and how to find it
+from .observers import observe as observe  # what a rig is doing, from its readings
 from .physics import Netlist as Netlist  # nodes, links, cells: the common form of every rig
 from .physics import ThermoelectricModule as ThermoelectricModule  # a Peltier cell; DC sweeps
 from .physics import Twin as Twin  # a rig with values for its parameters

@@ -34,6 +34,10 @@ class ControlError(JaxtwinError):
     """A linear model, a controller or a closed loop that cannot be made from its arguments."""
 
 
+class ObserverError(JaxtwinError):
+    """An observer that cannot be made for a rig, or readings that it cannot take."""
+
+
 class LinkError(JaxtwinError):
     """A link that cannot be opened, or a peer that does not use the protocol or is another rig."""
 

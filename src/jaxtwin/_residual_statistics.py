@@ -83,3 +83,20 @@ def _products(
 def about_mean(residuals: Float[np.ndarray, " times"]) -> Float[np.ndarray, " times"]:
     """Subtracts their mean from the residuals; 0 for missing ones."""
     return np.nan_to_num(residuals - np.nanmean(residuals))
+
+
+def partial_autocorrelation(
+    residuals: Float[np.ndarray, " times"], lags: int
+) -> Float[np.ndarray, " lags_and_zero"]:
+    """Sample partial autocorrelations at the lags 0 to `lags`: the part of each autocorrelation
+    that those at smaller lags do not explain (Durbin and Levinson's recursion)."""
+    rho = autocorrelation(residuals, lags)
+    found = np.zeros(lags + 1)
+    found[0] = rho[0]
+    weights = np.zeros(0)
+    for lag in range(1, lags + 1):
+        left = 1 - weights @ rho[1:lag]
+        last = (rho[lag] - weights @ rho[lag - 1 : 0 : -1]) / left if left > 0 else 0.0
+        weights = np.append(weights - last * weights[::-1], last)
+        found[lag] = last
+    return found

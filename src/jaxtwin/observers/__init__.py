@@ -1,11 +1,38 @@
 """Observers: what a rig is doing, estimated from its duty and its readings.
 
 An observer (`_observer`) is a pure object with arrays as its state, so that it runs under `jit`,
-`vmap` and `grad`. `OpenLoop` (`_open_loop`) is the twin that only follows the duty; an estimator
-corrects its state by the readings as well.
+`vmap` and `grad`. `OpenLoop` (`_open_loop`) is the twin that only follows the duty;
+`ExtendedKalmanFilter` (`_kalman_filter`) corrects its state by the readings.
+
+The filter is built from parts: the twin with further states (`_augmented_model`), a step of any
+length in the modes of its network, the commands in the driver's delay (`_commands`), the directions
+in which a fit is uncertain (`_uncertain_values`), the distribution at the start (`_start`), and the
+algebra of normal distributions (`_gaussian`). `observe` (`_observe`) runs it over a recording
+(`_filter_run`); the result, `Observed`, forecasts (`_forecast_run`) and smooths (`_smoother`).
+`estimate_noise` (`_estimate_noise`) finds the levels of a `ProcessNoise`.
 """
 
+from ._estimate_noise import estimate_noise
+from ._estimates import Estimate, Estimates
+from ._forecast import Forecast
+from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+from ._observe import observe
+from ._observed import Observed
 from ._observer import AbstractObserver
 from ._open_loop import OpenLoop, OpenLoopState
+from ._process_noise import ProcessNoise
 
-__all__ = ["AbstractObserver", "OpenLoop", "OpenLoopState"]
+__all__ = [
+    "AbstractObserver",
+    "Estimate",
+    "Estimates",
+    "ExtendedKalmanFilter",
+    "Forecast",
+    "KalmanState",
+    "Observed",
+    "OpenLoop",
+    "OpenLoopState",
+    "ProcessNoise",
+    "estimate_noise",
+    "observe",
+]

@@ -6,7 +6,7 @@ dark notebook.
 """
 
 from ._animation import animate_plate
-from ._bands import plot_bands
+from ._bands import plot_bands, plot_forecast
 from ._bode import plot_bode
 from ._bode_band import plot_bode_band
 from ._camera_error import plot_camera_error
@@ -25,6 +25,7 @@ from ._index_bars import plot_index_bars
 from ._indices_over_time import plot_indices_over_time
 from ._morris_plane import plot_morris_plane
 from ._netlist import plot_netlist
+from ._observed import plot_innovations, plot_observed
 from ._parameters import plot_parameters
 from ._plate_map import plot_plate_map
 from ._png import to_png
@@ -54,13 +55,16 @@ __all__ = [
     "plot_design",
     "plot_distributions",
     "plot_fit_difference",
+    "plot_forecast",
     "plot_frontier",
     "plot_group_values",
     "plot_history",
     "plot_index_bars",
     "plot_indices_over_time",
+    "plot_innovations",
     "plot_morris_plane",
     "plot_netlist",
+    "plot_observed",
     "plot_parameters",
     "plot_plate_beside",
     "plot_plate_map",

@@ -176,7 +176,9 @@ class ModalField(eqx.Module):
 def _vanishing(matrix: Array, vector: Array) -> Array:
     """Multiplies by a matrix that is zero in value, while its derivative is not."""
     del matrix
-    return jnp.zeros_like(vector)
+    # Not `zeros_like`, which has no batch axis where `vector` has one: JAX (0.10.2) then cannot
+    # differentiate a derivative.
+    return 0.0 * vector
 
 
 @_vanishing.defjvp

@@ -297,7 +297,7 @@ def advance(
     amplitudes, duty = state.amplitudes, state.duty
     now = delayed[0] if system.lag is None else duty
     held = Inputs(now, surroundings, modal_heat, conditions)
-    line = _loss_line(stepper, state, held, loss_dtype)
+    line = loss_line(stepper, amplitudes, held, loss_dtype)
     begin = jnp.zeros_like(stepper.sizes[0])
     for number in range(len(stepper.sizes)):
         size = stepper.sizes[number]
@@ -325,9 +325,9 @@ class _LossLine(NamedTuple):
     force: Float[Array, " modes"]
 
 
-def _loss_line(
+def loss_line(
     stepper: Stepper,
-    state: ModalState,
+    amplitudes: Float[Array, " modes"],
     held: Inputs,
     dtype: DTypeLike | None,
 ) -> _LossLine | None:
@@ -351,9 +351,9 @@ def _loss_line(
         found = (plate.T @ (linearised * deviation - lost)).astype(amplitudes.dtype)
         return found if held.heat is None else found + held.heat
 
-    first = force(state.amplitudes)
-    begin = stepper.field.force(state.amplitudes, replace(held, heat=first))
-    middle = force(stepper.half_decay * state.amplitudes + stepper.half * begin)
+    first = force(amplitudes)
+    begin = stepper.field.force(amplitudes, replace(held, heat=first))
+    middle = force(stepper.half_decay * amplitudes + stepper.half * begin)
     return _LossLine(first, (middle - first) * 2 / stepper.sizes.sum(), begin)
 
 

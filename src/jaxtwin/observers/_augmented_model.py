@@ -1,0 +1,418 @@
+r"""The twin with the states that its equations do not have: the model of the observer.
+
+The state of the observer is a vector with these parts:
+
+| part | what it is |
+|---|---|
+| `modes` | amplitudes of the modes of the network, from which all node temperatures follow |
+| `duty` | the duty that reaches the cells, if the driver has a lag, -1 to 1 |
+| `room` | the room's deviation from the reference, K; a random walk |
+| `heats` | disturbance heats into the nodes that the cells heat, W |
+| `common` | the parts of the error that all channels share, K |
+| `channels` | the error of each channel by itself, K |
+| `values` | the twin's uncertain values, as multiples of directions among its parameters |
+
+Heats, the first part of the common error, the errors of channels and the values are forgotten
+exponentially and driven by white noise (Ornstein-Uhlenbeck processes). The other parts of the
+common error begin at a correction of the camera and decay; nothing drives them.
+
+A change of the twin's values enters as a heat: the difference between the right-hand sides with the
+changed and with the original values, at the start of a step. The modes therefore stay those of the
+original values, and no step needs another eigenproblem. The numbers of the equations are taken as
+linear in the multiples of the directions, so that no step assembles a network.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple, final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from .._celsius import ZERO_CELSIUS
+from .._compilation import persistent_jit_unoptimised
+from ..physics import System, Twin
+from ..simulation import Stepper
+from ..simulation._variable_step import variable_step
+from ._commands import Commands
+from ._process_noise import ProcessNoise
+from ._uncertain_values import UncertainDirections
+
+
+@final
+@dataclass(frozen=True)
+class Layout:
+    """The places of the parts in the vector."""
+
+    modes: int
+    duty: int
+    heats: int
+    common: int
+    channels: int
+    values: int
+
+    @property
+    def size(self) -> int:
+        """The length of the vector."""
+        return self.of("values").stop
+
+    def of(self, part: str) -> slice:
+        """The place of a part."""
+        start = 0
+        for name, length in self._lengths():
+            if name == part:
+                return slice(start, start + length)
+            start += length
+        raise KeyError(part)
+
+    def _lengths(self) -> list[tuple[str, int]]:
+        return [
+            ("modes", self.modes),
+            ("duty", self.duty),
+            ("room", 1),
+            ("heats", self.heats),
+            ("common", self.common),
+            ("channels", self.channels),
+            ("values", self.values),
+        ]
+
+
+class Transition(NamedTuple):
+    """A step of the state: the mean after it, its derivative with respect to the state before, and
+    the covariance of the noise that the step adds."""
+
+    mean: Float[Array, " state"]
+    slope: Float[Array, "state state"]
+    noise: Float[Array, "state state"]
+
+
+class Reading(NamedTuple):
+    """The expected readings, K above the reference, their derivative with respect to the state, and
+    the variance of their noise, K^2."""
+
+    mean: Float[Array, " channels"]
+    slope: Float[Array, "channels state"]
+
+
+@final
+class AugmentedModel(eqx.Module):
+    """The twin with the states of an observer.
+
+    **Arguments:**
+
+    - `twin`: the twin.
+    - `directions`: the directions in which its values are uncertain.
+    - `noise`: the levels of the noise, as arrays.
+    - `columns`: the positions of the read channels among those of the rig.
+    - `longest_step`: the longest step that is taken at once, s.
+    - `room_spread`: the standard deviation of the room about that of the twin, K.
+    """
+
+    twin: Twin
+    stepper: Stepper
+    directions: UncertainDirections | None
+    changes: System | None
+    """The derivatives of the equations along the directions, the last axis of each leaf."""
+    noise: ProcessNoise
+    room_spread: Float[Array | np.ndarray, ""]
+    """The standard deviation of the room about that of the twin, K."""
+    columns: Int[Array | np.ndarray, " channels"]
+    relaxation: tuple[float, ...] = eqx.field(static=True)
+    """The times within which the error of a correction decays, s."""
+    layout: Layout = eqx.field(static=True)
+
+    def __init__(
+        self,
+        twin: Twin,
+        directions: UncertainDirections | None,
+        noise: ProcessNoise,
+        columns: Sequence[int],
+        longest_step: float,
+        room_spread: float = 2.0,
+    ):
+        self.room_spread = np.asarray(room_spread, float)
+        self.twin = twin
+        self.directions = directions
+        self.changes = None if directions is None else _changes(twin, directions)
+        self.noise = noise
+        self.columns = np.asarray(columns)
+        self.stepper = Stepper(twin, longest_step)
+        system = self.stepper.system
+        error = twin.rig.common_error
+        self.relaxation = () if error is None else tuple(error.relaxation)
+        cells = len(system.wiring.cold)
+        self.layout = Layout(
+            modes=len(system.capacitance),
+            duty=0 if system.lag is None else cells,
+            heats=cells,
+            common=1 + len(self.relaxation),
+            channels=len(self.columns) if len(self.columns) > 1 else 0,
+            values=0 if directions is None else directions.count,
+        )
+
+    @property
+    def shapes(self) -> Float[Array, "nodes modes"]:
+        """The temperatures of the nodes for each amplitude."""
+        return self.stepper.field.modes.shapes
+
+    def start_spreads(self) -> Float[Array, " state"]:
+        """The standard deviations at the start of what is not a temperature of a node or room."""
+        layout, noise = self.layout, self.noise
+        spreads = jnp.zeros(layout.size, self.stepper.reference.dtype)
+        spreads = spreads.at[layout.of("heats")].set(noise.disturbance)
+        spreads = spreads.at[layout.of("common").start].set(noise.common)
+        spreads = spreads.at[layout.of("channels")].set(noise.channel)
+        if self.directions is not None:
+            of_values = self.directions.spreads(noise)
+            spreads = spreads.at[layout.of("values")].set(of_values)
+        return spreads
+
+    def slope_of_readings(
+        self,
+        before: Float[Array, " state"],
+        after: Float[Array, " state"],
+        dt: Float[Array, ""],
+        otherwise: Float[Array, " channels"],
+    ) -> Float[Array, " channels"]:
+        """The change of the expected readings in a step, K/s, by the twin's own values; another
+        value for a step of no length."""
+        block = self.layout.of("modes")
+        matrix, _ = self.stepper.system.output_matrices()
+        change = matrix[self.columns] @ (self.shapes @ (after[block] - before[block]))
+        return jnp.where(dt > 0, change / jnp.where(dt > 0, dt, 1.0), otherwise)
+
+    def deviation(self, mean: Float[Array, " state"]) -> Float[Array, " nodes"]:
+        """The deviations of the nodes from the reference, K."""
+        return self.shapes @ mean[self.layout.of("modes")]
+
+    def step(
+        self,
+        mean: Float[Array, " state"],
+        reached: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+    ) -> tuple[Transition, Float[Array, " cells"]]:
+        """A step of the state, and the duty that reaches the cells at its end.
+
+        **Arguments:**
+
+        - `mean`: the state before.
+        - `reached`: the duty that reaches the cells before.
+        - `commands`: the commands in the driver's delay.
+        - `dt`: the length of the step, s.
+        """
+        layout = self.layout
+        z, u, room, heats, values = (
+            mean[layout.of(part)] for part in ("modes", "duty", "room", "heats", "values")
+        )
+
+        def twice(*parts: Array) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
+            end, duty, path = self._evolve(*parts, reached, commands, dt)
+            return (end, duty), (end, duty, path)
+
+        arguments = tuple(range(5))
+        slopes, (end, duty, path) = jax.jacfwd(twice, argnums=arguments, has_aux=True)(
+            z, u, room, heats, values
+        )
+        decay = self._decay(dt)
+        slope = jnp.diag(decay)
+        after = mean * decay
+        places = [layout.of(part) for part in ("modes", "duty", "room", "heats", "values")]
+        for row, of_row, result in zip(places[:2], slopes, (end, duty), strict=True):
+            if row.stop > row.start:
+                after = after.at[row].set(result)
+                for place, block in zip(places, of_row, strict=True):
+                    if place.stop > place.start:
+                        slope = slope.at[row, place].set(block)
+        noise = self._noise(z, values, reached, path, dt)
+        return Transition(after, slope, noise), path[-1]
+
+    def step_of_mean(
+        self,
+        mean: Float[Array, " state"],
+        reached: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+    ) -> tuple[Float[Array, " state"], Float[Array, " cells"]]:
+        """The same without the derivative and the noise."""
+        layout = self.layout
+        parts = (mean[layout.of(part)] for part in ("modes", "duty", "room", "heats", "values"))
+        end, duty, path = self._evolve(*parts, reached, commands, dt)
+        after = mean * self._decay(dt)
+        after = after.at[layout.of("modes")].set(end)
+        return after.at[layout.of("duty")].set(duty), path[-1]
+
+    def read(self, mean: Float[Array, " state"]) -> Reading:
+        """The expected readings."""
+        layout = self.layout
+        z, room, common, own, values = (
+            mean[layout.of(part)] for part in ("modes", "room", "common", "channels", "values")
+        )
+        system = self._system(values)
+        matrix, of_room = (table[self.columns] for table in system.output_matrices())
+        seen = matrix @ (self.shapes @ z)
+        expected = seen + of_room * room + common.sum()
+        slope = jnp.zeros((len(self.columns), layout.size), mean.dtype)
+        slope = slope.at[:, layout.of("modes")].set(matrix @ self.shapes)
+        slope = slope.at[:, layout.of("room")].set(of_room[:, None])
+        slope = slope.at[:, layout.of("common")].set(1.0)
+        if layout.channels:
+            expected = expected + own
+            slope = slope.at[:, layout.of("channels")].set(jnp.eye(layout.channels))
+        if self.directions is not None:
+            of_values = jax.jacfwd(self._seen)(values, z, room)
+            slope = slope.at[:, layout.of("values")].set(of_values)
+        return Reading(expected, slope)
+
+    def _seen(
+        self, values: Float[Array, " values"], z: Float[Array, " modes"], room: Float[Array, " 1"]
+    ) -> Float[Array, " channels"]:
+        matrix, of_room = self._system(values).output_matrices()
+        return (matrix @ (self.shapes @ z) + of_room * room)[self.columns]
+
+    def _system(self, values: Float[Array, " values"]) -> System:
+        """The equations with the changed values."""
+        system = self.stepper.system
+        if self.directions is None or self.changes is None:
+            return system
+        amounts = self.directions.limited(values)
+        return jax.tree.map(
+            lambda leaf, change: leaf if change is None else leaf + change @ amounts,
+            system,
+            self.changes,
+            is_leaf=lambda leaf: leaf is None,
+        )
+
+    def _evolve(
+        self,
+        z: Float[Array, " modes"],
+        u: Float[Array, " duty"],
+        room: Float[Array, " 1"],
+        heats: Float[Array, " heats"],
+        values: Float[Array, " values"],
+        reached: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+    ) -> tuple[Float[Array, " modes"], Float[Array, " duty"], Float[Array, "stages cells"]]:
+        """The amplitudes and the duty after a step, and the duty in it."""
+        stepper, system = self.stepper, self._system(values)
+        lag, delay = system.lag, system.delay
+        start = u if lag is not None else reached
+        splits = [jnp.zeros_like(dt), dt]
+        if delay is not None and lag is None:
+            # Without a lag the duty jumps within the step.
+            splits.insert(1, commands.last_arrival(delay, dt))
+        path = jnp.zeros((3, len(reached)), z.dtype)
+        begin = path
+        for number, (first, last) in enumerate(pairwise(splits)):
+            size = last - first
+            # A command that takes effect at the end of this part belongs to the next.
+            times = first + size * jnp.array([0.0, 0.5, 1.0 - 1e-9], z.dtype)
+            path = commands.reached(times, start, lag, delay)
+            begin = path if number == 0 else begin
+            force = self._force(z, path[1], room[0], heats, values, system)
+            z = variable_step(stepper, z, path, room[0], force, size)
+        return z, path[-1][: len(u)], jnp.stack([begin[0], path[1], path[-1]])
+
+    def _force(
+        self,
+        z: Float[Array, " modes"],
+        duty: Float[Array, " cells"],
+        room: Float[Array, ""],
+        heats: Float[Array, " heats"],
+        values: Float[Array, " values"],
+        system: System,
+    ) -> Float[Array, " modes"]:
+        """The force of the disturbance heats and of the changed values on the modes."""
+        base = self.stepper.system
+        heat = jnp.zeros_like(base.capacitance).at[base.wiring.cold].add(heats)
+        if self.directions is not None:
+            x, reference = self.shapes @ z, self.stepper.reference
+            changed = system.heat_into_nodes(x, duty, reference, room)
+            original = base.heat_into_nodes(x, duty, reference, room)
+            heat = heat + base.capacitance / system.capacitance * changed - original
+        return self.shapes.T @ heat
+
+    def _decay(self, dt: Float[Array, ""]) -> Float[Array, " state"]:
+        """The factor of each entry that does not depend on others over a step; 0 for the rest."""
+        layout, noise = self.layout, self.noise
+        decay = jnp.ones(layout.size, dt.dtype)
+        decay = decay.at[: layout.of("room").start].set(0.0)
+        decay = decay.at[layout.of("heats")].set(jnp.exp(-dt / noise.disturbance_time))
+        times = jnp.stack([jnp.asarray(t) for t in (noise.common_time, *self.relaxation)])
+        decay = decay.at[layout.of("common")].set(jnp.exp(-dt / times))
+        if self.directions is not None:
+            of_values = jnp.exp(-dt / self.directions.times(noise))
+            decay = decay.at[layout.of("values")].set(of_values)
+        return decay.at[layout.of("channels")].set(jnp.exp(-dt / noise.channel_time))
+
+    def _noise(
+        self,
+        z: Float[Array, " modes"],
+        values: Float[Array, " values"],
+        before: Float[Array, " cells"],
+        path: Float[Array, "stages cells"],
+        dt: Float[Array, ""],
+    ) -> Float[Array, "state state"]:
+        """The covariance of the noise that a step adds."""
+        layout, noise, modes = self.layout, self.noise, self.stepper.field.modes
+        system = self.stepper.system
+        # Random heat is held during the step: fast modes forget most of it.
+        fading = -jnp.expm1(-modes.rates * dt) / jnp.where(dt > 0, modes.rates * dt, 1.0)
+        sides = modes.sides * fading
+        temperatures = modes.sides @ z + self.stepper.reference
+
+        def heat(duty: Array) -> Array:
+            flows = system.cell_heat(temperatures, duty)
+            return jnp.concatenate([-flows.cold, flows.hot])
+
+        _, change = jax.jvp(heat, (path[1],), (path[2] - before,))
+        cold, hot = jnp.split(change[:, None] * sides, 2)
+        late = (cold + hot) * noise.command_time
+        heated = sides * noise.heat * jnp.sqrt(dt)
+        roots = jnp.concatenate([late, heated])
+        walks = jnp.zeros(layout.size, dt.dtype)
+        walks = walks.at[layout.of("room")].set(jnp.asarray(noise.room) ** 2 * dt)
+        if self.directions is not None:
+            of_values = self.directions
+            regained = _regained(of_values.spreads(noise), of_values.times(noise), dt)
+            walks = walks.at[layout.of("values")].set(regained)
+        for part, level, time in (
+            ("heats", noise.disturbance, noise.disturbance_time),
+            ("channels", noise.channel, noise.channel_time),
+        ):
+            walks = walks.at[layout.of(part)].set(_regained(level, time, dt))
+        common = layout.of("common").start
+        walks = walks.at[common].set(_regained(noise.common, noise.common_time, dt))
+        block = layout.of("modes")
+        return jnp.diag(walks).at[block, block].set(roots.T @ roots)
+
+    def to_degC(self, deviation: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Temperatures in degC for deviations from the reference, K."""
+        return deviation + self.stepper.reference - ZERO_CELSIUS
+
+    def from_degC(self, temperature: Float[Array | np.ndarray, "*shape"]) -> Float[Array, "*shape"]:
+        """Deviations from the reference, K, for temperatures in degC."""
+        return jnp.asarray(temperature) + ZERO_CELSIUS - self.stepper.reference
+
+
+@persistent_jit_unoptimised
+def _changes(twin: Twin, directions: UncertainDirections) -> System:
+    """The derivatives of the equations along the directions, at the values of the twin."""
+
+    def changed(amounts: Float[Array, " directions"]) -> System:
+        system = twin.with_values(directions.changed(amounts)).system()
+        return eqx.filter(system, eqx.is_inexact_array)
+
+    return jax.jacfwd(changed)(jnp.zeros(directions.count))
+
+
+def _regained(
+    level: Float[ArrayLike, "*size"], time: Float[ArrayLike, "*size"], dt: Float[Array, ""]
+) -> Float[Array, "*size"]:
+    """The variance that an Ornstein-Uhlenbeck process regains within a step."""
+    return jnp.asarray(level) ** 2 * -jnp.expm1(-2 * dt / jnp.asarray(time))

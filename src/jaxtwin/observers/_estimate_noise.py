@@ -1,0 +1,212 @@
+r"""Finds the noise of a rig from recordings, by how well readings were expected.
+
+The logarithms of the levels $\ell$ maximise
+
+$$\sum_r \frac{T_r}{h} \sum_c \big\langle \log p(y_k \mid y_1 \dots y_{k-1}; \ell)
++ \log p(y_k \mid y_1 \dots y_{k-m}; \ell) \big\rangle
+- \tfrac12 \sum_i \Big(\frac{\log \ell_i - \log \ell_{0,i}}{s_i}\Big)^2 .$$
+
+The first density is that of the innovations, the second that of readings which are expected a
+horizon $h$ before, of $m$ samples. Both count alike, each as often as the recording of length $T_r$
+has independent horizons. The likelihood of innovations alone would be larger by the number of
+samples in a horizon: it finds the noise from one sample to the next, and a filter whose innovations
+are white can still forecast badly, since no twin is exact.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._arguments import finite_number
+from .._compilation import persistent_jit
+from .._errors import ObserverError
+from .._jax_settings import own_settings
+from .._waiting import advanced, announced
+from ..io import Experiment
+from ..io._experiment import as_experiments
+from ..matching import Fit
+from ..physics import Twin
+from ._filter_run import Samples, samples_of, states_of
+from ._forecast_run import expected_at, starts_of
+from ._gaussian import LOG_TWO_PI
+from ._kalman_filter import ExtendedKalmanFilter
+from ._observe import filter_for, usual_noise
+from ._process_noise import ProcessNoise
+from ._start import first_reading
+
+HORIZON = 60.0
+"""The default horizon of the forecasts, s."""
+
+FORECASTS = 128
+"""The number of forecasts of a recording that are judged, evenly spaced."""
+
+SPREADS = {
+    "reading": 0.5,
+    "reading_time": 1.0,
+    "heat": 1.0,
+    "command_time": 1.0,
+    "disturbance": 1.0,
+    "disturbance_time": 0.7,
+    "twin": 0.5,
+    "twin_time": 1.0,
+    "common": 0.7,
+    "common_time": 0.7,
+    "channel": 0.7,
+    "channel_time": 0.7,
+    "slow": 0.7,
+    "slow_time": 0.7,
+}
+"""The levels that are estimated, with the standard deviation of the prior of their logarithm."""
+
+ITERATIONS = 40
+
+
+@announced("estimation of the noise")
+def estimate_noise(
+    fit: Twin | Fit,
+    experiments: Experiment | Sequence[Experiment],
+    *,
+    names: Sequence[str] = (),
+    horizon: float = HORIZON,
+    start: ProcessNoise | None = None,
+) -> ProcessNoise:
+    """Finds the levels of the noise from recordings.
+
+    Each level has a log-normal prior about its start, so that a level which the recordings do not
+    show stays there.
+
+    **Arguments:**
+
+    - `fit`: the fit, or a twin whose values are taken as exact.
+    - `experiments`: recordings of the rig, such as those that were matched.
+    - `names`: parameters above 0 that drift slowly beside the equations of the twin, such as an
+      electrical resistance.
+    - `horizon`: the time ahead at which forecasts are judged, s.
+    - `start`: where to begin; None: levels from the rig file and the time between samples.
+
+    **Returns:** the noise, for `jaxtwin.observe`.
+
+    **Raises:** `ObserverError` if a recording has no readings or is not longer than the horizon, or
+    for unknown names; `SimulationError` for a recording of another rig.
+    """
+    from scipy.optimize import minimize
+
+    several = as_experiments("estimate_noise: experiments", experiments, ObserverError)
+    horizon = finite_number("estimate_noise: horizon", horizon, ObserverError)
+    if start is None:
+        start = usual_noise(fit, several, names)
+    recordings = [_Recording.of(fit, experiment, start, horizon) for experiment in several]
+    estimated = _estimated(recordings[0].kalman, start)
+    levels = start.levels()
+    centre = np.log([levels[name] for name in estimated])
+    spread = np.array([SPREADS[name] for name in estimated])
+    count = 0
+
+    def objective(point: np.ndarray) -> tuple[float, np.ndarray]:
+        nonlocal count
+        value, slope = 0.5 * float(point @ point), point.copy()
+        for recording in recordings:
+            with own_settings():
+                of, gradient = _scored(
+                    recording.kalman,
+                    recording.samples,
+                    recording.first,
+                    recording.ends,
+                    recording.counts,
+                    estimated,
+                    int(recording.counts.max()),
+                    centre + spread * point,
+                )
+            value -= recording.weight * float(of)
+            slope -= recording.weight * spread * np.asarray(gradient)
+        count += 1
+        advanced(count)
+        return (value, slope) if np.isfinite(value) else (1e12, np.zeros_like(slope))
+
+    found = minimize(
+        objective,
+        np.zeros(len(estimated)),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(-4.0, 4.0)] * len(estimated),
+        options={"maxiter": ITERATIONS, "ftol": 1e-5},
+    )
+    values = np.exp(centre + spread * found.x)
+    return dataclasses.replace(start, **dict(zip(estimated, values.tolist(), strict=True)))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Recording:
+    """What the objective needs of a recording."""
+
+    kalman: ExtendedKalmanFilter
+    samples: Samples
+    first: float
+    ends: Int[np.ndarray, " forecasts"]
+    counts: Int[np.ndarray, " forecasts"]
+    weight: float
+
+    @classmethod
+    def of(
+        cls, fit: Twin | Fit, experiment: Experiment, noise: ProcessNoise, horizon: float
+    ) -> "_Recording":
+        """Prepares a recording."""
+        kalman = filter_for(fit, experiment, noise)
+        samples, is_sample = samples_of(experiment, float(kalman.longest_step))
+        ends, counts = starts_of(samples, is_sample, horizon)
+        if not len(ends):
+            raise ObserverError(
+                f"{experiment.name or 'experiment'}: expected a recording longer than the horizon "
+                f"of {horizon:g} s, got {experiment.duration:g} s"
+            )
+        chosen = np.linspace(0, len(ends) - 1, FORECASTS).astype(int)
+        weight = experiment.duration / horizon * len(experiment.channels)
+        return cls(kalman, samples, first_reading(experiment), ends[chosen], counts[chosen], weight)
+
+
+def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, ...]:
+    """The names of the levels that have an effect."""
+    model = kalman.model
+    parts = {
+        "channel": model.layout.channels,
+        "twin": model.directions is not None and model.directions.count - model.directions.slow,
+        "slow": len(noise.names),
+    }
+    return tuple(name for name in SPREADS if parts.get(name.removesuffix("_time"), True))
+
+
+@persistent_jit
+def _scored(
+    kalman: ExtendedKalmanFilter,
+    samples: Samples,
+    first: float,
+    ends: Int[Array, " forecasts"],
+    counts: Int[Array, " forecasts"],
+    names: tuple[str, ...],
+    steps: int,
+    logarithms: Float[Array, " levels"],
+) -> tuple[Float[Array, ""], Float[Array, " levels"]]:
+    """The mean log density of the readings of a recording, one sample and one horizon ahead, and
+    its derivative with respect to the logarithms of the levels."""
+    samples = jax.tree.map(jnp.asarray, samples)
+
+    def of(logarithms: Array) -> Array:
+        levels: dict[str, Any] = {n: jnp.exp(logarithms[i]) for i, n in enumerate(names)}
+        noise = dataclasses.replace(kalman.model.noise, **levels)
+        changed = eqx.tree_at(lambda k: k.model.noise, kalman, noise)
+        start = changed.init(first, jnp.zeros(samples.duty.shape[1]))
+        states = states_of(changed, start, samples)
+        there = jnp.isfinite(samples.readings)
+        innovations = states.log_likelihood.sum() / there.sum()
+        expected = expected_at(changed, states, samples, ends, counts, steps)
+        deviation = (samples.readings[ends] - expected.mean) / expected.spread
+        density = -0.5 * (deviation**2 + LOG_TWO_PI) - jnp.log(expected.spread)
+        return innovations + jnp.where(there[ends], density, 0.0).sum() / there[ends].sum()
+
+    return jax.value_and_grad(of)(logarithms)

@@ -1,0 +1,155 @@
+"""What an observer says of the rig at each time: temperatures that nothing measures, the room,
+heats and errors."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._errors import ObserverError
+from .._name_suggestions import did_you_mean
+from .._normal_distribution import QUANTILE_975
+from ._moments import Moment, Moments
+from ._uncertain_values import UncertainDirections
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Estimate(NamedTuple):
+    """An estimated quantity over time: its mean, and the edges of its 95 % band."""
+
+    mean: Float[np.ndarray, " times"]
+    lower: Float[np.ndarray, " times"]
+    upper: Float[np.ndarray, " times"]
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class Estimates:
+    """The state of a rig at each sample, with 95 % bands.
+
+    All of these are estimates, not measurements; most belong to places that no channel sees.
+
+    **Arguments:**
+
+    - `kind`: `"filtered"`, given the readings up to each time; or `"smoothed"`, given all.
+    - `time`: s. `nodes`, `channels`, `cells`: names.
+    - `moments`: means and standard deviations.
+    - `directions`: the uncertain values, None for none.
+    """
+
+    kind: str
+    time: Float[np.ndarray, " times"]
+    nodes: tuple[str, ...]
+    channels: tuple[str, ...]
+    cells: tuple[str, ...]
+    moments: Moments
+    directions: UncertainDirections | None
+
+    def node(self, name: str) -> Estimate:
+        """The temperature of a node, degC, such as the side of a cell that no camera sees.
+
+        **Raises:** `ObserverError` for a node that the rig does not have.
+        """
+        return _picked("node", name, self.nodes, self.moments.nodes)
+
+    def channel(self, name: str) -> Estimate:
+        """What a channel sees, without the errors of its readings, degC.
+
+        **Raises:** `ObserverError` for a channel that was not recorded.
+        """
+        return _picked("channel", name, self.channels, self.moments.channels)
+
+    def heat(self, cell: str) -> Estimate:
+        """The heat into the node that a cell heats which the twin does not explain, W.
+
+        **Raises:** `ObserverError` for a cell that the rig does not have.
+        """
+        return _picked("heat", cell, self.cells, self.moments.heats)
+
+    @property
+    def room(self) -> Estimate:
+        """The room temperature, degC."""
+        return _estimate(self.moments.room, 0)
+
+    @property
+    def common_error(self) -> Estimate:
+        """The error that the readings of all channels share, K."""
+        return _estimate(self.moments.common, 0)
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Parameter -> its value over time, in the unit of the rig's table; empty for a twin whose
+        values are taken as exact."""
+        if self.directions is None:
+            return {}
+        found = {}
+        for number, name in enumerate(self.directions.names):
+            value = float(self.directions.values[number])
+            edges = _estimate(self.moments.values, number)
+            if self.directions.is_logarithmic[number]:
+                found[name] = Estimate(*(value * np.exp(edge) for edge in edges))
+            else:
+                found[name] = Estimate(*(value + edge for edge in edges))
+        return found
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns a labelled dataset: node (time, node), channel_temperature (time, channel), heat
+        (time, cell), room, common_error (time) and parameter (time, name), each with its standard
+        deviation under the same name and `_spread`; for parameters `parameter_lower` and
+        `parameter_upper`. The attribute `status` says that they are estimates."""
+        import xarray
+
+        celsius, kelvin = {"units": "degC"}, {"units": "K"}
+        variables: dict[str, Any] = {}
+        for name, moment, dims, units in (
+            ("node", self.moments.nodes, ("time", "node_name"), celsius),
+            ("channel_temperature", self.moments.channels, ("time", "channel"), celsius),
+            ("heat", self.moments.heats, ("time", "cell"), {"units": "W"}),
+            ("room", _only(self.moments.room), ("time",), celsius),
+            ("common_error", _only(self.moments.common), ("time",), kelvin),
+        ):  # fmt: skip
+            variables[name] = (dims, moment.mean, units)
+            variables[f"{name}_spread"] = (
+                dims,
+                moment.spread,
+                kelvin if units == celsius else units,
+            )
+        coordinates: dict[str, Any] = {
+            "time": ("time", self.time, {"units": "s"}),
+            "node_name": list(self.nodes),
+            "channel": list(self.channels),
+            "cell": list(self.cells),
+        }
+        parameters = self.parameters
+        if parameters:
+            coordinates["parameter_name"] = list(parameters)
+            for suffix, place in (("", 0), ("_lower", 1), ("_upper", 2)):
+                table = np.stack([one[place] for one in parameters.values()], axis=1)
+                variables[f"parameter{suffix}"] = (("time", "parameter_name"), table)
+        return xarray.Dataset(variables, coordinates, {"status": f"estimates, {self.kind}"})
+
+    def __repr__(self) -> str:
+        return (
+            f"<{self.kind.capitalize()} estimates of {len(self.nodes)} nodes at "
+            f"{len(self.time)} times>"
+        )
+
+
+def _only(moment: Moment) -> Moment:
+    return Moment(*(np.asarray(part)[:, 0] for part in moment))
+
+
+def _picked(kind: str, name: str, names: tuple[str, ...], moment: Moment) -> Estimate:
+    if name not in names:
+        raise ObserverError(
+            f"{kind}: expected one of {', '.join(names)}, got {name!r}{did_you_mean([name], names)}"
+        )
+    return _estimate(moment, names.index(name))
+
+
+def _estimate(moment: Moment, column: int) -> Estimate:
+    mean, spread = (np.asarray(part)[:, column] for part in moment)
+    return Estimate(mean, mean - QUANTILE_975 * spread, mean + QUANTILE_975 * spread)

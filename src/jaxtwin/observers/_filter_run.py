@@ -1,0 +1,130 @@
+"""Runs a filter over the samples of a recording."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._compilation import persistent_jit
+from ..io import Experiment
+from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+from ._moments import Moments, moments
+
+GAP = 1.5
+"""A time between two samples that is longer than this many longest steps is a gap."""
+
+
+class Samples(NamedTuple):
+    """What a filter gets at each sample, or at a time in a gap between two of them.
+
+    - `dt`: the time since the sample before, s; 0 for the first.
+    - `duty`: the command since the sample before.
+    - `readings`: NaN where there is none. `ambient`: NaN where it is not measured. degC.
+    """
+
+    dt: Float[np.ndarray | Array, " samples"]
+    duty: Float[np.ndarray | Array, "samples cells"]
+    readings: Float[np.ndarray | Array, "samples channels"]
+    ambient: Float[np.ndarray | Array, " samples"]
+
+
+class Filtered(NamedTuple):
+    """The states after each sample, and what was expected of its readings.
+
+    - `expected`, `covariance`: the mean and the covariance of the readings beforehand.
+    """
+
+    states: KalmanState
+    expected: Float[Array, "samples channels"]
+    covariance: Float[Array, "samples channels channels"]
+
+
+def samples_of(
+    experiment: Experiment, longest_step: float
+) -> tuple[Samples, Bool[np.ndarray, " samples"]]:
+    """The samples of a recording with further ones, without readings, in its gaps; and which of
+    them are those of the recording."""
+    time = experiment.time
+    steps = np.diff(time)
+    parts = np.where(steps > GAP * longest_step, np.ceil(steps / longest_step - 1e-9), 1).astype(
+        int
+    )
+    of = np.repeat(np.arange(len(steps)), parts)
+    last = np.cumsum(parts)
+    is_sample = np.zeros(1 + len(of), bool)
+    is_sample[[0, *last]] = True
+    duty = np.asarray(experiment.duty, float)
+    ambient = np.full(len(time), np.nan)
+    if experiment.ambient is not None:
+        ambient = np.broadcast_to(np.asarray(experiment.ambient, float), time.shape)
+    temperatures = experiment.temperatures
+    assert temperatures is not None
+    readings = np.full((len(is_sample), temperatures.shape[1]), np.nan)
+    readings[is_sample] = temperatures
+    samples = Samples(
+        dt=np.append(0.0, (steps / parts)[of]),
+        duty=np.concatenate([duty[:1], duty[of]]),
+        readings=readings,
+        ambient=ambient[np.append(0, of + (is_sample[1:]))],
+    )
+    return samples, is_sample
+
+
+@persistent_jit
+def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> Filtered:
+    """Filters all samples."""
+
+    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Filtered]:
+        state = kalman.step(state, sample.duty, sample.dt)
+        expected = kalman.readings(state, sample.ambient)
+        covariance = kalman.reading_covariance(state)
+        state = kalman.correct(
+            state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
+        )
+        return state, Filtered(state, expected, covariance)
+
+    _, found = jax.lax.scan(take, start, jax.tree.map(jnp.asarray, samples))
+    return found
+
+
+def samples_between(
+    duty: Float[np.ndarray, "times cells"],
+    step: float,
+    channels: int,
+    kalman: ExtendedKalmanFilter,
+) -> Samples:
+    """Times without readings, each a step after the one before; a step is divided into as many
+    parts as the filter needs."""
+    parts = int(np.ceil(step / float(kalman.longest_step) - GAP + 1))
+    commands = np.repeat(duty, max(parts, 1), axis=0)
+    count = len(commands)
+    return Samples(
+        dt=np.full(count, step * len(duty) / count),
+        duty=commands,
+        readings=np.full((count, channels), np.nan),
+        ambient=np.full(count, np.nan),
+    )
+
+
+@persistent_jit
+def moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
+    """The moments of each state."""
+    of_one = partial(moments, kalman.model)
+    return jax.vmap(of_one)(states.mean, states.covariance)
+
+
+def states_of(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> KalmanState:
+    """The states after each sample, as a function that can be differentiated."""
+
+    @jax.checkpoint
+    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, KalmanState]:
+        state = kalman.step(state, sample.duty, sample.dt)
+        state = kalman.correct(
+            state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
+        )
+        return state, state
+
+    return jax.lax.scan(take, start, samples)[1]

@@ -1,0 +1,167 @@
+r"""Forecasts of the readings from states of a filter.
+
+The mean of a forecast is a simulation of its own. Its covariance is that of the linearised steps:
+with $v = \partial y_k / \partial x_k$, the variance of a reading $y_k$ that is expected from the
+state $m$ samples before is
+
+$$\sum_{j=k-m+1}^{k} v_j Q_j v_j^T + v_{k-m} P_{k-m} v_{k-m}^T + r_k, \qquad v_{j-1} = v_j F_j,$$
+
+so that only the rows $v$ of the channels are carried, not covariances. The steps $F_j$ are those
+along the filtered states, the same for all forecasts.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .._compilation import persistent_jit
+from ._filter_run import Samples
+from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+
+ROUNDING = 1e-6
+"""The error of a sum of times, s."""
+
+BLOCK = 256
+"""The number of forecasts of a block. All blocks share a compiled program."""
+
+
+class Expected(NamedTuple):
+    """The mean of readings, degC, and their standard deviation, K."""
+
+    mean: Float[Array | np.ndarray, "times channels"]
+    spread: Float[Array | np.ndarray, "times channels"]
+
+
+def expected_ahead(
+    kalman: ExtendedKalmanFilter,
+    states: KalmanState,
+    samples: Samples,
+    ends: Int[np.ndarray, " forecasts"],
+    counts: Int[np.ndarray, " forecasts"],
+) -> Expected:
+    """What was expected of the readings of some samples.
+
+    **Arguments:**
+
+    - `states`: the filter's states after each sample.
+    - `ends`: the numbers of the samples, ascending.
+    - `counts`: the number of steps of each forecast.
+    """
+    steps = int(counts.max())
+    blocks = []
+    for first in range(0, len(ends), BLOCK):
+        of_block = np.minimum(np.arange(first, first + BLOCK), len(ends) - 1)
+        last, count = ends[of_block], counts[of_block]
+        # The samples of the block and those before it, the same number for all blocks.
+        start = max(0, int((last - count).min()))
+        rows = np.minimum(start + np.arange(_rows(ends, steps)), len(samples.dt) - 1)
+        own_states = jax.tree.map(lambda leaf, r=rows: np.asarray(leaf)[r], states)
+        own_samples = jax.tree.map(lambda leaf, r=rows: np.asarray(leaf)[r], samples)
+        blocks.append(_block(kalman, own_states, own_samples, last - start, count, steps=steps))
+    mean, spread = (
+        np.concatenate([np.asarray(block[part]) for block in blocks])[: len(ends)]
+        for part in (0, 1)
+    )
+    return Expected(mean, spread)
+
+
+def starts_of(
+    samples: Samples, is_sample: Bool[np.ndarray, " samples"], seconds: float
+) -> tuple[Int[np.ndarray, " forecasts"], Int[np.ndarray, " forecasts"]]:
+    """The samples of which something was expected so many seconds before, and the number of steps
+    from the last state that was known then."""
+    time = np.cumsum(samples.dt)
+    start = np.searchsorted(time, time - seconds + ROUNDING, side="right") - 1
+    ends = np.flatnonzero((start >= 0) & is_sample)
+    return ends, ends - start[ends]
+
+
+def _rows(ends: Int[np.ndarray, " forecasts"], steps: int) -> int:
+    """The largest number of samples between the first start and the last end of a block, rounded up
+    so that recordings share compiled programs."""
+    spans = [
+        ends[min(first + BLOCK, len(ends)) - 1] - ends[first]
+        for first in range(0, len(ends), BLOCK)
+    ]
+    return -(-(int(max(spans)) + steps + 1) // 64) * 64
+
+
+@persistent_jit
+def _block(
+    kalman: ExtendedKalmanFilter,
+    states: KalmanState,
+    samples: Samples,
+    ends: Int[Array, " forecasts"],
+    counts: Int[Array, " forecasts"],
+    steps: int,
+) -> Expected:
+    return expected_at(kalman, states, jax.tree.map(jnp.asarray, samples), ends, counts, steps)
+
+
+def expected_at(
+    kalman: ExtendedKalmanFilter,
+    states: KalmanState,
+    samples: Samples,
+    ends: Int[Array, " forecasts"],
+    counts: Int[Array, " forecasts"],
+    steps: int,
+) -> Expected:
+    """What was expected of the readings of some samples, as a function that can be differentiated.
+
+    **Arguments:** as for `expected_ahead`; `steps` is the largest number of steps.
+    """
+    model = kalman.model
+
+    def transition(row: tuple[KalmanState, Array, Array]) -> tuple[Array, Array]:
+        found = kalman.transition(*row)
+        return found.slope, found.noise
+
+    # Row k: the step from sample k to sample k + 1.
+    duty, dt = samples.duty[1:], samples.dt[1:]
+    earlier = jax.tree.map(lambda leaf: leaf[:-1], states)
+    slopes, noises = jax.lax.map(transition, (earlier, duty, dt), batch_size=16)
+
+    def forecast(end: Array, count: Array) -> KalmanState:
+        @jax.checkpoint
+        def take(state: KalmanState, number: Array) -> tuple[KalmanState, None]:
+            row = jnp.minimum(end - count + number, len(slopes) - 1)
+            after = kalman.step_of_mean(state, duty[row], dt[row])
+            return jax.tree.map(partial(jnp.where, number < count), after, state), None
+
+        start = jax.tree.map(lambda leaf: leaf[end - count], states)
+        return jax.lax.scan(take, start, jnp.arange(steps))[0]
+
+    found = jax.vmap(forecast)(ends, counts)
+    seen = jax.vmap(model.read)(found.mean)
+
+    @jax.checkpoint
+    def back(carry: tuple[Array, Array], number: Array) -> tuple[tuple[Array, Array], None]:
+        rows, variance = carry
+        step = jnp.maximum(ends - number - 1, 0)
+        added = jnp.einsum("kcs,kst,kct->kc", rows, noises[step], rows)
+        is_step = number < counts
+        variance = variance + jnp.where(is_step[:, None], added, 0.0)
+        rows = jnp.where(is_step[:, None, None], rows @ slopes[step], rows)
+        return (rows, variance), None
+
+    begin = seen.slope, jax.vmap(kalman.reading_variance)(found)
+    (rows, variance), _ = jax.lax.scan(back, begin, jnp.arange(steps))
+    # The covariance was left as it was at the start of the forecast.
+    variance = variance + jnp.einsum("kcs,kst,kct->kc", rows, found.covariance, rows)
+    return Expected(model.to_degC(seen.mean), jnp.sqrt(variance))
+
+
+@persistent_jit
+def expected_from(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Samples) -> Expected:
+    """The readings that a state lets expect at further times, without any reading between."""
+
+    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Expected]:
+        state = kalman.step(state, sample.duty, sample.dt)
+        variance = jnp.diag(kalman.reading_covariance(state))
+        return state, Expected(kalman.readings(state, sample.ambient), jnp.sqrt(variance))
+
+    return jax.lax.scan(take, state, jax.tree.map(jnp.asarray, samples))[1]

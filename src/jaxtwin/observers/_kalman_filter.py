@@ -1,0 +1,248 @@
+"""The extended Kalman filter of a twin."""
+
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from ._augmented_model import AugmentedModel, Reading, Transition
+from ._commands import Commands
+from ._gaussian import Correction, Gaussian, corrected, moved
+from ._observer import AbstractObserver
+from ._start import start_of
+
+OPENED_AT = 4.0
+"""A common innovation of this many standard deviations is taken for a correction of the camera."""
+
+
+@final
+class KalmanState(eqx.Module):
+    """What an `ExtendedKalmanFilter` knows.
+
+    - `mean`, `covariance`: of the augmented state, see `AugmentedModel`.
+    - `duty`: the duty that reaches the cells. `commands`: those in the driver's delay.
+    - `slope`: the expected change of the readings, K/s.
+    - `whitened`: the whitened innovations of the last readings, 0 where none was used.
+    - `log_likelihood`: of the last readings.
+    """
+
+    mean: Float[Array, " state"]
+    covariance: Float[Array, "state state"]
+    duty: Float[Array, " cells"]
+    commands: Commands
+    slope: Float[Array, " channels"]
+    whitened: Float[Array, " channels"]
+    log_likelihood: Float[Array, ""]
+
+    @property
+    def gaussian(self) -> Gaussian:
+        """Mean and covariance."""
+        return Gaussian(self.mean, self.covariance)
+
+
+@final
+class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
+    """Estimates the state of a rig with its uncertainty, and what drives it beside the duty.
+
+    `jaxtwin.observe` makes one for a recording and runs it. Its state is described by
+    `AugmentedModel`.
+
+    **Arguments:**
+
+    - `model`: the twin with the states of the observer.
+    - `longest_step`: the longest step that is taken at once, s.
+    - `shortest_step`: the shortest time between two commands that are told apart, s.
+    """
+
+    model: AugmentedModel
+    held: int = eqx.field(static=True)
+    """The number of commands that a state holds."""
+    spacing: Float[ArrayLike, ""]
+    """Commands that follow each other faster than this are taken as one, s."""
+    longest_step: Float[ArrayLike, ""]
+
+    def __init__(self, model: AugmentedModel, longest_step: float, shortest_step: float = 0.1):
+        self.model = model
+        self.longest_step = np.asarray(longest_step)
+        delay = model.stepper.system.delay
+        longest = 0.0 if delay is None else 2.0 * float(delay) + 1.0
+        # Times of loggers differ by rounding, which must not change the number.
+        self.held = 1 + int(np.ceil(longest / shortest_step - 0.01)) + (delay is not None)
+        self.spacing = np.asarray(0.5 * shortest_step)
+
+    def init(
+        self, nodes: Float[ArrayLike, "..."] | None, duty: Float[ArrayLike, " cells"]
+    ) -> KalmanState:
+        """The state at the start.
+
+        A single temperature is taken as that of what the channels read, and the rest of the rig as
+        having been heated at random before; see `_start`.
+        """
+        model = self.model
+        layout = model.layout
+        start = start_of(model, nodes)
+        held = jnp.asarray(duty, start.mean.dtype)
+        if layout.duty:
+            start = Gaussian(start.mean.at[layout.of("duty")].set(held), start.covariance)
+        none = jnp.zeros(len(model.columns), start.mean.dtype)
+        return KalmanState(
+            mean=start.mean,
+            covariance=start.covariance,
+            duty=held,
+            commands=Commands.held(held, self.held),
+            slope=none,
+            whitened=none,
+            log_likelihood=jnp.zeros((), start.mean.dtype),
+        )
+
+    def predict(
+        self,
+        state: KalmanState,
+        duty: Float[ArrayLike, " cells"],
+        ambient: Float[ArrayLike, ""],
+        dt: Float[ArrayLike, ""],
+    ) -> KalmanState:
+        """The state after `dt` seconds with a duty, in steps of at most the longest step."""
+        del ambient  # it is a reading of the room
+        dt = jnp.asarray(dt, state.mean.dtype)
+        parts = jnp.maximum(jnp.ceil(dt / self.longest_step - 1e-9), 1.0)
+        command = jnp.asarray(duty, dt.dtype)
+        return jax.lax.fori_loop(
+            0, parts.astype(int), lambda _, s: self.step(s, command, dt / parts), state
+        )
+
+    def step(
+        self, state: KalmanState, command: Float[Array, " cells"], dt: Float[Array, ""]
+    ) -> KalmanState:
+        """The state after a single step; differentiable forwards and backwards."""
+        commands = state.commands.given(command, self.spacing)
+        transition, duty = self.model.step(state.mean, state.duty, commands, dt)
+        after = moved(state.gaussian, *transition)
+        return KalmanState(
+            mean=after.mean,
+            covariance=after.covariance,
+            duty=duty,
+            commands=commands.older(dt),
+            slope=self.model.slope_of_readings(state.mean, after.mean, dt, state.slope),
+            whitened=state.whitened,
+            log_likelihood=state.log_likelihood,
+        )
+
+    def step_of_mean(
+        self, state: KalmanState, command: Float[Array, " cells"], dt: Float[Array, ""]
+    ) -> KalmanState:
+        """The same with the covariance left as it was, which is what most of the time goes into."""
+        commands = state.commands.given(command, self.spacing)
+        mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt)
+        return KalmanState(
+            mean=mean,
+            covariance=state.covariance,
+            duty=duty,
+            commands=commands.older(dt),
+            slope=self.model.slope_of_readings(state.mean, mean, dt, state.slope),
+            whitened=state.whitened,
+            log_likelihood=state.log_likelihood,
+        )
+
+    def transition(
+        self, state: KalmanState, command: Float[Array, " cells"], dt: Float[Array, ""]
+    ) -> Transition:
+        """The linearisation of a step at a state."""
+        commands = state.commands.given(command, self.spacing)
+        return self.model.step(state.mean, state.duty, commands, dt)[0]
+
+    def correct(
+        self,
+        state: KalmanState,
+        readings: Float[ArrayLike, " channels"],
+        mask: Bool[ArrayLike, " channels"],
+        ambient: Float[ArrayLike, ""],
+    ) -> KalmanState:
+        """The state that readings and a measured ambient temperature (NaN if there is none)
+        leave."""
+        found, _ = self.correction(state, readings, mask, ambient)
+        duty = self.model.layout.of("duty")
+        return KalmanState(
+            mean=found.state.mean,
+            covariance=found.state.covariance,
+            duty=found.state.mean[duty] if self.model.layout.duty else state.duty,
+            commands=state.commands,
+            slope=state.slope,
+            whitened=found.whitened[1:],
+            log_likelihood=found.log_densities[1:].sum(),
+        )
+
+    def correction(
+        self,
+        state: KalmanState,
+        readings: Float[ArrayLike, " channels"],
+        mask: Bool[ArrayLike, " channels"],
+        ambient: Float[ArrayLike, ""],
+    ) -> tuple[Correction, Float[Array, "readings state"]]:
+        """What the room, which is first, and the readings say; and their derivatives with respect
+        to the state."""
+        model = self.model
+        measured = model.from_degC(jnp.asarray(readings, state.mean.dtype))
+        used = jnp.asarray(mask) & jnp.isfinite(measured)
+        expected = model.read(state.mean)
+        innovation = measured - expected.mean
+        variance = self.reading_variance(state)
+        opened = self._opened(state.gaussian, expected, innovation, variance, used)
+        place = model.layout.of("room").start
+        room = model.from_degC(jnp.asarray(ambient, state.mean.dtype)) - state.mean[place]
+        of_room = jnp.zeros_like(state.mean).at[place].set(1.0)
+        slope = jnp.concatenate([of_room[None], expected.slope])
+        found = corrected(
+            opened,
+            jnp.concatenate([room[None], innovation]),
+            slope,
+            jnp.concatenate([jnp.reshape(model.noise.ambient**2, 1), variance]),
+            jnp.concatenate([jnp.isfinite(room)[None], used]),
+            jnp.zeros(state.mean.shape, bool).at[model.layout.of("values")].set(True),
+        )
+        return found, slope
+
+    def reading_variance(self, state: KalmanState) -> Float[Array, " channels"]:
+        """The variance of the noise of each reading, K^2."""
+        noise = self.model.noise
+        return noise.reading**2 + (noise.reading_time * state.slope) ** 2
+
+    def _opened(
+        self,
+        state: Gaussian,
+        expected: Reading,
+        innovation: Float[Array, " channels"],
+        variance: Float[Array, " channels"],
+        used: Bool[Array, " channels"],
+    ) -> Gaussian:
+        """The state before readings of which all channels jumped: if the camera has corrected
+        itself, its common error is unknown again."""
+        parts = len(self.model.relaxation)
+        if not parts:
+            return state
+        count = jnp.maximum(used.sum(), 1)
+        weights = used / count
+        row = weights @ expected.slope
+        spread = row @ state.covariance @ row + weights**2 @ variance
+        common = weights @ jnp.where(used, innovation, 0.0)
+        # As much as it takes to explain the jump.
+        opened = jnp.clip(common**2 - OPENED_AT**2 * spread, 0.0, self.model.noise.jump**2)
+        first = self.model.layout.of("common").start + 1
+        places = jnp.arange(first, first + parts)
+        return Gaussian(state.mean, state.covariance.at[places, places].add(opened))
+
+    def readings(
+        self, state: KalmanState, ambient: Float[ArrayLike, ""]
+    ) -> Float[Array, " channels"]:
+        return self.model.to_degC(self.model.read(state.mean).mean)
+
+    def reading_covariance(self, state: KalmanState) -> Float[Array, "channels channels"]:
+        """The covariance of the readings that a state lets expect, K^2."""
+        slope = self.model.read(state.mean).slope
+        return slope @ state.covariance @ slope.T + jnp.diag(self.reading_variance(state))
+
+    def nodes(self, state: KalmanState) -> Float[Array, " nodes"]:
+        return self.model.to_degC(self.model.deviation(state.mean))

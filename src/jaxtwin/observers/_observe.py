@@ -1,0 +1,144 @@
+"""Observes a recording: the state of the rig at each sample, given the readings up to it."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._arguments import of_kind
+from .._errors import ObserverError, SimulationError
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ..matching import Fit
+from ..physics import Twin
+from ..simulation import Stepper
+from ._augmented_model import AugmentedModel
+from ._filter_run import filtered, samples_of
+from ._kalman_filter import ExtendedKalmanFilter
+from ._observed import Observed
+from ._process_noise import ProcessNoise
+from ._start import first_reading
+from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of_fit
+
+LONGEST_STEP = 10.0
+"""The longest step of a filter, s."""
+
+
+def observe(
+    fit: Twin | Fit,
+    experiment: Experiment,
+    noise: ProcessNoise | None = None,
+) -> Observed:
+    """Follows a recording with an extended Kalman filter.
+
+    The state of the filter contains the temperatures of all nodes, the room, heats that the twin
+    does not explain, the errors of the readings, and the values of the twin that the fit is least
+    certain of; see `jaxtwin.observers`.
+
+    **Arguments:**
+
+    - `fit`: a fit, whose uncertainty the filter starts from; or a twin, whose values are taken as
+      exact.
+    - `experiment`: the recording, matched or not. A missing reading says nothing, each by itself.
+    - `noise`: the noise of rig and readings, as `jaxtwin.estimate_noise` finds it; None: usual
+      levels.
+
+    **Returns:** what the filter knew after each sample.
+
+    **Raises:** `ObserverError` if the recording has no readings or states inputs beside the duty,
+    if a level of the noise is not positive, or if the filter diverges; `SimulationError` for a
+    recording of another rig.
+    """
+    of_kind("observe: experiment", experiment, Experiment, "an Experiment", ObserverError)
+    if noise is None:
+        noise = usual_noise(fit, [experiment])
+    kalman = filter_for(fit, experiment, noise)
+    samples, is_sample = samples_of(experiment, float(kalman.longest_step))
+    with own_settings():
+        start = kalman.init(first_reading(experiment), np.zeros_like(samples.duty[0]))
+        found = filtered(kalman, start, samples)
+    wrong = ~np.isfinite(np.asarray(found.states.mean)).all(axis=1)
+    if wrong.any():
+        at = experiment.time[0] + float(np.cumsum(samples.dt)[int(wrong.argmax())])
+        raise ObserverError(
+            f"{experiment.name or 'experiment'}: the filter diverged at {at:g} s; expected values "
+            "and noise with which the twin follows the recording"
+        )
+    return Observed(experiment, kalman, samples, is_sample, found)
+
+
+def usual_noise(
+    fit: Twin | Fit, experiments: Sequence[Experiment], names: Sequence[str] = ()
+) -> ProcessNoise:
+    """The levels before any recording was looked at: those of the rig file's sensors, and times
+    that are uncertain by a part of the time between samples."""
+    rig = (fit.twin if isinstance(fit, Fit) else fit).rig
+    sample = float(np.median(np.concatenate([np.diff(one.time) for one in experiments])))
+    noise = ProcessNoise(
+        reading=rig.noise or 0.1,
+        reading_time=0.1 * sample,
+        command_time=0.3 * sample,
+        names=tuple(names),
+    )
+    error = rig.common_error
+    if error is None:
+        return noise
+    # Corrections that are too small to be detected are part of what all channels share.
+    common = float(np.hypot(error.drift, error.jump / 3))
+    time = float(np.mean([error.drift_time, *error.relaxation]))
+    return dataclasses.replace(noise, common=common, common_time=time, jump=error.jump)
+
+
+def filter_for(
+    fit: Twin | Fit, experiment: Experiment, noise: ProcessNoise
+) -> ExtendedKalmanFilter:
+    """The filter for a recording."""
+    if experiment.temperatures is None or not experiment.sampled.any():
+        raise ObserverError(f"{experiment.name or 'experiment'}: expected readings, got none")
+    if experiment.inputs:
+        raise ObserverError(
+            f"{experiment.name or 'experiment'}: inputs: expected a recording without any beside "
+            f"the duty, got {', '.join(experiment.inputs)}"
+        )
+    noise.check()
+    if isinstance(fit, Fit):
+        if experiment.fingerprint in fit.fingerprints:
+            twin = fit.twins[fit.recordings[fit.fingerprints.index(experiment.fingerprint)]]
+        else:
+            twin = fit.twin_of_group(experiment.group)
+        known, covariance = uncertainty_of_fit(fit, experiment)
+    else:
+        twin, known, covariance = fit, {}, np.zeros((0, 0))
+    columns = columns_of(twin, experiment)
+    step = stable_step(twin, float(min(np.median(np.diff(experiment.time)), LONGEST_STEP)))
+    directions = uncertain_directions(twin, known, covariance, experiment, noise.names, step)
+    with own_settings():
+        model = AugmentedModel(twin, directions, noise.as_arrays(), columns, step, room_spread(fit))
+        return ExtendedKalmanFilter(model, step, float(np.diff(experiment.time).min()))
+
+
+def columns_of(twin: Twin, experiment: Experiment) -> list[int]:
+    """The positions of the channels of a recording among those of the rig.
+
+    **Raises:** `SimulationError` for a channel that the rig does not have.
+    """
+    unknown = [name for name in experiment.channels if name not in twin.channels]
+    if unknown:
+        raise SimulationError(
+            f"{experiment.name}: channels: expected those of {twin.rig.name}, "
+            f"{', '.join(twin.channels)}, got {unknown[0]}"
+        )
+    return [twin.channels.index(name) for name in experiment.channels]
+
+
+def stable_step(twin: Twin, step: float) -> float:
+    """The longest step of at most `step` seconds that is stable: a half, a quarter, ... of it."""
+    for _ in range(12):
+        try:
+            Stepper(twin, step)
+        except SimulationError:
+            step /= 2
+        else:
+            return step
+    Stepper(twin, step)
+    return step

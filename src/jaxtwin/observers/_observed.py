@@ -1,0 +1,284 @@
+"""A recording that was followed by an observer."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, final
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .._arguments import finite_number
+from .._display import html_table, picture
+from .._errors import ObserverError
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ._estimates import Estimates
+from ._filter_run import Filtered, Samples, moments_of, samples_between
+from ._forecast import Forecast
+from ._forecast_run import expected_ahead, expected_from, starts_of
+from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+from ._moments import Moments
+from ._process_noise import ProcessNoise
+from ._smoother import smoothed
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Observed:
+    """A recording that `jaxtwin.observe` followed: what was expected of each reading, and what the
+    readings say of the rig.
+
+    **Arguments:**
+
+    - `experiment`: the recording.
+    - `observer`: the filter. It goes on, live, from `state`.
+    - `samples`: its samples and further times in its gaps. `is_sample`: which of them are samples.
+    - `filtered`: the states of the filter, and what it expected.
+    """
+
+    experiment: Experiment
+    observer: ExtendedKalmanFilter
+    samples: Samples
+    is_sample: Bool[np.ndarray, " times"]
+    filtered: Filtered
+
+    @property
+    def time(self) -> Float[np.ndarray, " samples"]:
+        """The times of the samples, s."""
+        return self.experiment.time
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of the channels."""
+        return self.experiment.channels
+
+    @property
+    def noise(self) -> ProcessNoise:
+        """The levels of the noise that were assumed."""
+        return self.observer.model.noise
+
+    @property
+    def state(self) -> KalmanState:
+        """The state of the filter after the last sample."""
+        return jax.tree.map(lambda leaf: leaf[-1], self.filtered.states)
+
+    @cached_property
+    def expected(self) -> Forecast:
+        """What was expected of each reading at the sample before."""
+        variance = np.diagonal(self._at_samples(self.filtered.covariance), axis1=1, axis2=2)
+        mean = self._at_samples(self.filtered.expected)
+        return self._forecast(math.nan, self.time, mean, np.sqrt(variance), self._recorded)
+
+    @property
+    def innovations(self) -> Float[np.ndarray, "samples channels"]:
+        """Readings minus expected readings, K; NaN for missing readings."""
+        return self.expected.residuals
+
+    @property
+    def innovation_covariance(self) -> Float[np.ndarray, "samples channels channels"]:
+        """The covariance of the innovations, K^2."""
+        return self._at_samples(self.filtered.covariance)
+
+    @property
+    def standardised(self) -> Float[np.ndarray, "samples channels"]:
+        """The innovations, each less what those of the channels before it say of it and divided by
+        its standard deviation: independent, with variance 1, if noise and twin are right. NaN for
+        missing readings."""
+        whitened = self._at_samples(self.filtered.states.whitened)
+        return np.where(np.isfinite(self._recorded), whitened, math.nan)
+
+    @property
+    def nis(self) -> Float[np.ndarray, " samples"]:
+        """The normalised innovation squared of each sample, divided by the number of its readings:
+        1 on average if noise and twin are right. NaN for a sample without readings."""
+        count = np.isfinite(self._recorded).sum(axis=1)
+        total = np.nansum(self.standardised**2, axis=1)
+        return np.where(count > 0, total / np.maximum(count, 1), math.nan)
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """The logarithm of the probability density of all readings."""
+        return float(self._at_samples(self.filtered.states.log_likelihood).sum())
+
+    @cached_property
+    def estimates(self) -> Estimates:
+        """The state of the rig at each sample, given the readings up to it."""
+        with own_settings():
+            found = moments_of(self.observer, self.filtered.states)
+        return self._estimates("filtered", found)
+
+    def smooth(self) -> Estimates:
+        """Returns the state of the rig at each sample, given all readings."""
+        with own_settings():
+            found = smoothed(self.observer, self.filtered.states, self.samples)
+        return self._estimates("smoothed", found)
+
+    def ahead(self, seconds: float) -> Forecast:
+        """Returns what was expected of each reading some seconds before it.
+
+        The commands between are taken as known. Samples before the first forecast are left out.
+
+        **Arguments:**
+
+        - `seconds`: the time ahead, s.
+
+        **Raises:** `ObserverError` if the recording is not longer than that.
+        """
+        lead = finite_number("ahead: seconds", seconds, ObserverError)
+        if not 0 <= lead <= self.experiment.duration:
+            raise ObserverError(
+                f"ahead: seconds: expected 0 to {self.experiment.duration:g}, the duration of the "
+                f"recording, got {lead:g}"
+            )
+        ends, counts = starts_of(self.samples, self.is_sample, lead)
+        with own_settings():
+            found = expected_ahead(self.observer, self.filtered.states, self.samples, ends, counts)
+        place = np.cumsum(self.is_sample)[ends] - 1
+        return self._forecast(
+            lead, self.time[place], np.asarray(found.mean), np.asarray(found.spread),
+            self._recorded[place],
+        )  # fmt: skip
+
+    def forecast(self, horizon: float, *, duty: object = None, at: float | None = None) -> Forecast:
+        """Returns what is expected after a time, without any further reading.
+
+        **Arguments:**
+
+        - `horizon`: the length of the forecast, s.
+        - `duty`: the duty cycles from then on: a number, or one for each cell, that is held; or an
+          array `(times, cells)`, a row for each sample time; None: those of the recording, and its
+          last ones after its end.
+        - `at`: the time of the last reading that is known, s; None: the end of the recording.
+
+        **Raises:** `ObserverError` if one of them is not valid.
+        """
+        length = finite_number("forecast: horizon", horizon, ObserverError)
+        begin = self.time[-1] if at is None else finite_number("forecast: at", at, ObserverError)
+        if not self.time[0] <= begin <= self.time[-1]:
+            raise ObserverError(
+                f"forecast: at: expected a time of the recording, {self.time[0]:g} to "
+                f"{self.time[-1]:g} s, got {begin:g}"
+            )
+        step = float(np.median(np.diff(self.time)))
+        count = round(length / step)
+        if count < 1:
+            raise ObserverError(
+                f"forecast: horizon: expected at least the sample time of {step:g} s, got "
+                f"{length:g}"
+            )
+        known = int(np.searchsorted(self.time, begin + 1e-9, side="right")) - 1
+        times = self.time[known] + step * np.arange(1, count + 1)
+        commands = self._commands(duty, times - step / 2)
+        place = int(np.flatnonzero(self.is_sample)[known])
+        state = jax.tree.map(lambda leaf: leaf[place], self.filtered.states)
+        with own_settings():
+            samples = samples_between(commands, step, len(self.channels), self.observer)
+            found = expected_from(self.observer, state, samples)
+        each = len(np.asarray(found.mean)) // count
+        mean, spread = (np.asarray(part)[each - 1 :: each] for part in found)
+        return self._forecast(math.nan, times, mean, spread, None)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns the filtered estimates as `Estimates.to_xarray`, with recorded and expected
+        readings, the spread of the latter, standardised innovations (time, channel) and nis
+        (time)."""
+        dataset = self.estimates.to_xarray()
+        dims, celsius = ("time", "channel"), {"units": "degC"}
+        dataset["recorded"] = (dims, self._recorded, celsius)
+        dataset["expected"] = (dims, self.expected.mean, celsius)
+        dataset["expected_spread"] = (dims, self.expected.spread, {"units": "K"})
+        dataset["standardised_innovation"] = (dims, self.standardised)
+        dataset["nis"] = ("time", self.nis)
+        return dataset.assign_attrs(recording=self.experiment.name)
+
+    def plot(self) -> "Figure":
+        """Draws readings and estimates over time with their bands.
+
+        **Returns:** the figure.
+        """
+        return picture("plot_observed", self)
+
+    def plot_innovations(self) -> "Figure":
+        """Draws the tests of the innovations: their quantiles, autocorrelation and partial
+        autocorrelation, and the error of forecasts over the time ahead.
+
+        **Returns:** the figure.
+        """
+        return picture("plot_innovations", self)
+
+    def __repr__(self) -> str:
+        name = self.experiment.name or "a recording"
+        return (
+            f"<Observed {name}: {len(self.time)} samples, innovations of "
+            f"{self.expected.rmse:.3f} K, normalised innovation squared {np.nanmean(self.nis):.2f}>"
+        )
+
+    def _repr_html_(self) -> str:
+        end = self.estimates
+        rows = [
+            (name, f"{one.mean[-1]:.2f}", f"{one.upper[-1] - one.mean[-1]:.2f}")
+            for name, one in (
+                *((f"{node}, °C", end.node(node)) for node in end.nodes),
+                ("room, °C", end.room),
+                *((f"heat at {cell}, W", end.heat(cell)) for cell in end.cells),
+            )
+        ]
+        return html_table(repr(self)[1:-1], ("estimate at the end", "value", "± 95 %"), rows)
+
+    @property
+    def _recorded(self) -> Float[np.ndarray, "samples channels"]:
+        assert self.experiment.temperatures is not None
+        return self.experiment.temperatures
+
+    def _at_samples(self, values: object) -> np.ndarray:
+        return np.asarray(values)[self.is_sample]
+
+    def _commands(
+        self, duty: object, times: Float[np.ndarray, " times"]
+    ) -> Float[np.ndarray, "times cells"]:
+        """The duty cycles in force at some times."""
+        recorded = np.asarray(self.experiment.duty, float)
+        if duty is None:
+            return recorded[np.searchsorted(self.time, times, side="right") - 1]
+        shape = (len(times), recorded.shape[1])
+        try:
+            given = np.broadcast_to(np.asarray(duty, float), shape)
+        except (TypeError, ValueError):
+            given = None
+        lowest = np.array(self.observer.model.twin.rig.lowest_duty)
+        if given is None or not ((lowest <= given) & (given <= 1)).all():
+            raise ObserverError(
+                f"forecast: duty: expected numbers from {lowest.min():g} to 1, one for all, "
+                f"{shape[1]} (one for each cell), or an array of shape {shape}, got {duty!r}"
+            )
+        return given
+
+    def _forecast(
+        self,
+        lead: float,
+        time: Float[np.ndarray, " times"],
+        mean: Float[np.ndarray, "times channels"],
+        spread: Float[np.ndarray, "times channels"],
+        recorded: Float[np.ndarray, "times channels"] | None,
+    ) -> Forecast:
+        name = self.experiment.name
+        return Forecast(name, lead, time, self.channels, mean, spread, recorded)
+
+    def _estimates(self, kind: str, found: Moments) -> Estimates:
+        model = self.observer.model
+        at_samples = jax.tree.map(self._at_samples, found)
+        return Estimates(
+            kind=kind,
+            time=self.time,
+            nodes=tuple(node.name for node in model.twin.netlist.nodes),
+            channels=self.channels,
+            cells=model.twin.rig.driven,
+            moments=at_samples,
+            directions=model.directions,
+        )

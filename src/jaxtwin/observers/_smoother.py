@@ -1,0 +1,82 @@
+r"""The state of a rig at each sample, given all readings: those before it and those after it.
+
+This is the modified Bryson-Frazier smoother (G. J. Bierman, Factorization Methods for Discrete
+Sequential Estimation, 1977, chapter 10): a vector $\lambda$ and a matrix $\Lambda$ go backwards
+through the linearised steps and corrections of the filter,
+
+$$\lambda \leftarrow (I - k h^T)^T \lambda - h e / s, \qquad
+\Lambda \leftarrow (I - k h^T)^T \Lambda (I - k h^T) + h h^T / s$$
+
+at each reading with innovation $e$, variance $s$ and gain $k$, and $\lambda \leftarrow F^T \lambda$,
+$\lambda \leftarrow F^T \lambda$, $\Lambda \leftarrow F^T \Lambda F$ at each step. The state then is $x - P \lambda$ with the
+covariance $P - P \Lambda P$. No covariance is inverted, so that states without any noise, such as
+the lag of a driver, need no care.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._compilation import persistent_jit
+from ._filter_run import Samples
+from ._gaussian import Correction
+from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+from ._moments import Moments, moments
+
+Adjoint = tuple[Float[Array, " state"], Float[Array, "state state"]]
+
+
+@persistent_jit
+def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples) -> Moments:
+    """The moments of the state at each sample, given all readings.
+
+    **Arguments:**
+
+    - `states`: the filter's states after each sample.
+    """
+    samples = jax.tree.map(jnp.asarray, samples)
+
+    def take(
+        later: Adjoint, at: tuple[KalmanState, KalmanState, Samples]
+    ) -> tuple[Adjoint, Moments]:
+        before, after, sample = at
+        vector, matrix = later
+        mean = after.mean - after.covariance @ vector
+        covariance = after.covariance - after.covariance @ matrix @ after.covariance
+        found = moments(kalman.model, mean, covariance)
+        predicted = kalman.step(before, sample.duty, sample.dt)
+        correction, slope = kalman.correction(
+            predicted, sample.readings, jnp.isfinite(sample.readings), sample.ambient
+        )
+        vector, matrix = _before_readings(later, correction, slope)
+        transition = kalman.transition(before, sample.duty, sample.dt).slope
+        matrix = transition.T @ matrix @ transition
+        return (transition.T @ vector, (matrix + matrix.T) / 2), found
+
+    # The first sample is corrected as well, but what is before it is of no interest.
+    before = jax.tree.map(lambda leaf: jnp.concatenate([leaf[:1], leaf[:-1]]), states)
+    size = states.mean.shape[1]
+    none = jnp.zeros(size, states.mean.dtype), jnp.zeros((size, size), states.mean.dtype)
+    _, found = jax.lax.scan(take, none, (before, states, samples), reverse=True)
+    return found
+
+
+def _before_readings(
+    after: Adjoint, correction: Correction, slope: Float[Array, "readings state"]
+) -> Adjoint:
+    """The adjoint before the readings of a sample, given that after them."""
+
+    def take(after: Adjoint, reading: tuple[Array, ...]) -> tuple[Adjoint, None]:
+        row, gain, whitened, spread = reading
+        vector, matrix = after
+        counts = jnp.where(jnp.any(gain != 0), 1.0, 0.0)
+        scaled = counts * row / spread
+        vector = vector - row * (gain @ vector) - scaled * whitened
+        across = matrix @ gain
+        matrix = matrix - jnp.outer(row, across) - jnp.outer(across, row)
+        matrix = matrix + jnp.outer(row, row) * (gain @ across) + jnp.outer(scaled, scaled)
+        return (vector, matrix), None
+
+    readings = slope, correction.gains, correction.whitened, correction.spreads
+    before, _ = jax.lax.scan(take, after, readings, reverse=True)
+    return before

@@ -1,0 +1,134 @@
+"""A recording that an observer followed: its estimates over time, and tests of its innovations."""
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .._errors import ObserverError
+from .._normal_distribution import QUANTILE_975, normal_quantiles
+from .._residual_statistics import autocorrelation, partial_autocorrelation
+from ..observers import Estimate, Observed
+from ._samples import joined_samples
+from ._style import palette, points, styled
+
+LAGS = 40
+"""The largest lag of the autocorrelations, samples."""
+
+LEAST = 50
+"""The smallest number of samples for a test."""
+
+AHEAD = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+"""The times ahead at which forecasts are judged, samples."""
+
+LARGEST = 8
+"""The largest number of channels or nodes with a line of their own."""
+
+
+@styled
+def plot_observed(observed: Observed) -> Figure:
+    """Plots what was read, and what the observer says of the rig, with 95 % bands.
+
+    The panels are the readings, the nodes that no channel sees directly (estimates, not
+    measurements), the heats that the twin does not explain, and the room.
+
+    **Arguments:**
+
+    - `observed`: the result of `jaxtwin.observe`.
+
+    **Returns:** the figure.
+    """
+    figure = pyplot.figure(figsize=(9.6, 8.4), layout="constrained")
+    grid = figure.subplots(4, 1, sharex=True, height_ratios=(1.4, 1.4, 1, 1))
+    estimates = observed.estimates
+    for number, channel in enumerate(observed.channels[:LARGEST]):
+        readings = observed.expected.recorded
+        assert readings is not None
+        color = palette().cycle[number % len(palette().cycle)]
+        grid[0].plot(*joined_samples(observed.time, readings[:, number]), ".", ms=1.5, color=color)
+        _band(grid[0], observed, estimates.channel(channel), color, channel)
+    grid[0].set(ylabel="channel, °C")
+    grid[0].set_title(observed.experiment.name or "recording")
+    unseen = [name for name in estimates.nodes if name not in observed.channels]
+    hidden = [name for name in unseen if "." in name] or unseen
+    for number, name in enumerate(hidden[:LARGEST]):
+        color = palette().cycle[number % len(palette().cycle)]
+        _band(grid[1], observed, estimates.node(name), color, name)
+    grid[1].set(ylabel="estimated, °C")
+    for number, cell in enumerate(estimates.cells[:LARGEST]):
+        color = palette().cycle[number % len(palette().cycle)]
+        _band(grid[2], observed, estimates.heat(cell), color, cell)
+    grid[2].set(ylabel="unexplained heat, W")
+    _band(grid[3], observed, estimates.room, palette().vermilion, "room")
+    grid[3].set(ylabel="room, °C", xlabel="time, s", xlim=(observed.time[0], observed.time[-1]))
+    for axes in grid:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
+    return figure
+
+
+@styled
+def plot_innovations(observed: Observed) -> Figure:
+    """Plots the tests of an observer's innovations.
+
+    Standardised innovations of a right model are independent and normal: their quantiles lie on the
+    line, and 95 % of their autocorrelations and partial autocorrelations in the grey band. The last
+    panel has the root mean square error of forecasts over the time ahead beside the one that the
+    observer expects; it matters most, since innovations can be white while forecasts are bad.
+
+    **Arguments:**
+
+    - `observed`: the result of `jaxtwin.observe`.
+
+    **Returns:** the figure.
+
+    **Raises:** `ObserverError` if a channel has fewer than 50 readings.
+    """
+    counts = np.isfinite(observed.standardised).sum(axis=0)
+    if counts.min() < LEAST:
+        raise ObserverError(
+            f"{observed.experiment.name or 'experiment'}: channel "
+            f"{observed.channels[int(counts.argmin())]}: expected at least {LEAST} readings for a "
+            f"test, got {counts.min()}"
+        )
+    figure = pyplot.figure(figsize=(11.0, 6.4), layout="constrained")
+    (quantiles, itself), (partial, ahead) = figure.subplots(2, 2)
+    for number, (name, series) in enumerate(
+        zip(observed.channels, observed.standardised.T, strict=True)
+    ):
+        color = palette().cycle[number % len(palette().cycle)]
+        there = series[np.isfinite(series)]
+        quantiles.plot(
+            normal_quantiles(len(there)), np.sort(there), color=color, lw=1.4, label=name
+        )
+        for axes, of in ((itself, autocorrelation), (partial, partial_autocorrelation)):
+            axes.plot(np.arange(1, LAGS + 1), of(series, LAGS)[1:], color=color, lw=1.2)
+    line = np.array([-3.3, 3.3])
+    quantiles.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
+    quantiles.set(xlabel="standard normal quantile", ylabel="standardised innovation")
+    quantiles.set_title(
+        f"mean square {np.nanmean(observed.nis):.2f}", loc="right", fontsize=points(9)
+    )
+    band = QUANTILE_975 / np.sqrt(counts.max())
+    for axes, label in ((itself, "autocorrelation"), (partial, "partial autocorrelation")):
+        axes.axhspan(-band, band, color=palette().faint, zorder=0.4)
+        axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
+        axes.set(xlabel="lag, samples", ylabel=label, ylim=(-0.5, 1.0))
+    step = float(np.median(np.diff(observed.time)))
+    leads = [step * count for count in AHEAD if step * count < observed.experiment.duration / 2]
+    forecasts = [observed.ahead(lead) for lead in leads]
+    expected = [float(np.sqrt(np.mean(one.spread**2))) for one in forecasts]
+    ahead.plot(
+        leads, [one.rmse for one in forecasts], "o-", color=palette().vermilion, label="found"
+    )
+    ahead.plot(leads, expected, "o--", color=palette().muted, label="expected", mfc="none")
+    ahead.set(xscale="log", xlabel="time ahead, s", ylabel="error of forecasts, K", ylim=(0, None))
+    ahead.legend(loc="upper left")
+    if len(observed.channels) > 1:
+        quantiles.legend(loc="upper left", fontsize=points(8))
+    figure.suptitle(observed.experiment.name or "recording")
+    return figure
+
+
+def _band(axes: Axes, observed: Observed, estimate: Estimate, color: str, label: str) -> None:
+    axes.fill_between(observed.time, estimate.lower, estimate.upper, color=color, alpha=0.2, lw=0)
+    axes.plot(observed.time, estimate.mean, color=color, lw=1.2, label=label)

@@ -1,0 +1,47 @@
+"""A step of any length, by the numbers of a `Stepper`: for an observer, whose readings come at
+irregular times."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._exponential import Inputs, exponential_step, step_factors
+from ._stepper import Stepper, loss_line
+
+
+def variable_step(
+    stepper: Stepper,
+    amplitudes: Float[Array, " modes"],
+    duty: Float[Array, "stages cells"],
+    surroundings: Float[Array, ""],
+    heat: Float[Array, " modes"],
+    size: Float[Array, ""],
+) -> Float[Array, " modes"]:
+    """Computes the amplitudes of the modes after a step.
+
+    **Arguments:**
+
+    - `stepper`: gives the modes. Its step size says up to which length steps are stable.
+    - `amplitudes`: those at the start of the step.
+    - `duty`: the duty that reaches the cells at the start, in the middle and at the end.
+    - `surroundings`: the ambient's deviation from the reference during the step, K.
+    - `heat`: an additional force on the modes during the step.
+    - `size`: the length of the step, s; 0 leaves the amplitudes as they are.
+    """
+    factors = step_factors(stepper.field.modes.rates, size)
+    # The line through the losses divides by the length of the step.
+    length = jnp.maximum(size, jnp.finfo(size.dtype).tiny ** 0.5)[None]
+    sized = eqx.tree_at(
+        lambda s: (s.sizes, s.half_decay, s.half),
+        stepper,
+        (length, factors.half_decay, factors.half),
+    )
+    held = Inputs(duty[0], surroundings, heat)
+    line = loss_line(sized, amplitudes, held, None)
+    flow = heat
+    if line is not None:
+        elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
+        flow = line.first + elapsed[:, None] * line.slope
+    inputs = Inputs(duty, surroundings, flow)
+    force = stepper.field.force(amplitudes, inputs.at(0)) if line is None else line.force
+    return exponential_step(amplitudes, force, factors, stepper.field, inputs).amplitudes
