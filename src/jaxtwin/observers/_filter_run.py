@@ -98,7 +98,7 @@ def samples_between(
 ) -> Samples:
     """Times without readings, each a step after the one before; a step is divided into as many
     parts as the filter needs."""
-    parts = int(np.ceil(step / float(kalman.longest_step) - GAP + 1))
+    parts = int(np.ceil(step / kalman.longest_seconds - GAP + 1))
     commands = np.repeat(duty, max(parts, 1), axis=0)
     count = len(commands)
     return Samples(

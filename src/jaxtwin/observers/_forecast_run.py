@@ -95,8 +95,8 @@ def _block(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
     samples: Samples,
-    ends: Int[Array, " forecasts"],
-    counts: Int[Array, " forecasts"],
+    ends: Int[Array | np.ndarray, " forecasts"],
+    counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
 ) -> Expected:
     return expected_at(kalman, states, jax.tree.map(jnp.asarray, samples), ends, counts, steps)
@@ -106,8 +106,8 @@ def expected_at(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
     samples: Samples,
-    ends: Int[Array, " forecasts"],
-    counts: Int[Array, " forecasts"],
+    ends: Int[Array | np.ndarray, " forecasts"],
+    counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
 ) -> Expected:
     """What was expected of the readings of some samples, as a function that can be differentiated.
@@ -135,7 +135,7 @@ def expected_at(
         start = jax.tree.map(lambda leaf: leaf[end - count], states)
         return jax.lax.scan(take, start, jnp.arange(steps))[0]
 
-    found = jax.vmap(forecast)(ends, counts)
+    found = jax.vmap(forecast)(jnp.asarray(ends), jnp.asarray(counts))
     seen = jax.vmap(model.read)(found.mean)
 
     @jax.checkpoint

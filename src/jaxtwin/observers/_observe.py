@@ -53,7 +53,7 @@ def observe(
     if noise is None:
         noise = usual_noise(fit, [experiment])
     kalman = filter_for(fit, experiment, noise)
-    samples, is_sample = samples_of(experiment, float(kalman.longest_step))
+    samples, is_sample = samples_of(experiment, kalman.longest_seconds)
     with own_settings():
         start = kalman.init(first_reading(experiment), np.zeros_like(samples.duty[0]))
         found = filtered(kalman, start, samples)

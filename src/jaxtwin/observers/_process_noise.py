@@ -83,12 +83,8 @@ class ProcessNoise(eqx.Module):
 
     def as_arrays(self) -> "ProcessNoise":
         """The same levels as arrays, which need no new compilation when they change."""
-        return ProcessNoise(
-            **{
-                name: value if name == "names" else jnp.asarray(value, float)
-                for name, value in vars(self).items()
-            }
-        )
+        arrays = {name: jnp.asarray(level) for name, level in self.levels().items()}
+        return ProcessNoise(**arrays, names=self.names)
 
     def levels(self) -> dict[str, float]:
         """Name -> level."""
