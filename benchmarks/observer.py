@@ -105,7 +105,7 @@ def _step(
     observer: ExtendedKalmanFilter, state: object, duty: np.ndarray, readings: np.ndarray
 ) -> object:
     after = observer.step(state, duty, 1.0)
-    return observer.correct(after, readings, np.isfinite(readings), np.nan)
+    return observer.correct(after, readings, jax.numpy.isfinite(readings), np.nan)
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._compilation import persistent_jit
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
@@ -114,6 +115,13 @@ def moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
     """The moments of each state."""
     of_one = partial(moments, kalman.model)
     return jax.vmap(of_one)(states.mean, states.covariance)
+
+
+def state_moments(kalman: ExtendedKalmanFilter, state: KalmanState) -> Moments:
+    """The moments of a single state, in NumPy."""
+    with own_settings():
+        several = moments_of(kalman, jax.tree.map(lambda leaf: np.asarray(leaf)[None], state))
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[0], several)
 
 
 def states_of(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> KalmanState:

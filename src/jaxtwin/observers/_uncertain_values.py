@@ -108,7 +108,7 @@ def uncertain_directions(
     twin: Twin,
     known: Mapping[str, Parameter],
     covariance: Float[np.ndarray, "parameters parameters"],
-    experiment: Experiment,
+    experiment: Experiment | None,
     slow: Sequence[str],
     step: float,
 ) -> UncertainDirections | None:
@@ -117,6 +117,7 @@ def uncertain_directions(
     **Arguments:**
 
     - `known`: name -> row of the parameters of which the fit knows the covariance.
+    - `experiment`: the experiment; None is enough if no covariance is known.
     - `slow`: names of parameters that drift by themselves.
     - `step`: the longest step of the observer, s.
 
@@ -136,7 +137,7 @@ def uncertain_directions(
             )
     rows = list(known.values())
     directions = np.zeros((len(rows), 0))
-    if rows:
+    if rows and experiment is not None:
         values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
         root = vectors * np.sqrt(np.clip(values, 0.0, None))
         root = root[:, values > 1e-12 * max(values.max(), 1e-300)]
