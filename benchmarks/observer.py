@@ -22,7 +22,7 @@ import numpy as np
 import jaxtwin as jt
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
-from jaxtwin.observers import ExtendedKalmanFilter
+from jaxtwin.observers import ExtendedKalmanFilter, KalmanState
 
 LEADS = (60.0, 300.0)
 STEPS = tuple(f"peltierMIMOStepSec{zone}.mat" for zone in "ABC")
@@ -79,7 +79,7 @@ def rms(several: Sequence[np.ndarray]) -> float:
 def speed(observed: jt.Observed) -> None:
     """Prints how long a step, a batch of steps, and a recording take."""
     observer, state = observed.observer, observed.state
-    readings, duty = observed.experiment.temperatures[-1], observed.experiment.duty[-1]
+    readings, duty = observed.samples.readings[-1], observed.samples.duty[-1]
     with own_settings():
         one = jax.jit(partial(_step, observer))
         steps = [seconds(lambda: one(state, duty, readings)) for _ in range(1000)]
@@ -102,8 +102,8 @@ def speed(observed: jt.Observed) -> None:
 
 
 def _step(
-    observer: ExtendedKalmanFilter, state: object, duty: np.ndarray, readings: np.ndarray
-) -> object:
+    observer: ExtendedKalmanFilter, state: KalmanState, duty: np.ndarray, readings: np.ndarray
+) -> KalmanState:
     after = observer.step(state, duty, 1.0)
     return observer.correct(after, readings, jax.numpy.isfinite(readings), np.nan)
 

@@ -54,16 +54,15 @@ SPREADS = {
     "command_time": 1.0,
     "disturbance": 1.0,
     "disturbance_time": 0.7,
-    "twin": 0.5,
-    "twin_time": 1.0,
+    "twin": 0.3,
+    "twin_time": 0.7,
     "common": 0.7,
     "common_time": 0.7,
     "channel": 0.7,
     "channel_time": 0.7,
-    "slow": 0.7,
-    "slow_time": 0.7,
 }
-"""The levels that are estimated, with the standard deviation of the prior of their logarithm."""
+"""The levels that are estimated, with the standard deviation of the prior of their logarithm. How
+far parameters drift is not: recordings that were matched together say nothing of later weeks."""
 
 ITERATIONS = 20
 
@@ -177,7 +176,6 @@ def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, 
     parts = {
         "channel": model.layout.channels,
         "twin": model.directions is not None and model.directions.count - model.directions.slow,
-        "slow": len(noise.names),
     }
     return tuple(name for name in SPREADS if parts.get(name.removesuffix("_time"), True))
 

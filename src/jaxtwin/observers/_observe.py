@@ -88,7 +88,7 @@ def live_observer(
     levels.check()
     step = stable_step(twin, min(sample_time, LONGEST_STEP))
     none = np.zeros((0, 0))
-    directions = uncertain_directions(twin, {}, none, None, levels.names, step)
+    directions = uncertain_directions(twin, {}, none, None, levels.names)
     with own_settings():
         columns = range(len(twin.channels))
         spread = room_spread(twin)
@@ -145,7 +145,7 @@ def filter_for(
         twin, known, covariance = fit, {}, np.zeros((0, 0))
     columns = columns_of(twin, experiment)
     step = stable_step(twin, float(min(np.median(np.diff(experiment.time)), LONGEST_STEP)))
-    directions = uncertain_directions(twin, known, covariance, experiment, noise.names, step)
+    directions = uncertain_directions(twin, known, covariance, experiment, noise.names)
     with own_settings():
         model = AugmentedModel(twin, directions, noise.as_arrays(), columns, step, room_spread(fit))
         return ExtendedKalmanFilter(model, step, float(np.diff(experiment.time).min()))

@@ -61,8 +61,8 @@ class ProcessNoise(eqx.Module):
     disturbance_time: Level = 60.0
     room: Level = 0.003
     twin: Level = 1.0
-    twin_time: Level = 1000.0
-    slow: Level = 0.03
+    twin_time: Level = 3000.0
+    slow: Level = 0.05
     slow_time: Level = 3600.0
     common: Level = 0.2
     common_time: Level = 60.0
