@@ -1,6 +1,7 @@
 """Whatever a public function gives can be plotted, printed, and taken to xarray and pandas."""
 
 import inspect
+import math
 import typing
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -31,7 +32,7 @@ from jaxtwin.control import (
 )
 from jaxtwin.matching import FittedParameters, Profile
 from jaxtwin.physics import DCSweep
-from jaxtwin.simulation import Reductions
+from jaxtwin.simulation import Grid, GridConvergence, Reductions
 from jaxtwin.validation import Prediction
 
 DRAWS = {"R_E": np.array([1.9, 2.0, 2.1])}
@@ -84,6 +85,10 @@ def oscillation() -> UltimatePoint:
     return ultimate_point((time, 40 - 0.25 * wave, np.where(wave >= 0, 0.5, 0.3)))
 
 
+def two_grids() -> GridConvergence:
+    return GridConvergence((Grid(0.02, 8, math.nan, 0.3), Grid(0.01, 32, 0.3, 0.0)), 0.1, "rig")
+
+
 def design() -> jt.ExperimentDesign:
     return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
@@ -108,10 +113,11 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Frontier": lambda _: frontier_of_two(),
     "OperatingPoint": lambda _: even(),
     "UltimatePoint": lambda _: oscillation(),
+    "GridConvergence": lambda _: two_grids(),
 }
 """Class -> one of it."""
 
-NUMBERS = {"OperatingPoint", "UltimatePoint"}
+NUMBERS = {"OperatingPoint", "UltimatePoint", "GridConvergence"}
 """Of these, those that are a few numbers: they have a table and a dataset, but no picture."""
 
 LONG = {

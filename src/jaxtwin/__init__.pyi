@@ -47,6 +47,7 @@ from .sensitivity_analysis import sensitivity as sensitivity  # which parameters
 from .simulation import Run as Run  # the result of a simulation
 from .simulation import Stepper as Stepper  # a twin step by step
 from .simulation import StepperState as StepperState  # where it is between two steps
+from .simulation import grid_convergence as grid_convergence  # the grid by the accuracy wanted
 from .simulation import reduce_batch as reduce_batch  # numbers of many draws
 from .simulation import response as response  # the same as a pure JAX function
 from .simulation import simulate as simulate  # one run

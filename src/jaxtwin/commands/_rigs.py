@@ -1,12 +1,17 @@
 """`jaxtwin rigs`, `check` and `schema`: a list of the rigs, and the check of a rig file."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ._options import JsonOption, RigArgument
 from ._output import STDOUT, aligned, check_json, check_output, say, say_written, write_json
+from ._show_progress import show_progress
+
+if TYPE_CHECKING:
+    from ..rig import Rig
+    from ..simulation import GridConvergence
 
 
 def rigs(json: JsonOption = None) -> None:
@@ -20,7 +25,22 @@ def rigs(json: JsonOption = None) -> None:
     write_json(json, {rig.name: {"title": rig.title} for rig in found})
 
 
-def check(rig: RigArgument, json: JsonOption = None) -> None:
+def check(
+    rig: RigArgument,
+    grid: Annotated[
+        float | None,
+        typer.Option(
+            metavar="K",
+            help="Refine the grid of the plate until readings hardly change, and say which "
+            "resolution keeps them to so many kelvins.",
+        ),
+    ] = None,
+    duty: Annotated[
+        str, typer.Option(metavar="SCHEDULE", help="Duty cycles for --grid, as of simulate.")
+    ] = "0:0.5",
+    duration: Annotated[float, typer.Option(metavar="S", help="Of the schedule.")] = 600.0,
+    json: JsonOption = None,
+) -> None:
     """Check a rig file: say what is wrong, or what was understood."""
     from ..physics import build_netlist
     from ..physics._netlist import network_counts
@@ -32,7 +52,26 @@ def check(rig: RigArgument, json: JsonOption = None) -> None:
     say(str(loaded), json)
     say(f"  network: {network_line(counts)}", json)
     free = [name for name, row in loaded.parameters.items() if row.free]
-    write_json(json, {"rig": loaded.name, "free": free, "network": counts})
+    found: dict[str, Any] = {"rig": loaded.name, "free": free, "network": counts}
+    if grid is not None:
+        convergence = _grid_convergence(loaded, grid, duty, duration)
+        say(f"\n{convergence}", json)
+        rows = convergence.to_dataframe().to_dict("records")
+        found["grid"] = {"resolution_m": convergence.resolution, "grids": rows}
+    write_json(json, found)
+
+
+def _grid_convergence(
+    rig: "Rig", tolerance: float, duty: str, duration: float
+) -> "GridConvergence":
+    from ..io import Experiment
+    from ..physics import Twin
+    from ..simulation import grid_convergence
+
+    experiment = Experiment.schedule(duty, duration=duration, cells=len(rig.driven))
+    with show_progress() as progress:
+        progress.step("refining the grid")
+        return grid_convergence(Twin(rig), experiment, tolerance=tolerance)
 
 
 def schema(

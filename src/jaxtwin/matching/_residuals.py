@@ -24,6 +24,7 @@ from jaxtyping import Array, Float, Int
 from .._celsius import ZERO_CELSIUS
 from ..physics import System
 from ..simulation import Drive, TimeGrid, solve_network
+from ..simulation._few_modes import few_modes
 from ..simulation._modes import Modes, run_modes
 from ._objective import Objective, SameShapeBatch
 from ._residual_weights import ResidualWeights, SplitErrors
@@ -49,7 +50,8 @@ def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> 
 
     def of_recording(local: Array, grid: TimeGrid) -> Modes:
         twin = objective.twin.with_values(objective.layout.local_values(local))
-        return run_modes(twin.system(lumped=objective.start.is_lumped), grid.summary())
+        system = twin.system(lumped=objective.start.is_lumped)
+        return few_modes(system, run_modes(system, grid.summary()))
 
     return [
         jax.lax.map(lambda inputs: of_recording(*inputs), (local, batch.grid))

@@ -5,8 +5,9 @@ the ambient $a$, and the readings are $y = a + \gamma (W x - a)$: both stand in 
 way there a rig becomes a list of nodes and links (`_netlist`), then constant arrays (`_wiring`),
 then numbers for one set of parameter values (`System`). Which file holds what:
 
-- the network: `_assembly` (of the parts), `_plate` (finite volumes or a given circuit), `_lumping`
-  (nodes that are always equal), `_link_sums` (large networks stay sparse), `_expressions`
+- the network: `_assembly` (of the parts), `_plate` (finite volumes or a given circuit), `_placed`
+  (what follows from the places of cells), `_lumping` (nodes that are always equal), `_link_sums`
+  (large networks stay sparse), `_expressions`
 - heat: `_thermoelectric` (cells, eqs. 7 to 10 of the paper), `_driver` (PWM and bridge),
   `_heat_loss` (films and radiation), `_dc_sweep`
 - what is read: `_sensors` (weights, lags), `_camera` (pixels), `_registration` (where the camera

@@ -16,7 +16,14 @@ from ._netlist import (
     Reservoir,
     ThermoelectricElement,
 )
-from ._plate import circuit_links, element_capacitance, exposed_area, finite_volume_links
+from ._placed import bare_faces
+from ._plate import (
+    WHOLE,
+    circuit_links,
+    element_capacitance,
+    exposed_area,
+    finite_volume_links,
+)
 from ._sensors import lagging_sensors
 
 
@@ -37,7 +44,7 @@ def build_netlist(rig: Rig) -> Netlist:
         links = circuit_links(rig.circuit, rig.inputs)
     elif rig.has_plate:
         capacitances = {name: element_capacitance(plate, name) for name in plate.element_names}
-        links = finite_volume_links(plate, _covered_faces(rig))
+        links = finite_volume_links(plate, bare_faces(rig))
     start = rig.initial_temperature
     at_start = {
         body.name: body.temperature or body.initial_temperature or start for body in rig.bodies
@@ -135,28 +142,10 @@ def _loss(rig: Rig) -> Loss | None:
     plate = rig.plate
     radiators = []
     if plate.emissivity is not None:
-        covered = _covered_faces(rig)
+        bare = bare_faces(rig)
         for name in plate.element_names:
-            area = exposed_area(plate, name, covered.get(name, 0.0))
+            area = exposed_area(plate, name, bare.get(name, WHOLE))
             radiators.append((name, tuple(plate.emissivity * term for term in area)))
     if plate.film_exponent is None and not radiators:
         return None
     return Loss(plate.film_exponent, tuple(radiators))
-
-
-def _covered_faces(rig: Rig) -> dict[str, float]:
-    """Returns the part of the two faces of each element that cells cover.
-
-    A cell covers the same part of all elements that it touches. If the rig does not state its area,
-    it is taken to be as large as one element ("the area of these elements is selected to be equal
-    or proportional to the Peltier device area", section 3.2.1 of the paper).
-    """
-    covered: dict[str, float] = {}
-    for cell in rig.cells:
-        elements = [node for node, _ in cell.contacts if node in rig.plate.element_names]
-        for element in elements:
-            share = 1 / len(elements)
-            if cell.area is not None:
-                share = cell.area / sum(rig.plate.area(touched) for touched in elements)
-            covered[element] = min(1.0, covered.get(element, 0.0) + share / 2)
-    return covered

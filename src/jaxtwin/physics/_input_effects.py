@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..rig import Input, Rig
+from ..rig._input import depends_on
 from ..rig._plate import AMBIENT
 from ._expressions import Expressions
 from ._netlist import Netlist
@@ -50,7 +51,12 @@ class InputWiring:
 
     def __init__(self, rig: Rig, netlist: Netlist):
         self.inputs: tuple[Input, ...] = rig.inputs
-        self.links = np.array([n for n, x in enumerate(netlist.links) if x.conductances], np.int32)
+        changed = [
+            number
+            for number, link in enumerate(netlist.links)
+            if any(depends_on(value, rig.inputs) for value in link.conductances)
+        ]
+        self.links = np.array(changed, np.int32)
         chosen = [netlist.links[number] for number in self.links]
         self.conductances = Expressions([link.conductances for link in chosen])
         nodes, held = netlist.index, [reservoir.name for reservoir in netlist.reservoirs]

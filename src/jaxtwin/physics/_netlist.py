@@ -9,7 +9,9 @@ from typing import Any, Literal, final
 
 from ..rig import Input, Rig, Switched, Value
 from ..rig._input import conductances, depends_on
+from ..rig._placement import is_derived
 from ..rig._plate import AMBIENT
+from ._placed import all_values
 
 NodeKind = Literal["plate", "cell", "sink", "body", "sensor"]
 
@@ -61,8 +63,9 @@ class Link:
     - `resistances`: the resistances in series, K/W, such as conduction and convection of eq. (6).
     - `role`: the part that it represents: `"conduction"`, `"film"`, `"contact"`, `"module"`,
       `"sink"`, `"body"` or `"sensor"`.
-    - `conductances`: for a link that an input changes, the terms of the sum that is its
-      conductance, W/K; such a link has no `resistances`.
+    - `conductances`: for a link that an input changes, or whose conductance depends on the place of
+      a cell, the terms of the sum that is its conductance, which may be 0, W/K; such a link has no
+      `resistances`.
     """
 
     a: str
@@ -75,8 +78,11 @@ class Link:
     def of(
         cls, inputs: tuple[Input, ...], a: str, b: str, resistance: Value | Switched, role: Any
     ) -> "Link":
-        """A link of one resistance, which may depend on the inputs of the rig."""
-        if isinstance(resistance, Value) and not depends_on(resistance, inputs):
+        """A link of one resistance, which may depend on the inputs of the rig or on the place of a
+        cell."""
+        if isinstance(resistance, Value) and not (
+            depends_on(resistance, inputs) or is_derived(resistance)
+        ):
             return cls(a, b, (resistance,), role)
         return cls(a, b, (), role, conductances(resistance))
 
@@ -206,8 +212,7 @@ class Netlist:
 def network_counts(netlist: Netlist, rig: Rig) -> dict[str, float | int]:
     """Counts and sums of a network, with the values of the rig's parameter table: those of the
     plate, or of all nodes if the rig has none."""
-    values = {name: row.to_si(row.value) for name, row in rig.parameters.items()}
-    values |= rig.nominal_inputs
+    values = all_values(rig, {n: row.to_si(row.value) for n, row in rig.parameters.items()})
     if not rig.has_plate:
         return {
             "states": len(netlist.nodes),

@@ -1,8 +1,13 @@
 """The plate as a network: finite volumes from its geometry, or a circuit given link by link."""
 
+from collections.abc import Mapping
+
 from ..rig import Circuit, Input, Plate, Value
 from ..rig._plate import AMBIENT
 from ._netlist import Link
+
+WHOLE = Value(1.0)
+"""The part of the faces of an element that nothing covers, if nothing touches it."""
 
 
 def element_capacitance(plate: Plate, element: str) -> Value:
@@ -14,7 +19,7 @@ def element_capacitance(plate: Plate, element: str) -> Value:
     return plate.density * plate.specific_heat * volume
 
 
-def finite_volume_links(plate: Plate, covered: dict[str, float]) -> list[Link]:
+def finite_volume_links(plate: Plate, bare: Mapping[str, Value]) -> list[Link]:
     r"""All links of a plate that is given by geometry and material, eqs. (2)-(6) of the paper.
 
     Between neighbours: half of each element in series, $R_{Tcd} = \Delta l / (2 k A)$ each.
@@ -24,8 +29,8 @@ def finite_volume_links(plate: Plate, covered: dict[str, float]) -> list[Link]:
     **Arguments:**
 
     - `plate`: a plate with density, specific heat, conductivity and film coefficient.
-    - `covered`: element -> the part of its two faces that cells cover, 0 to 1; heat leaves through
-      the rest.
+    - `bare`: element -> the part of its two faces that nothing covers, through which heat leaves,
+      0 to 1; all of those of elements that are left out.
     """
     grid = _grid(plate)
     links = []
@@ -42,8 +47,8 @@ def finite_volume_links(plate: Plate, covered: dict[str, float]) -> list[Link]:
             left, right, top, bottom = plate.extent(name)
             width, height = right - left, bottom - top
             film = _film_coefficient(plate, r, c)
-            faces = 2 * width * height * (1 - covered.get(name, 0.0))
-            if faces > 0:
+            faces = Value(2 * width * height) * bare.get(name, WHOLE)
+            if faces.factor > 0:
                 half = _half_z(plate, faces)
                 links.append(Link(name, AMBIENT, (half, 1 / (film * faces)), "film"))
             ends = (c == 0) + (c == len(row) - 1)
@@ -59,13 +64,13 @@ def finite_volume_links(plate: Plate, covered: dict[str, float]) -> list[Link]:
     return links
 
 
-def exposed_area(plate: Plate, element: str, covered: float) -> tuple[Value, ...]:
+def exposed_area(plate: Plate, element: str, bare: Value) -> tuple[Value, ...]:
     """The surface of an element that is exposed to the room, m^2: both faces without the parts that
     cells cover, and the outer edges, as terms of a sum.
 
     **Arguments:**
 
-    - `covered`: the part of its two faces that cells cover, 0 to 1.
+    - `bare`: the part of its two faces that nothing covers, 0 to 1.
     """
     left, right, top, bottom = plate.extent(element)
     width, height = right - left, bottom - top
@@ -76,7 +81,7 @@ def exposed_area(plate: Plate, element: str, covered: float) -> tuple[Value, ...
         (bottom, plate.height, width),
     ]
     rim = sum(length for at, edge, length in outer if abs(at - edge) < 1e-9)
-    return (Value(2 * width * height * (1 - covered)), plate.thickness * rim)
+    return (Value(2 * width * height) * bare, plate.thickness * rim)
 
 
 def circuit_links(circuit: Circuit, inputs: tuple[Input, ...]) -> list[Link]:
@@ -111,7 +116,7 @@ def _half_y(plate: Plate, element: str) -> Value:
     return (bottom - top) / 2 / (plate.conductivity * plate.thickness * (right - left))
 
 
-def _half_z(plate: Plate, area: float) -> Value:
+def _half_z(plate: Plate, area: Value) -> Value:
     """$R_{Tcdz}$ of eq. (3) through a given area of the faces, K/W."""
     assert plate.conductivity is not None
     return plate.thickness / (plate.conductivity * (2 * area))

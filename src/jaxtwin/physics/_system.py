@@ -113,6 +113,7 @@ class System(eqx.Module):
             supply + on + electrical,
         ]
         positive += [part for part in (lag, delay, limit) if part is not None]
+        positive += [values_si[name] for name in wiring.on_plate]
         return cls(
             capacitance=capacitance,
             conductance=_conductance_matrix(wiring, values_si, conductances),

@@ -21,6 +21,7 @@ from .._pint_quantities import in_unit
 from ..rig import Parameter, Rig, load_rig, read_parameters
 from ..rig._units import Kind, parse_quantity
 from ._netlist import Netlist
+from ._placed import all_values
 from ._system import System
 from ._thermoelectric import ThermoelectricModule
 from ._wiring import Wiring, wiring_of
@@ -89,14 +90,15 @@ class Twin(eqx.Module):
 
     @property
     def values_si(self) -> dict[str, Float[Array, "*draws"]]:
-        """All values in SI units, and the inputs where none is stated."""
+        """All values in SI units, the inputs where none is stated, and what follows from places on
+        the plate."""
         table = self.rig.parameters
         values = {name: table[name].to_si(jnp.asarray(v)) for name, v in self.values.items()}
-        return values | {name: jnp.asarray(v) for name, v in self.rig.nominal_inputs.items()}
+        return {name: jnp.asarray(v) for name, v in all_values(self.rig, values).items()}
 
     @property
     def numbers_si(self) -> dict[str, float]:
-        """All values in SI units, and the inputs where none is stated, as plain numbers.
+        """The `values_si` as plain numbers.
 
         **Raises:** `ParameterError` if a parameter holds more than one value.
         """
@@ -109,7 +111,7 @@ class Twin(eqx.Module):
                     "pass several to simulate_batch"
                 )
             numbers[name] = float(self.rig.parameters[name].to_si(np.float64(value)))
-        return {**numbers, **self.rig.nominal_inputs}
+        return {name: float(v) for name, v in all_values(self.rig, numbers).items()}
 
     def system(self, *, lumped: bool = False) -> System:
         """The equations with these values in them; a pure function of the parameters.

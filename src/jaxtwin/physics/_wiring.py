@@ -21,6 +21,7 @@ from ._input_effects import InputWiring
 from ._link_sums import LARGEST_TABLE, LinkSums
 from ._lumping import lump
 from ._netlist import Netlist
+from ._placed import on_plate_names
 from ._registration import RegisteredZones
 from ._sensors import node_weights
 
@@ -36,6 +37,9 @@ class Wiring:
     - `netlist`, and `capacitances` of its nodes, `resistances` of its links, `initial` node
       temperatures, `ambient` temperature, `gains` of the channels, as `Expressions`;
       `module_constants` and `bridge_constants` likewise, with a row for each constant.
+    - `conducting`: the numbers of the links that inputs or the places of cells change, and
+      `conducting_sums`, their conductances as `Expressions`. `on_plate`: the names of quantities
+      that are above 0 where these places are within their bounds.
     - `pair_sums`: sums over the links that connect each pair of neighbouring nodes, and `pairs` (2,
       pairs), these nodes. `pair_of` (nodes, nodes): the index of the pair of two nodes, or the
       number of pairs if they are not neighbours; None in a large network.
@@ -86,7 +90,7 @@ class Wiring:
         registration = None if rig.camera is None else rig.camera.registration
         pixel = None if self.zones is None else self.zones.pixel_size
         parts = (rig.driver, rig.channels, registration, pixel, ambient, sizes, position.tolist())
-        parts += (rig.inputs,)
+        parts += (rig.inputs, rig.placements)
         self.fingerprint = netlist.fingerprint + repr(parts)
 
     @property
@@ -108,11 +112,14 @@ class Wiring:
         nodes, drift = self.netlist.nodes, rig.ambient_drift
         self.elements = sum(node.kind == "plate" for node in nodes)
         self.capacitances = Expressions([[node.capacitance] for node in nodes])
-        # A link that an input changes has a resistance of 1 here, in whose place its conductance is
-        # put.
-        self.resistances = Expressions(
-            [link.resistances or [Value(1.0)] for link in self.netlist.links]
-        )
+        # A link that is given by its conductance has a resistance of 1 here, in whose place its
+        # conductance is put.
+        links = self.netlist.links
+        self.resistances = Expressions([link.resistances or [Value(1.0)] for link in links])
+        conducting = [number for number, link in enumerate(links) if link.conductances]
+        self.conducting = np.array(conducting, np.int32)
+        self.conducting_sums = Expressions([links[number].conductances for number in conducting])
+        self.on_plate = on_plate_names(rig)
         self.initial = Expressions([[node.initial_temperature] for node in nodes])
         self.ambient = Expressions([[rig.ambient_temperature]])
         self.ambient_drift = None if drift is None else Expressions([[drift]])
@@ -192,10 +199,9 @@ class Wiring:
     def conductances(self, values_si: Mapping[str, Float[Array, ""]]) -> Float[Array, " links"]:
         """The conductances of all links, those that inputs change where no input is stated, W/K."""
         conductances = 1 / self.resistances(values_si)
-        effects = self.input_wiring
-        if effects is None or effects.links.size == 0:
+        if self.conducting.size == 0:
             return conductances
-        return conductances.at[effects.links].set(effects.conductances(values_si))
+        return conductances.at[self.conducting].set(self.conducting_sums(values_si))
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -224,7 +230,6 @@ class Wiring:
         """Names of the parameters that act on anything but the gains of the channels."""
         tables = [part for part in vars(self).values() if isinstance(part, Expressions)]
         tables += [] if self.zones is None else [self.zones.registration]
-        tables += [] if self.input_wiring is None else [self.input_wiring.conductances]
         return set().union(*(part.names for part in tables if part is not self.gains))
 
     def moved_weights(

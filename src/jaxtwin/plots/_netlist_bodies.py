@@ -47,6 +47,9 @@ def draw_bodies(
         for channel in twin.rig.channels
         if channel.lag is not None
     }
+    # The many contacts of a heater that lies on the plate are written as one.
+    plate = twin.rig.plate
+    placed = {p.name: frozenset(p.elements(plate)) for p in twin.rig.placements}
     # In a box, air is a body.
     surroundings = "air" if all(body.name != "air" for body in twin.rig.bodies) else AMBIENT
     lowest = top
@@ -66,8 +69,16 @@ def draw_bodies(
                 y += LINE * layout.inch
                 note = f"{heater.name}, {heater_text(heater, values)}"
                 draw_note(ax, x - (BOX / 2 - 0.1) * layout.inch, y, note)
-        for link in twin.netlist.links:
-            if body.name not in (link.a, link.b):
+        on_plate = placed.get(body.name, ())
+        links = [link for link in twin.netlist.links if body.name in (link.a, link.b)]
+        contacts = [link for link in links if link.b in on_plate]
+        if contacts:
+            y += LINE * layout.inch
+            whole = 1 / sum(1 / link.resistance(values) for link in contacts)
+            note = f"{float(whole):.3g} K/W to the plate"
+            draw_note(ax, x - (BOX / 2 - 0.1) * layout.inch, y, note)
+        for link in links:
+            if link.b in on_plate:
                 continue
             y += LINE * layout.inch
             other = link.a if link.b == body.name else link.b

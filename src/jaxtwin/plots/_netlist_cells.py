@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.patches import FancyBboxPatch
+from matplotlib.patches import FancyBboxPatch, Polygon
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._celsius import ZERO_CELSIUS
@@ -28,7 +30,8 @@ def outlined(width: float) -> list[AbstractPathEffect]:
 
 def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Layout) -> None:
     """Draws a stub from each element to each cell that touches it, with the contact's K/W, and to
-    each heater whose heat goes into it, with its power or resistance.
+    each heater whose heat goes into it, with its power or resistance. A cell or heater that the rig
+    file places is drawn as it lies on the plate.
 
     The stub ends in a dot with the cell's name, like a net in a circuit diagram, because wires
     across the plate could not be distinguished.
@@ -40,7 +43,12 @@ def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Lay
     - `layout`: the layout of the picture.
     """
     drawn = dict.fromkeys(twin.rig.plate.element_names, 0)
+    placed = {placement.name: placement for placement in twin.rig.placements}
+    for name, placement in placed.items():
+        _draw_placed(ax, name, 100 * placement.outline(values))
     for cell in twin.netlist.cells:
+        if cell.name in placed:
+            continue
         touched = [
             (link.a, f"{float(link.resistance(values)):.3g} K/W")
             for link in twin.netlist.links
@@ -81,6 +89,18 @@ def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Lay
                 (0, 5), textcoords="offset points", ha="center", va="bottom", color=INK,
                 fontsize=points(7.5), linespacing=1.1, rotation=90 if upright else 0, zorder=6,
             )  # fmt: skip
+
+
+def _draw_placed(ax: Axes, name: str, corners: Float[np.ndarray, "corners 2"]) -> None:
+    ax.add_patch(
+        Polygon(
+            corners, fc=palette().vermilion, ec=palette().vermilion, alpha=0.25, lw=2, zorder=2.5
+        )
+    )
+    ax.annotate(
+        name, corners.mean(axis=0), ha="center", va="center", color=INK, fontsize=points(11),
+        fontweight="bold", path_effects=outlined(2.0), zorder=7,
+    )  # fmt: skip
 
 
 def heater_text(heater: ThermoelectricElement, values: Mapping[str, float]) -> str:
@@ -170,6 +190,10 @@ def _draw_column(
 
 
 def _contact_names(twin: Twin, cell: ThermoelectricElement) -> str:
+    for placement in twin.rig.placements:
+        if placement.name == cell.name:
+            width, height = (100 * side for side in placement.size)
+            return f"on {width:g} cm × {height:g} cm of the plate"
     names = [link.a for link in twin.netlist.links if link.b == cell.cold]
     if len(names) > NAMED:
         return f"on {len(names)} elements"

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
 from .._errors import ParameterError
-from ..rig import Cell, Channel, Plate, Rig
+from ..rig import Cell, Channel, Heater, Plate, Rig
 from ..rig._plate_needed import check_has_plate
 from ._style import INK, PALE, palette, points, styled
 
@@ -132,11 +132,12 @@ def _draw_map(
 
 
 def draw_cells(axes: Axes, rig: Rig) -> None:
-    """Draws a dashed line around the elements that each cell touches, and its name."""
-    for cell in rig.cells:
+    """Draws a dashed line around each cell, where the rig file places it or around the elements
+    that it touches, and its name; likewise heaters that are placed."""
+    for cell in _drawn(rig):
         rim = [withStroke(linewidth=2.6, foreground=INK, alpha=0.7)]
         look = {"fc": "none", "ec": PALE, "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
-        _draw_cell(axes, rig.plate, cell, PALE, INK, **look)
+        _draw_cell(axes, rig, cell, PALE, INK, **look)
 
 
 def _draw_channels(axes: Axes, rig: Rig) -> None:
@@ -146,9 +147,9 @@ def _draw_channels(axes: Axes, rig: Rig) -> None:
     for channel in rig.channels:
         for place in channel.sensor.outline(rig.plate):
             axes.add_patch(rectangle(place, fc="none", ec=palette().blue, lw=1.2))
-    for cell in rig.cells:
+    for cell in _drawn(rig):
         look = {"fc": palette().vermilion, "alpha": 0.25, "lw": 0}
-        _draw_cell(axes, rig.plate, cell, palette().vermilion, palette().faint, **look)
+        _draw_cell(axes, rig, cell, palette().vermilion, palette().faint, **look)
     for channel in rig.channels:
         if channel.sensor.outline(rig.plate):
             _name_channel(axes, rig.plate, channel)
@@ -178,14 +179,27 @@ def frame(axes: Axes, plate: Plate) -> None:
     axes.set_ylim(100 * plate.height + 0.3, -0.3)
 
 
-def _draw_cell(axes: Axes, plate: Plate, cell: Cell, color: str, rim: str, **look) -> None:
-    """Draws the outline of the elements that a cell touches, and its name in their corner."""
-    extents = np.array([plate.extent(element) for element, _ in cell.contacts])
-    left, right = extents[:, 0].min(), extents[:, 1].max()
-    top, bottom = extents[:, 2].min(), extents[:, 3].max()
-    axes.add_patch(rectangle((left, right, top, bottom), **look))
+def _drawn(rig: Rig) -> tuple[Cell | Heater, ...]:
+    return (*rig.cells, *(heater for heater in rig.heaters if heater.placement is not None))
+
+
+def _draw_cell(axes: Axes, rig: Rig, cell: Cell | Heater, color: str, rim: str, **look) -> None:
+    """Draws the outline of a cell, at its place by the rig's values or around the elements that it
+    touches, and its name in the lower left corner."""
+    if cell.placement is None:
+        assert isinstance(cell, Cell)
+        extents = np.array([rig.plate.extent(element) for element, _ in cell.contacts])
+        left, right = extents[:, 0].min(), extents[:, 1].max()
+        top, bottom = extents[:, 2].min(), extents[:, 3].max()
+        axes.add_patch(rectangle((left, right, top, bottom), **look))
+        corner = (100 * left, 100 * bottom)
+    else:
+        values = {name: row.to_si(row.value) for name, row in rig.parameters.items()}
+        corners = 100 * cell.placement.outline(values)
+        axes.add_patch(Polygon(corners, **look))
+        corner = corners[(corners[:, 1] - corners[:, 0]).argmax()]
     axes.annotate(
-        cell.name, (100 * left, 100 * bottom), (4, 4), textcoords="offset points",
+        cell.name, corner, (4, 4), textcoords="offset points",
         fontsize=points(8),
         color=color, fontweight="bold", path_effects=[withStroke(linewidth=2.2, foreground=rim)],
     )  # fmt: skip

@@ -5,11 +5,13 @@ units, names and geometry, part by part (`_build`), then values in SI units. A q
 is a `Value` (`_value`): a number, or a number times parameters to powers, so that a match can
 change it. Which file holds what:
 
-- reading: `_load`, `_build`, `_fields` (texts to values), `_problems` (messages), `_bundled`
+- reading: `_load`, `_build`, `_fields` (texts to values), `_problems` (messages), `_bundled`, and
+  `_with_resolution` (the same rig on another grid)
 - units: `_units`, and `_common_units` for those that need no pint
-- the plate: `_plate`, `_plate_table`, `_circuit`, `_circuit_table`, `_material`
+- the plate: `_plate`, `_plate_table`, `_grid_table`, `_circuit`, `_circuit_table`, `_material`
 - what stands on it: `_cell`, `_cell_table`, `_datasheet`, `_heater`, `_heater_table`, `_body`,
   `_body_table`, `_fan_table`, and `_grounding` (a path for the heat of each of them)
+- where cells and heaters lie on it: `_placement`, `_placement_table`, and the areas in `_overlap`
 - what drives and reads it: `_driver`, `_limits`, `_camera`, `_bench_table`
 - what else changes during a run: `_input`, `_input_table`
 - channels: `_channel`; a kind of sensor (`_sensor`) says what it reads, weighs and shows:
@@ -35,6 +37,7 @@ from ._new_rig import CellPlace, new_rig_text
 from ._nodes_sensor import NodesSensor
 from ._parameter import Parameter
 from ._parameter_file import read_parameters, write_parameters
+from ._placement import Placement
 from ._plate import Plate
 from ._point_sensor import PointSensor
 from ._rig import Rig
@@ -62,6 +65,7 @@ __all__ = [
     "Material",
     "NodesSensor",
     "Parameter",
+    "Placement",
     "Plate",
     "PointSensor",
     "Registration",

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import final
 
 from ._input import Switched
+from ._placement import Placement
 from ._value import Value
 
 
@@ -32,6 +33,8 @@ class Cell:
       plate.
     - `area`: the area of the plate that the cell covers, m^2; None for that of one of the elements
       that it touches, on average.
+    - `placement`: its place on the plate, from which its contacts and the area that it covers
+      follow; None if the file lists contacts.
     """
 
     name: str
@@ -47,3 +50,4 @@ class Cell:
     sink_initial_temperature: Value | None = None
     sink: str | None = None
     area: float | None = None
+    placement: Placement | None = None

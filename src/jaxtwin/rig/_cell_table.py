@@ -9,6 +9,7 @@ from ._datasheet import load_module
 from ._fan_table import blown
 from ._fields import Fields
 from ._input import Switched
+from ._placement_table import build_placement, placed_contacts
 from ._plate import Plate
 from ._schema import CellTable
 from ._units import (
@@ -36,11 +37,11 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
     if table.module is not None:
         fields.check_known(f"{at}.module", "module", table.module, bundled_modules())
     free = [body.name for body in bodies if body.temperature is None]
-    for node in table.contacts:
-        fields.check_element(f"{at}.contacts", node, plate.element_names, free)
-    contacts = {node: fields.path(f"{at}.contacts.{node}", r) for node, r in table.contacts.items()}
-    if all(resistance is None for resistance in contacts.values()):
-        fields.refuse(f"{at}.contacts", "expected a finite resistance, got none")
+    placement = build_placement(at, table, plate, fields)
+    if placement is None:
+        contacts = _listed_contacts(table, plate, free, fields)
+    else:
+        contacts = placed_contacts(at, table, placement, plate, fields)
     if table.sink is not None:
         fields.check_known(f"{at}.sink", "body", table.sink, [body.name for body in bodies])
         for name in ("sink_capacitance", "sink_initial_temperature", "fan"):
@@ -89,7 +90,7 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
         electrical_resistance=constant("electrical_resistance", ELECTRICAL_RESISTANCE),
         thermal_resistance=constant("thermal_resistance", THERMAL_RESISTANCE),
         side_capacitance=_side_capacitance(table, fields),
-        contacts=tuple((node, value) for node, value in contacts.items() if value is not None),
+        contacts=contacts,
         sink_resistance=path("sink_resistance"),
         sink_capacitance=optional("sink_capacitance", HEAT_CAPACITY),
         sink_air_resistance=to_air and blown(to_air, table.fan, at, fields),
@@ -97,7 +98,28 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
         sink_initial_temperature=optional("sink_initial_temperature", TEMPERATURE),
         sink=table.sink,
         area=_area(table, plate, fields),
+        placement=placement,
     )
+
+
+def _listed_contacts(
+    table: CellTable, plate: Plate, bodies: Sequence[str], fields: Fields
+) -> tuple[tuple[str, Value], ...]:
+    """The contacts that the file lists by element or body, without those of no conductance."""
+    at = f"cells[{table.name}].contacts"
+    if table.contacts is None:
+        fields.refuse(
+            at,
+            'expected contacts such as { V11 = "0.6 K/W" }, or a place such as '
+            'at = ["6 cm", "4 cm"] with size and contact_resistance, got neither',
+        )
+    for node in table.contacts:
+        fields.check_element(at, node, plate.element_names, bodies)
+    given = {node: fields.path(f"{at}.{node}", text) for node, text in table.contacts.items()}
+    contacts = tuple((node, value) for node, value in given.items() if value is not None)
+    if not contacts:
+        fields.refuse(at, "expected a finite resistance, got none")
+    return contacts
 
 
 def _area(table: CellTable, plate: Plate, fields: Fields) -> float | None:
@@ -106,6 +128,8 @@ def _area(table: CellTable, plate: Plate, fields: Fields) -> float | None:
     at = f"cells[{table.name}].area"
     if plate.film_coefficient is None:
         fields.refuse(at, "expected none beside a [circuit], whose links are the plate's losses")
+    if table.contacts is None:
+        fields.refuse(at, "expected none beside at, whose size is the area; remove it")
     area = fields.constant(at, table.area, AREA)
     elements = [element for element in table.contacts if element in plate.element_names]
     touched = sum(plate.area(element) for element in elements)

@@ -76,6 +76,15 @@ class Fields:
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 
+    def bounds(self, value: Value) -> tuple[float, float]:
+        """The lowest and the highest number that a `value` may have: the bounds of a parameter, in
+        SI units."""
+        if value.is_constant:
+            return value.factor, value.factor
+        ((name, _),) = value.powers
+        parameter = self._parameters[name]
+        return parameter.to_si(parameter.lower), parameter.to_si(parameter.upper)
+
     def path(self, field: str, text: str) -> Value | None:
         """Converts a thermal resistance of a path that may be absent: `"inf K/W"` is None.
 

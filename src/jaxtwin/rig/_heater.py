@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import final
 
+from ._placement import Placement
 from ._value import Value
 
 
@@ -20,9 +21,11 @@ class Heater:
       capacity of its own is also one of the rig's bodies, which has its name.
     - `power`: the power at full duty, to which the heat is proportional, W.
     - `electrical_resistance`: the resistance that the driver connects to its supply, ohm.
+    - `placement`: its place on the plate; None if the file lists contacts.
     """
 
     name: str
     node: str
     power: Value | None = None
     electrical_resistance: Value | None = None
+    placement: Placement | None = None

@@ -8,6 +8,8 @@ from ._body_table import body_of
 from ._circuit import CircuitLink
 from ._fields import Fields
 from ._heater import Heater
+from ._placement import Placement
+from ._placement_table import build_placement, placed_contacts
 from ._plate import AMBIENT, Plate
 from ._schema import BodyTable, HeaterTable
 from ._units import ELECTRICAL_RESISTANCE, HEATER_POWER
@@ -66,6 +68,10 @@ def heater_links(
     """
     links = []
     for table in tables:
+        placement = build_placement(f"heaters[{table.name}]", table, plate, fields)
+        if placement is not None:
+            links += _placed_links(table, placement, plate, fields)
+            continue
         at = f"heaters[{table.name}].contacts"
         if isinstance(table.contacts, list):
             if table.capacitance is not None:
@@ -90,6 +96,24 @@ def heater_links(
             if resistance is not None:
                 links.append(CircuitLink(resistance, 1.0, ((table.name, node),)))
     return links
+
+
+def _placed_links(
+    table: HeaterTable, placement: Placement, plate: Plate, fields: Fields
+) -> list[CircuitLink]:
+    """The links of a heater that lies on the plate.
+
+    **Raises:** `RigError` if it has no heat capacity.
+    """
+    at = f"heaters[{table.name}]"
+    if table.capacitance is None:
+        fields.refuse(
+            f"{at}.capacitance",
+            "expected a value beside at, got none; the heat of a heater without a capacitance goes "
+            "into one node, which contacts name",
+        )
+    contacts = placed_contacts(at, table, placement, plate, fields)
+    return [CircuitLink(value, 1.0, ((table.name, element),)) for element, value in contacts]
 
 
 def build_heater(
@@ -119,6 +143,7 @@ def build_heater(
         else fields.value(
             f"{at}.electrical_resistance", table.electrical_resistance, ELECTRICAL_RESISTANCE
         ),
+        placement=build_placement(at, table, plate, fields),
     )
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 from ._bundled import bundled_materials
 from ._fields import Fields
+from ._grid_table import build_grid
 from ._material import load_material
 from ._plate import Plate
 from ._schema import PlateTable
@@ -34,8 +35,7 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
 
     **Raises:** `RigError` if a value is wrong, or both or neither of them are given.
     """
-    columns = _sizes("plate.columns", table.columns, fields)
-    rows = _sizes("plate.rows", table.rows, fields)
+    columns, rows = build_grid(table, fields)
     of_geometry = ("material", *_NEEDED, "film_row_factor", "emissivity")
     given = [name for name in of_geometry if getattr(table, name) is not None]
     exponent = _optional("film_exponent", table.film_exponent, EXPONENT, fields)
@@ -68,8 +68,11 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
         else Value(getattr(material, name))
         for name, kind in _OF_MATERIAL.items()
     )
-    film = _each("film_coefficient", table.film_coefficient, columns, FILM_COEFFICIENT, fields)
-    factor = _each("film_row_factor", table.film_row_factor or "1", rows, FACTOR, fields)
+    by_part = table.resolution is not None
+    film = _each(
+        "film_coefficient", table.film_coefficient, columns, FILM_COEFFICIENT, fields, by_part
+    )
+    factor = _each("film_row_factor", table.film_row_factor or "1", rows, FACTOR, fields, by_part)
     thickness = fields.value("plate.thickness", table.thickness, LENGTH)
     emissivity = _optional("emissivity", table.emissivity, EMISSIVITY, fields)
     return Plate(
@@ -86,20 +89,26 @@ def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
     )
 
 
-def _sizes(field: str, texts: list[str], fields: Fields) -> tuple[float, ...]:
-    return tuple(fields.constant(f"{field}[{i}]", text, LENGTH) for i, text in enumerate(texts, 1))
-
-
 def _optional(name: str, text: str | None, kind: Kind, fields: Fields) -> Value | None:
     return None if text is None else fields.value(f"plate.{name}", text, kind)
 
 
 def _each(
-    name: str, given: Any, sizes: tuple[float, ...], kind: Kind, fields: Fields
+    name: str, given: Any, sizes: tuple[float, ...], kind: Kind, fields: Fields, by_part: bool
 ) -> tuple[Value, ...]:
+    """A value for each column or row.
+
+    **Arguments:**
+
+    - `by_part`: whether a list has a value for each of several equal parts of the plate, in place
+      of each column or row.
+    """
     field = f"plate.{name}"
     if isinstance(given, str):
         return (fields.value(field, given, kind),) * len(sizes)
+    if by_part:
+        values = [fields.value(f"{field}[{i}]", text, kind) for i, text in enumerate(given, 1)]
+        return tuple(value for value in values for _ in range(len(sizes) // len(values)))
     if len(given) != len(sizes):
         fields.refuse(
             field, f"expected {len(sizes)} values, as many as the plate has, got {len(given)}"

@@ -17,6 +17,7 @@ from ._heater import Heater
 from ._input import Input, nominal_inputs
 from ._limits import Limits
 from ._parameter import Parameter
+from ._placement import Placement
 from ._plate import Plate
 from ._value import Value
 
@@ -94,6 +95,12 @@ class Rig:
         return (-1.0,) * len(self.cells) + (0.0,) * len(self.heaters)
 
     @property
+    def placements(self) -> tuple[Placement, ...]:
+        """The places of the cells and heaters that have one, on the plate."""
+        found = (part.placement for part in (*self.cells, *self.heaters))
+        return tuple(placement for placement in found if placement is not None)
+
+    @property
     def nominal_inputs(self) -> Mapping[str, float]:
         """The numbers of the inputs where none is stated, by the names that a `Value` has for
         them."""
@@ -158,9 +165,7 @@ def _parts(rig: Rig) -> dict[str, str]:
         )
         if rig.has_plate
         else "",
-        "cells": ", ".join(
-            f"{cell.name} on {' '.join(node for node, _ in cell.contacts)}" for cell in rig.cells
-        ),
+        "cells": ", ".join(f"{cell.name} {_place_text(cell)}" for cell in rig.cells),
         "heaters": ", ".join(_heater_text(heater) for heater in rig.heaters),
         "bodies": ", ".join(body.name for body in rig.bodies),
     }
@@ -175,11 +180,23 @@ def _parts(rig: Rig) -> dict[str, str]:
     }
 
 
+def _place_text(part: Cell | Heater) -> str:
+    """Where a cell or heater is: on the elements and bodies that it touches, or at a place."""
+    place = part.placement
+    if place is not None:
+        x, y = (
+            f"{100 * at.factor:g} cm" if at.is_constant else str(at) for at in (place.x, place.y)
+        )
+        return f"at {x}, {y}"
+    if isinstance(part, Heater):
+        return "" if part.node == part.name else f"on {part.node}"
+    return f"on {' '.join(node for node, _ in part.contacts)}"
+
+
 def _heater_text(heater: Heater) -> str:
     power, resistance = heater.power, heater.electrical_resistance
     size = f"{resistance} ohm" if power is None else f"{power} W"
-    place = "" if heater.node == heater.name else f" on {heater.node}"
-    return f"{heater.name}{place} ({size})"
+    return " ".join(part for part in (heater.name, _place_text(heater), f"({size})") if part)
 
 
 def _html(rig: Rig) -> str:

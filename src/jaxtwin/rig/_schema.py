@@ -121,6 +121,7 @@ QuantityOrSwitch = Annotated[
 Place = Annotated[list[str] | None, BeforeValidator(_place), ONE_OR_SEVERAL]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 _PLACES = ("nodes", "x", "y")  # the keys of a channel that say where its sensor is
+PointOnPlate = Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None
 PixelRange = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
@@ -147,15 +148,18 @@ class Table(BaseModel):
 
 
 class PlateTable(Table):
-    columns: Annotated[list[Quantity], Field(min_length=1)]
-    rows: Annotated[list[Quantity], Field(min_length=1)]
+    columns: Annotated[list[Quantity], Field(min_length=1)] | None = None
+    rows: Annotated[list[Quantity], Field(min_length=1)] | None = None
+    width: Quantity | None = None
+    height: Quantity | None = None
+    resolution: Quantity | None = None
     thickness: Quantity
     material: Text | None = None
     density: Quantity | None = None
     specific_heat: Quantity | None = None
     conductivity: Quantity | None = None
     film_coefficient: QuantityOrList = None
-    film_row_factor: list[Quantity] | None = None
+    film_row_factor: Annotated[list[Quantity], Field(min_length=1)] | None = None
     film_exponent: Quantity | None = None
     emissivity: Quantity | None = None
 
@@ -197,7 +201,11 @@ class CellTable(Table):
     side_mass: Quantity | None = None
     side_specific_heat: Quantity | None = None
     side_capacitance: Quantity | None = None
-    contacts: Annotated[dict[str, Quantity], Field(min_length=1)]
+    contacts: Annotated[dict[str, Quantity], Field(min_length=1)] | None = None
+    at: PointOnPlate = None
+    size: QuantityOrList = None
+    angle: Quantity | None = None
+    contact_resistance: Quantity | None = None
     area: Quantity | None = None
     sink_resistance: QuantityOrSwitch | None = None
     sink: Text | None = None
@@ -213,6 +221,10 @@ class HeaterTable(Table):
     power: Quantity | None = None
     electrical_resistance: Quantity | None = None
     contacts: NamesOrResistances = None
+    at: PointOnPlate = None
+    size: QuantityOrList = None
+    angle: Quantity | None = None
+    contact_resistance: Quantity | None = None
     capacitance: Quantity | None = None
     initial_temperature: Quantity | None = None
 

@@ -10,7 +10,8 @@ what:
   `_interpolation` (samples inside a step), `_resolution`, `_refinement` (were the steps short
   enough?)
 - inputs besides the duty: `_input_levels`, `_regimes` (each step in the modes of its own network)
-- large plates: `_reduced_modes`, the few modes that the drive reaches
+- large plates: `_reduced_modes`, the few modes that the drive reaches; `_few_modes`, those that a
+  match takes; `_grid_convergence`, the grid by the accuracy wanted
 - one run: `_simulate`, `_run` (its result), `_power`, `_uniformity`, `_exceeded_limits`
 - many draws: `_simulate_batch`, `_draw_solver`, `_chunk_programs`, `_compressed`, `_reductions`
   (what is kept), `_draw_units` and `_workers` (cores, accelerators, clusters)

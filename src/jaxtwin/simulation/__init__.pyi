@@ -3,6 +3,9 @@
 
 from ._chunk_programs import Precision as Precision
 from ._drive import Drive as Drive
+from ._grid_convergence import Grid as Grid
+from ._grid_convergence import GridConvergence as GridConvergence
+from ._grid_convergence import grid_convergence as grid_convergence
 from ._integrate import solve_network as solve_network
 from ._network_exponential import HeldInputs as HeldInputs
 from ._network_exponential import NetworkExponential as NetworkExponential

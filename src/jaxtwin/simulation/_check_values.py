@@ -8,12 +8,14 @@ from jaxtyping import Bool, Float
 
 from .._errors import ParameterError
 from ..physics import Twin, build_netlist
+from ..physics._placed import placed_names
 from ..rig import Rig, Value
 
 
 def check_values(twin: Twin, where: str | None = None) -> None:
-    """Checks that all resistances, heat capacities, lags, delays and current limits are above 0. A
-    simulation with a negative one may still give finite temperatures.
+    """Checks that all resistances, heat capacities, lags, delays and current limits are above 0,
+    and that places on the plate are within their bounds. A simulation with others may still give
+    finite temperatures.
 
     **Arguments:**
 
@@ -22,7 +24,14 @@ def check_values(twin: Twin, where: str | None = None) -> None:
     **Raises:** `ParameterError` that names the quantity.
     """
     values = {name: np.float64(value) for name, value in twin.numbers_si.items()}
-    values |= _unit_inputs(twin.rig)
+    for what, value, (lowest, highest) in _places(twin.rig):
+        found = float(value.evaluate(values))
+        if not lowest <= found <= highest:
+            raise ParameterError(
+                f"{where or twin.rig.name}: {what} ({value}): expected its bounds, "
+                f"{100 * lowest:g} cm to {100 * highest:g} cm, got {100 * found:g} cm"
+            )
+    values |= _unit_shares(twin.rig)
     for what, value in _positive_values(twin.rig):
         found = _evaluated(value, values)
         if not _is_positive(found):
@@ -43,8 +52,11 @@ def valid_draws(
     """
     table, values = twin.rig.parameters, {**twin.values, **draws}
     values_si = {name: table[name].to_si(np.asarray(v, float)) for name, v in values.items()}
-    values_si |= _unit_inputs(twin.rig)
     is_valid = np.ones(len(next(iter(draws.values()))), bool)
+    for _, value, (lowest, highest) in _places(twin.rig):
+        place = value.evaluate(values_si)
+        is_valid &= np.asarray((place >= lowest) & (place <= highest))
+    values_si |= _unit_shares(twin.rig)
     for _, value in _positive_values(twin.rig):
         is_valid &= _is_positive(_evaluated(value, values_si))
     return is_valid
@@ -66,9 +78,25 @@ def _evaluated(value: Value, values_si: Mapping[str, np.ndarray | np.float64]) -
         return np.asarray(value.evaluate(values_si))
 
 
-def _unit_inputs(rig: Rig) -> dict[str, np.float64]:
-    """1 for each input and the share of each state, so that the value of every state counts."""
-    return {name: np.float64(1.0) for one in rig.inputs for name in one.names}
+def _unit_shares(rig: Rig) -> dict[str, np.float64]:
+    """1 for each input, the share of each state, and each share that follows from a place on the
+    plate, so that every value counts."""
+    names = [name for one in rig.inputs for name in one.names]
+    return {name: np.float64(1.0) for name in (*names, *placed_names(rig))}
+
+
+def _places(rig: Rig) -> list[tuple[str, Value, tuple[float, float]]]:
+    """The places on the plate that parameters determine: a description, the value, and its range,
+    beyond which a cell may touch elements that it has no contact with, m."""
+    return [
+        (f"{axis} of {placement.name}", value, span)
+        for placement in rig.placements
+        for axis, value, span in (
+            ("x", placement.x, placement.x_range),
+            ("y", placement.y, placement.y_range),
+        )
+        if not value.is_constant
+    ]
 
 
 def _is_positive(value: np.ndarray) -> Bool[np.ndarray, "..."]:

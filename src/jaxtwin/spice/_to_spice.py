@@ -4,6 +4,7 @@ Heat is represented as current: volts stand for kelvins, amperes for watts, ohms
 for J/K.
 """
 
+import math
 import re
 from collections.abc import Mapping
 
@@ -92,8 +93,8 @@ def _head(twin: Twin, experiment: Experiment, values: Mapping[str, float]) -> li
         "*",
         "* Parameters in SI units:",
         *(
-            _comment(f"{name} = {value!r} ({table[name].description})".removesuffix(" ()"))
-            for name, value in values.items()
+            _comment(f"{name} = {values[name]!r} ({row.description})".removesuffix(" ()"))
+            for name, row in table.items()
         ),
     ]
 
@@ -128,6 +129,8 @@ def _network(
     lines += ["*", "* Links"]
     used: set[str] = set()
     for link in netlist.links:
+        if math.isinf(link.resistance(values)):  # a path that is closed, or a contact elsewhere
+            continue
         a, b = names[link.a], names[link.b]
         resistor = _unique(f"R{link.role}_{a}_{b}", used)
         resistance = float(link.resistance(values))
