@@ -121,6 +121,7 @@ def test_a_heater_on_the_plate_heats_what_is_under_it():
     assert run.channel("T_far")[-1] > run.channel("T_near")[-1] + 1
 
 
+@pytest.mark.slow
 def test_readings_converge_with_the_resolution():
     """Grids of 2, 1 and 0.5 cm, against one of 0.25 cm. The lines of the grid cut the cell at other
     places each time, so that errors do not fall evenly; from 2 to 0.5 cm they fall by more than 6,
