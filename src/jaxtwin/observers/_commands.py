@@ -38,7 +38,7 @@ class Commands(eqx.Module):
             jnp.broadcast_to(duty, (count, *duty.shape)), jnp.full(count, LONG_AGO, duty.dtype)
         )
 
-    def given(self, command: Float[Array, " cells"], spacing: float) -> "Commands":
+    def given(self, command: Float[Array, " cells"], spacing: Float[ArrayLike, ""]) -> "Commands":
         """The commands after another one.
 
         A command that is not new, or that follows the last one within `spacing` seconds, replaces
