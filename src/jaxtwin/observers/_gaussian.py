@@ -90,7 +90,7 @@ def corrected(
         gain = jnp.where(counts, caution * cross / spread, 0.0)
         # (I - k h) P (I - k h)' + k r k'
         left = jnp.outer(gain, cross)
-        covariance = state.covariance - left - left.T + spread * jnp.outer(gain, gain)
+        covariance = state.covariance - (left + left.T) + spread * jnp.outer(gain, gain)
         whitened = jnp.where(counts, error / jnp.sqrt(spread), 0.0)
         density = -0.5 * (whitened**2 + jnp.log(spread) + LOG_TWO_PI)
         found = whitened, jnp.sqrt(spread), gain, jnp.where(counts, density, 0.0)
