@@ -73,9 +73,28 @@ def main() -> None:
     }
     for name, draw in pictures.items():
         write(f"gallery/{name}", draw(), dpi=45)
+    observed = followed()
+    write("innovations", observed.plot_innovations(), dpi=80)
+    write("gallery/observed", observed.plot(), dpi=45)
+    write("gallery/ahead", observed.ahead(60.0).plot(), dpi=60)
     for name in WITHOUT_A_PLATE:
         write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
         write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
+
+
+def followed() -> jt.Observed:
+    """An observation of a Temperature Control Lab that stands in a draught: its twin was matched to
+    another recording of it."""
+    twin = jt.Twin("tclab")
+    rig = twin.with_values({"R_1": 51.0, "R_2": 68.0, "C_1": 2.3, "T_amb": 21.0, "T_start": 21.0})
+    plans = "0:0.6/0,300:0/0.8,600:0.4/0.4", "0:0/0.5,240:0.7/0,480:0.2/0.6,720:0.5/0.1"
+    recordings = [
+        jt.simulate(
+            rig, jt.Experiment.schedule(plan, duration=900, step=2, cells=2, ambient=21)
+        ).to_recording(seed=seed, name=f"TCLab {seed}")
+        for seed, plan in enumerate(plans, 1)
+    ]
+    return jt.observe(jt.match(twin, recordings[0]), recordings[1])
 
 
 def matched(name: str) -> jt.Fit:

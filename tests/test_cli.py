@@ -67,6 +67,7 @@ COMMANDS = [
     ["control"],
     ["prove"],
     ["watch"],
+    ["observe"],
     ["conform"],
     ["backup"],
     ["export"],

@@ -7,11 +7,12 @@ $$\sum_r \frac{T_r}{h} \big\langle \log p(y_k \mid y_1 \dots y_{k-1}; \ell)
 - \tfrac12 \sum_i \Big(\frac{\log \ell_i - \log \ell_{0,i}}{s_i}\Big)^2 .$$
 
 the mean over all readings. The first density is that of the innovations, the second that of
-readings which are expected a horizon $h$ before, of $m$ samples. Both count alike, each as often as
-the recording of length $T_r$ has independent horizons: what makes the readings of the channels
-differ from what was expected is mostly common to them. The likelihood of innovations alone would be
-larger by the number of samples in a horizon: it finds the noise from one sample to the next, and a
-filter whose innovations are white can still forecast badly, since no twin is exact.
+readings which are expected a horizon $h$ before, of $m$ samples, with Huber's loss. Both count
+alike, each as often as the recording of length $T_r$ has independent horizons: what makes the
+readings of the channels differ from what was expected is mostly common to them. The likelihood of
+innovations alone would be larger by the number of samples in a horizon: it finds the noise from one
+sample to the next, and a filter whose innovations are white can still forecast badly, since no twin
+is exact.
 """
 
 import dataclasses
@@ -54,7 +55,6 @@ SPREADS = {
     "command_time": 1.0,
     "disturbance": 1.0,
     "disturbance_time": 0.7,
-    "twin": 0.3,
     "twin_time": 0.7,
     "common": 0.7,
     "common_time": 0.7,
@@ -62,7 +62,12 @@ SPREADS = {
     "channel_time": 0.7,
 }
 """The levels that are estimated, with the standard deviation of the prior of their logarithm. How
-far parameters drift is not: recordings that were matched together say nothing of later weeks."""
+far parameters drift is not: recordings that were matched together say nothing of later weeks. How
+far the values of the fit may be from those of the rig is what the fit says."""
+
+
+OUTLYING = 2.5
+"""A forecast that is wrong by so many standard deviations counts less."""
 
 ITERATIONS = 20
 
@@ -180,6 +185,13 @@ def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, 
     return tuple(name for name in SPREADS if parts.get(name.removesuffix("_time"), True))
 
 
+def huber(deviation: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Half of the square, and linear beyond `OUTLYING`: a supply that is switched on late must not
+    decide what the noise is."""
+    size = jnp.abs(deviation)
+    return jnp.where(size < OUTLYING, 0.5 * size**2, OUTLYING * (size - 0.5 * OUTLYING))
+
+
 @persistent_jit
 def _scored(
     kalman: ExtendedKalmanFilter,
@@ -205,7 +217,7 @@ def _scored(
         innovations = states.log_likelihood.sum() / there.sum()
         expected = expected_at(changed, states, samples, ends, counts, steps)
         deviation = (samples.readings[ends] - expected.mean) / expected.spread
-        density = -0.5 * (deviation**2 + LOG_TWO_PI) - jnp.log(expected.spread)
+        density = -huber(deviation) - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
         return innovations + jnp.where(there[ends], density, 0.0).sum() / there[ends].sum()
 
     return jax.value_and_grad(of)(jnp.asarray(logarithms))

@@ -3,14 +3,16 @@
 import dataclasses
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import of_kind
+from .._compilation import persistent_jit_unoptimised
 from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..matching import Fit
-from ..physics import Twin
+from ..physics import System, Twin
 from ..simulation import Stepper
 from ._augmented_model import AugmentedModel
 from ._filter_run import filtered, samples_of
@@ -22,6 +24,9 @@ from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of
 
 LONGEST_STEP = 10.0
 """The longest step of a filter, s."""
+
+UNEXPLAINED = 0.003
+"""A usual size of heat that the twin does not explain, as a part of the heat at full duty."""
 
 LIVE_SPACING = 0.1
 """The shortest time between two commands of a live rig that are told apart, s."""
@@ -100,15 +105,34 @@ def usual_noise(
     fit: Twin | Fit, experiments: Sequence[Experiment], names: Sequence[str] = ()
 ) -> ProcessNoise:
     """The levels before any recording was looked at: those of the rig file's sensors, and times
-    that are uncertain by a part of the time between samples."""
+    that are uncertain by a part of the time between samples, and a part of the heat at full
+    duty."""
     twin = fit.twin if isinstance(fit, Fit) else fit
     sample = float(np.median(np.concatenate([np.diff(one.time) for one in experiments])))
     return _usual_levels(twin, sample, names)
 
 
+def _full_heat(twin: Twin) -> float:
+    """The heat into the nodes that cells or heaters heat at full duty, in the mean, W."""
+    with own_settings():
+        system = _assembled(twin)
+        count = len(system.wiring.cold)
+        sides = np.full(2 * count, float(system.ambient_temperature))
+        flow = system.cell_heat(jnp.asarray(sides), jnp.ones(count))
+        return float(jnp.mean(jnp.abs(flow.cold)))
+
+
+@persistent_jit_unoptimised
+def _assembled(twin: Twin) -> System:
+    return twin.system()
+
+
 def _usual_levels(twin: Twin, sample_time: float, names: Sequence[str] = ()) -> ProcessNoise:
     rig = twin.rig
+    heat = UNEXPLAINED * _full_heat(twin)
     noise = ProcessNoise(
+        heat=heat,
+        disturbance=heat,
         reading=rig.noise or 0.1,
         reading_time=0.1 * sample_time,
         command_time=0.3 * sample_time,
