@@ -7,12 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._arguments import of_kind
-from .._compilation import persistent_jit_unoptimised
 from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..matching import Fit
-from ..physics import System, Twin
+from ..physics import Twin
 from ..simulation import Stepper
 from ._augmented_model import AugmentedModel
 from ._filter_run import filtered, samples_of
@@ -24,6 +23,9 @@ from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of
 
 LONGEST_STEP = 10.0
 """The longest step of a filter, s."""
+
+SHORT_STEP = 0.01
+"""A step that is stable for every rig, s."""
 
 UNEXPLAINED = 0.003
 """A usual size of heat that the twin does not explain, as a part of the heat at full duty."""
@@ -115,16 +117,11 @@ def usual_noise(
 def _full_heat(twin: Twin) -> float:
     """The heat into the nodes that cells or heaters heat at full duty, in the mean, W."""
     with own_settings():
-        system = _assembled(twin)
+        system = Stepper(twin, SHORT_STEP).system
         count = len(system.wiring.cold)
         sides = np.full(2 * count, float(system.ambient_temperature))
         flow = system.cell_heat(jnp.asarray(sides), jnp.ones(count))
         return float(jnp.mean(jnp.abs(flow.cold)))
-
-
-@persistent_jit_unoptimised
-def _assembled(twin: Twin) -> System:
-    return twin.system()
 
 
 def _usual_levels(twin: Twin, sample_time: float, names: Sequence[str] = ()) -> ProcessNoise:
