@@ -374,8 +374,8 @@ def predicted(
 
 
 def _exact(twin: Twin, time: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """These readings by the exponential of the matrix of heaters, sensors and driver, from each time at
-    which a command arrives to the next."""
+    """These readings by the exponential of the matrix of heaters, sensors and driver, from each
+    time at which a command arrives to the next."""
     model = jt.linearize(twin, duty=[0.5, 0.5])
     delay, lag = float(model.delay_s), float(model.lag_s)
     A, B, rate = np.asarray(model.A), np.asarray(model.B), 1 / lag if lag else 0.0
