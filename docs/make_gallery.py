@@ -6,6 +6,7 @@ They are drawn from what comes with jaxtwin, and need no recordings of a rig.
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,6 +17,17 @@ from jaxtwin.data import synthetic_recordings
 
 FOLDER = Path(__file__).parent / "images"
 FREE = ("R_E", "R_pc", "R_Tfx", "T_amb", "T_start")
+
+WITHOUT_A_PLATE = {
+    "heated-box": ("0:0.5,1200:0.1,2400:0.3", {"lid": "0:closed,1800:open,1920:closed"}),
+    "oven": ("0:1,540:0.18,2400:0.4", {"door": "0:closed,1800:open,1860:closed"}),
+    "water-bath": ("0:1,1200:0.1,2400:0.8", {"stirrer": "0:1,1800:0.2,3000:1"}),
+    "battery-pack": (
+        "0:1/0.6/0.3,900:0/0/0,1500:0.3/1/0.6,2400:0.8/0.1/0.4",
+        {"T_coolant": "0:20,1800:12", "flow": "0:1,2700:0.3"},
+    ),
+}
+"""Duty and inputs of an hour of each bundled rig without a plate that has inputs."""
 
 
 def main() -> None:
@@ -61,6 +73,27 @@ def main() -> None:
     }
     for name, draw in pictures.items():
         write(f"gallery/{name}", draw(), dpi=45)
+    for name in WITHOUT_A_PLATE:
+        write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
+        write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
+
+
+def matched(name: str) -> jt.Fit:
+    """A match of the values of a rig file to an hour of a rig of the kind, whose resistances and
+    heat capacities differ by 20 %."""
+    duty, inputs = WITHOUT_A_PLATE[name]
+    twin, random = jt.Twin(name), np.random.default_rng(0)
+    room = float(twin.values["T_amb"])
+    hour = jt.Experiment.schedule(
+        duty, duration=3600, step=10, cells=len(twin.rig.driven), ambient=room, inputs=inputs
+    )
+    unknown = [row.name for row in twin.rig.parameters.values() if row.free and row.name[0] in "RC"]
+    factors = np.exp(0.2 * random.normal(size=len(unknown)))
+    values = {n: float(twin.values[n]) * f for n, f in zip(unknown, factors, strict=True)}
+    recording = jt.simulate(twin.with_values(values), hour).to_recording(seed=1)
+    fit = jt.match(twin, recording)
+    print(f"{name}: {len(fit.parameters)} parameters, {fit.rmse:.3f} K")
+    return fit
 
 
 def write(name: str, picture: object, dpi: int) -> None:

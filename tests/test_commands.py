@@ -69,6 +69,7 @@ def a_design() -> ExperimentDesign:
 
 
 DEFAULTS = {
+    "check": {"duty": "0:0.5", "duration": 600.0},
     "conform": {"baud": 115_200},
     "control": {"duration": 1000.0, "silence": 3.0, "baud": 115_200},
     "demo": {"out": Path("report"), "draws": 10_000},

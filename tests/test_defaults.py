@@ -59,7 +59,7 @@ DEFAULTS = {
         "validate": {"warm_up": 60.0},
     },
     "jaxtwin.control": {
-        "DecoupledPI": {"setpoint_weight": 1.0, "limits": RANGE, "sample_time_s": 1.0},
+        "DecoupledPI": {"setpoint_weight": 1.0, "limits": None, "sample_time_s": 1.0},
         "FunctionController": {"sample_time_s": 1.0},
         "LQI": {
             "output_deviation": 1.0,
@@ -68,7 +68,7 @@ DEFAULTS = {
             "drift": 0.1,
             "reading_noise": 0.1,
             "setpoint_weight": 0.0,
-            "limits": RANGE,
+            "limits": None,
         },
         "MPC": {
             "horizon": 20,
@@ -77,7 +77,7 @@ DEFAULTS = {
             "duty_change_deviation": 0.05,
             "drift": 0.1,
             "reading_noise": 0.1,
-            "limits": RANGE,
+            "limits": None,
             "excess_deviation": 0.1,
         },
         "PID": {
@@ -86,10 +86,10 @@ DEFAULTS = {
             "Tf": 0.0,
             "setpoint_weight": 1.0,
             "derivative_weight": 0.0,
-            "limits": RANGE,
+            "limits": None,
             "sample_time_s": 1.0,
         },
-        "Relay": {"timeout_s": 600.0, "limits": RANGE, "sample_time_s": 1.0},
+        "Relay": {"timeout_s": 600.0, "limits": None, "sample_time_s": 1.0},
         "UltimatePoint.pid": {"rule": "tyreus-luyben"},
         "LiveLoop": {"silence": 3.0},
         "disk_margin": {"skew": 0.0},

@@ -34,8 +34,18 @@ SMALLER = {
     "moment.time > 600": "moment.time > 3",
     '"0:30,300:35", duration=600)': '"0:30", duration=5)',
     "LiveLoop(twin, relay, 40, duration=900)": "LiveLoop(twin, relay, 40, duration=5)",
-    # All parameters of three recordings by another solver take as long as the rest of the page.
+    # All parameters of two recordings are matched once; other options, each of which is compiled
+    # anew, get two parameters.
     "match(twin, recordings, solver=": 'match(twin, recordings[:1], free=["R_E", "h_A"], solver=',
+    "match(twin, recordings, loss=": 'match(twin, recordings, free=["R_E", "h_A"], loss=',
+    "loss=Huber(3.0),": 'loss=Huber(3.0), free=["R_E", "h_A"],',
+    'free=[*names, "T_amb_drift"]': 'free=["R_E", "T_amb_drift"]',
+    "[*recordings, full], groups=": '[*recordings, full], free=["R_E", "d_x"], groups=',
+    'validate_split(jt.Twin("dual-cell"), experiments, 500.0)': (
+        'validate_split(jt.Twin("dual-cell"), experiments, 500.0, free=["R_E", "h_A"])'
+    ),
+    "    rounds=10,": "    rounds=2,",
+    "    rounds=6,": "    rounds=2,",
 }
 ADDRESS = "127.0.0.1:7000"
 """Of the virtual rig in the pages."""

@@ -35,6 +35,7 @@ from .commands import (
     _match,
     _netlist,
     _new_rig,
+    _observe,
     _prove,
     _record,
     _report,
@@ -187,6 +188,13 @@ _add(
     _control.control,
     "jaxtwin control dual-cell --link socket://127.0.0.1:7000 --controller pid.toml "
     "--reference 0:35,600:45 --duration 1200 --out session.db",
+)
+_add(
+    "observe",
+    LIVE,
+    _observe.observe,
+    "jaxtwin observe dual-cell --link socket://127.0.0.1:7000",
+    "jaxtwin observe session.db --noise noise.toml --speed 10",
 )
 _add(
     "watch",

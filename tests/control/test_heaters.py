@@ -67,7 +67,7 @@ def test_limits_that_are_not_given_are_those_of_heaters(rig: Rig, twin: Twin, tm
     for default, given in zip(controllers(twin), controllers(twin, (0, 1)), strict=True):
         assert (default.limits, given.limits) == ((-1, 1), (0, 1))
         runs = [
-            simulate_closed_loop(twin, one, "0:60,900:25,1500:40", duration=2000)
+            simulate_closed_loop(twin, one, "0:60,900:25,1500:40", duration=2400)
             for one in (default, given)
         ]
         np.testing.assert_array_equal(runs[0].duty, runs[1].duty)

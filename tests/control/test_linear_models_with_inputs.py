@@ -33,8 +33,11 @@ def assert_equal(found: LinearModel, expected: LinearModel) -> None:
 
 
 def test_given_inputs_are_those_of_a_rig_file_with_these_values(twin: Twin, other: Twin):
-    for point in ({"duty": 0.3}, {"temperatures": {"T1": 30.0}}):
-        assert_equal(linearize(twin, inputs=OTHER, **point), linearize(other, **point))
+    point = {"T1": 30.0}
+    assert_equal(linearize(twin, duty=0.3, inputs=OTHER), linearize(other, duty=0.3))
+    assert_equal(
+        linearize(twin, temperatures=point, inputs=OTHER), linearize(other, temperatures=point)
+    )
     closed = linearize(twin, duty=0.3)
     assert_equal(linearize(twin, duty=0.3, inputs={"lid": 0}), closed)
     assert np.abs(linearize(twin, duty=0.3, inputs=OTHER).A - closed.A).max() > 1e-3

@@ -1,6 +1,7 @@
 """A room that was not recorded, beside an unknown loss to it."""
 
 import numpy as np
+import pytest
 
 import jaxtwin as jt
 from jaxtwin import Experiment, Twin
@@ -19,6 +20,7 @@ def _fit(ambient: float | None) -> jt.Fit:
     return jt.match(twin, recording, free=["C_1", "R_1", "R_2", "T_amb", "T_start"])
 
 
+@pytest.mark.slow
 def test_a_match_says_what_tells_room_and_loss_apart():
     assert ADVICE in _fit(None).summary()
     assert ADVICE not in _fit(23.0).summary()

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -38,12 +39,12 @@ def fault(twin: Twin, model: str, *changes: Any) -> Fault:
 
 def system_of(twin: Twin) -> System:
     with jax.enable_x64(True):
-        return twin.system()
+        return eqx.filter_jit(Twin.system)(twin)
 
 
 def changed(twin: Twin, fault: Fault) -> System:
     with jax.enable_x64(True):
-        return fault(twin.system())
+        return fault(system_of(twin))
 
 
 def assert_equal(one: System, other: System) -> None:
@@ -115,17 +116,20 @@ def test_a_fault_of_no_size_changes_nothing_and_has_a_slope(twin: Twin, model: s
     none = 0.0 if model in ("cover", "move") else 1.0
     part = EXAMPLES[model][0]
 
+    plain = system_of(twin)
+
+    @jax.jit
     def readings(size: jax.Array) -> jax.Array:
-        system = FAULT_MODELS[model](twin, part, size)(twin.system())
+        system = FAULT_MODELS[model](twin, part, size)(plain)
         state = system.steady_state(jnp.array([0.5, 0.5]), system.ambient_temperature)
         return system.channel_temperatures(state)
 
     with jax.enable_x64(True):
-        plain = twin.system()
-        state = plain.steady_state(jnp.array([0.5, 0.5]), plain.ambient_temperature)
+        at_rest = eqx.filter_jit(System.steady_state)
+        state = at_rest(plain, jnp.array([0.5, 0.5]), plain.ambient_temperature)
         expected = plain.channel_temperatures(state)
         np.testing.assert_allclose(readings(jnp.asarray(none)), expected, atol=1e-9)
-        slope = jax.jacfwd(readings)(jnp.asarray(none))
+        slope = jax.jit(jax.jacfwd(readings))(jnp.asarray(none))
         step = 1e-5
         apart = readings(jnp.asarray(none + step)) - readings(jnp.asarray(none - step))
         np.testing.assert_allclose(slope, apart / (2 * step), rtol=1e-3, atol=1e-3)

@@ -87,6 +87,7 @@ def test_float32_is_good_to_a_few_millikelvin_also_where_the_circuit_is_stiff(
     np.testing.assert_allclose(single, whole, atol=3e-3)
 
 
+@pytest.mark.slow
 def test_losses_in_float32_change_a_batch_by_less_than_ten_microkelvin(dual_cell):
     # Single runs compute all losses in float64. Draws from thick still air to a strong draught.
     draws = {name: np.array([0.5, 1.0, 2.0]) * dual_cell.values[name] for name in ("h_A", "n_film")}
@@ -172,6 +173,7 @@ def test_draws_with_stiff_cells_go_to_a_stiff_solver(twin, experiment, runs, mon
     )
 
 
+@pytest.mark.slow
 def test_few_draws_that_need_shorter_steps_share_the_programs_of_all(monkeypatch):
     """One draw of 1024 is solved again, in a chunk as large as the others."""
     hard = {"R_E": 0.1, "R_ph": 1.3, "R_pc": 0.1, "R_Tfx2": 1.9, "C_esp": 110.0}

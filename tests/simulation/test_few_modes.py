@@ -1,11 +1,13 @@
 """The few modes of a match, against all modes."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from placed_rig import AT, GRID, placed_rig
 
 from jaxtwin import Experiment, Twin, match
+from jaxtwin.physics import System
 from jaxtwin.simulation._few_modes import FEW, MANY, few_modes
 from jaxtwin.simulation._integrate import solve_network
 from jaxtwin.simulation._modes import Modes, run_modes
@@ -24,9 +26,14 @@ contact_resistance = "0.5 K/W"
 STEP = Experiment.schedule("0:0.6/0.5,200:-0.2/1", duration=400.0, cells=2)
 
 
+@eqx.filter_jit
+def system_of(twin: Twin) -> System:
+    return twin.system(lumped=False)
+
+
 def modes_of(twin: Twin) -> tuple[Modes, Modes]:
-    system = twin.system(lumped=False)
-    modes = run_modes(system, padded_time_grid(twin, STEP).summary())
+    system, summary = system_of(twin), padded_time_grid(twin, STEP).summary()
+    modes = eqx.filter_jit(run_modes)(system, summary)
     return modes, few_modes(system, modes)
 
 
@@ -37,12 +44,13 @@ def test_readings_and_sides_in_few_modes_are_those_in_all():
     twin = Twin(placed_rig(AT, grid=FINE, parts=HEATER))
     modes, few = modes_of(twin)
     assert (modes.rates.size, few.rates.size) == (279, FEW)
-    system, grid = twin.system(), padded_time_grid(twin, STEP)
+    system, grid = system_of(twin), padded_time_grid(twin, STEP)
     sides = jnp.eye(system.capacitance.size)[jnp.array([*system.wiring.cold, *system.wiring.hot])]
     read = jnp.concatenate([jnp.asarray(system.channel_weights), sides])
     start = jnp.asarray(system.initial_temperature)
     exact, found = (
-        np.asarray(solve_network(system, grid, start, read, chosen)[1]) for chosen in (modes, few)
+        np.asarray(eqx.filter_jit(solve_network)(system, grid, start, read, chosen)[1])
+        for chosen in (modes, few)
     )
     assert np.abs(exact).max() > 20
     np.testing.assert_allclose(found, exact, atol=0.02)

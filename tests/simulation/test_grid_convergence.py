@@ -33,6 +33,7 @@ def test_the_same_rig_on_another_grid(tmp_path):
     assert fine.cells[0].placement == rig.cells[0].placement
 
 
+@pytest.mark.slow
 def test_the_resolution_found_keeps_the_tolerance(tmp_path):
     """The readings on the chosen grid, against those on one four times as fine."""
     twin = Twin(read(tmp_path), {"R_contact": 0.9})

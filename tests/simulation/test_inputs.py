@@ -174,6 +174,18 @@ def test_a_stepper_takes_inputs_for_each_step(twin):
         stepper.step(state, [0.5], inputs={"door": 1.0})
 
 
+def test_a_run_as_a_recording_has_all_inputs(twin):
+    """Those that are not stated had the values of the rig file."""
+    lid = np.repeat([0, 1], [5, 6])
+    experiment = Experiment(np.arange(11.0), np.full(11, 0.5), ambient=20.0).with_inputs(lid=lid)
+    recording = jt.simulate(twin, experiment).to_recording()
+    assert set(recording.inputs) == {"lid", "fan", "V_supply", "T_water"}
+    np.testing.assert_array_equal(recording.inputs["lid"], lid)
+    np.testing.assert_array_equal(recording.inputs["V_supply"], 12.0)
+    again = jt.simulate(twin, recording)
+    np.testing.assert_array_equal(again.states, jt.simulate(twin, experiment).states)
+
+
 def test_all_leaves_of_a_stepper_are_arrays(twin):
     import equinox as eqx
     import jax

@@ -57,6 +57,7 @@ def test_the_start_of_an_unknown_node_is_refused():
         jt.build_netlist(build_rig(table, "box"))
 
 
+@pytest.mark.slow
 def test_a_match_holds_only_the_starts_that_are_given(tmp_path):
     table = box_table()
     table["initial"] = {"nodes": {"air": "T_air", "P1.SINK": "T_sink"}}

@@ -118,7 +118,10 @@ def test_the_battery_pack_at_rest_with_half_the_flow():
         assert found[node] == pytest.approx(rise, abs=2e-3)
 
 
-@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize(
+    "name",
+    [RIGS[0], *(pytest.param(name, marks=pytest.mark.long) for name in RIGS[1:])],
+)
 def test_a_match_to_a_synthetic_recording_finds_other_values(name):
     twin = Twin(name)
     rng = np.random.default_rng(5)

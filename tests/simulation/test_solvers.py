@@ -232,6 +232,7 @@ def test_a_drive_that_is_reversed_at_every_sample_is_exact(dual_cell: Twin):
     np.testing.assert_allclose(found.temperatures, exact.temperatures, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_samples_between_the_ends_of_long_steps_follow_fast_modes():
     """A small load with a strong film, at the edge of the bounds: its fastest mode has 390 of its
     time constants in a step of 32 s. The slope of that mode as the force at the amplitudes minus
@@ -271,6 +272,7 @@ def test_samples_between_two_changes_of_the_duty_are_as_exact_as_those_at_them(
     )
 
 
+@pytest.mark.slow
 def test_a_draw_that_does_not_stay_finite_is_solved_with_shorter_steps():
     """Two draws whose first solution overflows, among sixty that are solved at once. XLA's largest
     of several NaN is not NaN in a chunk of this size."""

@@ -13,7 +13,7 @@ from ._signals import stop_signals
 from ._sources import open_twin
 
 if TYPE_CHECKING:
-    from ..live import Replay, RigConnection
+    from ..live import Replay, RigConnection, Screen
     from ..rig import Rig
 
 REDRAW = 0.25
@@ -39,16 +39,31 @@ def watch(
     baud: BaudOption = 115_200,
 ) -> None:
     """Show a live rig or a recording, and the twin's prediction beside it."""
+    from ..live import Screen
+
+    rig = watched_rig(source, link or [])
+    # This compiles before the link is opened, because it takes a second and data do not wait for
+    # ever.
+    screen = Screen(open_twin(rig, set_name, parameter_file))
+    show(screen, rig, source, link or [], speed, duration, baud)
+
+
+def show(
+    screen: "Screen",
+    rig: "Rig",
+    source: str,
+    links: list[str],
+    speed: float,
+    duration: float | None,
+    baud: int,
+) -> None:
+    """Shows a source in the terminal until it ends, a signal arrives or the time is over."""
     from rich.live import Live
 
-    from ..live import Screen, Service
+    from ..live import Service
 
     with stop_signals() as stop, contextlib.ExitStack() as stack:
-        rig = _rig(source, link or [])
-        # This compiles before the link is opened, because it takes a second and data do not wait
-        # for ever.
-        screen = Screen(open_twin(rig, set_name, parameter_file))
-        connection = stack.enter_context(_source(source, rig, link or [], speed, baud))
+        connection = stack.enter_context(_source(source, rig, links, speed, baud))
         service = Service(connection, [screen])
         live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))
         begin = shown = time.monotonic()
@@ -65,7 +80,8 @@ def watch(
         say("")  # ends the last line, as rich does on a terminal
 
 
-def _rig(source: str, links: list[str]) -> "Rig":
+def watched_rig(source: str, links: list[str]) -> "Rig":
+    """The rig that a link is of, or a recording."""
     from ..io import Session
     from ..rig import load_rig
 

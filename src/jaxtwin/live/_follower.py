@@ -1,5 +1,6 @@
 """The twin beside the rig: an observer that gets the rig's duty and readings as they arrive."""
 
+import math
 from typing import Any, final
 
 import jax
@@ -37,13 +38,28 @@ class Follower:
             self._observer: AbstractObserver[Any] = OpenLoop(twin) if observer is None else observer
         self._driver = twin.rig.driver
         room = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
-        self.ambient = float(room) - ZERO_CELSIUS
-        """The ambient temperature of the twin, degC."""
+        self.ambient = math.nan
+        """The ambient temperature that was measured last, degC; NaN if none was."""
         self._duty = np.zeros(len(twin.rig.driven))
         self._state: Any = None
         self._time = 0  # host time up to which the observer has predicted, ns
         # This compiles before the first data arrive.
-        self._start(self.ambient)
+        self._start(float(room) - ZERO_CELSIUS)
+
+    @property
+    def observer(self) -> AbstractObserver[Any]:
+        """The observer that follows."""
+        return self._observer
+
+    @property
+    def state(self) -> Any:
+        """Its state, as arrays of NumPy."""
+        return self._state
+
+    @property
+    def duty(self) -> Float[np.ndarray, " cells"]:
+        """The duty that was applied last, -1 to 1."""
+        return self._duty
 
     @property
     def nodes(self) -> Float[np.ndarray, " nodes"]:
@@ -73,7 +89,8 @@ class Follower:
         with jax.enable_x64(True):
             self._state = self._observer.init(temperature, self._duty)
         predicted = self._step(0.0)
-        self._correct(np.full(len(predicted), temperature))
+        # This compiles, and corrects nothing: a reading is used once.
+        self._correct(np.full(len(predicted), math.nan))
 
     def _advance(self, now: int, rate: float) -> None:
         self.predicted = self._step(max(seconds(now - self._time) * rate, 0.0))

@@ -2,7 +2,7 @@
 beside it."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import final
 
 import numpy as np
@@ -14,6 +14,11 @@ from rich.table import Table
 from rich.text import Text
 
 from .._celsius import ZERO_CELSIUS
+from .._normal_distribution import QUANTILE_975
+from ..observers import ExtendedKalmanFilter
+from ..observers._filter_run import state_moments
+from ..observers._forecast_run import forecast_from
+from ..observers._moments import Moment
 from ..physics import Twin
 from ..rig import Channel, Plate
 from ._follower import Follower
@@ -25,6 +30,12 @@ _COLOURS = ((20, 11, 53), (101, 21, 110), (187, 55, 84), (249, 142, 9), (252, 25
 _LINK = {LinkState.LIVE: "green", LinkState.STALE: "yellow", LinkState.CONNECTING: "cyan"}
 _COUNTED = ("garbage", "nonsense", "duplicate")  # events that the state counts
 _RATE_SECONDS = 5.0
+
+FORECAST_SECONDS = 60.0
+"""The time ahead of the forecast of an observer, s."""
+
+MOST_NODES = 8
+"""The largest number of estimated temperatures and heats that are shown."""
 
 OLD_SECONDS = 3.0
 """The age from which on temperatures are shown in red, s: `drive` stops there."""
@@ -38,11 +49,15 @@ class Screen:
     **Arguments:**
 
     - `twin`: the twin that predicts the readings.
+    - `observer`: an observer of the rig, whose estimates and forecasts are shown; None: the twin in
+      open loop.
     """
 
-    def __init__(self, twin: Twin):
+    def __init__(self, twin: Twin, observer: ExtendedKalmanFilter | None = None):
         self._rig = twin.rig
-        self._follower = Follower(twin)
+        self._follower = Follower(twin, observer)
+        self._observer = observer
+        self._nodes = tuple(node.name for node in twin.netlist.nodes)
         self._map = _channel_map(twin.rig.plate, twin.rig.channels)
         self._state = RigState()
         self._arrivals: dict[str, deque[int]] = {"frames": deque(), "samples": deque()}
@@ -98,7 +113,9 @@ class Screen:
                 text.append("\n")
         return text
 
-    def _table(self) -> Table:
+    def _table(self) -> RenderableType:
+        if self._observer is not None:
+            return Group(*self._estimates(self._observer))
         table = Table("degC", box=box.SIMPLE_HEAD)
         for name in ("rig", "twin", "rig - twin"):
             table.add_column(name, justify="right")
@@ -108,6 +125,35 @@ class Screen:
         for channel, real, twin in zip(self._rig.channels, measured, predicted, strict=True):
             table.add_row(channel.name, f"{real:.1f}", f"{twin:.1f}", f"{real - twin:+.1f}")
         return table
+
+    def _estimates(self, observer: ExtendedKalmanFilter) -> Iterator[RenderableType]:
+        """Channels with what was and is expected of them, and the state of the rig."""
+        measured, predicted = self._follower.measured, self._follower.predicted
+        table = Table("degC", box=box.SIMPLE_HEAD)
+        for name in ("rig", "expected", f"in {FORECAST_SECONDS:g} s", "±"):
+            table.add_column(name, justify="right")
+        state = self._follower.state
+        if measured is not None and predicted is not None:
+            later = forecast_from(observer, state, self._follower.duty, FORECAST_SECONDS)
+            for number, channel in enumerate(self._rig.channels):
+                cells = measured[number], predicted[number], later.mean[number]
+                texts = (f"{value:.1f}" for value in cells)
+                table.add_row(channel.name, *texts, f"{QUANTILE_975 * later.spread[number]:.1f}")
+        yield table
+        if measured is None:
+            return
+        estimates = Table("estimate", box=box.SIMPLE_HEAD)
+        estimates.add_column("value", justify="right")
+        estimates.add_column("±", justify="right")
+        found = state_moments(observer, state)
+        unseen = [name for name in self._nodes if "." in name] or list(self._nodes)
+        for name in unseen[:MOST_NODES]:
+            place = self._nodes.index(name)
+            estimates.add_row(f"{name}, degC", *_value(found.nodes, place, 1))
+        estimates.add_row("room, degC", *_value(found.room, 0, 1))
+        for place, cell in enumerate(self._rig.driven[:MOST_NODES]):
+            estimates.add_row(f"unexplained heat {cell}, W", *_value(found.heats, place, 2))
+        yield estimates
 
     def _status(self) -> Text:
         text = Text()
@@ -151,6 +197,12 @@ class Screen:
             return "", ""
         age = (self._now - int(newest.max())) * 1e-9
         return f", temperatures {age:.1f} s old", "bold red" if age > OLD_SECONDS else ""
+
+
+def _value(moment: Moment, place: int, digits: int) -> tuple[str, str]:
+    """An estimate and half of its 95 % band."""
+    spread = QUANTILE_975 * float(moment.spread[place])
+    return f"{float(moment.mean[place]):.{digits}f}", f"{spread:.{digits}f}"
 
 
 def _plain(text: str) -> str:

@@ -9,14 +9,15 @@ length in the modes of its network, the commands in the driver's delay (`_comman
 in which a fit is uncertain (`_uncertain_values`), the distribution at the start (`_start`), and the
 algebra of normal distributions (`_gaussian`). `observe` (`_observe`) runs it over a recording
 (`_filter_run`); the result, `Observed`, forecasts (`_forecast_run`) and smooths (`_smoother`).
-`estimate_noise` (`_estimate_noise`) finds the levels of a `ProcessNoise`.
+`live_observer` makes a filter for a rig
+that is read as it runs. `estimate_noise` (`_estimate_noise`) finds the levels of a `ProcessNoise`.
 """
 
 from ._estimate_noise import estimate_noise
 from ._estimates import Estimate, Estimates
 from ._forecast import Forecast
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
-from ._observe import observe
+from ._observe import live_observer, observe
 from ._observed import Observed
 from ._observer import AbstractObserver
 from ._open_loop import OpenLoop, OpenLoopState
@@ -34,5 +35,6 @@ __all__ = [
     "OpenLoopState",
     "ProcessNoise",
     "estimate_noise",
+    "live_observer",
     "observe",
 ]

@@ -206,12 +206,10 @@ class AugmentedModel(eqx.Module):
         - `dt`: the length of the step, s.
         """
         layout = self.layout
-        z, u, room, heats, values = (
-            mean[layout.of(part)] for part in ("modes", "duty", "room", "heats", "values")
-        )
+        z, u, room, heats, values = self._driven(mean)
 
         def twice(*parts: Array) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-            end, duty, path = self._evolve(*parts, reached, commands, dt)
+            end, duty, path = self._evolve(parts, reached, commands, dt)
             return (end, duty), (end, duty, path)
 
         arguments = tuple(range(5))
@@ -240,8 +238,7 @@ class AugmentedModel(eqx.Module):
     ) -> tuple[Float[Array, " state"], Float[Array, " cells"]]:
         """The same without the derivative and the noise."""
         layout = self.layout
-        parts = (mean[layout.of(part)] for part in ("modes", "duty", "room", "heats", "values"))
-        end, duty, path = self._evolve(*parts, reached, commands, dt)
+        end, duty, path = self._evolve(self._driven(mean), reached, commands, dt)
         after = mean * self._decay(dt)
         after = after.at[layout.of("modes")].set(end)
         return after.at[layout.of("duty")].set(duty), path[-1]
@@ -287,18 +284,21 @@ class AugmentedModel(eqx.Module):
             is_leaf=lambda leaf: leaf is None,
         )
 
+    def _driven(self, mean: Float[Array, " state"]) -> tuple[Array, ...]:
+        """The parts of which the amplitudes and the duty after a step depend: amplitudes, duty,
+        room, heats and values."""
+        parts = ("modes", "duty", "room", "heats", "values")
+        return tuple(mean[self.layout.of(part)] for part in parts)
+
     def _evolve(
         self,
-        z: Float[Array, " modes"],
-        u: Float[Array, " duty"],
-        room: Float[Array, " 1"],
-        heats: Float[Array, " heats"],
-        values: Float[Array, " values"],
+        parts: tuple[Array, ...],
         reached: Float[Array, " cells"],
         commands: Commands,
         dt: Float[Array, ""],
     ) -> tuple[Float[Array, " modes"], Float[Array, " duty"], Float[Array, "stages cells"]]:
         """The amplitudes and the duty after a step, and the duty in it."""
+        z, u, room, heats, values = parts
         stepper, system = self.stepper, self._system(values)
         lag, delay = system.lag, system.delay
         start = u if lag is not None else reached

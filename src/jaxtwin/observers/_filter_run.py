@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._compilation import persistent_jit
+from .._jax_settings import own_settings
 from ..io import Experiment
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
@@ -98,7 +99,7 @@ def samples_between(
 ) -> Samples:
     """Times without readings, each a step after the one before; a step is divided into as many
     parts as the filter needs."""
-    parts = int(np.ceil(step / float(kalman.longest_step) - GAP + 1))
+    parts = int(np.ceil(step / kalman.longest_seconds - GAP + 1))
     commands = np.repeat(duty, max(parts, 1), axis=0)
     count = len(commands)
     return Samples(
@@ -114,6 +115,13 @@ def moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
     """The moments of each state."""
     of_one = partial(moments, kalman.model)
     return jax.vmap(of_one)(states.mean, states.covariance)
+
+
+def state_moments(kalman: ExtendedKalmanFilter, state: KalmanState) -> Moments:
+    """The moments of a single state, in NumPy."""
+    with own_settings():
+        several = moments_of(kalman, jax.tree.map(lambda leaf: np.asarray(leaf)[None], state))
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[0], several)
 
 
 def states_of(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> KalmanState:

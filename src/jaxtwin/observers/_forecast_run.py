@@ -11,7 +11,6 @@ along the filtered states, the same for all forecasts.
 """
 
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +18,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit
-from ._filter_run import Samples
+from .._jax_settings import own_settings
+from ._filter_run import Samples, samples_between
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+from ._moments import Moment
 
 ROUNDING = 1e-6
 """The error of a sum of times, s."""
@@ -29,20 +30,13 @@ BLOCK = 256
 """The number of forecasts of a block. All blocks share a compiled program."""
 
 
-class Expected(NamedTuple):
-    """The mean of readings, degC, and their standard deviation, K."""
-
-    mean: Float[Array | np.ndarray, "times channels"]
-    spread: Float[Array | np.ndarray, "times channels"]
-
-
 def expected_ahead(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
     samples: Samples,
     ends: Int[np.ndarray, " forecasts"],
     counts: Int[np.ndarray, " forecasts"],
-) -> Expected:
+) -> Moment:
     """What was expected of the readings of some samples.
 
     **Arguments:**
@@ -66,7 +60,7 @@ def expected_ahead(
         np.concatenate([np.asarray(block[part]) for block in blocks])[: len(ends)]
         for part in (0, 1)
     )
-    return Expected(mean, spread)
+    return Moment(mean, spread)
 
 
 def starts_of(
@@ -95,10 +89,10 @@ def _block(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
     samples: Samples,
-    ends: Int[Array, " forecasts"],
-    counts: Int[Array, " forecasts"],
+    ends: Int[Array | np.ndarray, " forecasts"],
+    counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
-) -> Expected:
+) -> Moment:
     return expected_at(kalman, states, jax.tree.map(jnp.asarray, samples), ends, counts, steps)
 
 
@@ -106,10 +100,10 @@ def expected_at(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
     samples: Samples,
-    ends: Int[Array, " forecasts"],
-    counts: Int[Array, " forecasts"],
+    ends: Int[Array | np.ndarray, " forecasts"],
+    counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
-) -> Expected:
+) -> Moment:
     """What was expected of the readings of some samples, as a function that can be differentiated.
 
     **Arguments:** as for `expected_ahead`; `steps` is the largest number of steps.
@@ -135,7 +129,7 @@ def expected_at(
         start = jax.tree.map(lambda leaf: leaf[end - count], states)
         return jax.lax.scan(take, start, jnp.arange(steps))[0]
 
-    found = jax.vmap(forecast)(ends, counts)
+    found = jax.vmap(forecast)(jnp.asarray(ends), jnp.asarray(counts))
     seen = jax.vmap(model.read)(found.mean)
 
     @jax.checkpoint
@@ -152,16 +146,30 @@ def expected_at(
     (rows, variance), _ = jax.lax.scan(back, begin, jnp.arange(steps))
     # The covariance was left as it was at the start of the forecast.
     variance = variance + jnp.einsum("kcs,kst,kct->kc", rows, found.covariance, rows)
-    return Expected(model.to_degC(seen.mean), jnp.sqrt(variance))
+    return Moment(model.to_degC(seen.mean), jnp.sqrt(variance))
 
 
 @persistent_jit
-def expected_from(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Samples) -> Expected:
+def expected_from(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Samples) -> Moment:
     """The readings that a state lets expect at further times, without any reading between."""
 
-    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Expected]:
+    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Moment]:
         state = kalman.step(state, sample.duty, sample.dt)
         variance = jnp.diag(kalman.reading_covariance(state))
-        return state, Expected(kalman.readings(state, sample.ambient), jnp.sqrt(variance))
+        return state, Moment(kalman.readings(state, sample.ambient), jnp.sqrt(variance))
 
     return jax.lax.scan(take, state, jax.tree.map(jnp.asarray, samples))[1]
+
+
+def forecast_from(
+    kalman: ExtendedKalmanFilter,
+    state: KalmanState,
+    duty: Float[np.ndarray, " cells"],
+    seconds: float,
+) -> Moment:
+    """What a state lets expect of the readings some time later, with the duty held."""
+    with own_settings():
+        held = np.asarray(duty, float)[None]
+        samples = samples_between(held, seconds, len(kalman.model.columns), kalman)
+        found = expected_from(kalman, state, samples)
+    return Moment(np.asarray(found.mean)[-1], np.asarray(found.spread)[-1])

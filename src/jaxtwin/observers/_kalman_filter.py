@@ -73,6 +73,11 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         self.held = 1 + int(np.ceil(longest / shortest_step - 0.01)) + (delay is not None)
         self.spacing = np.asarray(0.5 * shortest_step)
 
+    @property
+    def longest_seconds(self) -> float:
+        """The longest step that is taken at once, s, as a number of Python."""
+        return float(np.asarray(self.longest_step))
+
     def init(
         self, nodes: Float[ArrayLike, "..."] | None, duty: Float[ArrayLike, " cells"]
     ) -> KalmanState:
@@ -115,10 +120,11 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         )
 
     def step(
-        self, state: KalmanState, command: Float[Array, " cells"], dt: Float[Array, ""]
+        self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
     ) -> KalmanState:
         """The state after a single step; differentiable forwards and backwards."""
-        commands = state.commands.given(command, self.spacing)
+        dt = jnp.asarray(dt, state.mean.dtype)
+        commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
         transition, duty = self.model.step(state.mean, state.duty, commands, dt)
         after = moved(state.gaussian, *transition)
         return KalmanState(
@@ -132,10 +138,11 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         )
 
     def step_of_mean(
-        self, state: KalmanState, command: Float[Array, " cells"], dt: Float[Array, ""]
+        self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
     ) -> KalmanState:
         """The same with the covariance left as it was, which is what most of the time goes into."""
-        commands = state.commands.given(command, self.spacing)
+        dt = jnp.asarray(dt, state.mean.dtype)
+        commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
         mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt)
         return KalmanState(
             mean=mean,
@@ -148,10 +155,11 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         )
 
     def transition(
-        self, state: KalmanState, command: Float[Array, " cells"], dt: Float[Array, ""]
+        self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
     ) -> Transition:
         """The linearisation of a step at a state."""
-        commands = state.commands.given(command, self.spacing)
+        dt = jnp.asarray(dt, state.mean.dtype)
+        commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
         return self.model.step(state.mean, state.duty, commands, dt)[0]
 
     def correct(
@@ -208,7 +216,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     def reading_variance(self, state: KalmanState) -> Float[Array, " channels"]:
         """The variance of the noise of each reading, K^2."""
         noise = self.model.noise
-        return noise.reading**2 + (noise.reading_time * state.slope) ** 2
+        return jnp.asarray(noise.reading) ** 2 + (noise.reading_time * state.slope) ** 2
 
     def _opened(
         self,

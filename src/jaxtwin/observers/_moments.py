@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ._augmented_model import AugmentedModel
@@ -12,8 +13,8 @@ from ._augmented_model import AugmentedModel
 class Moment(NamedTuple):
     """The mean and the standard deviation of a vector."""
 
-    mean: Float[Array, "*size"]
-    spread: Float[Array, "*size"]
+    mean: Float[Array | np.ndarray, "*size"]
+    spread: Float[Array | np.ndarray, "*size"]
 
 
 class Moments(NamedTuple):

@@ -23,6 +23,9 @@ from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of
 LONGEST_STEP = 10.0
 """The longest step of a filter, s."""
 
+LIVE_SPACING = 0.1
+"""The shortest time between two commands of a live rig that are told apart, s."""
+
 
 def observe(
     fit: Twin | Fit,
@@ -53,7 +56,7 @@ def observe(
     if noise is None:
         noise = usual_noise(fit, [experiment])
     kalman = filter_for(fit, experiment, noise)
-    samples, is_sample = samples_of(experiment, float(kalman.longest_step))
+    samples, is_sample = samples_of(experiment, kalman.longest_seconds)
     with own_settings():
         start = kalman.init(first_reading(experiment), np.zeros_like(samples.duty[0]))
         found = filtered(kalman, start, samples)
@@ -67,17 +70,48 @@ def observe(
     return Observed(experiment, kalman, samples, is_sample, found)
 
 
+def live_observer(
+    twin: Twin, noise: ProcessNoise | None = None, sample_time: float = 1.0
+) -> ExtendedKalmanFilter:
+    """Makes a filter for a rig that is read as it runs, with the values of the twin taken as exact
+    but for those that the noise names.
+
+    **Arguments:**
+
+    - `twin`: the twin; all of its channels are read.
+    - `noise`: the levels of the noise; None: usual ones.
+    - `sample_time`: the time between two readings, s.
+
+    **Raises:** `ObserverError` if a level of the noise is not positive, or for unknown names.
+    """
+    levels = _usual_levels(twin, sample_time) if noise is None else noise
+    levels.check()
+    step = stable_step(twin, min(sample_time, LONGEST_STEP))
+    none = np.zeros((0, 0))
+    directions = uncertain_directions(twin, {}, none, None, levels.names)
+    with own_settings():
+        columns = range(len(twin.channels))
+        spread = room_spread(twin)
+        model = AugmentedModel(twin, directions, levels.as_arrays(), columns, step, spread)
+        return ExtendedKalmanFilter(model, step, min(sample_time, LIVE_SPACING))
+
+
 def usual_noise(
     fit: Twin | Fit, experiments: Sequence[Experiment], names: Sequence[str] = ()
 ) -> ProcessNoise:
     """The levels before any recording was looked at: those of the rig file's sensors, and times
     that are uncertain by a part of the time between samples."""
-    rig = (fit.twin if isinstance(fit, Fit) else fit).rig
+    twin = fit.twin if isinstance(fit, Fit) else fit
     sample = float(np.median(np.concatenate([np.diff(one.time) for one in experiments])))
+    return _usual_levels(twin, sample, names)
+
+
+def _usual_levels(twin: Twin, sample_time: float, names: Sequence[str] = ()) -> ProcessNoise:
+    rig = twin.rig
     noise = ProcessNoise(
         reading=rig.noise or 0.1,
-        reading_time=0.1 * sample,
-        command_time=0.3 * sample,
+        reading_time=0.1 * sample_time,
+        command_time=0.3 * sample_time,
         names=tuple(names),
     )
     error = rig.common_error
@@ -111,7 +145,7 @@ def filter_for(
         twin, known, covariance = fit, {}, np.zeros((0, 0))
     columns = columns_of(twin, experiment)
     step = stable_step(twin, float(min(np.median(np.diff(experiment.time)), LONGEST_STEP)))
-    directions = uncertain_directions(twin, known, covariance, experiment, noise.names, step)
+    directions = uncertain_directions(twin, known, covariance, experiment, noise.names)
     with own_settings():
         model = AugmentedModel(twin, directions, noise.as_arrays(), columns, step, room_spread(fit))
         return ExtendedKalmanFilter(model, step, float(np.diff(experiment.time).min()))

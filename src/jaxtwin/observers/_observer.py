@@ -37,7 +37,8 @@ class AbstractObserver(eqx.Module, Generic[State]):
         ambient: Float[ArrayLike, ""],
         dt: Float[ArrayLike, ""],
     ) -> State:
-        """The state after `dt` seconds with a duty (-1 to 1) and an ambient temperature."""
+        """The state after `dt` seconds with a duty (-1 to 1) and an ambient temperature, NaN if it
+        is not measured."""
 
     @abstractmethod
     def correct(

@@ -59,6 +59,7 @@ class OpenLoop(AbstractObserver[OpenLoopState]):
         ambient: Float[ArrayLike, ""],
         dt: Float[ArrayLike, ""],
     ) -> OpenLoopState:
+        ambient = self._room(ambient)
         passed = jnp.asarray(state.rest) + jnp.asarray(dt)
         steps = jnp.floor(passed / STEP_SECONDS + ROUNDING).astype(int)
         twin = self.stepper.step(state.twin, duty, ambient, steps=steps)
@@ -76,7 +77,12 @@ class OpenLoop(AbstractObserver[OpenLoopState]):
     def readings(
         self, state: OpenLoopState, ambient: Float[ArrayLike, ""]
     ) -> Float[Array, " channels"]:
-        return self.stepper.channels(state.twin, ambient)
+        return self.stepper.channels(state.twin, self._room(ambient))
+
+    def _room(self, ambient: Float[ArrayLike, ""]) -> Float[Array, ""]:
+        """The ambient temperature, that of the twin where none is measured."""
+        measured = jnp.asarray(ambient)
+        return jnp.where(jnp.isnan(measured), self.stepper.ambient, measured)
 
     def nodes(self, state: OpenLoopState) -> Float[Array, " nodes"]:
         return jnp.asarray(state.twin.nodes)

@@ -61,8 +61,8 @@ class ProcessNoise(eqx.Module):
     disturbance_time: Level = 60.0
     room: Level = 0.003
     twin: Level = 1.0
-    twin_time: Level = 1000.0
-    slow: Level = 0.03
+    twin_time: Level = 3000.0
+    slow: Level = 0.05
     slow_time: Level = 3600.0
     common: Level = 0.2
     common_time: Level = 60.0
@@ -83,12 +83,8 @@ class ProcessNoise(eqx.Module):
 
     def as_arrays(self) -> "ProcessNoise":
         """The same levels as arrays, which need no new compilation when they change."""
-        return ProcessNoise(
-            **{
-                name: value if name == "names" else jnp.asarray(value, float)
-                for name, value in vars(self).items()
-            }
-        )
+        arrays = {name: jnp.asarray(level) for name, level in self.levels().items()}
+        return ProcessNoise(**arrays, names=self.names)
 
     def levels(self) -> dict[str, float]:
         """Name -> level."""

@@ -7,8 +7,8 @@ through the linearised steps and corrections of the filter,
 $$\lambda \leftarrow (I - k h^T)^T \lambda - h e / s, \qquad
 \Lambda \leftarrow (I - k h^T)^T \Lambda (I - k h^T) + h h^T / s$$
 
-at each reading with innovation $e$, variance $s$ and gain $k$, and $\lambda \leftarrow F^T \lambda$,
-$\lambda \leftarrow F^T \lambda$, $\Lambda \leftarrow F^T \Lambda F$ at each step. The state then is $x - P \lambda$ with the
+at each reading with innovation $e$, variance $s$ and gain $k$; $\lambda \leftarrow F^T \lambda$ and
+$\Lambda \leftarrow F^T \Lambda F$ at each step. The state then is $x - P \lambda$ with the
 covariance $P - P \Lambda P$. No covariance is inverted, so that states without any noise, such as
 the lag of a driver, need no care.
 """

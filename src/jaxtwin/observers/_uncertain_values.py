@@ -14,11 +14,9 @@ from typing import final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from .._compilation import persistent_jit_unoptimised
 from .._errors import ObserverError
-from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from ..io import Experiment
 from ..matching import Fit
@@ -41,11 +39,22 @@ KEPT = 6
 """The number of directions that are kept. It is the same for all recordings, which then share their
 compiled programs."""
 
-MANY = 5.0
-"""The largest multiple of a direction."""
+LARGEST = 0.3
+"""The largest change of a logarithm. A change enters as a heat that is held during a step. However
+stiff a conductance is, this is stable as long as no rate is more than twice that in the modes, and
+1.3 / 0.7, a larger conductance with a smaller heat capacity, is less than 2."""
 
-LARGEST = 0.7
-"""The largest change of a logarithm."""
+MANY = 5.0
+"""The largest change of another value, in standard deviations."""
+
+WITHIN = 3.0
+"""A logarithm that the fit hardly knows has its limit at so many standard deviations."""
+
+SHARPNESS = 8
+"""The power of the smooth limit."""
+
+SLOW = 0.05
+"""A usual standard deviation of the logarithm of a parameter that drifts."""
 
 STEP = 0.1
 """The step of the differences, in standard deviations."""
@@ -57,7 +66,7 @@ class UncertainDirections(eqx.Module):
 
     - `names`: the parameters; `is_logarithmic`: which of them change by their logarithm.
     - `values`: their values in the twin. `matrix`: the directions, as columns.
-    - `limits`: the largest multiple of each direction that the steps of the observer can follow.
+    - `limits`: the largest change of each parameter, of its logarithm if it changes by that.
     - `slow`: the number of directions, at the end, that are single parameters which drift.
     """
 
@@ -66,7 +75,7 @@ class UncertainDirections(eqx.Module):
     slow: int = eqx.field(static=True)
     values: Float[Array | np.ndarray, " parameters"]
     matrix: Float[Array | np.ndarray, "parameters directions"]
-    limits: Float[Array | np.ndarray, " directions"]
+    limits: Float[Array | np.ndarray, " parameters"]
 
     @property
     def count(self) -> int:
@@ -74,9 +83,10 @@ class UncertainDirections(eqx.Module):
         return self.matrix.shape[1]
 
     def limited(self, amounts: Float[Array, " directions"]) -> Float[Array, " directions"]:
-        """The multiples of the directions within their limits, which they approach smoothly."""
-        limits = jnp.asarray(self.limits)
-        return limits * jnp.tanh(amounts / limits)
+        """The multiples of the directions, all of them smaller where a parameter would come to its
+        limit."""
+        parts = jnp.asarray(self.matrix) @ amounts / jnp.asarray(self.limits)
+        return amounts * (1 + jnp.sum(parts**SHARPNESS)) ** (-1 / SHARPNESS)
 
     def change(self, amounts: Float[Array, " directions"]) -> Float[Array, " parameters"]:
         """The change of each parameter, of its logarithm if it changes by that."""
@@ -108,17 +118,16 @@ def uncertain_directions(
     twin: Twin,
     known: Mapping[str, Parameter],
     covariance: Float[np.ndarray, "parameters parameters"],
-    experiment: Experiment,
+    experiment: Experiment | None,
     slow: Sequence[str],
-    step: float,
 ) -> UncertainDirections | None:
     """Finds the directions that the readings of an experiment show; None if there are none.
 
     **Arguments:**
 
     - `known`: name -> row of the parameters of which the fit knows the covariance.
+    - `experiment`: the experiment; None is enough if no covariance is known.
     - `slow`: names of parameters that drift by themselves.
-    - `step`: the longest step of the observer, s.
 
     **Raises:** `ObserverError` if a name of `slow` is unknown or not positive.
     """
@@ -136,7 +145,7 @@ def uncertain_directions(
             )
     rows = list(known.values())
     directions = np.zeros((len(rows), 0))
-    if rows:
+    if rows and experiment is not None:
         values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
         root = vectors * np.sqrt(np.clip(values, 0.0, None))
         root = root[:, values > 1e-12 * max(values.max(), 1e-300)]
@@ -152,15 +161,19 @@ def uncertain_directions(
         matrix[names.index(name), directions.shape[1] + number] = 1.0
     if not matrix.shape[1]:
         return None
-    is_logarithmic = [name in slow or table[name].is_logarithmic for name in names]
-    is_logarithmic = np.array(is_logarithmic)
+    is_logarithmic = np.array([name in slow or table[name].is_logarithmic for name in names])
+    spreads = np.linalg.norm(
+        matrix * np.where(np.arange(matrix.shape[1]) < directions.shape[1], 1.0, SLOW), axis=1
+    )
+    shrunk = np.minimum(1.0, LARGEST / (WITHIN * np.maximum(spreads, 1e-12)))
+    matrix = np.where(is_logarithmic, shrunk, 1.0)[:, None] * matrix
     return UncertainDirections(
         names=tuple(names),
         is_logarithmic=tuple(is_logarithmic.tolist()),
         slow=len(slow),
         values=np.array([float(twin.values[name]) for name in names]),
         matrix=matrix,
-        limits=_limits(twin, names, is_logarithmic, matrix, step),
+        limits=np.where(is_logarithmic, LARGEST, MANY * np.maximum(spreads, 1e-12)),
     )
 
 
@@ -236,37 +249,3 @@ def _effects(
     up, down = np.split(simulated, 2)
     effects = ((up - down) / (2 * STEP)).reshape(len(up), -1).T
     return np.nan_to_num(effects) / np.sqrt(len(effects))
-
-
-def _limits(
-    twin: Twin,
-    names: Sequence[str],
-    is_logarithmic: Bool[np.ndarray, " parameters"],
-    matrix: Float[np.ndarray, "parameters directions"],
-    step: float,
-) -> Float[np.ndarray, " directions"]:
-    r"""The largest multiple of each direction.
-
-    A changed value enters as a heat that is held during a step of length $h$. A conductance $g$
-    between nodes of heat capacity $c$ may then be larger by $\Delta g$ as long as
-    $h \Delta g / c < 1$, however stiff it is, and at least twice as large: the modes contain $g$
-    itself. No logarithm changes by more than `LARGEST`, since equations are linear in the
-    multiples, and no direction by more than `MANY` standard deviations.
-    """
-    with own_settings():
-        rates = np.asarray(_rates(twin))
-        larger = {name: float(twin.values[name]) * np.exp(STEP) for name in names}
-        changed = [np.asarray(_rates(twin.with_values({name: larger[name]}))) for name in names]
-    allowed = np.full(len(names), np.inf)
-    for number in np.flatnonzero(is_logarithmic):
-        rate = float(np.linalg.norm(changed[number] - rates, 2)) / STEP
-        allowed[number] = min(max(np.log(2.0), np.log1p(1 / (rate * step + 1e-9))), LARGEST)
-    return np.minimum(MANY, (allowed[:, None] / np.maximum(np.abs(matrix), 1e-12)).min(axis=0))
-
-
-@persistent_jit_unoptimised
-def _rates(twin: Twin) -> Float[Array, "nodes nodes"]:
-    """The rates of the network at rest, as a symmetric matrix, 1/s."""
-    system = twin.system()
-    root = 1 / jnp.sqrt(system.capacitance)
-    return root[:, None] * system.conductance * root

@@ -26,6 +26,7 @@ from ._samples import (
 from ._style import palette, points, styled
 
 PANELS = 5  # panels in a row
+NARROWEST = 6.4  # inches, which the heading and the legend need beside each other
 
 RECORDED, TWIN = 5.0, 1.0
 """The widths of the lines, points. The twin's is thin, so that the recording shows on both sides of
@@ -52,7 +53,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
         for start in range(0, len(run.channels), PANELS)
     ]
     columns = max(len(channels) for _, _, channels in rows)
-    size = (1.0 + 2.35 * max(columns, 2), 0.8 + 1.95 * len(rows))
+    size = (max(1.0 + 2.35 * columns, NARROWEST), 0.8 + 1.95 * len(rows))
     figure = pyplot.figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, sharex=True, sharey=True, squeeze=False)
     for panels, (run, fit, channels) in zip(grid, rows, strict=True):

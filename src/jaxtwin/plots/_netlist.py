@@ -118,7 +118,8 @@ def plot_netlist(
         ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns)
     if figure is not None:
         width, height = np.ptp(ax.get_xlim()) / layout.inch, np.ptp(ax.get_ylim()) / layout.inch
-        beside, below = 1.0 if _differ(on_plate) else 0.2, 0.85 if in_one_row else 1.05
+        beside = 1.0 if _differ(on_plate) else 0.2
+        below = 0.75 if not handles else 0.85 if in_one_row else 1.05
         figure.set_size_inches(width + beside, height + below)
         figure.set_gid(OF_FIXED_SIZE)
     return ax

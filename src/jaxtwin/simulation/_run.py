@@ -256,7 +256,7 @@ class Run:
         self, *, noise: float | int | None = None, seed: int = 0, name: str = ""
     ) -> Experiment:
         """The run as a recording of its rig: the simulated readings with noise, for trying out a
-        match or an experiment before there is one.
+        match or an experiment before there is one. It has all inputs of the rig.
 
         **Arguments:**
 
@@ -276,6 +276,7 @@ class Run:
         sd = finite_number("to_recording: noise", size, SimulationError)
         if sd < 0:
             raise SimulationError(f"to_recording: noise: expected at least 0 K, got {sd:g}")
+        known = () if self.twin is None else self.twin.rig.inputs
         random = np.random.default_rng(whole_number("to_recording: seed", seed, 0, SimulationError))
         return Experiment(
             self.time,
@@ -283,7 +284,7 @@ class Run:
             channels=self.channels,
             temperatures=self.temperatures + random.normal(0.0, sd, self.temperatures.shape),
             ambient=self.experiment.ambient,
-            inputs=self.experiment.inputs,
+            inputs={one.name: one.value for one in known} | dict(self.experiment.inputs),
             name=name or self.experiment.name,
             group=self.experiment.group,
         )
