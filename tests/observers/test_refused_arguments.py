@@ -48,8 +48,6 @@ def test_a_recording_with_inputs_beside_the_duty():
 
 def test_a_recording_of_another_rig(recording: Experiment):
     with pytest.raises(SimulationError, match="bench: channels: expected those of dual-cell"):
-        SimulationError, match=r"bench: channels: expected those of dual-cell, .*got T1"
-    ):
         observe(Twin("dual-cell"), recording)
 
 
