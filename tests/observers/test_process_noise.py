@@ -87,9 +87,10 @@ def test_the_noise_of_readings_is_found_from_a_recording(
     monkeypatch.setattr(_estimate_noise, "ITERATIONS", 15)
     start = ProcessNoise(reading=0.3, heat=0.05, disturbance=0.1, channel=0.05, common=0.05)
     found = estimate_noise(twin, recording, start=start, horizon=20.0)
-    assert 0.12 < float(found.reading) < 0.18
-    assert float(found.disturbance) < 0.1
-    assert found.levels()["room"] == start.levels()["room"]
+    levels = found.levels()
+    assert 0.12 < levels["reading"] < 0.18
+    assert levels["disturbance"] < 0.1
+    assert levels["room"] == start.levels()["room"]
 
 
 def test_a_recording_that_is_not_longer_than_the_horizon_is_refused(
