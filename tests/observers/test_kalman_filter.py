@@ -112,11 +112,11 @@ class Textbook:
 
     def step(self, dt: float, duty: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, ...]:
         """Transition, effect of the duty, and noise of a step."""
-        whole = expm(self.generator * dt)
+        whole = np.asarray(expm(self.generator * dt))
         times = np.array([NOISE.disturbance_time] * 2 + [NOISE.common_time] + [80.0] * 2)
         levels = np.array([NOISE.disturbance] * 2 + [NOISE.common] + [NOISE.channel] * 2)
         decay = np.exp(-dt / times)
-        F = block_diag(whole[:4, :4], 1.0, np.diag(decay))
+        F = np.array(block_diag(whole[:4, :4], 1.0, np.diag(decay)))
         F[:4, 4:7] = whole[:4, 4:]
         heated = whole[:4, 5:]
         # A heater is a cell whose sides are one node. White heat has this mean over a step, and a
@@ -128,7 +128,7 @@ class Textbook:
             NOISE.room**2 * dt,
             np.diag(levels**2 * (1 - decay**2)),
         )
-        return F, np.append(heated @ (POWER * duty), np.zeros(6)), Q
+        return F, np.append(heated @ (POWER * duty), np.zeros(6)), np.asarray(Q)
 
 
 @pytest.fixture(scope="module")
@@ -149,13 +149,13 @@ def kalman(twin: Twin, recording: Experiment) -> ExtendedKalmanFilter:
 @pytest.fixture(scope="module")
 def found(kalman: ExtendedKalmanFilter, recording: Experiment) -> Filtered:
     with jax.enable_x64(True):
-        samples, _ = samples_of(recording, float(kalman.longest_step))
+        samples, _ = samples_of(recording, float(np.asarray(kalman.longest_step)))
         return filtered(kalman, kalman.init(START, np.zeros(2)), samples)
 
 
 def to_nodes(kalman: ExtendedKalmanFilter) -> np.ndarray:
     """The matrix from the state of the filter to that of the textbook."""
-    return block_diag(np.asarray(kalman.model.shapes), np.eye(6))
+    return np.asarray(block_diag(np.asarray(kalman.model.shapes), np.eye(6)))
 
 
 def test_a_linear_twins_filter_is_the_textbooks(
@@ -163,8 +163,8 @@ def test_a_linear_twins_filter_is_the_textbooks(
 ):
     """Irregular times, a gap, missing readings, a measured ambient; the textbook takes all readings
     of a time at once."""
-    longest = float(kalman.longest_step)
-    spread = float(kalman.model.room_spread)
+    longest = float(np.asarray(kalman.longest_step))
+    spread = float(np.asarray(kalman.model.room_spread))
     expected = Textbook(twin).run(recording, spread, longest)
     to = to_nodes(kalman)
     means = np.asarray(found.states.mean) @ to.T
@@ -200,7 +200,7 @@ def test_a_step_of_the_mean_alone_is_the_step(kalman: ExtendedKalmanFilter):
 def test_a_prediction_over_a_long_time_takes_steps_of_at_most_the_longest(
     kalman: ExtendedKalmanFilter,
 ):
-    longest = float(kalman.longest_step)
+    longest = float(np.asarray(kalman.longest_step))
     step = eqx.filter_jit(kalman.step)
     duty = jnp.array([0.5, 0.1])
     state = kalman.init(START, np.zeros(2))
@@ -234,7 +234,7 @@ def test_the_likelihood_has_the_derivative_of_differences(
     kalman: ExtendedKalmanFilter, recording: Experiment
 ):
     """With respect to the logarithm of the reading noise and of the random heat."""
-    samples, _ = samples_of(recording, float(kalman.longest_step))
+    samples, _ = samples_of(recording, float(np.asarray(kalman.longest_step)))
     few = jax.tree.map(lambda leaf: jnp.asarray(leaf[:30]), samples)
 
     def log_likelihood(logarithms: jax.Array) -> jax.Array:
@@ -374,8 +374,8 @@ def predicted(
 
 
 def _exact(twin: Twin, time: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """These readings by the exponential of the matrix of heaters, sensors and driver, from each time at
-    which a command arrives to the next."""
+    """These readings by the exponential of the matrix of heaters, sensors and driver, from each
+    time at which a command arrives to the next."""
     model = jt.linearize(twin, duty=[0.5, 0.5])
     delay, lag = float(model.delay_s), float(model.lag_s)
     A, B, rate = np.asarray(model.A), np.asarray(model.B), 1 / lag if lag else 0.0

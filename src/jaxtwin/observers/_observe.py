@@ -10,6 +10,7 @@ from .._arguments import of_kind
 from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..io._duty_of_rig import check_duty_of_rig
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import Stepper
@@ -156,6 +157,8 @@ def filter_for(
             f"the duty, got {', '.join(experiment.inputs)}"
         )
     noise.check()
+    rig = (fit.twin if isinstance(fit, Fit) else fit).rig
+    check_duty_of_rig(experiment, rig, experiment.name or "experiment", SimulationError)
     if isinstance(fit, Fit):
         if experiment.fingerprint in fit.fingerprints:
             twin = fit.twins[fit.recordings[fit.fingerprints.index(experiment.fingerprint)]]

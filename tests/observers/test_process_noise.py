@@ -1,0 +1,105 @@
+"""Levels of noise: written and read, checked, and found from a recording."""
+
+import dataclasses
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+from jaxtwin import Experiment, Twin, simulate
+from jaxtwin._errors import ObserverError
+from jaxtwin.observers import ProcessNoise, _estimate_noise, estimate_noise
+
+LEVELS = tuple(ProcessNoise().levels())
+POSITIVE = some.floats(min_value=1e-300, max_value=1e300, allow_subnormal=False)
+NAMES = some.lists(some.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True), max_size=3)
+
+
+@settings(max_examples=50)
+@given(levels=some.dictionaries(some.sampled_from(LEVELS), POSITIVE), names=NAMES)
+def test_a_file_keeps_each_level_to_the_last_bit(levels: dict[str, float], names: list[str]):
+    noise = ProcessNoise(**levels, names=tuple(names))
+    with tempfile.TemporaryDirectory() as folder:
+        found = ProcessNoise.load(noise.save(Path(folder) / "noise.toml"))
+    assert found.levels() == noise.levels()
+    assert found.names == noise.names
+
+
+def test_a_level_that_a_file_does_not_state_keeps_its_default(tmp_path: Path):
+    path = tmp_path / "noise.toml"
+    path.write_text("heat = 2\n", encoding="utf-8")
+    assert ProcessNoise.load(path).levels() == ProcessNoise(heat=2.0).levels()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("heat = -1.0", "heat: expected a number above 0, got -1.0"),
+        ("heat = 0", "heat: expected a number above 0, got 0"),
+        ("heat = nan", "heat: expected a number above 0, got nan"),
+        ("heat = inf", "heat: expected a number above 0, got inf"),
+        ("heat = true", "heat: expected a number above 0, got True"),
+        ('heat = "0.1"', "heat: expected a number above 0, got '0.1'"),
+        ("hat = 0.1", "hat: expected levels of noise, got 0.1"),
+        ('names = "R_1"', "names: expected a list of parameters, got 'R_1'"),
+        ("names = [1]", r"names: expected a list of parameters, got \[1\]"),
+        ("heat = = 1", "expected levels of noise as TOML"),
+    ],
+)
+def test_a_wrong_entry_is_refused_by_file_and_name(tmp_path: Path, text: str, message: str):
+    path = tmp_path / "noise.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ObserverError, match=rf"noise\.toml: {message}"):
+        ProcessNoise.load(path)
+
+
+def test_a_file_that_is_missing_is_refused_by_name(tmp_path: Path):
+    with pytest.raises(ObserverError, match=r"none\.toml: expected levels of noise as TOML"):
+        ProcessNoise.load(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("name", LEVELS)
+@pytest.mark.parametrize("level", [-0.1, 0.0, float("nan"), float("inf")])
+def test_each_level_has_to_be_a_number_above_zero(name: str, level: float):
+    noise = dataclasses.replace(ProcessNoise(), **{name: level})
+    with pytest.raises(ObserverError, match=rf"noise: {name}: expected a number above 0, got"):
+        noise.check()
+    dataclasses.replace(noise, **{name: 0.1}).check()
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return Twin("tclab")
+
+
+@pytest.fixture(scope="module")
+def recording(twin: Twin) -> Experiment:
+    drive = Experiment.schedule("0:0.5/0,60:0.2/0.8", duration=120, cells=2)
+    return simulate(twin, drive).to_recording(noise=0.15, seed=2)
+
+
+def test_the_noise_of_readings_is_found_from_a_recording(
+    twin: Twin, recording: Experiment, monkeypatch: pytest.MonkeyPatch
+):
+    """Within a fifth, from twice as much. What the recording does not have becomes smaller."""
+    monkeypatch.setattr(_estimate_noise, "ITERATIONS", 15)
+    start = ProcessNoise(reading=0.3, heat=0.05, disturbance=0.1, channel=0.05, common=0.05)
+    found = estimate_noise(twin, recording, start=start, horizon=20.0)
+    levels = found.levels()
+    assert 0.12 < levels["reading"] < 0.18
+    assert levels["disturbance"] < 0.1
+    assert levels["room"] == start.levels()["room"]
+
+
+def test_a_recording_that_is_not_longer_than_the_horizon_is_refused(
+    twin: Twin, recording: Experiment
+):
+    with pytest.raises(ObserverError, match="longer than the horizon of 300 s, got 120 s"):
+        estimate_noise(twin, recording, horizon=300.0)
+
+
+def test_a_parameter_that_does_not_exist_cannot_drift(twin: Twin, recording: Experiment):
+    with pytest.raises(ObserverError, match=r"names: expected parameters of .*got 'R_7'"):
+        estimate_noise(twin, recording, names=["R_7"])
