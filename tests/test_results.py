@@ -114,6 +114,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "OperatingPoint": lambda _: even(),
     "UltimatePoint": lambda _: oscillation(),
     "GridConvergence": lambda _: two_grids(),
+    "Observed": lambda _: jt.observe(fit(), recordings()[0]),
 }
 """Class -> one of it."""
 
@@ -126,6 +127,7 @@ LONG = {
     "ExperimentDesign",
     "Frontier",
     "GlobalSensitivity",
+    "Observed",
     "Profile",
     "Run",
     "Sensitivity",
@@ -135,7 +137,7 @@ LONG = {
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
-INPUTS |= {"AbstractController", "Scenario"}
+INPUTS |= {"AbstractController", "ProcessNoise", "Scenario"}
 """Classes that public functions give and that are no results."""
 
 INSIDE_JAX = {"ClosedLoop"}

@@ -11,6 +11,7 @@ from .._display import html_table, picture
 from .._normal_distribution import QUANTILE_975
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
     from matplotlib.figure import Figure
 
@@ -107,6 +108,10 @@ class Forecast:
             {"time": ("time", self.time, {"units": "s"}), "channel": list(self.channels)},
             {"recording": self.name, "lead_s": self.lead},
         )
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Returns a table with a row for each time and channel, and the columns of `to_xarray`."""
+        return self.to_xarray().to_dataframe()
 
     def plot(self) -> "Figure":
         """Draws what was expected with its bands, a panel for each channel, and what was read.

@@ -24,6 +24,7 @@ from ._process_noise import ProcessNoise
 from ._smoother import smoothed
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
     from matplotlib.figure import Figure
 
@@ -196,6 +197,13 @@ class Observed:
         dataset["standardised_innovation"] = (dims, self.standardised)
         dataset["nis"] = ("time", self.nis)
         return dataset.assign_attrs(recording=self.experiment.name)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Returns a table with a row for each sample and channel: what was expected, as
+        `Forecast.to_dataframe`, and the standardised innovation."""
+        table = self.expected.to_dataframe()
+        table["standardised_innovation"] = self.standardised.ravel()
+        return table
 
     def plot(self) -> "Figure":
         """Draws readings and estimates over time with their bands.

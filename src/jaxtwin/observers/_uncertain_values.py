@@ -145,10 +145,10 @@ def uncertain_directions(
             )
     rows = list(known.values())
     directions = np.zeros((len(rows), 0))
-    if rows and experiment is not None:
-        values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-        root = vectors * np.sqrt(np.clip(values, 0.0, None))
-        root = root[:, values > 1e-12 * max(values.max(), 1e-300)]
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    root = root[:, values > 1e-12 * max(values.max(initial=0.0), 1e-300)]
+    if root.shape[1] and experiment is not None:
         effects = _effects(twin, rows, root, experiment)
         _, _, rotation = np.linalg.svd(effects, full_matrices=False)
         directions = root @ rotation[:KEPT].T
