@@ -24,7 +24,6 @@ linear in the multiples of the directions, so that no step assembles a network.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -300,23 +299,12 @@ class AugmentedModel(eqx.Module):
         """The amplitudes and the duty after a step, and the duty in it."""
         z, u, room, heats, values = parts
         stepper, system = self.stepper, self._system(values)
-        lag, delay = system.lag, system.delay
-        start = u if lag is not None else reached
-        splits = [jnp.zeros_like(dt), dt]
-        if delay is not None and lag is None:
-            # Without a lag the duty jumps within the step.
-            splits.insert(1, commands.last_arrival(delay, dt))
-        path = jnp.zeros((3, len(reached)), z.dtype)
-        begin = path
-        for number, (first, last) in enumerate(pairwise(splits)):
-            size = last - first
-            # A command that takes effect at the end of this part belongs to the next.
-            times = first + size * jnp.array([0.0, 0.5, 1.0 - 1e-9], z.dtype)
-            path = commands.reached(times, start, lag, delay)
-            begin = path if number == 0 else begin
-            force = self._force(z, path[1], room[0], heats, values, system)
-            z = variable_step(stepper, z, path, room[0], force, size)
-        return z, path[-1][: len(u)], jnp.stack([begin[0], path[1], path[-1]])
+        start = reached if system.lag is None else u
+        stages = dt * jnp.array([0.0, 0.5, 1.0], z.dtype)
+        path = commands.reached(stages, start, system.lag, system.delay)
+        force = self._force(z, path[1], room[0], heats, values, system)
+        end = variable_step(stepper, z, path, room[0], force, dt)
+        return end, path[-1][: len(u)], path
 
     def _force(
         self,

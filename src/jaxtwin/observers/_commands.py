@@ -53,12 +53,6 @@ class Commands(eqx.Module):
         """The commands `dt` seconds later."""
         return Commands(self.duty, self.ages + dt)
 
-    def last_arrival(self, delay: Float[ArrayLike, ""], dt: Float[Array, ""]) -> Float[Array, ""]:
-        """The last time within the next `dt` seconds at which a command takes effect; 0 if none
-        does."""
-        starts = delay - self.ages
-        return jnp.max(jnp.where((starts > 0) & (starts < dt), starts, 0.0))
-
     def reached(
         self,
         times: Float[Array, " times"],

@@ -28,7 +28,8 @@ class ProcessNoise(eqx.Module):
 
     **The rig**
 
-    - `heat`: random heat into each side of the cells, white, W s^0.5.
+    - `heat`: random heat into each side of the cells, white, W s^0.5; a heater has two sides, which
+      are one node.
     - `command_time`: the error of the time at which a command takes effect, s. A change of the duty
       then leaves a heat of unknown size in the cells, the larger the larger the change.
     - `disturbance`: a heat into the node that each cell heats, W, which is forgotten within
