@@ -16,7 +16,7 @@ import jaxtwin as jt
 from jaxtwin import Experiment, Stepper, Twin, simulate
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, ProcessNoise
 from jaxtwin.observers._commands import Commands
-from jaxtwin.observers._filter_run import Filtered, filtered, samples_of
+from jaxtwin.observers._filter_run import Filtered, Samples, filtered, samples_of
 from jaxtwin.observers._observe import filter_for
 from jaxtwin.simulation._variable_step import variable_step
 
@@ -82,16 +82,15 @@ class Textbook:
         self.H = np.hstack([self.C, 1 - self.C.sum(axis=1, keepdims=True), np.zeros((2, 2))])
         self.H = np.hstack([self.H, np.ones((2, 1)), np.eye(2)])
 
-    def run(self, recording: Experiment, room_spread: float, longest: float) -> dict[str, list]:
+    def run(self, samples: Samples, room_spread: float) -> dict[str, list]:
         """Means and covariances after each time, and the log likelihood."""
-        samples, _ = samples_of(recording, longest)
         mean = np.concatenate([START - ROOM, np.zeros(6)])
         spread = [0.1] * 4 + [room_spread] + [NOISE.disturbance] * 2
         P = np.diag(np.array([*spread, NOISE.common, NOISE.channel, NOISE.channel]) ** 2)
         slope = np.zeros(2)
         found = {"mean": [], "covariance": [], "likelihood": []}
         before = samples.duty[0]
-        for dt, duty, readings, ambient in zip(*samples, strict=True):
+        for dt, duty, readings, ambient in zip(*samples[:4], strict=True):
             if dt > 0:
                 F, of_duty, Q = self.step(dt, duty, duty - before)
                 after = F @ mean + of_duty
@@ -149,7 +148,7 @@ def kalman(twin: Twin, recording: Experiment) -> ExtendedKalmanFilter:
 @pytest.fixture(scope="module")
 def found(kalman: ExtendedKalmanFilter, recording: Experiment) -> Filtered:
     with jax.enable_x64(True):
-        samples, _ = samples_of(recording, float(np.asarray(kalman.longest_step)))
+        samples, _ = samples_of(kalman, recording)
         return filtered(kalman, kalman.init(START, np.zeros(2)), samples)
 
 
@@ -163,9 +162,8 @@ def test_a_linear_twins_filter_is_the_textbooks(
 ):
     """Irregular times, a gap, missing readings, a measured ambient; the textbook takes all readings
     of a time at once."""
-    longest = float(np.asarray(kalman.longest_step))
     spread = float(np.asarray(kalman.model.room_spread))
-    expected = Textbook(twin).run(recording, spread, longest)
+    expected = Textbook(twin).run(samples_of(kalman, recording)[0], spread)
     to = to_nodes(kalman)
     means = np.asarray(found.states.mean) @ to.T
     np.testing.assert_allclose(means, np.stack(expected["mean"]), rtol=0, atol=1e-9)
@@ -234,7 +232,7 @@ def test_the_likelihood_has_the_derivative_of_differences(
     kalman: ExtendedKalmanFilter, recording: Experiment
 ):
     """With respect to the logarithm of the reading noise and of the random heat."""
-    samples, _ = samples_of(recording, float(np.asarray(kalman.longest_step)))
+    samples, _ = samples_of(kalman, recording)
     few = jax.tree.map(lambda leaf: jnp.asarray(leaf[:30]), samples)
 
     def log_likelihood(logarithms: jax.Array) -> jax.Array:

@@ -90,7 +90,7 @@ def test_innovations_of_a_right_twin_are_white_and_of_variance_one(twin: Twin, w
     truth = simulate(twin, whole).temperatures
     many = truth + random.normal(0.0, SIZE, (runs, *truth.shape))
     kalman = filter_for(twin, whole, EXACT)
-    samples, _ = samples_of(whole, float(np.asarray(kalman.longest_step)))
+    samples, _ = samples_of(kalman, whole)
     with jax.enable_x64(True):
         start = kalman.init(23.0, np.zeros(2))
 

@@ -38,11 +38,14 @@ def test_a_recording_without_readings(twin: Twin):
         observe(twin, drive)
 
 
-def test_a_recording_with_inputs_beside_the_duty():
+def test_a_recording_without_one_of_the_inputs():
     box = Twin("heated-box")
-    drive = Experiment.schedule("0:0.5", duration=60, inputs={"lid": "0:closed,20:open"})
-    recording = simulate(box, drive).to_recording(name="lid opened")
-    with pytest.raises(ObserverError, match=r"lid opened: inputs: expected .* without any .*lid"):
+    temperatures = np.full((5, len(box.channels)), 20.0)
+    duty = np.zeros((5, len(box.rig.driven)))
+    recording = Experiment(
+        np.arange(5.0), duty, channels=box.channels, temperatures=temperatures, name="no lid"
+    )
+    with pytest.raises(SimulationError, match="no lid: expected a column for the input 'lid'"):
         observe(box, recording)
 
 

@@ -194,6 +194,7 @@ class AugmentedModel(eqx.Module):
         reached: Float[Array, " cells"],
         commands: Commands,
         dt: Float[Array, ""],
+        levels: Float[ArrayLike, " inputs"] | None,
     ) -> tuple[Transition, Float[Array, " cells"]]:
         """A step of the state, and the duty that reaches the cells at its end.
 
@@ -203,12 +204,14 @@ class AugmentedModel(eqx.Module):
         - `reached`: the duty that reaches the cells before.
         - `commands`: the commands in the driver's delay.
         - `dt`: the length of the step, s.
+        - `levels`: the rig's other inputs during the step (`simulation._input_levels`); None: those
+          of the rig file.
         """
         layout = self.layout
         z, u, room, heats, values = self._driven(mean)
 
         def twice(*parts: Array) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-            end, duty, path = self._evolve(parts, reached, commands, dt)
+            end, duty, path = self._evolve(parts, reached, commands, dt, levels)
             return (end, duty), (end, duty, path)
 
         arguments = tuple(range(5))
@@ -234,10 +237,11 @@ class AugmentedModel(eqx.Module):
         reached: Float[Array, " cells"],
         commands: Commands,
         dt: Float[Array, ""],
+        levels: Float[ArrayLike, " inputs"] | None,
     ) -> tuple[Float[Array, " state"], Float[Array, " cells"]]:
         """The same without the derivative and the noise."""
         layout = self.layout
-        end, duty, path = self._evolve(self._driven(mean), reached, commands, dt)
+        end, duty, path = self._evolve(self._driven(mean), reached, commands, dt, levels)
         after = mean * self._decay(dt)
         after = after.at[layout.of("modes")].set(end)
         return after.at[layout.of("duty")].set(duty), path[-1]
@@ -295,6 +299,7 @@ class AugmentedModel(eqx.Module):
         reached: Float[Array, " cells"],
         commands: Commands,
         dt: Float[Array, ""],
+        levels: Float[ArrayLike, " inputs"] | None,
     ) -> tuple[Float[Array, " modes"], Float[Array, " duty"], Float[Array, "stages cells"]]:
         """The amplitudes and the duty after a step, and the duty in it."""
         z, u, room, heats, values = parts
@@ -302,8 +307,13 @@ class AugmentedModel(eqx.Module):
         start = reached if system.lag is None else u
         stages = dt * jnp.array([0.0, 0.5, 1.0], z.dtype)
         path = commands.reached(stages, start, system.lag, system.delay)
-        force = self._force(z, path[1], room[0], heats, values, system)
-        end = variable_step(stepper, z, path, room[0], force, dt)
+        base, conditions = stepper.system, None
+        if levels is not None:
+            stated = jnp.asarray(levels, z.dtype)
+            conditions = base.conditions(stated)
+            base, system = base.under(conditions), system.under(system.conditions(stated))
+        force = self._force(z, path[1], room[0], heats, base, system)
+        end = variable_step(stepper, z, path, room[0], force, dt, conditions)
         return end, path[-1][: len(u)], path
 
     def _force(
@@ -312,11 +322,10 @@ class AugmentedModel(eqx.Module):
         duty: Float[Array, " cells"],
         room: Float[Array, ""],
         heats: Float[Array, " heats"],
-        values: Float[Array, " values"],
+        base: System,
         system: System,
     ) -> Float[Array, " modes"]:
         """The force of the disturbance heats and of the changed values on the modes."""
-        base = self.stepper.system
         heat = jnp.zeros_like(base.capacitance).at[base.wiring.cold].add(heats)
         if self.directions is not None:
             x, reference = self.shapes @ z, self.stepper.reference

@@ -163,7 +163,7 @@ class _Recording:
     ) -> "_Recording":
         """Prepares a recording."""
         kalman = filter_for(fit, experiment, noise)
-        samples, is_sample = samples_of(experiment, kalman.longest_seconds)
+        samples, is_sample = samples_of(kalman, experiment)
         ends, counts = starts_of(samples, is_sample, horizon)
         if not len(ends):
             raise ObserverError(

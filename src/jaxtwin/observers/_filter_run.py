@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..simulation._input_levels import input_levels
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
 
@@ -24,12 +25,14 @@ class Samples(NamedTuple):
     - `dt`: the time since the sample before, s; 0 for the first.
     - `duty`: the command since the sample before.
     - `readings`: NaN where there is none. `ambient`: NaN where it is not measured. degC.
+    - `levels`: the rig's other inputs since the sample before; None for those of the rig file.
     """
 
     dt: Float[np.ndarray | Array, " samples"]
     duty: Float[np.ndarray | Array, "samples cells"]
     readings: Float[np.ndarray | Array, "samples channels"]
     ambient: Float[np.ndarray | Array, " samples"]
+    levels: Float[np.ndarray | Array, "samples inputs"] | None = None
 
 
 class Filtered(NamedTuple):
@@ -44,10 +47,15 @@ class Filtered(NamedTuple):
 
 
 def samples_of(
-    experiment: Experiment, longest_step: float
+    kalman: ExtendedKalmanFilter, experiment: Experiment
 ) -> tuple[Samples, Bool[np.ndarray, " samples"]]:
     """The samples of a recording with further ones, without readings, in its gaps; and which of
-    them are those of the recording."""
+    them are those of the recording.
+
+    **Raises:** `SimulationError` if the recording lacks a column for one of the rig's inputs.
+    """
+    longest_step = kalman.longest_seconds
+    levels = input_levels(experiment, kalman.model.twin.rig.inputs)
     time = experiment.time
     steps = np.diff(time)
     parts = np.where(steps > GAP * longest_step, np.ceil(steps / longest_step - 1e-9), 1).astype(
@@ -70,6 +78,7 @@ def samples_of(
         duty=np.concatenate([duty[:1], duty[of]]),
         readings=readings,
         ambient=ambient[np.append(0, of + (is_sample[1:]))],
+        levels=None if levels is None else levels[np.append(0, of)],
     )
     return samples, is_sample
 
@@ -79,7 +88,7 @@ def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples)
     """Filters all samples."""
 
     def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Filtered]:
-        state = kalman.step(state, sample.duty, sample.dt)
+        state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         expected = kalman.readings(state, sample.ambient)
         covariance = kalman.reading_covariance(state)
         state = kalman.correct(
@@ -96,17 +105,20 @@ def samples_between(
     step: float,
     channels: int,
     kalman: ExtendedKalmanFilter,
+    levels: Float[np.ndarray, "times inputs"] | None = None,
 ) -> Samples:
     """Times without readings, each a step after the one before; a step is divided into as many
     parts as the filter needs."""
     parts = int(np.ceil(step / kalman.longest_seconds - GAP + 1))
-    commands = np.repeat(duty, max(parts, 1), axis=0)
+    parts = max(parts, 1)
+    commands = np.repeat(duty, parts, axis=0)
     count = len(commands)
     return Samples(
         dt=np.full(count, step * len(duty) / count),
         duty=commands,
         readings=np.full((count, channels), np.nan),
         ambient=np.full(count, np.nan),
+        levels=None if levels is None else np.repeat(levels, parts, axis=0),
     )
 
 
@@ -129,7 +141,7 @@ def states_of(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples
 
     @jax.checkpoint
     def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, KalmanState]:
-        state = kalman.step(state, sample.duty, sample.dt)
+        state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         state = kalman.correct(
             state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )

@@ -110,20 +110,22 @@ def expected_at(
     """
     model = kalman.model
 
-    def transition(row: tuple[KalmanState, Array, Array]) -> tuple[Array, Array]:
-        found = kalman.transition(*row)
+    def transition(row: tuple[KalmanState, Samples]) -> tuple[Array, Array]:
+        state, sample = row
+        found = kalman.transition(state, sample.duty, sample.dt, sample.levels)
         return found.slope, found.noise
 
     # Row k: the step from sample k to sample k + 1.
-    duty, dt = samples.duty[1:], samples.dt[1:]
+    following = jax.tree.map(lambda leaf: leaf[1:], samples)
     earlier = jax.tree.map(lambda leaf: leaf[:-1], states)
-    slopes, noises = jax.lax.map(transition, (earlier, duty, dt), batch_size=16)
+    slopes, noises = jax.lax.map(transition, (earlier, following), batch_size=16)
 
     def forecast(end: Array, count: Array) -> KalmanState:
         @jax.checkpoint
         def take(state: KalmanState, number: Array) -> tuple[KalmanState, None]:
             row = jnp.minimum(end - count + number, len(slopes) - 1)
-            after = kalman.step_of_mean(state, duty[row], dt[row])
+            sample = jax.tree.map(lambda leaf: leaf[row], following)
+            after = kalman.step_of_mean(state, sample.duty, sample.dt, sample.levels)
             return jax.tree.map(partial(jnp.where, number < count), after, state), None
 
         start = jax.tree.map(lambda leaf: leaf[end - count], states)
@@ -154,7 +156,7 @@ def expected_from(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Sam
     """The readings that a state lets expect at further times, without any reading between."""
 
     def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Moment]:
-        state = kalman.step(state, sample.duty, sample.dt)
+        state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         variance = jnp.diag(kalman.reading_covariance(state))
         return state, Moment(kalman.readings(state, sample.ambient), jnp.sqrt(variance))
 
@@ -167,7 +169,8 @@ def forecast_from(
     duty: Float[np.ndarray, " cells"],
     seconds: float,
 ) -> Moment:
-    """What a state lets expect of the readings some time later, with the duty held."""
+    """What a state lets expect of the readings some time later, with the duty held and the rig's
+    other inputs at those of the rig file."""
     with own_settings():
         held = np.asarray(duty, float)[None]
         samples = samples_between(held, seconds, len(kalman.model.columns), kalman)

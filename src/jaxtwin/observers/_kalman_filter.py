@@ -120,12 +120,20 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         )
 
     def step(
-        self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
+        self,
+        state: KalmanState,
+        command: Float[ArrayLike, " cells"],
+        dt: Float[ArrayLike, ""],
+        levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> KalmanState:
-        """The state after a single step; differentiable forwards and backwards."""
+        """The state after a single step; differentiable forwards and backwards.
+
+        `levels` are the rig's other inputs (`simulation._input_levels`), None for those of the rig
+        file.
+        """
         dt = jnp.asarray(dt, state.mean.dtype)
         commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
-        transition, duty = self.model.step(state.mean, state.duty, commands, dt)
+        transition, duty = self.model.step(state.mean, state.duty, commands, dt, levels)
         after = moved(state.gaussian, *transition)
         return KalmanState(
             mean=after.mean,
@@ -138,12 +146,16 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         )
 
     def step_of_mean(
-        self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
+        self,
+        state: KalmanState,
+        command: Float[ArrayLike, " cells"],
+        dt: Float[ArrayLike, ""],
+        levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> KalmanState:
         """The same with the covariance left as it was, which is what most of the time goes into."""
         dt = jnp.asarray(dt, state.mean.dtype)
         commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
-        mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt)
+        mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt, levels)
         return KalmanState(
             mean=mean,
             covariance=state.covariance,
@@ -155,12 +167,16 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         )
 
     def transition(
-        self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
+        self,
+        state: KalmanState,
+        command: Float[ArrayLike, " cells"],
+        dt: Float[ArrayLike, ""],
+        levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> Transition:
         """The linearisation of a step at a state."""
         dt = jnp.asarray(dt, state.mean.dtype)
         commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
-        return self.model.step(state.mean, state.duty, commands, dt)[0]
+        return self.model.step(state.mean, state.duty, commands, dt, levels)[0]
 
     def correct(
         self,

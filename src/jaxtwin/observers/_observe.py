@@ -56,15 +56,15 @@ def observe(
 
     **Returns:** what the filter knew after each sample.
 
-    **Raises:** `ObserverError` if the recording has no readings or states inputs beside the duty,
-    if a level of the noise is not positive, or if the filter diverges; `SimulationError` for a
-    recording of another rig.
+    **Raises:** `ObserverError` if the recording has no readings, if a level of the noise is not
+    positive, or if the filter diverges; `SimulationError` for a recording of another rig, or
+    without a column for one of its inputs.
     """
     of_kind("observe: experiment", experiment, Experiment, "an Experiment", ObserverError)
     if noise is None:
         noise = usual_noise(fit, [experiment])
     kalman = filter_for(fit, experiment, noise)
-    samples, is_sample = samples_of(experiment, kalman.longest_seconds)
+    samples, is_sample = samples_of(kalman, experiment)
     with own_settings():
         start = kalman.init(first_reading(experiment), np.zeros_like(samples.duty[0]))
         found = filtered(kalman, start, samples)
@@ -151,11 +151,6 @@ def filter_for(
     """The filter for a recording."""
     if experiment.temperatures is None or not experiment.sampled.any():
         raise ObserverError(f"{experiment.name or 'experiment'}: expected readings, got none")
-    if experiment.inputs:
-        raise ObserverError(
-            f"{experiment.name or 'experiment'}: inputs: expected a recording without any beside "
-            f"the duty, got {', '.join(experiment.inputs)}"
-        )
     noise.check()
     rig = (fit.twin if isinstance(fit, Fit) else fit).rig
     check_duty_of_rig(experiment, rig, experiment.name or "experiment", SimulationError)

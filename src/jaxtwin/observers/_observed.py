@@ -14,6 +14,7 @@ from .._display import html_table, picture
 from .._errors import ObserverError
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..simulation._input_levels import input_levels
 from ._estimates import Estimates
 from ._filter_run import Filtered, Samples, moments_of, samples_between
 from ._forecast import Forecast
@@ -151,7 +152,8 @@ class Observed:
 
         **Arguments:**
 
-        - `horizon`: the length of the forecast, s.
+        - `horizon`: the length of the forecast, s. The rig's other inputs are those of the
+          recording, and its last ones after its end.
         - `duty`: the duty cycles from then on: a number, or one for each cell, that is held; or an
           array `(times, cells)`, a row for each sample time; None: those of the recording, and its
           last ones after its end.
@@ -175,11 +177,15 @@ class Observed:
             )
         known = int(np.searchsorted(self.time, begin + 1e-9, side="right")) - 1
         times = self.time[known] + step * np.arange(1, count + 1)
-        commands = self._commands(duty, times - step / 2)
+        middle = times - step / 2
+        commands = self._commands(duty, middle)
         place = int(np.flatnonzero(self.is_sample)[known])
         state = jax.tree.map(lambda leaf: leaf[place], self.filtered.states)
         with own_settings():
-            samples = samples_between(commands, step, len(self.channels), self.observer)
+            levels = None
+            if self._levels is not None:
+                levels = self._levels[np.searchsorted(self.time, middle, side="right") - 1]
+            samples = samples_between(commands, step, len(self.channels), self.observer, levels)
             found = expected_from(self.observer, state, samples)
         each = len(np.asarray(found.mean)) // count
         mean, spread = (np.asarray(part)[each - 1 :: each] for part in found)
@@ -238,6 +244,11 @@ class Observed:
             )
         ]
         return html_table(repr(self)[1:-1], ("estimate at the end", "value", "± 95 %"), rows)
+
+    @property
+    def _levels(self) -> Float[np.ndarray, "samples inputs"] | None:
+        """The rig's other inputs from each sample on."""
+        return input_levels(self.experiment, self.observer.model.twin.rig.inputs)
 
     @property
     def _recorded(self) -> Float[np.ndarray, "samples channels"]:

@@ -44,12 +44,12 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
         mean = after.mean - after.covariance @ vector
         covariance = after.covariance - after.covariance @ matrix @ after.covariance
         found = moments(kalman.model, mean, covariance)
-        predicted = kalman.step(before, sample.duty, sample.dt)
+        predicted = kalman.step(before, sample.duty, sample.dt, sample.levels)
         correction, slope = kalman.correction(
             predicted, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
         vector, matrix = _before_readings(later, correction, slope)
-        transition = kalman.transition(before, sample.duty, sample.dt).slope
+        transition = kalman.transition(before, sample.duty, sample.dt, sample.levels).slope
         matrix = transition.T @ matrix @ transition
         return (transition.T @ vector, (matrix + matrix.T) / 2), found
 

@@ -5,6 +5,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..physics._input_effects import Conditions
 from ._exponential import Inputs, exponential_step, step_factors
 from ._stepper import Stepper, loss_line
 
@@ -16,6 +17,7 @@ def variable_step(
     surroundings: Float[Array, ""],
     heat: Float[Array, " modes"],
     size: Float[Array, ""],
+    conditions: Conditions | None = None,
 ) -> Float[Array, " modes"]:
     """Computes the amplitudes of the modes after a step.
 
@@ -27,6 +29,7 @@ def variable_step(
     - `surroundings`: the ambient's deviation from the reference during the step, K.
     - `heat`: an additional force on the modes during the step.
     - `size`: the length of the step, s; 0 leaves the amplitudes as they are.
+    - `conditions`: what the rig's other inputs change during the step; None where none is stated.
     """
     factors = step_factors(stepper.field.modes.rates, size)
     # The line through the losses divides by the length of the step.
@@ -36,12 +39,12 @@ def variable_step(
         stepper,
         (length, factors.half_decay, factors.half),
     )
-    held = Inputs(duty[0], surroundings, heat)
+    held = Inputs(duty[0], surroundings, heat, conditions)
     line = loss_line(sized, amplitudes, held, None)
     flow = heat
     if line is not None:
         elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
         flow = line.first + elapsed[:, None] * line.slope
-    inputs = Inputs(duty, surroundings, flow)
+    inputs = Inputs(duty, surroundings, flow, conditions)
     force = stepper.field.force(amplitudes, inputs.at(0)) if line is None else line.force
     return exponential_step(amplitudes, force, factors, stepper.field, inputs).amplitudes
