@@ -171,6 +171,51 @@ contacts = ["air"]
 """
 
 
+PLACED = """
+format = 1
+name = "placed"
+parameters = {}
+ambient = { temperature = "20 degC" }
+sensors = { noise = "0.1 K" }
+channels = [{ name = "T1", x = ["0 cm", "4 cm"], y = ["0 cm", "4 cm"] }]
+[driver]
+supply_voltage = "12 V"
+supply_resistance = "0.2 ohm"
+on_resistance = "0.1 ohm"
+counts = 255
+polarity = 1
+averaging = "on-off"
+[plate]
+width = "16 cm"
+height = "8 cm"
+resolution = "2 cm"
+thickness = "1 mm"
+density = "8960 kg/m^3"
+specific_heat = "390 J/(kg K)"
+conductivity = "401 W/(m K)"
+film_coefficient = "15 W/(m^2 K)"
+film_exponent = "0.25"
+emissivity = "0.1"
+[[heaters]]
+name = "H1"
+power = "10 W"
+capacitance = "5 J/K"
+at = ["4 cm", "4 cm"]
+size = "4 cm"
+angle = "30 deg"
+contact_resistance = "0.5 K/W"
+[[cells]]
+name = "P1"
+module = "TEC1-12706"
+at = ["12 cm", "4 cm"]
+size = "4 cm"
+angle = "30 deg"
+contact_resistance = "0.5 K/W"
+side_capacitance = "17 J/K"
+sink_resistance = "0.5 K/W"
+"""
+
+
 def write(page: Path) -> None:
     """Writes the page."""
     taken_for = kinds()
@@ -218,8 +263,8 @@ def kinds() -> dict[str, tuple[str, Kind]]:
         patch.object(Fields, "value", noting("quantity", Fields.value)),
         patch.object(Fields, "constant", noting("size", Fields.constant)),
     ):
-        files = (("geometry", GEOMETRY), ("circuit", CIRCUIT), ("heaters", HEATERS))
-        for name, text in files:
+        texts = {"geometry": GEOMETRY, "circuit": CIRCUIT, "heaters": HEATERS, "placed": PLACED}
+        for name, text in texts.items():
             file = Path(folder) / f"{name}.toml"
             file.write_text(text, encoding="utf-8")
             load_rig(file)
@@ -256,7 +301,7 @@ def _row(
     if path not in taken_for:
         if _holds_a_quantity(model.model_fields[key]):
             raise KeyError(
-                f"{path}: expected in GEOMETRY, CIRCUIT or HEATERS, where its unit is noted"
+                f"{path}: expected in GEOMETRY, CIRCUIT, HEATERS or PLACED, where its unit is noted"
             )
         described = model.model_json_schema()["properties"][key]
         return _plain_type(described), "", _range(described)
