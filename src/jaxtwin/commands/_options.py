@@ -33,6 +33,18 @@ JsonOption = Annotated[
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")]
+WatchedArgument = Annotated[
+    str, typer.Argument(metavar="RIG|FILE", help="A rig, with --link; or a recording.")
+]
+WatchedLinkOption = Annotated[
+    list[str] | None, typer.Option("--link", metavar="URL", help="As for record.")
+]
+ReplaySpeedOption = Annotated[
+    float, typer.Option(min=0.001, help="Of a recording: so many of its seconds in one.")
+]
+DurationOption = Annotated[
+    float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")
+]
 LinkOption = Annotated[
     list[str],
     typer.Option(

@@ -11,7 +11,7 @@ import typer
 from .._celsius import ZERO_CELSIUS
 from ._alarm_command import AlarmCommand
 from ._heartbeat import Heartbeat
-from ._options import BaudOption, JsonOption, LinkOption, RigArgument
+from ._options import BaudOption, DurationOption, JsonOption, LinkOption, RigArgument
 from ._output import check_json, check_output, say, write_json
 from ._recorded_days import RecordedDays
 from ._show_progress import show_progress
@@ -31,9 +31,7 @@ def record(
         bool,
         typer.Option("--daily", help="A file for each day (UTC), FILE-2026-01-31.db, checksummed."),
     ] = False,
-    duration: Annotated[
-        float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")
-    ] = None,
+    duration: DurationOption = None,
     publish: Annotated[
         str | None, typer.Option(metavar="URL", help="mqtt://HOST/TOPIC: readings as JSON.")
     ] = None,

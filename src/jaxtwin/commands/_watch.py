@@ -3,16 +3,26 @@
 import contextlib
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from ._options import BaudOption, ParameterFileOption, SetOption
+from ._options import (
+    BaudOption,
+    DurationOption,
+    ParameterFileOption,
+    ReplaySpeedOption,
+    SetOption,
+    WatchedArgument,
+    WatchedLinkOption,
+)
 from ._output import say
 from ._signals import stop_signals
 from ._sources import open_twin
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..live import Replay, RigConnection, Screen
     from ..rig import Rig
 
@@ -22,18 +32,10 @@ pictures."""
 
 
 def watch(
-    source: Annotated[
-        str, typer.Argument(metavar="RIG|FILE", help="A rig, with --link; or a recording.")
-    ],
-    link: Annotated[
-        list[str] | None, typer.Option("--link", metavar="URL", help="As for record.")
-    ] = None,
-    speed: Annotated[
-        float, typer.Option(min=0.001, help="Of a recording: so many of its seconds in one.")
-    ] = 1.0,
-    duration: Annotated[
-        float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")
-    ] = None,
+    source: WatchedArgument,
+    link: WatchedLinkOption = None,
+    speed: ReplaySpeedOption = 1.0,
+    duration: DurationOption = None,
     parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     baud: BaudOption = 115_200,
@@ -41,18 +43,16 @@ def watch(
     """Show a live rig or a recording, and the twin's prediction beside it."""
     from ..live import Screen
 
-    rig = watched_rig(source, link or [])
-    # This compiles before the link is opened, because it takes a second and data do not wait for
-    # ever.
-    screen = Screen(open_twin(rig, set_name, parameter_file))
-    show(screen, rig, source, link or [], speed, duration, baud)
+    def screen_of(rig: "Rig") -> Screen:
+        return Screen(open_twin(rig, set_name, parameter_file))
+
+    show(source, link or [], screen_of, speed, duration, baud)
 
 
 def show(
-    screen: "Screen",
-    rig: "Rig",
     source: str,
     links: list[str],
+    screen_of: "Callable[[Rig], Screen]",
     speed: float,
     duration: float | None,
     baud: int,
@@ -63,6 +63,10 @@ def show(
     from ..live import Service
 
     with stop_signals() as stop, contextlib.ExitStack() as stack:
+        rig = _rig(source, links)
+        # This compiles before the link is opened, because it takes a second and data do not wait
+        # for ever.
+        screen = screen_of(rig)
         connection = stack.enter_context(_source(source, rig, links, speed, baud))
         service = Service(connection, [screen])
         live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))
@@ -80,8 +84,7 @@ def show(
         say("")  # ends the last line, as rich does on a terminal
 
 
-def watched_rig(source: str, links: list[str]) -> "Rig":
-    """The rig that a link is of, or a recording."""
+def _rig(source: str, links: list[str]) -> "Rig":
     from ..io import Session
     from ..rig import load_rig
 

@@ -47,11 +47,6 @@ class Follower:
         self._start(float(room) - ZERO_CELSIUS)
 
     @property
-    def observer(self) -> AbstractObserver[Any]:
-        """The observer that follows."""
-        return self._observer
-
-    @property
     def state(self) -> Any:
         """Its state, as arrays of NumPy."""
         return self._state

@@ -18,7 +18,7 @@ from .._normal_distribution import QUANTILE_975
 from ..observers import ExtendedKalmanFilter
 from ..observers._filter_run import state_moments
 from ..observers._forecast_run import forecast_from
-from ..observers._moments import Moment
+from ..observers._moments import Moment, Moments
 from ..physics import Twin
 from ..rig import Channel, Plate
 from ._follower import Follower
@@ -58,6 +58,8 @@ class Screen:
         self._follower = Follower(twin, observer)
         self._observer = observer
         self._nodes = tuple(node.name for node in twin.netlist.nodes)
+        if observer is not None:
+            self._outlook(observer)  # compiles before the first data arrive
         self._map = _channel_map(twin.rig.plate, twin.rig.channels)
         self._state = RigState()
         self._arrivals: dict[str, deque[int]] = {"frames": deque(), "samples": deque()}
@@ -132,20 +134,18 @@ class Screen:
         table = Table("degC", box=box.SIMPLE_HEAD)
         for name in ("rig", "expected", f"in {FORECAST_SECONDS:g} s", "±"):
             table.add_column(name, justify="right")
-        state = self._follower.state
-        if measured is not None and predicted is not None:
-            later = forecast_from(observer, state, self._follower.duty, FORECAST_SECONDS)
-            for number, channel in enumerate(self._rig.channels):
-                cells = measured[number], predicted[number], later.mean[number]
-                texts = (f"{value:.1f}" for value in cells)
-                table.add_row(channel.name, *texts, f"{QUANTILE_975 * later.spread[number]:.1f}")
-        yield table
-        if measured is None:
+        if measured is None or predicted is None:
+            yield table
             return
+        later, found = self._outlook(observer)
+        for number, channel in enumerate(self._rig.channels):
+            cells = measured[number], predicted[number], later.mean[number]
+            texts = (f"{value:.1f}" for value in cells)
+            table.add_row(channel.name, *texts, f"{QUANTILE_975 * later.spread[number]:.1f}")
+        yield table
         estimates = Table("estimate", box=box.SIMPLE_HEAD)
         estimates.add_column("value", justify="right")
         estimates.add_column("±", justify="right")
-        found = state_moments(observer, state)
         unseen = [name for name in self._nodes if "." in name] or list(self._nodes)
         for name in unseen[:MOST_NODES]:
             place = self._nodes.index(name)
@@ -154,6 +154,12 @@ class Screen:
         for place, cell in enumerate(self._rig.driven[:MOST_NODES]):
             estimates.add_row(f"unexplained heat {cell}, W", *_value(found.heats, place, 2))
         yield estimates
+
+    def _outlook(self, observer: ExtendedKalmanFilter) -> tuple[Moment, Moments]:
+        """What is expected of the readings in a while, and what the state says now."""
+        state = self._follower.state
+        later = forecast_from(observer, state, self._follower.duty, FORECAST_SECONDS)
+        return later, state_moments(observer, state)
 
     def _status(self) -> Text:
         text = Text()
