@@ -177,7 +177,7 @@ def test_a_transition_has_the_derivatives_of_the_exponential_of_the_matrix(
 ):
     dt, duty, before = 0.83, np.array([0.7, 0.2]), np.array([0.1, 0.3])
     state = kalman.init(START, before)
-    transition = kalman.transition(state, jnp.asarray(duty), jnp.asarray(dt))
+    _, transition = kalman.linearised_step(state, jnp.asarray(duty), jnp.asarray(dt))
     F, _, Q = Textbook(twin).step(dt, duty, duty - before)
     to = to_nodes(kalman)
     slope = to @ np.asarray(transition.slope) @ np.linalg.inv(to)
@@ -236,8 +236,11 @@ def test_the_likelihood_has_the_derivative_of_differences(
     few = jax.tree.map(lambda leaf: jnp.asarray(leaf[:30]), samples)
 
     def log_likelihood(logarithms: jax.Array) -> jax.Array:
-        where = lambda k: (k.model.noise.reading, k.model.noise.heat)  # noqa: E731
-        changed = eqx.tree_at(where, kalman, tuple(jnp.exp(logarithms)))
+        changed = eqx.tree_at(
+            lambda k: (k.model.noise.reading, k.model.noise.heat),
+            kalman,
+            tuple(jnp.exp(logarithms)),
+        )
         start = changed.init(26.0, jnp.zeros(2))
         return filtered(changed, start, few).states.log_likelihood.sum()
 

@@ -238,9 +238,9 @@ def test_smoothing_is_that_of_rauch_tung_and_striebel(observed: Observed, smooth
     """Their smoother inverts covariances and needs no adjoint (AIAA J. 3 (1965) 1445-1450)."""
     kalman, states, samples = observed.observer, observed.filtered.states, observed.samples
     with jax.enable_x64(True):
-        step = jax.jit(jax.vmap(kalman.transition))
+        step = jax.jit(jax.vmap(kalman.linearised_step))
         earlier = jax.tree.map(lambda leaf: leaf[:-1], states)
-        found = step(earlier, jax.numpy.asarray(samples.duty[1:]), samples.dt[1:])
+        _, found = step(earlier, jax.numpy.asarray(samples.duty[1:]), samples.dt[1:])
     F, Q, predicted = (np.asarray(part) for part in (found.slope, found.noise, found.mean))
     means, covariances = np.asarray(states.mean), np.asarray(states.covariance)
     mean, P = means[-1], covariances[-1]

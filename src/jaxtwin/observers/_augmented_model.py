@@ -41,6 +41,9 @@ from ._commands import Commands
 from ._process_noise import ProcessNoise
 from ._uncertain_values import UncertainDirections
 
+DRIVEN = ("modes", "duty", "room", "heats", "values")
+"""The parts on which the first two after a step depend. The others only decay."""
+
 
 @final
 @dataclass(frozen=True)
@@ -90,8 +93,8 @@ class Transition(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The expected readings, K above the reference, their derivative with respect to the state, and
-    the variance of their noise, K^2."""
+    """The expected readings, K above the reference, and their derivative with respect to the
+    state."""
 
     mean: Float[Array, " channels"]
     slope: Float[Array, "channels state"]
@@ -107,7 +110,7 @@ class AugmentedModel(eqx.Module):
     - `directions`: the directions in which its values are uncertain.
     - `noise`: the levels of the noise, as arrays.
     - `columns`: the positions of the read channels among those of the rig.
-    - `longest_step`: the longest step that is taken at once, s.
+    - `stepper`: gives the modes of the twin; steps of its size are stable.
     - `room_spread`: the standard deviation of the room about that of the twin, K.
     """
 
@@ -130,7 +133,7 @@ class AugmentedModel(eqx.Module):
         directions: UncertainDirections | None,
         noise: ProcessNoise,
         columns: Sequence[int],
-        longest_step: float,
+        stepper: Stepper,
         room_spread: float = 2.0,
     ):
         self.room_spread = np.asarray(room_spread, float)
@@ -139,8 +142,8 @@ class AugmentedModel(eqx.Module):
         self.changes = None if directions is None else _changes(twin, directions)
         self.noise = noise
         self.columns = np.asarray(columns)
-        self.stepper = Stepper(twin, longest_step)
-        system = self.stepper.system
+        self.stepper = stepper
+        system = stepper.system
         error = twin.rig.common_error
         self.relaxation = () if error is None else tuple(error.relaxation)
         cells = len(system.wiring.cold)
@@ -214,21 +217,18 @@ class AugmentedModel(eqx.Module):
             end, duty, path = self._evolve(parts, reached, commands, dt, levels)
             return (end, duty), (end, duty, path)
 
-        arguments = tuple(range(5))
+        arguments = tuple(range(len(DRIVEN)))
         slopes, (end, duty, path) = jax.jacfwd(twice, argnums=arguments, has_aux=True)(
             z, u, room, heats, values
         )
         decay = self._decay(dt)
         slope = jnp.diag(decay)
-        after = mean * decay
-        places = [layout.of(part) for part in ("modes", "duty", "room", "heats", "values")]
-        for row, of_row, result in zip(places[:2], slopes, (end, duty), strict=True):
-            if row.stop > row.start:
-                after = after.at[row].set(result)
-                for place, block in zip(places, of_row, strict=True):
-                    if place.stop > place.start:
-                        slope = slope.at[row, place].set(block)
-        noise = self._noise(z, values, reached, path, dt)
+        places = [layout.of(part) for part in DRIVEN]
+        for row, of_row in zip(places[:2], slopes, strict=True):
+            for place, block in zip(places, of_row, strict=True):
+                slope = slope.at[row, place].set(block)
+        after = self._after(mean * decay, end, duty)
+        noise = self._noise(z, reached, path, dt)
         return Transition(after, slope, noise), path[-1]
 
     def step_of_mean(
@@ -240,11 +240,18 @@ class AugmentedModel(eqx.Module):
         levels: Float[ArrayLike, " inputs"] | None,
     ) -> tuple[Float[Array, " state"], Float[Array, " cells"]]:
         """The same without the derivative and the noise."""
-        layout = self.layout
         end, duty, path = self._evolve(self._driven(mean), reached, commands, dt, levels)
-        after = mean * self._decay(dt)
-        after = after.at[layout.of("modes")].set(end)
-        return after.at[layout.of("duty")].set(duty), path[-1]
+        return self._after(mean * self._decay(dt), end, duty), path[-1]
+
+    def _after(
+        self,
+        decayed: Float[Array, " state"],
+        amplitudes: Float[Array, " modes"],
+        duty: Float[Array, " duty"],
+    ) -> Float[Array, " state"]:
+        """The state after a step of which the entries that only decay are known."""
+        after = decayed.at[self.layout.of("modes")].set(amplitudes)
+        return after.at[self.layout.of("duty")].set(duty)
 
     def read(self, mean: Float[Array, " state"]) -> Reading:
         """The expected readings."""
@@ -288,10 +295,8 @@ class AugmentedModel(eqx.Module):
         )
 
     def _driven(self, mean: Float[Array, " state"]) -> tuple[Array, ...]:
-        """The parts of which the amplitudes and the duty after a step depend: amplitudes, duty,
-        room, heats and values."""
-        parts = ("modes", "duty", "room", "heats", "values")
-        return tuple(mean[self.layout.of(part)] for part in parts)
+        """The parts on which the amplitudes and the duty after a step depend."""
+        return tuple(mean[self.layout.of(part)] for part in DRIVEN)
 
     def _evolve(
         self,
@@ -350,7 +355,6 @@ class AugmentedModel(eqx.Module):
     def _noise(
         self,
         z: Float[Array, " modes"],
-        values: Float[Array, " values"],
         before: Float[Array, " cells"],
         path: Float[Array, "stages cells"],
         dt: Float[Array, ""],

@@ -32,9 +32,9 @@ from .._jax_settings import own_settings
 from .._waiting import advanced, announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
-from ..matching import Fit
+from ..matching import Fit, Huber
 from ..physics import Twin
-from ._filter_run import Samples, samples_of, states_of
+from ._filter_run import Samples, following, samples_of
 from ._forecast_run import expected_at, starts_of
 from ._gaussian import LOG_TWO_PI
 from ._kalman_filter import ExtendedKalmanFilter
@@ -65,9 +65,9 @@ SPREADS = {
 far parameters drift is not: recordings that were matched together say nothing of later weeks. How
 far the values of the fit may be from those of the rig is what the fit says."""
 
-
 OUTLYING = 2.5
-"""A forecast that is wrong by so many standard deviations counts less."""
+"""A forecast that is wrong by more than so many standard deviations counts less: a supply that is
+switched on late must not decide what the noise is."""
 
 ITERATIONS = 20
 
@@ -152,7 +152,7 @@ class _Recording:
 
     kalman: ExtendedKalmanFilter
     samples: Samples
-    first: float
+    first: Float[Array | np.ndarray, ""]
     ends: Int[np.ndarray, " forecasts"]
     counts: Int[np.ndarray, " forecasts"]
     weight: float
@@ -172,7 +172,8 @@ class _Recording:
             )
         chosen = np.linspace(0, len(ends) - 1, FORECASTS).astype(int)
         weight = experiment.duration / horizon
-        return cls(kalman, samples, first_reading(experiment), ends[chosen], counts[chosen], weight)
+        first = np.asarray(first_reading(experiment))
+        return cls(kalman, samples, first, ends[chosen], counts[chosen], weight)
 
 
 def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, ...]:
@@ -185,18 +186,11 @@ def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, 
     return tuple(name for name in SPREADS if parts.get(name.removesuffix("_time"), True))
 
 
-def huber(deviation: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """Half of the square, and linear beyond `OUTLYING`: a supply that is switched on late must not
-    decide what the noise is."""
-    size = jnp.abs(deviation)
-    return jnp.where(size < OUTLYING, 0.5 * size**2, OUTLYING * (size - 0.5 * OUTLYING))
-
-
 @persistent_jit
 def _scored(
     kalman: ExtendedKalmanFilter,
     samples: Samples,
-    first: float,
+    first: Float[Array | np.ndarray, ""],
     ends: Int[Array | np.ndarray, " forecasts"],
     counts: Int[Array | np.ndarray, " forecasts"],
     names: tuple[str, ...],
@@ -205,19 +199,19 @@ def _scored(
 ) -> tuple[Float[Array, ""], Float[Array, " levels"]]:
     """The mean log density of the readings of a recording, one sample and one horizon ahead, and
     its derivative with respect to the logarithms of the levels."""
-    samples = jax.tree.map(jnp.asarray, samples)
 
     def of(logarithms: Array) -> Array:
         levels: dict[str, Any] = {n: jnp.exp(logarithms[i]) for i, n in enumerate(names)}
         noise = dataclasses.replace(kalman.model.noise, **levels)
         changed = eqx.tree_at(lambda k: k.model.noise, kalman, noise)
         start = changed.init(first, jnp.zeros(samples.duty.shape[1]))
-        states = states_of(changed, start, samples)
+        states = following(changed, start, samples).states
         there = jnp.isfinite(samples.readings)
         innovations = states.log_likelihood.sum() / there.sum()
         expected = expected_at(changed, states, samples, ends, counts, steps)
         deviation = (samples.readings[ends] - expected.mean) / expected.spread
-        density = -huber(deviation) - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
+        cost = jax.vmap(jax.vmap(Huber(OUTLYING).cost))(deviation)
+        density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
         return innovations + jnp.where(there[ends], density, 0.0).sum() / there[ends].sum()
 
     return jax.value_and_grad(of)(jnp.asarray(logarithms))

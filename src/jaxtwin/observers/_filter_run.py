@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
@@ -54,13 +54,10 @@ def samples_of(
 
     **Raises:** `SimulationError` if the recording lacks a column for one of the rig's inputs.
     """
-    longest_step = kalman.longest_seconds
     levels = input_levels(experiment, kalman.model.twin.rig.inputs)
     time = experiment.time
     steps = np.diff(time)
-    parts = np.where(steps > GAP * longest_step, np.ceil(steps / longest_step - 1e-9), 1).astype(
-        int
-    )
+    parts = _parts(steps, kalman.longest_seconds)
     of = np.repeat(np.arange(len(steps)), parts)
     last = np.cumsum(parts)
     is_sample = np.zeros(1 + len(of), bool)
@@ -83,10 +80,15 @@ def samples_of(
     return samples, is_sample
 
 
-@persistent_jit
-def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> Filtered:
-    """Filters all samples."""
+def _parts(steps: Float[np.ndarray, "*steps"], longest: float) -> Int[np.ndarray, "*steps"]:
+    """The number of steps of a filter in each time between two samples."""
+    return np.where(steps > GAP * longest, np.ceil(steps / longest - 1e-9), 1).astype(int)
 
+
+def following(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> Filtered:
+    """Filters all samples, as a function that can be differentiated."""
+
+    @jax.checkpoint
     def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Filtered]:
         state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         expected = kalman.readings(state, sample.ambient)
@@ -96,8 +98,21 @@ def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples)
         )
         return state, Filtered(state, expected, covariance)
 
-    _, found = jax.lax.scan(take, start, jax.tree.map(jnp.asarray, samples))
-    return found
+    return jax.lax.scan(take, start, samples)[1]
+
+
+filtered = persistent_jit(following)
+"""The same as a program of its own."""
+
+
+@persistent_jit
+def started(
+    kalman: ExtendedKalmanFilter,
+    reading: Float[Array | np.ndarray, ""],
+    duty: Float[Array | np.ndarray, " cells"],
+) -> KalmanState:
+    """The state at a first reading, degC, with a duty that the driver has reached."""
+    return kalman.init(reading, duty)
 
 
 def samples_between(
@@ -109,8 +124,7 @@ def samples_between(
 ) -> Samples:
     """Times without readings, each a step after the one before; a step is divided into as many
     parts as the filter needs."""
-    parts = int(np.ceil(step / kalman.longest_seconds - GAP + 1))
-    parts = max(parts, 1)
+    parts = int(_parts(np.asarray(step), kalman.longest_seconds))
     commands = np.repeat(duty, parts, axis=0)
     count = len(commands)
     return Samples(
@@ -134,17 +148,3 @@ def state_moments(kalman: ExtendedKalmanFilter, state: KalmanState) -> Moments:
     with own_settings():
         several = moments_of(kalman, jax.tree.map(lambda leaf: np.asarray(leaf)[None], state))
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0], several)
-
-
-def states_of(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> KalmanState:
-    """The states after each sample, as a function that can be differentiated."""
-
-    @jax.checkpoint
-    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, KalmanState]:
-        state = kalman.step(state, sample.duty, sample.dt, sample.levels)
-        state = kalman.correct(
-            state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
-        )
-        return state, state
-
-    return jax.lax.scan(take, start, samples)[1]

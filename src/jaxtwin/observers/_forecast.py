@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .._display import html_table, picture
 from .._normal_distribution import QUANTILE_975
@@ -72,9 +72,13 @@ class Forecast:
     def coverage(self) -> float:
         """The part of the readings inside the bands, 0 to 1, to be read beside `band_width`; NaN if
         nothing was recorded."""
-        there = np.isfinite(self.residuals)
-        inside = np.abs(self.residuals[there]) <= QUANTILE_975 * self.spread[there]
+        inside = self._inside[np.isfinite(self.residuals)]
         return float(inside.mean()) if inside.size else math.nan
+
+    @property
+    def _inside(self) -> Bool[np.ndarray, "times channels"]:
+        """Whether each reading is inside its band; false where nothing was recorded."""
+        return np.abs(self.residuals) <= QUANTILE_975 * self.spread
 
     def after(self, time: float) -> "Forecast":
         """The part from a time on."""
@@ -133,7 +137,7 @@ class Forecast:
         for number, channel in enumerate(self.channels):
             one = self.residuals[:, number]
             there = np.isfinite(one)
-            inside = np.abs(one[there]) <= QUANTILE_975 * self.spread[there, number]
+            inside = self._inside[there, number]
             error = f"{np.sqrt(np.mean(one[there] ** 2)):.3f}" if there.any() else ""
             share = f"{100 * inside.mean():.1f}" if there.any() else ""
             width = f"{2 * QUANTILE_975 * self.spread[:, number].mean():.2f}"

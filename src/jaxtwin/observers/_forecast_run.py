@@ -93,7 +93,7 @@ def _block(
     counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
 ) -> Moment:
-    return expected_at(kalman, states, jax.tree.map(jnp.asarray, samples), ends, counts, steps)
+    return expected_at(kalman, states, samples, ends, counts, steps)
 
 
 def expected_at(
@@ -112,8 +112,8 @@ def expected_at(
 
     def transition(row: tuple[KalmanState, Samples]) -> tuple[Array, Array]:
         state, sample = row
-        found = kalman.transition(state, sample.duty, sample.dt, sample.levels)
-        return found.slope, found.noise
+        _, step = kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)
+        return step.slope, step.noise
 
     # Row k: the step from sample k to sample k + 1.
     following = jax.tree.map(lambda leaf: leaf[1:], samples)
@@ -160,7 +160,7 @@ def expected_from(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Sam
         variance = jnp.diag(kalman.reading_covariance(state))
         return state, Moment(kalman.readings(state, sample.ambient), jnp.sqrt(variance))
 
-    return jax.lax.scan(take, state, jax.tree.map(jnp.asarray, samples))[1]
+    return jax.lax.scan(take, state, samples)[1]
 
 
 def forecast_from(

@@ -50,8 +50,7 @@ def moved(
     noise: Float[Array, "state state"],
 ) -> Gaussian:
     """The distribution after a step, linearised at its mean."""
-    covariance = slope @ state.covariance @ slope.T + noise
-    return Gaussian(mean, (covariance + covariance.T) / 2)
+    return Gaussian(mean, symmetric(slope @ state.covariance @ slope.T + noise))
 
 
 def corrected(
@@ -90,11 +89,17 @@ def corrected(
         gain = jnp.where(counts, caution * cross / spread, 0.0)
         # (I - k h) P (I - k h)' + k r k'
         left = jnp.outer(gain, cross)
-        covariance = state.covariance - (left + left.T) + spread * jnp.outer(gain, gain)
+        covariance = state.covariance - left - left.T + spread * jnp.outer(gain, gain)
         whitened = jnp.where(counts, error / jnp.sqrt(spread), 0.0)
         density = -0.5 * (whitened**2 + jnp.log(spread) + LOG_TWO_PI)
         found = whitened, jnp.sqrt(spread), gain, jnp.where(counts, density, 0.0)
-        return Gaussian(state.mean + gain * error, covariance), found
+        return Gaussian(state.mean + gain * error, symmetric(covariance)), found
 
     state, found = jax.lax.scan(take, state, (innovation, slope, variance, mask))
     return Correction(state, *found)
+
+
+def symmetric(covariance: Float[Array, "state state"]) -> Float[Array, "state state"]:
+    """A covariance without the rounding by which it differs from its transpose: processors that
+    multiply and add at once round both sides differently."""
+    return (covariance + covariance.T) / 2

@@ -1,5 +1,6 @@
 """The extended Kalman filter of a twin."""
 
+from dataclasses import replace
 from typing import final
 
 import equinox as eqx
@@ -131,19 +132,20 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         `levels` are the rig's other inputs (`simulation._input_levels`), None for those of the rig
         file.
         """
-        dt = jnp.asarray(dt, state.mean.dtype)
-        commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
+        return self.linearised_step(state, command, dt, levels)[0]
+
+    def linearised_step(
+        self,
+        state: KalmanState,
+        command: Float[ArrayLike, " cells"],
+        dt: Float[ArrayLike, ""],
+        levels: Float[ArrayLike, " inputs"] | None = None,
+    ) -> tuple[KalmanState, Transition]:
+        """The state after a single step, and the linearisation of the step at the state before."""
+        commands, dt = self._commands(state, command, dt)
         transition, duty = self.model.step(state.mean, state.duty, commands, dt, levels)
         after = moved(state.gaussian, *transition)
-        return KalmanState(
-            mean=after.mean,
-            covariance=after.covariance,
-            duty=duty,
-            commands=commands.older(dt),
-            slope=self.model.slope_of_readings(state.mean, after.mean, dt, state.slope),
-            whitened=state.whitened,
-            log_likelihood=state.log_likelihood,
-        )
+        return self._stepped(state, after, duty, commands, dt), transition
 
     def step_of_mean(
         self,
@@ -152,31 +154,35 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         dt: Float[ArrayLike, ""],
         levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> KalmanState:
-        """The same with the covariance left as it was, which is what most of the time goes into."""
-        dt = jnp.asarray(dt, state.mean.dtype)
-        commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
+        """The state after a single step with the covariance left as it was, which is what most of
+        the time goes into."""
+        commands, dt = self._commands(state, command, dt)
         mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt, levels)
-        return KalmanState(
-            mean=mean,
-            covariance=state.covariance,
+        return self._stepped(state, Gaussian(mean, state.covariance), duty, commands, dt)
+
+    def _commands(
+        self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
+    ) -> tuple[Commands, Float[Array, ""]]:
+        """The commands during a step, and its length as an array."""
+        dt = jnp.asarray(dt, state.mean.dtype)
+        return state.commands.given(jnp.asarray(command, dt.dtype), self.spacing), dt
+
+    def _stepped(
+        self,
+        before: KalmanState,
+        after: Gaussian,
+        duty: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+    ) -> KalmanState:
+        return replace(
+            before,
+            mean=after.mean,
+            covariance=after.covariance,
             duty=duty,
             commands=commands.older(dt),
-            slope=self.model.slope_of_readings(state.mean, mean, dt, state.slope),
-            whitened=state.whitened,
-            log_likelihood=state.log_likelihood,
+            slope=self.model.slope_of_readings(before.mean, after.mean, dt, before.slope),
         )
-
-    def transition(
-        self,
-        state: KalmanState,
-        command: Float[ArrayLike, " cells"],
-        dt: Float[ArrayLike, ""],
-        levels: Float[ArrayLike, " inputs"] | None = None,
-    ) -> Transition:
-        """The linearisation of a step at a state."""
-        dt = jnp.asarray(dt, state.mean.dtype)
-        commands = state.commands.given(jnp.asarray(command, dt.dtype), self.spacing)
-        return self.model.step(state.mean, state.duty, commands, dt, levels)[0]
 
     def correct(
         self,
@@ -189,12 +195,11 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         leave."""
         found, _ = self.correction(state, readings, mask, ambient)
         duty = self.model.layout.of("duty")
-        return KalmanState(
+        return replace(
+            state,
             mean=found.state.mean,
             covariance=found.state.covariance,
             duty=found.state.mean[duty] if self.model.layout.duty else state.duty,
-            commands=state.commands,
-            slope=state.slope,
             whitened=found.whitened[1:],
             log_likelihood=found.log_densities[1:].sum(),
         )

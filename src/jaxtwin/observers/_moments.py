@@ -23,7 +23,7 @@ class Moments(NamedTuple):
     - `nodes`: the temperatures of all nodes, degC.
     - `channels`: what the channels see, without errors of their readings, degC.
     - `room`: degC. `heats`: the disturbance heats, W.
-    - `common`, `own`: the errors of the readings: of all channels, and of each, K.
+    - `common`: the error that the readings of all channels share, K.
     - `values`: the changes of the uncertain values, of their logarithm where they change by that.
     """
 
@@ -32,7 +32,6 @@ class Moments(NamedTuple):
     room: Moment
     heats: Moment
     common: Moment
-    own: Moment
     values: Moment
 
 
@@ -42,14 +41,14 @@ def moments(
     """The moments of each part."""
     layout = model.layout
     seen = model.read(mean)
-    errors = jnp.concatenate([mean[layout.of("common")].sum()[None], mean[layout.of("channels")]])
+    error = mean[layout.of("common")].sum(keepdims=True)
     # Readings without their errors.
     of_errors = jnp.zeros(layout.size, bool)
     of_errors = of_errors.at[layout.of("common")].set(True).at[layout.of("channels")].set(True)
     sight = jnp.where(of_errors, 0.0, seen.slope)
-    bare = seen.mean - errors[0]
+    bare = seen.mean - error
     if layout.channels:
-        bare = bare - errors[1:]
+        bare = bare - mean[layout.of("channels")]
 
     def part(name: str, matrix: Array | None = None) -> Float[Array, "rows state"]:
         block = layout.of(name)
@@ -72,7 +71,6 @@ def moments(
         channels=moment(model.to_degC(bare), sight),
         room=moment(model.to_degC(mean[layout.of("room")]), part("room")),
         heats=moment(mean[layout.of("heats")], part("heats")),
-        common=moment(errors[:1], common),
-        own=moment(errors[1:], part("channels")),
+        common=moment(error, common),
         values=values,
     )

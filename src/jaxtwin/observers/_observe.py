@@ -10,12 +10,13 @@ from .._arguments import of_kind
 from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
-from ..io._duty_of_rig import check_duty_of_rig
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import Stepper
+from ..simulation._simulate import checked_channels
+from ..simulation._stepper import assembled
 from ._augmented_model import AugmentedModel
-from ._filter_run import filtered, samples_of
+from ._filter_run import filtered, samples_of, started
 from ._kalman_filter import ExtendedKalmanFilter
 from ._observed import Observed
 from ._process_noise import ProcessNoise
@@ -24,9 +25,6 @@ from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of
 
 LONGEST_STEP = 10.0
 """The longest step of a filter, s."""
-
-SHORT_STEP = 0.01
-"""A step that is stable for every rig, s."""
 
 UNEXPLAINED = 0.003
 """A usual size of heat that the twin does not explain, as a part of the heat at full duty."""
@@ -66,7 +64,8 @@ def observe(
     kalman = filter_for(fit, experiment, noise)
     samples, is_sample = samples_of(kalman, experiment)
     with own_settings():
-        start = kalman.init(first_reading(experiment), np.zeros_like(samples.duty[0]))
+        first = np.asarray(first_reading(experiment))
+        start = started(kalman, first, np.zeros_like(samples.duty[0]))
         found = filtered(kalman, start, samples)
     wrong = ~np.isfinite(np.asarray(found.states.mean)).all(axis=1)
     if wrong.any():
@@ -94,13 +93,13 @@ def live_observer(
     """
     levels = _usual_levels(twin, sample_time) if noise is None else noise
     levels.check()
-    step = stable_step(twin, min(sample_time, LONGEST_STEP))
+    stepper, step = stable_stepper(twin, min(sample_time, LONGEST_STEP))
     none = np.zeros((0, 0))
     directions = uncertain_directions(twin, {}, none, None, levels.names)
     with own_settings():
         columns = range(len(twin.channels))
         spread = room_spread(twin)
-        model = AugmentedModel(twin, directions, levels.as_arrays(), columns, step, spread)
+        model = AugmentedModel(twin, directions, levels.as_arrays(), columns, stepper, spread)
         return ExtendedKalmanFilter(model, step, min(sample_time, LIVE_SPACING))
 
 
@@ -118,7 +117,7 @@ def usual_noise(
 def _full_heat(twin: Twin) -> float:
     """The heat into the nodes that cells or heaters heat at full duty, in the mean, W."""
     with own_settings():
-        system = Stepper(twin, SHORT_STEP).system
+        system = assembled(twin)
         count = len(system.wiring.cold)
         sides = np.full(2 * count, float(system.ambient_temperature))
         flow = system.cell_heat(jnp.asarray(sides), jnp.ones(count))
@@ -152,46 +151,30 @@ def filter_for(
     if experiment.temperatures is None or not experiment.sampled.any():
         raise ObserverError(f"{experiment.name or 'experiment'}: expected readings, got none")
     noise.check()
-    rig = (fit.twin if isinstance(fit, Fit) else fit).rig
-    check_duty_of_rig(experiment, rig, experiment.name or "experiment", SimulationError)
+    channels = checked_channels(fit.twin if isinstance(fit, Fit) else fit, experiment)
     if isinstance(fit, Fit):
-        if experiment.fingerprint in fit.fingerprints:
-            twin = fit.twins[fit.recordings[fit.fingerprints.index(experiment.fingerprint)]]
-        else:
-            twin = fit.twin_of_group(experiment.group)
+        # A filter finds by itself what `twin_for` estimates of a recording that was not matched.
+        is_matched = experiment.fingerprint in fit.fingerprints
+        twin = fit.twin_for(experiment) if is_matched else fit.twin_of_group(experiment.group)
         known, covariance = uncertainty_of_fit(fit, experiment)
     else:
         twin, known, covariance = fit, {}, np.zeros((0, 0))
-    columns = columns_of(twin, experiment)
-    step = stable_step(twin, float(min(np.median(np.diff(experiment.time)), LONGEST_STEP)))
+    columns = [twin.channels.index(name) for name in channels]
+    sample_time = float(np.median(np.diff(experiment.time)))
+    stepper, step = stable_stepper(twin, min(sample_time, LONGEST_STEP))
     directions = uncertain_directions(twin, known, covariance, experiment, noise.names)
     with own_settings():
-        model = AugmentedModel(twin, directions, noise.as_arrays(), columns, step, room_spread(fit))
+        spread = room_spread(fit)
+        model = AugmentedModel(twin, directions, noise.as_arrays(), columns, stepper, spread)
         return ExtendedKalmanFilter(model, step, float(np.diff(experiment.time).min()))
 
 
-def columns_of(twin: Twin, experiment: Experiment) -> list[int]:
-    """The positions of the channels of a recording among those of the rig.
-
-    **Raises:** `SimulationError` for a channel that the rig does not have.
-    """
-    unknown = [name for name in experiment.channels if name not in twin.channels]
-    if unknown:
-        raise SimulationError(
-            f"{experiment.name}: channels: expected those of {twin.rig.name}, "
-            f"{', '.join(twin.channels)}, got {unknown[0]}"
-        )
-    return [twin.channels.index(name) for name in experiment.channels]
-
-
-def stable_step(twin: Twin, step: float) -> float:
-    """The longest step of at most `step` seconds that is stable: a half, a quarter, ... of it."""
+def stable_stepper(twin: Twin, step: float) -> tuple[Stepper, float]:
+    """A stepper with the longest step of at most `step` seconds that is stable: a half, a quarter,
+    ... of it; and that step."""
     for _ in range(12):
         try:
-            Stepper(twin, step)
+            return Stepper(twin, step), step
         except SimulationError:
             step /= 2
-        else:
-            return step
-    Stepper(twin, step)
-    return step
+    return Stepper(twin, step), step

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit
 from ._filter_run import Samples
-from ._gaussian import Correction
+from ._gaussian import Correction, symmetric
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
 
@@ -34,7 +34,6 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
 
     - `states`: the filter's states after each sample.
     """
-    samples = jax.tree.map(jnp.asarray, samples)
 
     def take(
         later: Adjoint, at: tuple[KalmanState, KalmanState, Samples]
@@ -44,14 +43,13 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
         mean = after.mean - after.covariance @ vector
         covariance = after.covariance - after.covariance @ matrix @ after.covariance
         found = moments(kalman.model, mean, covariance)
-        predicted = kalman.step(before, sample.duty, sample.dt, sample.levels)
+        predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
         correction, slope = kalman.correction(
             predicted, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
         vector, matrix = _before_readings(later, correction, slope)
-        transition = kalman.transition(before, sample.duty, sample.dt, sample.levels).slope
-        matrix = transition.T @ matrix @ transition
-        return (transition.T @ vector, (matrix + matrix.T) / 2), found
+        matrix = step.slope.T @ matrix @ step.slope
+        return (step.slope.T @ vector, symmetric(matrix)), found
 
     # The first sample is corrected as well, but what is before it is of no interest.
     before = jax.tree.map(lambda leaf: jnp.concatenate([leaf[:1], leaf[:-1]]), states)

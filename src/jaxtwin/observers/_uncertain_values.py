@@ -196,7 +196,7 @@ def uncertainty_of_fit(
         match = group_and_shared_values(unknowns, solution.vector, number)
         of_match = match.covariance(of_vector + between)
         own = [
-            with_prior(row, rig, _first(experiment), fit.recording_values)
+            with_prior(row, rig, first_sample(experiment).reading, fit.recording_values)
             for row in unknowns.per_recording
         ]
         rows = (*match.rows, *own)
@@ -216,10 +216,6 @@ def room_spread(fitted: Twin | Fit) -> float:
         for name in room_parameters(twin.rig)
     ]
     return max((spread for spread in spreads if spread is not None), default=2.0)
-
-
-def _first(experiment: Experiment) -> float:
-    return 20.0 if experiment.temperatures is None else first_sample(experiment).reading
 
 
 def _starts(rig: Rig) -> frozenset[str]:

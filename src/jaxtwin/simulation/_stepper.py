@@ -129,7 +129,7 @@ class Stepper(eqx.Module):
             if not is_traced(twin):
                 check_values(twin)
         with settings_for(twin):
-            self.system = twin if isinstance(twin, System) else _assembled(twin)
+            self.system = twin if isinstance(twin, System) else assembled(twin)
             self.reference = jnp.asarray(self.system.ambient_temperature)
             self.queue = queue_length(self.system.delay, size, longest_delay)
             is_whole = is_whole_delay or is_multiple(self.system.delay, size)
@@ -250,7 +250,8 @@ def _as_numpy(module: eqx.Module) -> dict[str, Any]:
 
 
 @persistent_jit
-def _assembled(twin: Twin) -> System:
+def assembled(twin: Twin) -> System:
+    """The equations of a twin, as a program of its own."""
     return twin.system()
 
 
