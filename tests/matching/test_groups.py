@@ -367,9 +367,27 @@ def test_a_recording_without_a_group_among_others_is_refused(rig: Rig, monday):
 
 
 @pytest.mark.slow
-def test_a_group_that_the_fit_knows_cannot_be_given(rig: Rig, first: Fit, monday):
-    with pytest.raises(MatchError, match="does not know, got for the group 'monday'"):
+def test_a_first_part_corrects_a_group_that_the_fit_knows(rig: Rig, first: Fit):
+    """The day was matched with another contact than it has in a later recording of the same name:
+    the prior is narrow, and the first part moves it towards what it shows."""
+    later = recording(rig, "friday", 2)
+    as_matched = validate(first, later, group="monday", warm_up=150)
+    corrected = validate(first, later, group="monday", given=150)
+    assert corrected.rmse < as_matched.rmse
+    known = first.group_values["monday"]["R_pc"]
+    new = validate(first, later, group="friday", given=150).predictions[0].estimated["R_pc"]
+    moved = corrected.predictions[0].estimated["R_pc"]
+    assert abs(moved - known) < abs(new - known)
+
+
+@pytest.mark.slow
+def test_what_is_given_was_not_matched(rig: Rig, first: Fit, monday, friday):
+    with pytest.raises(MatchError, match="has not seen, got 'monday 0', which it was matched to"):
         validate(first, monday[0], given=150)
+    with pytest.raises(MatchError, match="has not seen, got 'monday 0'"):
+        validate(first, friday[0], given=monday[:1], group="monday")
+    with pytest.raises(MatchError, match="has not seen, got 'monday 0'"):
+        prediction_band(first, experiment=friday[0], given=monday[:1], group="monday")
     with pytest.raises(MatchError, match=r"given: expected beside a Fit, .* got beside a Twin"):
         validate(Twin(rig), monday[0], given=150)
 

@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import small_results
 
 from jaxtwin import (
     Experiment,
     MatchError,
+    ProcessNoise,
     SimulationError,
     Twin,
     Validation,
@@ -238,6 +240,47 @@ def test_a_recording_of_the_match_is_called_matched_and_not_predicted(
     both = validate(fit, [seen, days[2]])
     assert both.kind.startswith("predicted after")
     assert [part.is_matched for part in both.predictions] == [True, False]
+
+
+NOISY = ProcessNoise(reading=NOISE, reading_time=0.01, common=0.01, heat=0.05, disturbance=0.02)
+
+
+@pytest.mark.slow
+def test_an_observer_forecasts_the_rest_from_what_it_was_given(
+    crossed: Validation, days: list[Experiment]
+):
+    fit = crossed.predictions[0].fit
+    assert fit is not None
+    result = validate(fit, days[2], noise=NOISY)
+    assert result.kind == "forecast after the first 60 s"
+    assert result.rmse < 6 * NOISE
+    assert result.coverage > 0.9
+    assert result.band_width < 30 * NOISE
+    assert set(result.predictions[0].estimated) <= {"T_amb", "T_start", "T_sink"}
+    spoilt = validate(fit, spoiled(days[2], 60.0), noise=NOISY)
+    run = result.predictions[0].run
+    np.testing.assert_array_equal(spoilt.predictions[0].run.temperatures, run.temperatures)
+    assert run.states.shape == (len(run.time), len(run.nodes))
+    assert run.time[0] == 60.0
+
+
+@pytest.mark.slow
+def test_an_observer_forecasts_after_the_values_of_a_new_day_were_matched(
+    crossed: Validation, days: list[Experiment]
+):
+    fit = crossed.predictions[0].fit
+    assert fit is not None
+    result = validate(fit, days[2], given=120, noise=NOISY)
+    assert result.kind == "forecast after the first 120 s, from which its group follows"
+    assert result.rmse < 4 * NOISE
+    assert result.coverage > 0.9
+
+
+def test_an_observer_needs_a_fit_and_estimates_the_start_itself(truth: Twin, days):
+    with pytest.raises(MatchError, match="noise: beside it: expected a Fit, got"):
+        validate(truth, days[0], noise=NOISY)
+    with pytest.raises(MatchError, match="expected no names and initial beside it"):
+        validate(small_results.fit(), days[0], noise=NOISY, initial=20.0)
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """`jaxtwin observe`: what a rig is doing, by an observer, and what is expected of it."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -8,6 +7,7 @@ import typer
 from ._options import (
     BaudOption,
     DurationOption,
+    NoiseOption,
     ParameterFileOption,
     ReplaySpeedOption,
     SetOption,
@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 def observe(
     source: WatchedArgument,
     link: WatchedLinkOption = None,
-    noise: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Levels of the noise, as ProcessNoise.save writes them."),
-    ] = None,
+    noise: NoiseOption = None,
     sample_time: Annotated[
         float, typer.Option(min=0.01, metavar="S", help="The time between two readings.")
     ] = 1.0,

@@ -33,6 +33,14 @@ JsonOption = Annotated[
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")]
+NoiseOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--noise",
+        metavar="FILE",
+        help="Levels of the noise for an observer, as ProcessNoise.save writes them.",
+    ),
+]
 WatchedArgument = Annotated[
     str, typer.Argument(metavar="RIG|FILE", help="A rig, with --link; or a recording.")
 ]

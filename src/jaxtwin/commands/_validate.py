@@ -9,7 +9,7 @@ import typer
 from .._errors import JaxtwinError
 from .._progress import Progress
 from .._whole_file import write_whole_file
-from ._options import JsonOption, RecordingsArgument, RigArgument, SetOption
+from ._options import JsonOption, NoiseOption, RecordingsArgument, RigArgument, SetOption
 from ._output import check_json, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
@@ -70,6 +70,7 @@ def validate(
             "another recording of the group; recordings may be repeated.",
         ),
     ] = None,
+    noise: NoiseOption = None,
     set_name: SetOption = None,
     out: Annotated[
         Path | None,
@@ -92,6 +93,8 @@ def validate(
             "give --group and --given with --parameters, not with --split or --leave-one-out; "
             "--leave-group-out takes --group alone"
         )
+    if noise is not None and (any(ways) or parameter_file is None):
+        raise typer.BadParameter("give --noise with --parameters, without --split or --leave-...")
     if len(group or ()) > 1 and not leave_group_out:
         raise typer.BadParameter(
             f"--group: expected one name, got {len(group or ())}; only --leave-group-out takes one "
@@ -120,6 +123,7 @@ def validate(
             left_out,
             warm_up=warm_up,
             day=day,
+            noise=noise,
             on_progress=listener,
         )
         if out is not None:
@@ -147,9 +151,11 @@ def _validate(
     *,
     warm_up: float,
     day: "tuple[list[str] | None, float | list[Experiment] | None]",
+    noise: Path | None,
     on_progress: "_ValidationProgress",
 ) -> "Validation":
     from .. import validation
+    from ..observers import ProcessNoise
 
     groups, given = day
     if split is not None:
@@ -169,6 +175,7 @@ def _validate(
         warm_up=warm_up,
         group=groups[0] if groups else None,
         given=given,
+        noise=None if noise is None else ProcessNoise.load(noise),
         on_progress=on_progress,
     )
 

@@ -176,11 +176,10 @@ def prediction_band(
     - `level`: the probability inside the band.
     - `warm_up`: the length of the part from which own values are estimated, s.
     - `group`: the group of the experiment; by default the one that it names itself.
-    - `given`: the recordings from which the values of a new group are estimated, as in `validate`:
-      the length of the first part of the experiment itself, s, which replaces `warm_up`, or other
-      recordings. By default the values are those expected of any group, and the band contains the
-      differences between groups.
-
+    - `given`: further data of the group, as in `validate`: the length of the first part of the
+      experiment itself, s, which replaces `warm_up`, or other recordings. By default the values are
+      those that the fit knows of the group; for a new one those expected of any group, and the band
+      contains the differences between groups.
     - `initial`: the temperatures at the start of an experiment that was not matched, as in
       `validate`.
 
@@ -204,7 +203,7 @@ def prediction_band(
         group = experiment.group if group is None else group
         if given is not None:
             group = group or NEW_GROUP
-            check_given(fit, [group])
+            check_given(fit, [group], [experiment])
             if isinstance(given, float | int):
                 span = finite_number("prediction_band: given", given, MatchError)
                 first = match_first_part(fit, experiment, span, group)
@@ -212,6 +211,7 @@ def prediction_band(
                     first, first.recordings[0], experiment=experiment, level=level
                 )
             recordings = as_experiments("prediction_band: given", given, MatchError)
+            check_given(fit, [group], recordings)
             fit = match_group(fit, recordings, group)
         start = estimate_initial_conditions(fit, experiment, warm_up, group=group, initial=initial)
         return band_about(fit, experiment, values_of_unseen(fit, group, start), level)

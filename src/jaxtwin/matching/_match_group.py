@@ -1,10 +1,11 @@
-"""Matches recordings of a new group with the result of an earlier match as the prior.
+"""Matches further recordings of a group with the result of an earlier match as the prior.
 
 The posterior of the earlier match is the prior of this one (sequential Bayesian estimation): shared
-parameters have its values and covariance, and the new group has the values expected of any group.
-The earlier recordings are not needed. The shared parameters are not held, because they are known
-only in combination with the values of the earlier groups: a small change of both explains what a
-change of either cannot.
+parameters and those of a group that was matched have its values and covariance, and a new group has
+the values expected of any group. A day of which one zone was recorded thus learns from the first
+minutes of another recording what that zone did not show. The earlier recordings are not needed. The
+shared parameters are not held, because they are known only in combination with the values of the
+earlier groups: a small change of both explains what a change of either cannot.
 
 The residuals are weighted by the noise that the earlier match estimated. The first part of a
 recording is too short to estimate it.
@@ -50,13 +51,13 @@ def match_group(
     start: InitialConditions | None = None,
     max_iterations: int = 200,
 ) -> Fit:
-    """Matches a twin to recordings of a group that an earlier match does not contain.
+    """Matches a twin to recordings that an earlier match has not seen, all of one group.
 
     **Arguments:**
 
     - `fit`: the earlier match.
     - `experiments`: recordings of a single group.
-    - `group`: the name of the group.
+    - `group`: the name of the group, which the earlier match may know or not.
     - `start`: room, start and delay of a single recording as estimated from its first minute; they
       replace the rig file's priors. The samples of this minute are matched again, which counts
       little beside the noise that the earlier match estimated.
@@ -70,7 +71,9 @@ def match_group(
     before = solution.problem.unknowns
     recordings = named_recordings(twin, experiments)
     check_distinct(recordings)
-    known = group_and_shared_values(before, solution.vector, None)
+    names = solution.problem.group_names
+    number = names.index(group) if group in names else None
+    known = group_and_shared_values(before, solution.vector, number)
 
     def started(row: Parameter) -> Parameter:
         return replace(row, value=float(twin.values[row.name]))
@@ -105,22 +108,30 @@ def match_group(
     return make_fit(problem, estimate, 0, optima, began)
 
 
-def check_given(fit: Twin | Fit, groups: Sequence[str]) -> Fit:
-    """The fit, if it can be used to match a new group.
+def check_given(
+    fit: Twin | Fit, groups: Sequence[str], experiments: Sequence[Experiment] = ()
+) -> Fit:
+    """The fit, if it can be used to match further recordings.
 
-    **Raises:** `MatchError` if it is not a fit, already contains one of the groups, or there are
-    several groups.
+    **Arguments:**
+
+    - `groups`: the groups of the recordings.
+    - `experiments`: the recordings that are given or predicted.
+
+    **Raises:** `MatchError` if it is not a fit, if it has already seen one of the recordings, which
+    would count twice, or if there are several groups.
     """
     if not isinstance(fit, Fit):
         raise MatchError(
             "given: expected beside a Fit, which knows what is expected of a group of recordings, "
             "got beside a Twin"
         )
-    if known := sorted({*groups} & {*solution_of(fit).problem.group_names}):
-        raise MatchError(
-            "given: expected for a group that the fit does not know, got for the group "
-            f"{known[0]!r}, which it knows; name another with group=..., or leave given out"
-        )
+    for experiment in experiments:
+        if experiment.fingerprint in fit.fingerprints:
+            raise MatchError(
+                f"given: expected recordings that the fit has not seen, got {experiment.name!r}, "
+                "which it was matched to; leave given out"
+            )
     if len({*groups}) > 1:
         raise MatchError(
             "given: expected recordings of a single group, got "

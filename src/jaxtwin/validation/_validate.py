@@ -4,6 +4,7 @@ each recording or group of recordings in turn."""
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
@@ -28,10 +29,12 @@ from ..matching._band import UncertainValues, band_about, values_of_matched, val
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..matching._nominal_twin import nominal_twin
 from ..matching._recordings import named_groups
+from ..observers import ProcessNoise
 from ..physics import Twin
 from ..simulation import simulate
 from ..simulation._initial import Initial
 from ..simulation._simulate import prepare_simulation
+from ._forecast_rest import forecast_rest
 from ._validation import Prediction, Validation
 
 LEAST = 30
@@ -52,6 +55,7 @@ def validate(
     group: str | None = None,
     given: Experiment | Sequence[Experiment] | float | int | None = None,
     initial: Initial = None,
+    noise: ProcessNoise | None = None,
     on_progress: Callable[[Prediction], None] | None = None,
 ) -> Validation:
     """Predicts recordings that the match has not seen.
@@ -62,8 +66,8 @@ def validate(
     corrections of the camera, which cannot be known beforehand.
 
     Parameters that differ between groups of recordings, such as days, have the values of the
-    recording's group if the fit knows it. Otherwise they have the values expected of a new group,
-    or are estimated from recordings that are `given`.
+    recording's group if the fit knows it, and otherwise those expected of a new group. Either way
+    recordings that are `given` correct them.
 
     **Arguments:**
 
@@ -74,20 +78,33 @@ def validate(
       each recording in the fit or in the rig's table.
     - `group`: the group of the recordings; by default the one that each names itself, and beside
       `given` a new group for a recording without a name of its group.
-    - `given`: the data from which the values of a new group are estimated: the length of the first
-      part of each recording, s, which replaces `warm_up`; or other recordings of the group.
+    - `given`: further data of the group, of which its values are estimated with what the fit knows
+      as the prior: the length of the first part of each recording, s, which replaces `warm_up`; or
+      other recordings of the group.
     - `initial`: the temperatures at the start of each recording, as in `simulate`, if they are
       known; not beside a length that is `given`. By default they are estimated.
+    - `noise`: the noise of rig and readings, as `estimate_noise` finds it. An observer then follows
+      the first part and forecasts the rest, instead of a simulation with the values estimated from
+      it: the prediction starts from the state that the readings show, and its band contains the
+      error of the twin itself. Not beside `names` or `initial`.
     - `on_progress`: called with each `Prediction`.
 
     **Raises:** `MatchError` if a recording is too short or has no temperatures, or if something is
-    given for a group that the fit knows, or beside a twin that is not a fit; `SimulationError` for
-    recordings of another rig; `ParameterError` if a saved fit cannot be read.
+    given beside recordings that the fit has seen, or beside a twin that is not a fit;
+    `SimulationError` for recordings of another rig; `ParameterError` if a saved fit cannot be read.
     """
     fitted = Fit.load(twin) if isinstance(twin, str | os.PathLike) else twin
     twin = fitted.twin if isinstance(fitted, Fit) else fitted
     names = None if names is None else names_of("validate: names", names, MatchError)
     warm_up = finite_number("validate: warm_up", warm_up, MatchError)
+    if noise is not None:
+        of_kind("validate: noise", noise, ProcessNoise, "a ProcessNoise", MatchError)
+        of_kind("validate: noise: beside it", fitted, Fit, "a Fit", MatchError)
+        if names is not None or initial is not None:
+            raise MatchError(
+                "validate: noise: expected no names and initial beside it, since an observer "
+                "estimates both"
+            )
     rig = twin.rig if isinstance(twin, Twin) else None
     several = as_experiments("validate: experiments", experiments, MatchError, rig)
     labels = named_recordings(twin, several)
@@ -95,11 +112,11 @@ def validate(
     if group is not None:
         of_kind("validate: group", group, str, "text", MatchError)
     groups = [experiment.group if group is None else group for experiment in several]
-    kind = f"predicted after the first {warm_up:g} s"
+    kind = f"{'predicted' if noise is None else 'forecast'} after the first {warm_up:g} s"
     span = None
     if given is not None:
         groups = [name or NEW_GROUP for name in groups]
-        known = check_given(fitted, groups)
+        known = check_given(fitted, groups[:1], several)
         if isinstance(given, float | int):
             span = finite_number("validate: given", given, MatchError)
             if initial is not None:
@@ -107,19 +124,28 @@ def validate(
                     "validate: initial: expected None beside given as a length, got "
                     f"{initial!r}; give other recordings of the group, or leave one of them out"
                 )
-            kind = f"predicted after the first {span:g} s, from which its group follows"
+            kind = (
+                f"{'predicted' if noise is None else 'forecast'} after the first {span:g} s, from "
+                "which its group follows"
+            )
         else:
             recordings = as_experiments("validate: given", given, MatchError)
-            fitted = match_group(known, recordings, groups[0])
+            fitted = match_group(check_given(known, groups, recordings), recordings, groups[0])
             kind += f", given {', '.join(fitted.recordings)}"
     predictions = []
     for name, experiment, of in zip(labels, several, groups, strict=True):
-        if span is None:
+        if span is not None:
+            of_group = check_given(fitted, [of])
+            predictions.append(_predict_rest(name, of_group, experiment, span, of, noise))
+        elif noise is not None:
+            assert isinstance(fitted, Fit)
+            start = _start_of_rest(name, experiment, "warm_up", warm_up)
+            own = replace(experiment, group=of)
+            predictions.append(forecast_rest(name, fitted, own, start, noise))
+        else:
             predictions.append(
                 _predict(name, fitted, experiment, warm_up, names=names, group=of, initial=initial)
             )
-        else:
-            predictions.append(_predict_rest(name, check_given(fitted, [of]), experiment, span, of))
         _report_progress(on_progress, predictions[-1])
     if all(prediction.is_matched for prediction in predictions):
         kind = "matched, not a prediction"
@@ -276,11 +302,19 @@ def _predict(
 
 
 def _predict_rest(
-    name: str, fit: Fit, recording: Experiment, given: float, group: str
+    name: str,
+    fit: Fit,
+    recording: Experiment,
+    given: float,
+    group: str,
+    noise: ProcessNoise | None,
 ) -> Prediction:
-    """Predicts the rest of a recording of a new group from its first part."""
+    """Predicts the rest of a recording from its first part, which its group's values follow
+    from."""
     start = _start_of_rest(name, recording, "given", given)
     first = match_first_part(fit, recording, given, group)
+    if noise is not None:
+        return forecast_rest(name, first, replace(recording, group=group), start, noise)
     whole = simulate(first.twin, recording)
     run = whole.between(start)
     (recording_values,) = first.recording_values.values()
