@@ -1,8 +1,14 @@
-"""The algebra of the Kalman filter: a normal distribution that is moved, and corrected by readings.
+r"""The algebra of the Kalman filter: a normal distribution that is moved, and corrected by readings.
 
-Readings are taken one after the other, which gives the same as all at once (their noise is
-independent), needs no inverse of a matrix, and lets each be left out by itself. Covariances are
-updated in Joseph's form, which stays symmetric and positive in spite of rounding.
+The innovations $e$ of the readings $H x$ have the covariance $S = H P H^T + R = L L^T$. They are
+whitened: $w = L^{-1} e$ are independent and of variance 1, each what those before it do not say.
+With $W = L^{-1} H P$ the optimal gain of the whitened innovations is $W^T$. For any other gain $K$
+Joseph's form of the covariance is
+
+$$P - K W - W^T K^T + K K^T = P - W^T W + (K - W^T) (K - W^T)^T.$$
+
+A reading that is missing has a row of zeros in $H$ and the variance 1, so that shapes stay the
+same.
 """
 
 from typing import NamedTuple
@@ -28,10 +34,11 @@ class Correction(NamedTuple):
     """The state after readings, and what they said.
 
     - `state`: the state after them.
-    - `whitened`: the innovations, each less what those before it say of it and divided by its
-      standard deviation: independent and of variance 1 if the model is right; 0 for readings that
-      were left out.
-    - `spreads`: these standard deviations. `gains`: the gains, 0 for readings that were left out.
+    - `whitened`: the whitened innovations, 0 for readings that were left out.
+    - `spreads`: the standard deviation of each innovation, given those before it; 1 for readings
+      that were left out.
+    - `gain`: the derivative of the state with respect to the whitened innovations. `slope`: that of
+      the whitened readings with respect to the state.
     - `log_densities`: the logarithm of the probability density of each reading, given those before
       it; 0 for readings that were left out.
     """
@@ -39,7 +46,8 @@ class Correction(NamedTuple):
     state: Gaussian
     whitened: Float[Array, " readings"]
     spreads: Float[Array, " readings"]
-    gains: Float[Array, "readings state"]
+    gain: Float[Array, "state readings"]
+    slope: Float[Array, "readings state"]
     log_densities: Float[Array, " readings"]
 
 
@@ -65,8 +73,7 @@ def corrected(
 
     A reading that is more than `SURPRISE` standard deviations from what was expected has a cause
     that the model does not know. It moves the entries that `is_cautious` marks no farther than one
-    of that many standard deviations, with a gain that is smaller than the optimal one, for which
-    Joseph's form holds as well.
+    of that many standard deviations, with a gain that is smaller than the optimal one.
 
     **Arguments:**
 
@@ -77,26 +84,29 @@ def corrected(
     - `is_cautious`: the entries that say how the rig is made, not what it is doing.
     """
     innovation = jnp.where(mask, innovation, 0.0)
-    start = state.mean
+    slope = jnp.where(mask[:, None], slope, 0.0)
+    cross = slope @ state.covariance
+    root = jnp.linalg.cholesky(cross @ slope.T + jnp.diag(jnp.where(mask, variance, 1.0)))
 
-    def take(state: Gaussian, reading: tuple[Array, ...]) -> tuple[Gaussian, tuple[Array, ...]]:
-        difference, row, noise, counts = reading
-        error = difference - row @ (state.mean - start)
-        cross = state.covariance @ row
-        spread = row @ cross + noise
-        surprise = jnp.abs(error) / jnp.sqrt(spread)
-        caution = jnp.where(is_cautious, SURPRISE / jnp.maximum(surprise, SURPRISE), 1.0)
-        gain = jnp.where(counts, caution * cross / spread, 0.0)
-        # (I - k h) P (I - k h)' + k r k'
-        left = jnp.outer(gain, cross)
-        covariance = state.covariance - left - left.T + spread * jnp.outer(gain, gain)
-        whitened = jnp.where(counts, error / jnp.sqrt(spread), 0.0)
-        density = -0.5 * (whitened**2 + jnp.log(spread) + LOG_TWO_PI)
-        found = whitened, jnp.sqrt(spread), gain, jnp.where(counts, density, 0.0)
-        return Gaussian(state.mean + gain * error, symmetric(covariance)), found
+    def whiten(right: Array) -> Array:
+        return jax.scipy.linalg.solve_triangular(root, right, lower=True)
 
-    state, found = jax.lax.scan(take, state, (innovation, slope, variance, mask))
-    return Correction(state, *found)
+    columns = whiten(jnp.concatenate([cross, innovation[:, None]], axis=1))
+    optimal, whitened = columns[:, :-1].T, columns[:, -1]
+    caution = SURPRISE / jnp.maximum(jnp.abs(whitened), SURPRISE)
+    gain = jnp.where(is_cautious[:, None], caution, 1.0) * optimal
+    missed = gain - optimal
+    covariance = state.covariance - optimal @ optimal.T + missed @ missed.T
+    spreads = jnp.diagonal(root)
+    density = -0.5 * (whitened**2 + LOG_TWO_PI) - jnp.log(spreads)
+    return Correction(
+        state=Gaussian(state.mean + gain @ whitened, symmetric(covariance)),
+        whitened=whitened,
+        spreads=spreads,
+        gain=gain,
+        slope=whiten(slope),
+        log_densities=jnp.where(mask, density, 0.0),
+    )
 
 
 def symmetric(covariance: Float[Array, "state state"]) -> Float[Array, "state state"]:

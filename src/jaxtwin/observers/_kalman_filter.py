@@ -193,7 +193,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     ) -> KalmanState:
         """The state that readings and a measured ambient temperature (NaN if there is none)
         leave."""
-        found, _ = self.correction(state, readings, mask, ambient)
+        found = self.correction(state, readings, mask, ambient)
         duty = self.model.layout.of("duty")
         return replace(
             state,
@@ -210,9 +210,8 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         readings: Float[ArrayLike, " channels"],
         mask: Bool[ArrayLike, " channels"],
         ambient: Float[ArrayLike, ""],
-    ) -> tuple[Correction, Float[Array, "readings state"]]:
-        """What the room, which is first, and the readings say; and their derivatives with respect
-        to the state."""
+    ) -> Correction:
+        """What the room, which is first, and the readings say."""
         model = self.model
         measured = model.from_degC(jnp.asarray(readings, state.mean.dtype))
         used = jnp.asarray(mask) & jnp.isfinite(measured)
@@ -224,7 +223,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         room = model.from_degC(jnp.asarray(ambient, state.mean.dtype)) - state.mean[place]
         of_room = jnp.zeros_like(state.mean).at[place].set(1.0)
         slope = jnp.concatenate([of_room[None], expected.slope])
-        found = corrected(
+        return corrected(
             opened,
             jnp.concatenate([room[None], innovation]),
             slope,
@@ -232,7 +231,6 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             jnp.concatenate([jnp.isfinite(room)[None], used]),
             jnp.zeros(state.mean.shape, bool).at[model.layout.of("values")].set(True),
         )
-        return found, slope
 
     def reading_variance(self, state: KalmanState) -> Float[Array, " channels"]:
         """The variance of the noise of each reading, K^2."""

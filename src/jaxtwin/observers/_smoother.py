@@ -4,10 +4,11 @@ This is the modified Bryson-Frazier smoother (G. J. Bierman, Factorization Metho
 Sequential Estimation, 1977, chapter 10): a vector $\lambda$ and a matrix $\Lambda$ go backwards
 through the linearised steps and corrections of the filter,
 
-$$\lambda \leftarrow (I - k h^T)^T \lambda - h e / s, \qquad
-\Lambda \leftarrow (I - k h^T)^T \Lambda (I - k h^T) + h h^T / s$$
+$$\lambda \leftarrow (I - K H)^T \lambda - H^T w, \qquad
+\Lambda \leftarrow (I - K H)^T \Lambda (I - K H) + H^T H$$
 
-at each reading with innovation $e$, variance $s$ and gain $k$; $\lambda \leftarrow F^T \lambda$ and
+at the readings of a sample with whitened innovations $w$, where $H$ and the gain $K$ are those of
+the whitened readings (`_gaussian`); $\lambda \leftarrow F^T \lambda$ and
 $\Lambda \leftarrow F^T \Lambda F$ at each step. The state then is $x - P \lambda$ with the
 covariance $P - P \Lambda P$. No covariance is inverted, so that states without any noise, such as
 the lag of a driver, need no care.
@@ -44,10 +45,10 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
         covariance = after.covariance - after.covariance @ matrix @ after.covariance
         found = moments(kalman.model, mean, covariance)
         predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
-        correction, slope = kalman.correction(
+        correction = kalman.correction(
             predicted, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
-        vector, matrix = _before_readings(later, correction, slope)
+        vector, matrix = _before_readings(later, correction)
         matrix = step.slope.T @ matrix @ step.slope
         return (step.slope.T @ vector, symmetric(matrix)), found
 
@@ -59,22 +60,10 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
     return found
 
 
-def _before_readings(
-    after: Adjoint, correction: Correction, slope: Float[Array, "readings state"]
-) -> Adjoint:
+def _before_readings(after: Adjoint, correction: Correction) -> Adjoint:
     """The adjoint before the readings of a sample, given that after them."""
-
-    def take(after: Adjoint, reading: tuple[Array, ...]) -> tuple[Adjoint, None]:
-        row, gain, whitened, spread = reading
-        vector, matrix = after
-        counts = jnp.where(jnp.any(gain != 0), 1.0, 0.0)
-        scaled = counts * row / spread
-        vector = vector - row * (gain @ vector) - scaled * whitened
-        across = matrix @ gain
-        matrix = matrix - jnp.outer(row, across) - jnp.outer(across, row)
-        matrix = matrix + jnp.outer(row, row) * (gain @ across) + jnp.outer(scaled, scaled)
-        return (vector, matrix), None
-
-    readings = slope, correction.gains, correction.whitened, correction.spreads
-    before, _ = jax.lax.scan(take, after, readings, reverse=True)
-    return before
+    vector, matrix = after
+    gain, slope = correction.gain, correction.slope
+    left = jnp.eye(len(vector)) - gain @ slope
+    vector = left.T @ vector - slope.T @ correction.whitened
+    return vector, left.T @ matrix @ left + slope.T @ slope
