@@ -103,13 +103,23 @@ def test_without_any_reading_the_state_stays():
     np.testing.assert_array_equal(found.state.covariance, example.covariance)
 
 
-def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise():
+@pytest.mark.parametrize("driven", [STATES, 3])
+def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise(driven: int):
     random, example = np.random.default_rng(7), Example(7)
-    slope = random.normal(size=(STATES, STATES))
+    slope = random.normal(size=(driven, driven))
+    decay = random.uniform(size=STATES - driven)
     noise = np.diag(random.uniform(size=STATES))
     mean = random.normal(size=STATES)
-    found = moved(example.gaussian, jnp.asarray(mean), jnp.asarray(slope), jnp.asarray(noise))
-    expected = slope @ example.covariance @ slope.T + noise
+    found = moved(
+        example.gaussian,
+        jnp.asarray(mean),
+        jnp.asarray(slope),
+        jnp.asarray(decay),
+        jnp.asarray(noise),
+    )
+    whole = np.diag(np.append(np.zeros(driven), decay))
+    whole[:driven, :driven] = slope
+    expected = whole @ example.covariance @ whole.T + noise
     np.testing.assert_array_equal(found.mean, mean)
     np.testing.assert_allclose(found.covariance, expected, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(found.covariance, np.asarray(found.covariance).T)

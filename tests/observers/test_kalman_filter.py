@@ -1,6 +1,7 @@
 """The filter of a linear twin is the Kalman filter of its equations, which are solved here by the
 exponential of a matrix; and its steps and commands are those of a simulation."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,7 +15,8 @@ from small_rigs import bundled
 
 import jaxtwin as jt
 from jaxtwin import Experiment, Stepper, Twin, simulate
-from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, ProcessNoise
+from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, ProcessNoise, live_observer
+from jaxtwin.observers._augmented_model import DRIVEN
 from jaxtwin.observers._commands import Commands
 from jaxtwin.observers._filter_run import Filtered, Samples, filtered, samples_of
 from jaxtwin.observers._observe import filter_for
@@ -184,6 +186,27 @@ def test_a_transition_has_the_derivatives_of_the_exponential_of_the_matrix(
     np.testing.assert_allclose(slope, F, rtol=0, atol=1e-9)
     noise = to @ np.asarray(transition.noise) @ to.T
     np.testing.assert_allclose(noise, Q, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("duty", [[0.8, 0.3], [-0.5, 1.0]])
+def test_a_transition_has_the_derivatives_of_a_step_of_any_twin(duty: list[float]):
+    """It linearises once a step, not in each stage: a warm plate that loses heat nonlinearly, cells
+    whose duty has just changed, and a slow parameter."""
+    kalman = live_observer(Twin("dual-cell"), ProcessNoise(names=("R_E",)))
+    start, warm = kalman.init(25.0, np.zeros(2)), np.array([0.8, 0.3])
+    state = jax.jit(lambda state: kalman.predict(state, warm, np.nan, 60.0))(start)
+    given = jnp.asarray(duty), jnp.asarray(1.0)
+    wanted = jax.jit(
+        jax.jacfwd(lambda mean: kalman.step_of_mean(replace(state, mean=mean), *given).mean)
+    )(state.mean)
+    transition = jax.jit(lambda state: kalman.linearised_step(state, *given)[1])(state)
+    layout = kalman.model.layout
+    for part in DRIVEN:
+        block = layout.of("modes"), layout.of(part)
+        error = np.linalg.norm(transition.slope[block] - wanted[block])
+        assert error < 2e-3 * np.linalg.norm(wanted[block]), part
+    rest = np.arange(layout.of("duty").start, layout.size)
+    np.testing.assert_allclose(transition.slope[rest], wanted[rest], rtol=0, atol=1e-12)
 
 
 def test_a_step_of_the_mean_alone_is_the_step(kalman: ExtendedKalmanFilter):

@@ -238,10 +238,16 @@ def test_smoothing_is_that_of_rauch_tung_and_striebel(observed: Observed, smooth
     """Their smoother inverts covariances and needs no adjoint (AIAA J. 3 (1965) 1445-1450)."""
     kalman, states, samples = observed.observer, observed.filtered.states, observed.samples
     with jax.enable_x64(True):
-        step = jax.jit(jax.vmap(kalman.linearised_step))
+
+        @jax.jit
+        @jax.vmap
+        def step(state, duty, dt):
+            found = kalman.linearised_step(state, duty, dt)[1]
+            return found.slope, found.noise, found.mean
+
         earlier = jax.tree.map(lambda leaf: leaf[:-1], states)
-        _, found = step(earlier, jax.numpy.asarray(samples.duty[1:]), samples.dt[1:])
-    F, Q, predicted = (np.asarray(part) for part in (found.slope, found.noise, found.mean))
+        found = step(earlier, jax.numpy.asarray(samples.duty[1:]), samples.dt[1:])
+    F, Q, predicted = (np.asarray(part) for part in found)
     means, covariances = np.asarray(states.mean), np.asarray(states.covariance)
     mean, P = means[-1], covariances[-1]
     rows = [(mean, P)]

@@ -8,9 +8,9 @@ The state of the observer is a vector with these parts:
 | `duty` | the duty that reaches the cells, if the driver has a lag, -1 to 1 |
 | `room` | the room's deviation from the reference, K; a random walk |
 | `heats` | disturbance heats into the nodes that the cells heat, W |
+| `values` | the twin's uncertain values, as multiples of directions among its parameters |
 | `common` | the parts of the error that all channels share, K |
 | `channels` | the error of each channel by itself, K |
-| `values` | the twin's uncertain values, as multiples of directions among its parameters |
 
 Heats, the first part of the common error, the errors of channels and the values are forgotten
 exponentially and driven by white noise (Ornstein-Uhlenbeck processes). The other parts of the
@@ -35,14 +35,17 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit_unoptimised
 from ..physics import System, Twin
+from ..physics._input_effects import Conditions
 from ..simulation import Stepper
-from ..simulation._variable_step import variable_step
+from ..simulation._exponential import Inputs
+from ..simulation._stepper import loss_force
+from ..simulation._variable_step import linear_step, variable_step
 from ._commands import Commands
 from ._process_noise import ProcessNoise
 from ._uncertain_values import UncertainDirections
 
 DRIVEN = ("modes", "duty", "room", "heats", "values")
-"""The parts on which the first two after a step depend. The others only decay."""
+"""The parts on which the first two after a step depend. They are the first; the others decay."""
 
 
 @final
@@ -60,6 +63,11 @@ class Layout:
     @property
     def size(self) -> int:
         """The length of the vector."""
+        return self.of("channels").stop
+
+    @property
+    def driven(self) -> int:
+        """The length of the driven parts."""
         return self.of("values").stop
 
     def of(self, part: str) -> slice:
@@ -77,19 +85,30 @@ class Layout:
             ("duty", self.duty),
             ("room", 1),
             ("heats", self.heats),
+            ("values", self.values),
             ("common", self.common),
             ("channels", self.channels),
-            ("values", self.values),
         ]
 
 
 class Transition(NamedTuple):
-    """A step of the state: the mean after it, its derivative with respect to the state before, and
-    the covariance of the noise that the step adds."""
+    """A step of the state.
+
+    - `mean`: the mean after it.
+    - `driven`: the derivatives of the driven parts after it with respect to those before it.
+    - `decay`: the factors of the other parts, the errors of the readings.
+    - `noise`: the covariance of the noise that it adds.
+    """
 
     mean: Float[Array, " state"]
-    slope: Float[Array, "state state"]
+    driven: Float[Array, "driven driven"]
+    decay: Float[Array, " errors"]
     noise: Float[Array, "state state"]
+
+    @property
+    def slope(self) -> Float[Array, "state state"]:
+        """The derivative with respect to the state before."""
+        return jax.scipy.linalg.block_diag(self.driven, jnp.diag(self.decay))
 
 
 class Reading(NamedTuple):
@@ -210,26 +229,16 @@ class AugmentedModel(eqx.Module):
         - `levels`: the rig's other inputs during the step (`simulation._input_levels`); None: those
           of the rig file.
         """
-        layout = self.layout
-        z, u, room, heats, values = self._driven(mean)
-
-        def twice(*parts: Array) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
-            end, duty, path = self._evolve(parts, reached, commands, dt, levels)
-            return (end, duty), (end, duty, path)
-
-        arguments = tuple(range(len(DRIVEN)))
-        slopes, (end, duty, path) = jax.jacfwd(twice, argnums=arguments, has_aux=True)(
-            z, u, room, heats, values
-        )
+        parts = self._driven(mean)
+        end, duty, path = self._evolve(parts, reached, commands, dt, levels)
         decay = self._decay(dt)
-        slope = jnp.diag(decay)
-        places = [layout.of(part) for part in DRIVEN]
-        for row, of_row in zip(places[:2], slopes, strict=True):
-            for place, block in zip(places, of_row, strict=True):
-                slope = slope.at[row, place].set(block)
+        driven, first = self.layout.driven, self.layout.of("room").start
+        slopes = self._slopes(parts, reached, commands, dt, levels)
+        kept = jnp.diag(decay[:driven])[first:]
         after = self._after(mean * decay, end, duty)
-        noise = self._noise(z, reached, path, dt)
-        return Transition(after, slope, noise), path[-1]
+        noise = self._noise(parts[0], reached, path, dt)
+        transition = Transition(after, jnp.concatenate([slopes, kept]), decay[driven:], noise)
+        return transition, path[-1]
 
     def step_of_mean(
         self,
@@ -250,8 +259,7 @@ class AugmentedModel(eqx.Module):
         duty: Float[Array, " duty"],
     ) -> Float[Array, " state"]:
         """The state after a step of which the entries that only decay are known."""
-        after = decayed.at[self.layout.of("modes")].set(amplitudes)
-        return after.at[self.layout.of("duty")].set(duty)
+        return jnp.concatenate([amplitudes, duty, decayed[self.layout.of("room").start :]])
 
     def read(self, mean: Float[Array, " state"]) -> Reading:
         """The expected readings."""
@@ -308,18 +316,83 @@ class AugmentedModel(eqx.Module):
     ) -> tuple[Float[Array, " modes"], Float[Array, " duty"], Float[Array, "stages cells"]]:
         """The amplitudes and the duty after a step, and the duty in it."""
         z, u, room, heats, values = parts
-        stepper, system = self.stepper, self._system(values)
-        start = reached if system.lag is None else u
-        stages = dt * jnp.array([0.0, 0.5, 1.0], z.dtype)
-        path = commands.reached(stages, start, system.lag, system.delay)
-        base, conditions = stepper.system, None
-        if levels is not None:
-            stated = jnp.asarray(levels, z.dtype)
-            conditions = base.conditions(stated)
-            base, system = base.under(conditions), system.under(system.conditions(stated))
+        path = self._path(u, values, reached, commands, dt)
+        base, system, conditions = self._systems(values, levels)
         force = self._force(z, path[1], room[0], heats, base, system)
-        end = variable_step(stepper, z, path, room[0], force, dt, conditions)
+        end = variable_step(self.stepper, z, path, room[0], force, dt, conditions)
         return end, path[-1][: len(u)], path
+
+    def _slopes(
+        self,
+        parts: tuple[Array, ...],
+        reached: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+        levels: Float[ArrayLike, " inputs"] | None,
+    ) -> Float[Array, "modes_and_duty driven"]:
+        """The derivatives of the amplitudes and of the duty after a step with respect to the driven
+        parts before it.
+
+        They are those of the equations linearised once, at the temperatures of the start and the
+        duty of the middle, and not in each stage of the step.
+        """
+        z, u, room, heats, values = parts
+
+        def path(u: Array, values: Array) -> Array:
+            return self._path(u, values, reached, commands, dt)
+
+        at, (of_duty, of_values) = path(u, values), jax.jacfwd(path, (0, 1))(u, values)
+
+        def forces(z: Array, duty: Array, room: Array, heats: Array, values: Array) -> Array:
+            base, system, conditions = self._systems(values, levels)
+            held = self._force(z, duty, room[0], heats, base, system)
+            lost = loss_force(self.stepper, z, room[0])
+            free = self.stepper.field.force(z, Inputs(duty, room[0], lost, conditions))
+            return jnp.stack([held, free])
+
+        # The numbers of the equations change with the values alone.
+        point = z, at[1], room, heats, values
+        by_z, by_duty, by_room, by_heats = jax.jacfwd(forces, (0, 1, 2, 3))(*point)
+        by_values = jax.jacfwd(forces, 4)(*point)
+        # The force in each stage for a change of each driven part, but that by the amplitudes then.
+        held = [by_z[0], by_duty[0] @ of_duty[1], by_room[0], by_heats[0],
+                by_values[0] + by_duty[0] @ of_values[1]]  # fmt: skip
+        free = [jnp.zeros((len(at), *by_z[0].shape)), by_duty[1] @ of_duty,
+                jnp.broadcast_to(by_room[1], (len(at), *by_room[1].shape)),
+                jnp.zeros((len(at), *by_heats[0].shape)), by_duty[1] @ of_values]  # fmt: skip
+        stages = jnp.concatenate(held, axis=1) + jnp.concatenate(free, axis=2)
+        rates, start = self.stepper.field.modes.rates, jnp.eye(len(z), stages.shape[2])
+        rows = [linear_step(by_z[1], rates, start, stages, dt)]
+        if len(u):
+            none = [jnp.zeros((len(u), count)) for count in (len(z), 1 + len(heats))]
+            rows.append(jnp.concatenate([none[0], of_duty[2], none[1], of_values[2]], axis=1))
+        return jnp.concatenate(rows)
+
+    def _path(
+        self,
+        u: Float[Array, " duty"],
+        values: Float[Array, " values"],
+        reached: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+    ) -> Float[Array, "stages cells"]:
+        """The duty at the start, in the middle and at the end of a step."""
+        system = self._system(values)
+        start = reached if system.lag is None else u
+        stages = dt * jnp.array([0.0, 0.5, 1.0], start.dtype)
+        return commands.reached(stages, start, system.lag, system.delay)
+
+    def _systems(
+        self, values: Float[Array, " values"], levels: Float[ArrayLike, " inputs"] | None
+    ) -> tuple[System, System, Conditions | None]:
+        """The equations with the original values and with the changed ones, and what the rig's
+        other inputs change in the former."""
+        base, system = self.stepper.system, self._system(values)
+        if levels is None:
+            return base, system, None
+        stated = jnp.asarray(levels, values.dtype)
+        conditions = base.conditions(stated)
+        return base.under(conditions), system.under(system.conditions(stated)), conditions
 
     def _force(
         self,

@@ -1,4 +1,4 @@
-r"""The algebra of the Kalman filter: a normal distribution that is moved, and corrected by readings.
+r"""The algebra of the Kalman filter: a normal distribution that is moved and corrected by readings.
 
 The innovations $e$ of the readings $H x$ have the covariance $S = H P H^T + R = L L^T$. They are
 whitened: $w = L^{-1} e$ are independent and of variance 1, each what those before it do not say.
@@ -54,11 +54,25 @@ class Correction(NamedTuple):
 def moved(
     state: Gaussian,
     mean: Float[Array, " state"],
-    slope: Float[Array, "state state"],
+    slope: Float[Array, "driven driven"],
+    decay: Float[Array, " others"],
     noise: Float[Array, "state state"],
 ) -> Gaussian:
-    """The distribution after a step, linearised at its mean."""
-    return Gaussian(mean, symmetric(slope @ state.covariance @ slope.T + noise))
+    """The distribution after a step, linearised at its mean.
+
+    **Arguments:**
+
+    - `mean`: the mean after the step.
+    - `slope`: the derivatives of the first entries, which depend on each other.
+    - `decay`: the factors of the others.
+    - `noise`: the covariance of the noise that the step adds.
+    """
+    before, driven = state.covariance, len(slope)
+    first = slope @ before[:driven, :driven] @ slope.T
+    across = slope @ before[:driven, driven:] * decay
+    others = before[driven:, driven:] * jnp.outer(decay, decay)
+    covariance = jnp.block([[first, across], [across.T, others]])
+    return Gaussian(mean, symmetric(covariance + noise))
 
 
 def corrected(

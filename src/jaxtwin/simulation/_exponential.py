@@ -18,7 +18,7 @@ exactly that of the equations.
 """
 
 import math
-from typing import Any, NamedTuple, final
+from typing import Any, NamedTuple, Protocol, final, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -55,6 +55,15 @@ class Inputs(eqx.Module):
         ambient = self.ambient if self.ambient.ndim == 0 else self.ambient[stage]
         heat = self.heat if self.heat is None or self.heat.ndim == 1 else self.heat[stage]
         return Inputs(duty, ambient, heat, self.conditions)
+
+
+@runtime_checkable
+class Field(Protocol):
+    """The forces on the modes."""
+
+    def force(
+        self, amplitudes: Float[Array, " modes"], inputs: Inputs
+    ) -> Float[Array, " modes"]: ...
 
 
 @final
@@ -278,7 +287,7 @@ def exponential_step(
     amplitudes: Float[Array, " modes"],
     force_0: Float[Array, " modes"],
     factors: StepFactors,
-    field: ModalField,
+    field: Field,
     inputs: Inputs,
 ) -> StepResult:
     """Computes one step.

@@ -338,24 +338,37 @@ def loss_line(
     These losses change by a thousandth in a second, and cost more than all the rest. They are
     therefore computed at the start and in the middle of a step, and interpolated linearly.
     """
-    parts = stepper.plate, stepper.field.modes.linearised_loss, stepper.system.loss
-    if any(part is None for part in parts):
+    if stepper.plate is None:
         return None
-    given: Any = (*parts, stepper.reference, held.ambient)
-    if dtype is not None:
-        given = jax.tree.map(lambda leaf: leaf.astype(dtype), given)
-    plate, linearised, law, reference, room = given
 
     def force(amplitudes: Array) -> Array:
-        deviation = plate @ amplitudes.astype(plate.dtype)
-        lost = law.heat(deviation - room, reference + room)
-        found = (plate.T @ (linearised * deviation - lost)).astype(amplitudes.dtype)
-        return found if held.heat is None else found + held.heat
+        lost = loss_force(stepper, amplitudes, held.ambient, dtype)
+        return lost if held.heat is None else lost + held.heat
 
     first = force(amplitudes)
     begin = stepper.field.force(amplitudes, replace(held, heat=first))
     middle = force(stepper.half_decay * amplitudes + stepper.half * begin)
     return _LossLine(first, (middle - first) * 2 / stepper.sizes.sum(), begin)
+
+
+def loss_force(
+    stepper: Stepper,
+    amplitudes: Float[Array, " modes"],
+    ambient: Float[Array, ""],
+    dtype: DTypeLike | None = None,
+) -> Float[Array, " modes"]:
+    """Computes the losses of the plate beyond the modes' linear losses, as a force; 0 if losses are
+    linear."""
+    parts = stepper.plate, stepper.field.modes.linearised_loss, stepper.system.loss
+    if any(part is None for part in parts):
+        return jnp.zeros_like(amplitudes)
+    given: Any = (*parts, stepper.reference, ambient)
+    if dtype is not None:
+        given = jax.tree.map(lambda leaf: leaf.astype(dtype), given)
+    plate, linearised, law, reference, room = given
+    deviation = plate @ amplitudes.astype(plate.dtype)
+    lost = law.heat(deviation - room, reference + room)
+    return (plate.T @ (linearised * deviation - lost)).astype(amplitudes.dtype)
 
 
 def _stages(size: Float[Array, ""]) -> Float[Array, " 3"]:

@@ -1,7 +1,10 @@
 """A step of any length, by the numbers of a `Stepper`: for an observer, whose readings come at
 irregular times."""
 
+from typing import final
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -48,3 +51,43 @@ def variable_step(
     inputs = Inputs(duty, surroundings, flow, conditions)
     force = stepper.field.force(amplitudes, inputs.at(0)) if line is None else line.force
     return exponential_step(amplitudes, force, factors, stepper.field, inputs).amplitudes
+
+
+def linear_step(
+    matrix: Float[Array, "modes modes"],
+    rates: Float[Array, " modes"],
+    amplitudes: Float[Array, "modes columns"],
+    forces: Float[Array, "stages modes columns"],
+    size: Float[Array, ""],
+) -> Float[Array, "modes columns"]:
+    r"""Computes the amplitudes after a step for forces that are linear in them, of several columns
+    side by side: $\dot z = (M - \Lambda) z + f(t)$.
+
+    **Arguments:**
+
+    - `matrix`: $M$. `rates`: the diagonal of $\Lambda$, 1/s.
+    - `amplitudes`: those at the start of the step.
+    - `forces`: $f$ at the start, in the middle and at the end of the step.
+    - `size`: the length of the step, s.
+    """
+    factors, field = step_factors(rates, size), _LinearField(matrix)
+
+    def column(
+        amplitudes: Float[Array, " modes"], forces: Float[Array, "stages modes"]
+    ) -> Float[Array, " modes"]:
+        inputs = Inputs(forces[0, :0], size, forces)
+        first = field.force(amplitudes, inputs.at(0))
+        return exponential_step(amplitudes, first, factors, field, inputs).amplitudes
+
+    return jax.vmap(column, in_axes=(1, 2), out_axes=1)(amplitudes, forces)
+
+
+@final
+class _LinearField(eqx.Module):
+    """Forces that are linear in the amplitudes, and those from outside."""
+
+    matrix: Float[Array, "modes modes"]
+
+    def force(self, amplitudes: Float[Array, " modes"], inputs: Inputs) -> Float[Array, " modes"]:
+        assert inputs.heat is not None
+        return self.matrix @ amplitudes + inputs.heat
