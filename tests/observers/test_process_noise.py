@@ -1,9 +1,11 @@
 """Levels of noise: written and read, checked, and found from a recording."""
 
 import dataclasses
+import re
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
@@ -11,20 +13,27 @@ from hypothesis import strategies as some
 from jaxtwin import Experiment, Twin, simulate
 from jaxtwin._errors import ObserverError
 from jaxtwin.observers import ProcessNoise, _estimate_noise, estimate_noise
+from jaxtwin.observers._process_noise import SPREADS
 
 LEVELS = tuple(ProcessNoise().levels())
 POSITIVE = some.floats(min_value=1e-300, max_value=1e300, allow_subnormal=False)
 NAMES = some.lists(some.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True), max_size=3)
 
 
+ERRORS = some.dictionaries(some.sampled_from(tuple(SPREADS)), POSITIVE)
+
+
 @settings(max_examples=50)
-@given(levels=some.dictionaries(some.sampled_from(LEVELS), POSITIVE), names=NAMES)
-def test_a_file_keeps_each_level_to_the_last_bit(levels: dict[str, float], names: list[str]):
-    noise = ProcessNoise(**levels, names=tuple(names))
+@given(levels=some.dictionaries(some.sampled_from(LEVELS), POSITIVE), names=NAMES, errors=ERRORS)
+def test_a_file_keeps_each_level_to_the_last_bit(
+    levels: dict[str, float], names: list[str], errors: dict[str, float]
+):
+    noise = ProcessNoise(**levels, names=tuple(names), standard_errors=errors)
     with tempfile.TemporaryDirectory() as folder:
         found = ProcessNoise.load(noise.save(Path(folder) / "noise.toml"))
     assert found.levels() == noise.levels()
     assert found.names == noise.names
+    assert found.standard_errors == errors
 
 
 def test_a_level_that_a_file_does_not_state_keeps_its_default(tmp_path: Path):
@@ -45,6 +54,9 @@ def test_a_level_that_a_file_does_not_state_keeps_its_default(tmp_path: Path):
         ("hat = 0.1", "hat: expected levels of noise, got 0.1"),
         ('names = "R_1"', "names: expected a list of parameters, got 'R_1'"),
         ("names = [1]", r"names: expected a list of parameters, got \[1\]"),
+        ("standard_errors = 1", "standard_errors: expected a table, got 1"),
+        ("[standard_errors]\nhat = 1", r"standard_errors\.hat: expected levels of noise, got 1"),
+        ("[standard_errors]\nheat = 0", r"standard_errors\.heat: expected a number above 0, got 0"),
         ("heat = = 1", "expected levels of noise as TOML"),
     ],
 )
@@ -91,6 +103,13 @@ def test_the_noise_of_readings_is_found_from_a_recording(
     assert 0.12 < levels["reading"] < 0.18
     assert levels["disturbance"] < 0.1
     assert levels["room"] == start.levels()["room"]
+    errors = found.standard_errors
+    assert abs(np.log(levels["reading"] / 0.15)) < 2 * errors["reading"] < 0.6
+    assert 0.9 < max(error / SPREADS[name] for name, error in errors.items()) <= 1.0
+    said = found.summary()
+    assert re.search(r"\nreading +0\.1\d+ +K +\d+ +found\n", said)
+    assert "assumed, the recordings do not show it" in said
+    assert "not estimated" in said
 
 
 def test_a_recording_that_is_not_longer_than_the_horizon_is_refused(

@@ -16,7 +16,7 @@ is exact.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -39,7 +39,7 @@ from ._forecast_run import expected_at, starts_of
 from ._gaussian import LOG_TWO_PI
 from ._kalman_filter import ExtendedKalmanFilter
 from ._observe import filter_for, usual_noise
-from ._process_noise import ProcessNoise
+from ._process_noise import SPREADS, ProcessNoise
 from ._start import first_reading
 
 HORIZON = 60.0
@@ -48,28 +48,14 @@ HORIZON = 60.0
 FORECASTS = 128
 """The number of forecasts of a recording that are judged, evenly spaced."""
 
-SPREADS = {
-    "reading": 0.5,
-    "reading_time": 1.0,
-    "heat": 1.0,
-    "command_time": 1.0,
-    "disturbance": 1.0,
-    "disturbance_time": 0.7,
-    "twin_time": 0.7,
-    "common": 0.7,
-    "common_time": 0.7,
-    "channel": 0.7,
-    "channel_time": 0.7,
-}
-"""The levels that are estimated, with the standard deviation of the prior of their logarithm. How
-far parameters drift is not: recordings that were matched together say nothing of later weeks. How
-far the values of the fit may be from those of the rig is what the fit says."""
-
 OUTLYING = 2.5
 """A forecast that is wrong by more than so many standard deviations counts less: a supply that is
 switched on late must not decide what the noise is."""
 
 ITERATIONS = 20
+
+DIFFERENCE = 0.1
+"""The step in which the curvature at the estimate is found, in standard deviations of the prior."""
 
 
 @announced("estimation of the noise")
@@ -95,7 +81,7 @@ def estimate_noise(
     - `horizon`: the time ahead at which forecasts are judged, s.
     - `start`: where to begin; None: levels from the rig file and the time between samples.
 
-    **Returns:** the noise, for `jaxtwin.observe`.
+    **Returns:** the noise, for `jaxtwin.observe`, with the standard errors of its levels.
 
     **Raises:** `ObserverError` if a recording has no readings or is not longer than the horizon, or
     for unknown names; `SimulationError` for a recording of another rig.
@@ -143,7 +129,23 @@ def estimate_noise(
         options={"maxiter": ITERATIONS, "ftol": 1e-4},
     )
     values = np.exp(centre + spread * found.x)
-    return dataclasses.replace(start, **dict(zip(estimated, values.tolist(), strict=True)))
+    errors = spread * _standard_errors(lambda point: objective(point)[1], found.x)
+    return dataclasses.replace(
+        start,
+        **dict(zip(estimated, values.tolist(), strict=True)),
+        standard_errors=dict(zip(estimated, errors.tolist(), strict=True)),
+    )
+
+
+def _standard_errors(
+    slope: Callable[[np.ndarray], np.ndarray], at: Float[np.ndarray, " levels"]
+) -> Float[np.ndarray, " levels"]:
+    """The standard errors of a maximum of a posterior, by the curvature there (Laplace). The prior
+    has the curvature 1."""
+    here, unit = slope(at), np.eye(len(at))
+    hessian = np.stack([(slope(at + DIFFERENCE * row) - here) / DIFFERENCE for row in unit])
+    values, vectors = np.linalg.eigh((hessian + hessian.T) / 2)
+    return np.sqrt(np.sum(vectors**2 / np.maximum(values, 1.0), axis=1))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 import os
 import tomllib
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,6 +18,46 @@ from .._errors import ObserverError
 from .._whole_file import write_whole_file
 
 Level = Float[ArrayLike, ""]
+
+SPREADS = {
+    "reading": 0.5,
+    "reading_time": 1.0,
+    "heat": 1.0,
+    "command_time": 1.0,
+    "disturbance": 1.0,
+    "disturbance_time": 0.7,
+    "twin_time": 0.7,
+    "common": 0.7,
+    "common_time": 0.7,
+    "channel": 0.7,
+    "channel_time": 0.7,
+}
+"""The levels that are estimated, with the standard deviation of the prior of their logarithm. How
+far parameters drift is not: recordings that were matched together say nothing of later weeks. How
+far the values of the fit may be from those of the rig is what the fit says."""
+
+DETERMINED = 0.5
+"""A level is found if recordings leave less than this part of the variance of its prior."""
+
+UNITS = {
+    "reading": "K",
+    "reading_time": "s",
+    "heat": "W s^0.5",
+    "command_time": "s",
+    "disturbance": "W",
+    "disturbance_time": "s",
+    "room": "K s^-0.5",
+    "twin": "1",
+    "twin_time": "s",
+    "slow": "1",
+    "slow_time": "s",
+    "common": "K",
+    "common_time": "s",
+    "jump": "K",
+    "channel": "K",
+    "channel_time": "s",
+    "ambient": "K",
+}
 
 
 @final
@@ -52,6 +92,8 @@ class ProcessNoise(eqx.Module):
     - `ambient`: white noise of a measured ambient temperature, K.
 
     `names` are the parameters that drift slowly beside the equations of the twin.
+    `standard_errors` are those of the logarithms of the levels that were estimated, name -> error;
+    `summary` prints them.
     """
 
     reading: Level = 0.1
@@ -72,6 +114,7 @@ class ProcessNoise(eqx.Module):
     channel_time: Level = 300.0
     ambient: Level = 0.2
     names: tuple[str, ...] = eqx.field(static=True, default=())
+    standard_errors: dict[str, float] = dataclasses.field(default_factory=dict)
 
     def check(self) -> None:
         """Checks the levels.
@@ -84,7 +127,7 @@ class ProcessNoise(eqx.Module):
 
     def as_arrays(self) -> "ProcessNoise":
         """The same levels as arrays, which need no new compilation when they change."""
-        arrays = {name: jnp.asarray(level) for name, level in self.levels().items()}
+        arrays: dict[str, Any] = {name: jnp.asarray(lev) for name, lev in self.levels().items()}
         return ProcessNoise(**arrays, names=self.names)
 
     def levels(self) -> dict[str, float]:
@@ -92,8 +135,24 @@ class ProcessNoise(eqx.Module):
         return {
             field.name: float(np.asarray(getattr(self, field.name)))
             for field in dataclasses.fields(self)
-            if field.name != "names"
+            if field.name not in ("names", "standard_errors")
         }
+
+    def summary(self) -> str:
+        """Returns a table of the levels with their standard errors and what the recordings say of
+        each: `found`, or `assumed` if they say less than the prior."""
+        lines = [f"{'level':18}{'value':>10}  {'unit':10}{'± %':>6}"]
+        for name, level in self.levels().items():
+            error = self.standard_errors.get(name)
+            kind = "not estimated"
+            if error is not None:
+                share = 1 - (error / SPREADS[name]) ** 2
+                kind = "found" if share > DETERMINED else "assumed, the recordings do not show it"
+            percent = "" if error is None else f"{100 * error:.0f}"
+            lines.append(f"{name:18}{level:10.3g}  {UNITS[name]:10}{percent:>6}  {kind}")
+        if self.names:
+            lines.append(f"drifting parameters: {', '.join(self.names)}")
+        return "\n".join(lines)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the levels to a TOML file, which `load` reads.
@@ -102,7 +161,9 @@ class ProcessNoise(eqx.Module):
         """
         lines = [f"{name} = {level!r}" for name, level in self.levels().items()]
         names = ", ".join(f'"{name}"' for name in self.names)
-        text = "\n".join([f"names = [{names}]", *lines, ""])
+        errors = [f"{name} = {error!r}" for name, error in self.standard_errors.items()]
+        table = ["", "[standard_errors]", *errors] if errors else []
+        text = "\n".join([f"names = [{names}]", *lines, *table, ""])
         write_whole_file(path, text.encode(), ObserverError)
         return Path(path)
 
@@ -118,15 +179,25 @@ class ProcessNoise(eqx.Module):
         except (OSError, ValueError) as error:
             raise ObserverError(f"{source}: expected levels of noise as TOML: {error}") from error
         known = cls().levels()
+        errors = entries.pop("standard_errors", {})
+        if not isinstance(errors, dict):
+            raise ObserverError(f"{source}: standard_errors: expected a table, got {errors!r}")
+        for name, error in errors.items():
+            _check_number(source, f"standard_errors.{name}", name in SPREADS, error)
         for name, entry in entries.items():
-            if name == "names":
-                good = isinstance(entry, list) and all(isinstance(one, str) for one in entry)
-                allowed = "a list of parameters"
-            else:
-                good = name in known and isinstance(entry, int | float) and 0 < entry < math.inf
-                good = good and not isinstance(entry, bool)
-                allowed = "a number above 0" if name in known else "levels of noise"
-            if not good:
-                raise ObserverError(f"{source}: {name}: expected {allowed}, got {entry!r}")
+            if name != "names":
+                _check_number(source, name, name in known, entry)
+            elif not (isinstance(entry, list) and all(isinstance(one, str) for one in entry)):
+                raise ObserverError(
+                    f"{source}: names: expected a list of parameters, got {entry!r}"
+                )
         names = tuple(entries.pop("names", ()))
-        return cls(**{name: float(level) for name, level in entries.items()}, names=names)
+        levels = {name: float(level) for name, level in entries.items()}
+        return cls(**levels, names=names, standard_errors=errors)
+
+
+def _check_number(source: Path, name: str, is_known: bool, entry: object) -> None:
+    is_above = isinstance(entry, int | float) and entry is not True and 0 < entry < math.inf
+    if not (is_known and is_above):
+        allowed = "a number above 0" if is_known else "levels of noise"
+        raise ObserverError(f"{source}: {name}: expected {allowed}, got {entry!r}")
