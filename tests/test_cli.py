@@ -56,6 +56,7 @@ COMMANDS = [
     ["simulate"],
     ["match"],
     ["validate"],
+    ["estimate-noise"],
     ["diff"],
     ["report"],
     ["sensitivity"],

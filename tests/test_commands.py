@@ -4,6 +4,7 @@ The work itself is replaced: it notes the arguments that it gets and gives a sma
 """
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import typer
 from small_results import analysis, fit, global_analysis
 
 import jaxtwin as jt
-from jaxtwin import control, experiment_design, live, matching
+from jaxtwin import control, experiment_design, live, matching, observers
 from jaxtwin.cli import app, run
 from jaxtwin.commands import _control, _drive
 from jaxtwin.control import PID
@@ -78,6 +79,7 @@ DEFAULTS = {
         "starts": 1, "seed": 0,
     },
     "drive": {"duration": 1000.0, "silence": 3.0, "baud": 115_200},
+    "estimate-noise": {"horizon": 60.0},
     "export": {"step": 1.0},
     "match": {"starts": 1, "max_iterations": 200, "seed": 0},
     "new-rig": {"supply_voltage": "12 V", "limit": "80 degC"},
@@ -294,3 +296,14 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
         "plan": {"reference": "0:35,20:40", "duration_s": 30.0},
         "controller": Path("pid.toml").read_text(encoding="utf-8"),
     }
+
+
+def test_every_option_of_an_estimate_of_noise_arrives(noted, monkeypatch, capsys):
+    found = jt.ProcessNoise(heat=0.5, standard_errors={"heat": 0.1})
+    arguments = noted(observers, "estimate_noise", found)
+    monkeypatch.setattr(matching.Fit, "load", lambda path: fit())
+    words = "estimate-noise fit.toml synthetic-A --name R_E --name alpha --horizon 30 --out n.toml"
+    assert run(words.split()) == 0
+    assert without(arguments) == {"names": ["R_E", "alpha"], "horizon": 30.0}
+    assert jt.ProcessNoise.load("n.toml").standard_errors == {"heat": 0.1}
+    assert re.search(r"\nheat +0\.5 +W s\^0\.5 +10 +found\n", capsys.readouterr().out)

@@ -30,6 +30,7 @@ from .commands import (
     _diff,
     _doctor,
     _drive,
+    _estimate_noise,
     _export,
     _import_recording,
     _match,
@@ -132,6 +133,12 @@ _add(
     "jaxtwin validate dual-cell monday.csv --parameters fit.toml --out validation",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --split 500 --json split.json",
     "jaxtwin validate dual-cell monday.csv tuesday.csv --leave-one-out",
+)
+_add(
+    "estimate-noise",
+    TWINS,
+    _estimate_noise.estimate_noise,
+    "jaxtwin estimate-noise fit.toml monday.csv tuesday.csv --name R_E --out noise.toml",
 )
 _add(
     "report",
