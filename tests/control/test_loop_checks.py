@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import ControlError, Twin, simulate_closed_loop
-from jaxtwin.control import PID, DecoupledPI, FunctionController
+from jaxtwin.control import PID, DecoupledPI, FunctionController, HeatInput
 from jaxtwin.control.loops._control import checked_loop
 from jaxtwin.control.loops._loop_checks import check_reach
 
@@ -98,3 +98,21 @@ def test_a_loop_on_a_rig_needs_a_duty_for_each_of_its_cells(twin: Twin):
     three = PID([0.1, 0.1, 0.1])
     with pytest.raises(ControlError, match="control: controller: expected the duty of 2 cells"):
         checked_loop(twin, three, 35, 60)
+
+
+def test_a_start_in_kelvin_is_refused_with_its_value_in_celsius(twin: Twin):
+    with pytest.raises(ControlError, match=r"initial: expected degC, got 313 degC .* 39\.9 degC\?"):
+        simulate_closed_loop(twin, PID(0.1), 35.0, duration=100, initial=313.0)
+
+
+@pytest.mark.parametrize(("start", "end"), [(200.0, 300.0), (-20.0, -10.0), (10.2, 10.4)])
+def test_a_disturbance_that_never_acts_is_refused(twin: Twin, start: float, end: float):
+    never = HeatInput((twin.rig.plate.element_names[0],), start, end, 5.0)
+    with pytest.raises(ControlError, match=r"disturbances\[0\]: expected a time within the run"):
+        simulate_closed_loop(twin, PID(0.1), 35.0, duration=100, disturbances=[never])
+
+
+@pytest.mark.parametrize("time", [0, 0.0, np.array([1.0, 0.0])])
+def test_a_tracking_time_of_zero_is_refused(time: object):
+    with pytest.raises(ControlError, match="tracking_time_s: expected a time above 0 s, or None"):
+        PID(0.1, 0.01, tracking_time_s=time)

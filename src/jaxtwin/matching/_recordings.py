@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import is_ordered, of_kind
-from .._celsius import ZERO_CELSIUS
+from .._celsius import ZERO_CELSIUS, is_probably_kelvin
 from .._errors import MatchError
 from .._name_suggestions import did_you_mean
 from ..io import Experiment
@@ -19,9 +19,6 @@ from ._start import first_sample, room_temperature
 
 FIRST_SAMPLES = 50
 """The number of samples at the start that are looked at, of all channels together."""
-
-NEAR_KELVIN = 60.0
-"""How far from the room the first reading of a recording in kelvin is at most, K: a warm rig."""
 
 BEYOND_BOUNDS = 5.0
 """How far the first reading may lie outside the bounds of the plate's temperature at the start, K:
@@ -131,7 +128,7 @@ def check_units(twin: Twin, name: str, experiment: Experiment) -> None:
     recorded = first_sample(experiment).ambient
     start = room_temperature(twin.rig, twin.numbers_si, recorded)
     celsius = first - ZERO_CELSIUS
-    if abs(celsius - start) < NEAR_KELVIN and abs(first - start) > NEAR_KELVIN:
+    if is_probably_kelvin(first, start):
         raise MatchError(
             f"{name}: temperatures: expected degC, got {first:.1f} degC at the start in a room of "
             f"{start:.0f} degC; are they in K, {celsius:.1f} degC? A column of kelvin is called "

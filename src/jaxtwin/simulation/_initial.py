@@ -9,8 +9,9 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number
-from .._celsius import ZERO_CELSIUS
-from .._errors import SimulationError
+from .._celsius import ZERO_CELSIUS, is_probably_kelvin
+from .._errors import JaxtwinError, SimulationError
+from .._jax_settings import is_traced
 from .._name_suggestions import unknown_name
 from ..physics import System, Twin
 
@@ -77,7 +78,27 @@ def checked_initial(twin: Twin, initial: Initial) -> CheckedInitial:
             f"initial: expected {-ZERO_CELSIUS:g} degC and above, got "
             f"{kelvin.min() - ZERO_CELSIUS:g} degC"
         )
+    check_celsius("initial", kelvin - ZERO_CELSIUS, twin, SimulationError)
     return kelvin
+
+
+def check_celsius(
+    where: str, temperatures: Float[np.ndarray, "..."], twin: Twin, error: type[JaxtwinError]
+) -> None:
+    """Refuses temperatures at the start that seem to be in kelvin.
+
+    **Raises:** `error` with the value in degC.
+    """
+    ambient = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
+    if is_traced(ambient):
+        return
+    room = float(ambient) - ZERO_CELSIUS
+    highest = float(temperatures.max())
+    if is_probably_kelvin(highest, room):
+        raise error(
+            f"{where}: expected degC, got {highest:g} degC in a room of {room:.0f} degC; is it in "
+            f"K, {highest - ZERO_CELSIUS:.1f} degC?"
+        )
 
 
 def _of_nodes(twin: Twin, given: Mapping[str, float | int]) -> Float[np.ndarray, " nodes"]:
@@ -91,6 +112,7 @@ def _of_nodes(twin: Twin, given: Mapping[str, float | int]) -> Float[np.ndarray,
             raise SimulationError(
                 f"initial: {name}: expected {-ZERO_CELSIUS:g} degC and above, got {value:g} degC"
             )
+        check_celsius(f"initial: {name}", np.array(value), twin, SimulationError)
         kelvin[twin.netlist.index[name]] = value + ZERO_CELSIUS
     return kelvin
 

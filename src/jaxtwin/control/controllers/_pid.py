@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from ..._errors import ControlError
 from ..._jax_settings import own_settings
 from ._controller import (
     Numbers,
@@ -135,8 +136,9 @@ class PID(AbstractDutyLimitedController):
 
     @classmethod
     def check_parameters(cls, **values: Any) -> None:
-        """Refuses parameters that are not finite numbers of at least 0."""
+        """Refuses parameters that are not finite numbers of at least 0, or a tracking time of 0."""
         check_non_negative("PID", **values)
+        check_tracking_time("PID", values.get("tracking_time_s"))
 
     @property
     def is_linear(self) -> bool:
@@ -241,6 +243,18 @@ def tracking_share(
         time = Kp / jnp.where(Ki > 0, Ki, 1.0)
     share = sample_time_s / jnp.maximum(jnp.asarray(time), sample_time_s)
     return jnp.where(Ki > 0, share, 0.0)
+
+
+def check_tracking_time(where: str, tracking_time_s: Any) -> None:
+    """Refuses a tracking time of 0, with which no anti-windup can be meant.
+
+    **Raises:** `ControlError`.
+    """
+    if isinstance(tracking_time_s, float | int | np.ndarray) and not np.all(tracking_time_s):
+        raise ControlError(
+            f"{where}: tracking_time_s: expected a time above 0 s, or None for Kp / Ki, got "
+            f"{tracking_time_s!r}"
+        )
 
 
 def as_parameter(value: Numbers) -> Parameter:

@@ -90,6 +90,11 @@ def disturbance_tables(
             )
         # A disturbance acts during a step if it acts at the sample at which the step begins.
         during = (times >= start - 1e-9) & (times < end - 1e-9)
+        if not during.any():
+            raise ControlError(
+                f"{at}: expected a time within the run, whose samples go from {times[0]:g} to "
+                f"{times[-1]:g} s, got {start:g} to {end:g} s"
+            )
         for element in elements:
             if isinstance(disturbance, HeatInput):
                 q = finite_number(f"{at}.heat", disturbance.heat, ControlError)

@@ -16,6 +16,7 @@ from ..._jax_settings import own_settings
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Faults, Twin
+from ...simulation._initial import check_celsius
 from ..controllers._controller import AbstractController
 from ..controllers._function_controller import ControlFunction, as_controller
 from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
@@ -199,6 +200,7 @@ def _initial(where: str, twin: Twin, initial: object) -> Float[np.ndarray, " nod
             f"degC, got {initial!r}"
         ) from None
     _check_above_absolute_zero(f"{where}: initial", values)
+    check_celsius(f"{where}: initial", values, twin, ControlError)
     return values
 
 
