@@ -59,8 +59,9 @@ def control(
     interlock or a signal such as SIGTERM stopped it, 5 if the device reported heat after the stop
     (cut the power), 130 after Ctrl-C.
 
-    After a relay, prints the ultimate gain and period of its oscillation, and the fields of a PID
-    from them. The exit code is 2 if the plate did not oscillate evenly.
+    Prints how far from instability the loop is before it begins. After a relay, prints the ultimate
+    gain and period of its oscillation, and the fields of a PID from them. The exit code is 2 if the
+    plate did not oscillate evenly.
     """
     decisions: list[Decision] = []
 
@@ -73,6 +74,8 @@ def control(
         loop = LiveLoop(
             twin, chosen, reference, duration=duration, silence=silence, ambient=ambient
         )
+        if (margins := loop.margins()) is not None:
+            say(margins.summary())
         guard = Guard.of(twin, silence=silence, ambient=ambient)
         keep = decisions.append if isinstance(chosen, Relay) else None
         run = partial(run_controller, guard=guard, loop=loop, on_decision=keep)

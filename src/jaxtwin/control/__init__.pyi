@@ -35,6 +35,8 @@ from .loops._control import LiveLoop as LiveLoop
 from .loops._control import control as control  # a controller on a live rig
 from .loops._disturbances import Draught as Draught  # air upon the plate
 from .loops._disturbances import HeatInput as HeatInput  # a hand upon the plate
+from .loops._loop_margins import LoopMargins as LoopMargins  # how far a loop is from instability
+from .loops._loop_margins import loop_margins as loop_margins  # of a controller on a twin
 from .loops._loop_signals import ClosedLoop as ClosedLoop  # what happened in a closed loop
 from .loops._measures import MEASURES as MEASURES  # name -> function of a ClosedLoop, unit
 from .loops._scenario import Scenario as Scenario  # what a closed loop goes through

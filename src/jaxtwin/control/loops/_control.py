@@ -16,6 +16,7 @@ from ...live import Document, Finding, Guard, Moment, RecordConsumer, RigConnect
 from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ._loop_checks import check_cells, check_reach, check_sample_time
+from ._loop_margins import LoopMargins, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
 from ._stability import check_stability
 
@@ -169,7 +170,7 @@ class LiveLoop:
         """References and duration, for the recording."""
         self.decision: Decision | None = None
         """The last decision; None before the first."""
-        self._controller = controller
+        self._twin, self._controller = twin, controller
         self._weights = np.asarray(controller.output_weights(twin.channels), float)
         self._references = checked_loop(twin, controller, references, duration, ambient)
         self._ahead = references_ahead(self._references, controller.preview_samples)
@@ -183,6 +184,13 @@ class LiveLoop:
         self._sample: int | None = None
         self._duty = np.zeros(len(twin.rig.driven))
         self._lowest = np.array(twin.rig.lowest_duty)
+
+    def margins(self) -> LoopMargins | None:
+        """Computes the margins of the loop at the last references; None for a controller that is
+        not linear."""
+        if not self._controller.is_linear:
+            return None
+        return loop_margins(self._twin, self._controller, self._references[-1])
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
         """Returns the duty at a moment; None at the end of the run."""

@@ -104,9 +104,9 @@ class SampledLoops:
         matrices, duty = jax.tree.map(np.asarray, found)
         self._plants: Matrices = matrices
         self.omega = np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)
+        self._interval, self._sensor_delay = interval, sensor_delay
         self._z = np.exp(1j * self.omega * interval)
-        late = np.exp(-1j * self.omega * sensor_delay)
-        self._response = _response(matrices, self._z) * late[:, None, None]
+        self._response = self._plant_response(self.omega)
         low, high = vector.controller.limits
         inside = DISTANCE_FROM_LIMITS * (high - low)
         self._duty = np.clip(np.median(duty, axis=0), low + inside, high - inside)
@@ -132,6 +132,24 @@ class SampledLoops:
         value = 1 / float(smallest[draw, frequency])
         return SensitivityPeak(value, -change * value**2, self._is_stable(matrices))
 
+    def loop(
+        self, omega: Float[np.ndarray, " frequency"]
+    ) -> Complex[np.ndarray, "draws frequency outputs outputs"]:
+        """Computes the response of the loop, plant times controller without the minus sign of the
+        feedback, with the controller as it is."""
+        controller = jax.tree.map(np.asarray, self._steps())
+        z = np.exp(1j * omega * self._interval)
+        return -self._plant_response(omega) @ _response(controller, z)
+
+    def _plant_response(
+        self, omega: Float[np.ndarray, " frequency"]
+    ) -> Complex[np.ndarray, "draws frequency outputs cells"]:
+        late = np.exp(-1j * omega * self._sensor_delay)
+        return _response(self._plants, np.exp(1j * omega * self._interval)) * late[:, None, None]
+
+    def _steps(self) -> Any:
+        return _linear_steps(self._vector.controller, self._duty, self._outputs)
+
     def _controller(self, values: np.ndarray) -> tuple[Matrices, Matrices]:
         vector = self._vector
         found = _linear_controller(
@@ -152,8 +170,7 @@ class SampledLoops:
         """Computes the factor by which deviations from the steady state grow in a sample: the
         largest absolute value of a pole of the closed loops. A loop is stable up to `1 +
         ROUNDING`."""
-        controller = _linear_steps(self._vector.controller, self._duty, self._outputs)
-        return self._radius(jax.tree.map(np.asarray, controller))
+        return self._radius(jax.tree.map(np.asarray, self._steps()))
 
     def _radius(self, controller: Matrices) -> float:
         (A, B, C, D), (Ac, Bc, Cc, Dc) = self._plants, controller

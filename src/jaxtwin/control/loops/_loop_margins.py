@@ -1,0 +1,146 @@
+"""The margins of a controller on a twin: how far from instability its loop is."""
+
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Complex, Float
+from numpy.typing import ArrayLike
+
+from ..._errors import ControlError
+from ..._jax_settings import own_settings
+from ...matching import Fit
+from ...matching._nominal_twin import nominal_twin
+from ...physics import Twin
+from ..controllers._controller import AbstractController
+from ..controllers._controller_vector import ControllerVector
+from ..linear._margins import DiskMargin, Margins, disk_margin, margins, sensitivity_peak
+from ._loop_checks import check_cells
+from ._many_loops import longest_delay, twin_at_medians
+from ._references import reference_samples
+from ._sampled_loop import ROUNDING, SampledLoops
+
+Response: TypeAlias = Complex[np.ndarray, "frequency outputs outputs"]
+
+USUAL_PEAK = 2.0
+"""The sensitivity peak above which a loop is called fragile."""
+
+
+class LoopMargins(NamedTuple):
+    """The margins of the loop of a controller, at its sample time, with the delay and the lag of
+    the driver.
+
+    - `is_stable`: whether the closed loop is stable; if it is not, the other numbers mean nothing.
+    - `sensitivity_peak`, `sensitivity_omega`: the factor by which the loop amplifies a disturbance
+      at worst, and the frequency at which it does so, rad/s.
+    - `complementary_peak`, `complementary_omega`: the same for the noise of readings.
+    - `disk`: the changes of gain and phase of all channels together that the loop tolerates.
+    - `channel`: gain and phase margin of a loop with a single output; None for several.
+    - `sensitivity_peaks`: the sensitivity peak of each draw of the twin; that of the twin alone
+      where there are no draws.
+    """
+
+    is_stable: bool
+    sensitivity_peak: float
+    sensitivity_omega: float
+    complementary_peak: float
+    complementary_omega: float
+    disk: DiskMargin
+    channel: Margins | None
+    sensitivity_peaks: Float[np.ndarray, " draws"]
+
+    def summary(self) -> str:
+        """Returns the margins in one line of words, with a warning if the loop is fragile."""
+        if not self.is_stable:
+            return "the loop is not stable"
+        low, high = self.disk.gain
+        text = (
+            f"sensitivity peak {self.sensitivity_peak:.2f} at {self.sensitivity_omega:.2g} rad/s; "
+            f"tolerates gains of {low:.2f} to {high:.2f} times, or a phase of "
+            f"{self.disk.phase_deg:.0f} degrees"
+        )
+        if self.sensitivity_peak > USUAL_PEAK:
+            text += f": fragile, a usual limit of the peak is {USUAL_PEAK:g}"
+        return text
+
+
+def loop_margins(
+    twin: Twin | Fit,
+    controller: AbstractController,
+    reference: float | int | ArrayLike,
+    *,
+    draws: Mapping[str, Float[np.ndarray, " draws"]] | None = None,
+) -> LoopMargins:
+    """Computes the margins of a controller on a twin.
+
+    The loop is linearised where the outputs rest at their references. The plant under a held duty
+    is exact at the samples, with the driver's delay and lag; the controller is the derivative of
+    its `step`, so that it may be any that is linear within its limits, a user's own too.
+
+    ```python
+    jaxtwin.control.loop_margins(twin, lqi, 40.0).summary()
+    ```
+
+    **Arguments:**
+
+    - `twin`: the twin; or a fit.
+    - `controller`: the controller.
+    - `reference`: that of all outputs, or one for each, degC.
+    - `draws`: draws of parameters, as `Fit.posterior` gives them: name -> values; for
+      `sensitivity_peaks`, and `is_stable` then holds for all of them.
+
+    **Raises:** `ControlError` for a controller that is not linear, or references that do not fit
+    it.
+    """
+    where = "loop_margins"
+    plant = nominal_twin(f"{where}: twin", twin, ControlError)
+    controller = controller.for_rig(plant.rig)
+    if not controller.is_linear:
+        raise ControlError(
+            f"{where}: controller: expected one that is linear within its limits, got a "
+            f"{type(controller).__name__}"
+        )
+    weights = np.asarray(controller.output_weights(plant.channels), float)
+    outputs = reference_samples(f"{where}: reference", reference, np.zeros(1), len(weights))[0]
+    drawn = {name: np.asarray(values, float) for name, values in (draws or {}).items()}
+    with own_settings():
+        check_cells(where, controller, plant.rig, len(weights))
+        loops = _loops(plant, {}, controller, weights, outputs)
+        of_draws = _loops(plant, drawn, controller, weights, outputs) if drawn else loops
+        distance = np.eye(len(weights)) + of_draws.loop(of_draws.omega)
+        peaks = 1 / np.linalg.svd(distance, compute_uv=False)[..., -1].min(axis=1)
+        growth = of_draws.growth()
+
+        def loop(omega: Float[np.ndarray, " frequency"]) -> Response:
+            return loops.loop(omega)[0]
+
+        def inverse(omega: Float[np.ndarray, " frequency"]) -> Response:
+            return np.linalg.inv(loop(omega))  # T = (I + L^-1)^-1
+
+        omega = loops.omega
+        return LoopMargins(
+            growth < 1 + ROUNDING,
+            *sensitivity_peak(loop, omega=omega),
+            *sensitivity_peak(inverse, omega=omega),
+            disk=disk_margin(loop, omega=omega),
+            channel=margins(loop, omega=omega) if len(weights) == 1 else None,
+            sensitivity_peaks=peaks,
+        )
+
+
+def _loops(
+    twin: Twin,
+    draws: dict[str, Float[np.ndarray, " draws"]],
+    controller: AbstractController,
+    weights: Float[np.ndarray, "outputs channels"],
+    outputs: Float[np.ndarray, " outputs"],
+) -> SampledLoops:
+    return SampledLoops(
+        twin_at_medians(twin, draws),
+        draws,
+        ControllerVector(controller, ()),
+        weights,
+        outputs,
+        longest_delay=longest_delay(twin, draws),
+        sensor_delay=0.0,
+    )
