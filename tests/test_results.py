@@ -143,7 +143,7 @@ INPUTS |= {"AbstractController", "ProcessNoise", "Scenario"}
 INSIDE_JAX = {"ClosedLoop"}
 """Signals as JAX arrays; `ClosedLoopRun` shows them."""
 
-TUPLES = {"DiskMargin", "Margins"}
+TUPLES = {"DiskMargin", "LoopMargins", "Margins"}
 """Named tuples of numbers, as python-control gives them."""
 
 
