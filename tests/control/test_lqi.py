@@ -1,5 +1,6 @@
 """LQI: gains by hand and by python-control, limits, start, and a loop without offset."""
 
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -8,8 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
-from jaxtwin.control import LQI, DiscreteModel, HeatInput, LinearModel
+from jaxtwin import ControlError, Twin, export_c, linearize, simulate_closed_loop
+from jaxtwin.control import (
+    LQI,
+    MPC,
+    DiscreteModel,
+    HeatInput,
+    LinearModel,
+    read_controller,
+    save_controller,
+)
 from jaxtwin.control.controllers._plant import plant_of
 from jaxtwin.control.linear._riccati import filter_gain, regulator
 
@@ -199,3 +208,19 @@ def test_invalid_designs_of_an_lqi_are_refused():
         A, B = np.diag([pole, -0.1]), np.array([[0.0], [1.0]])  # no input reaches the first state
         model = LinearModel(A, B, np.ones((1, 2)), np.zeros((1, 1)), output_names=["left"])
         refusing(message, model=model.discretise(1.0))
+
+
+@pytest.mark.parametrize("design", [LQI, MPC])
+def test_a_controller_of_another_rigs_model_is_refused(twin: Twin, design: type, tmp_path: Path):
+    other = Twin("paper-2024")
+    model = linearize(other, duty=0.3).reduce(3).discretise(1.0)
+    controller = design(model, measured=["TAM", "TCM"], limits=(0, 1))
+    words = "a model of dual-cell, got one designed on a model of paper-2024"
+    with pytest.raises(ControlError, match=words):
+        simulate_closed_loop(twin, controller, 35.0, duration=60)
+    with pytest.raises(ControlError, match=words):
+        save_controller(tmp_path / "other.toml", controller, twin.rig)
+    with pytest.raises(ControlError, match=words):
+        export_c(controller, tmp_path, rig=twin.rig)
+    save_controller(tmp_path / "own.toml", controller, other.rig)
+    read_controller(tmp_path / "own.toml", other.rig)

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from ...rig import Rig
 from ...rig._units import Kind
 from ..linear._discrete_model import DiscreteModel
 from ..linear._riccati import regulator
@@ -54,7 +55,7 @@ from ._file_model import (
 from ._kalman import KalmanFilter, kalman_filter, kalman_tables
 from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
 from ._pid import WEIGHT, Parameter, as_parameter
-from ._plant import Plant, plant_of
+from ._plant import Plant, check_designed_for, plant_of
 
 GAINS = {
     "Kx": PLAIN,
@@ -127,6 +128,8 @@ class LQI(AbstractDutyLimitedController):
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+    designed_for: str = eqx.field(static=True, repr=False)
+    """The rig of the model; empty for that of no rig file."""
 
     def __init__(
         self,
@@ -172,6 +175,15 @@ class LQI(AbstractDutyLimitedController):
         self.N = (np.eye(cells) + self.Kx @ plant.rest_states) @ plant.inverse
         self.kalman = kalman_filter("LQI", plant, w, v, h)
         self.duty, self.outputs = plant.duty, plant.outputs
+        self.designed_for = plant.rig
+
+    def for_rig(self, rig: Rig) -> AbstractDutyLimitedController:
+        """Returns the controller with the limits of a rig.
+
+        **Raises:** `ControlError` for another rig than that of the model.
+        """
+        check_designed_for("LQI", self.designed_for, rig)
+        return super().for_rig(rig)
 
     @classmethod
     def check_parameters(cls, **values: Any) -> None:

@@ -29,6 +29,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import true_or_false, whole_number
 from ..._errors import ControlError
+from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import (
     Condensed,
@@ -67,7 +68,7 @@ from ._kalman import KalmanFilter, kalman_filter, kalman_tables
 from ._law import Law, bundled_law, check_designed_cells
 from ._mpc_limits import checked_rate, checked_temperature_limits
 from ._mpc_programs import plan_program, rest_program
-from ._plant import Plant, plant_of
+from ._plant import Plant, check_designed_for, plant_of
 from ._program_numbers import parameter_lines, program_numbers, work_of
 from ._quadratic_program import QuadraticProgram, minimised
 
@@ -144,6 +145,8 @@ class MPC(AbstractDutyLimitedController):
     sample_time_s: float = eqx.field(static=True)
     preview: bool = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+    designed_for: str = eqx.field(static=True, repr=False)
+    """The rig of the model; empty for that of no rig file."""
 
     def __init__(
         self,
@@ -192,6 +195,15 @@ class MPC(AbstractDutyLimitedController):
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
         self.gain, self.inverse = plant.gain, plant.inverse
         self.duty, self.outputs = plant.duty, plant.outputs
+        self.designed_for = plant.rig
+
+    def for_rig(self, rig: Rig) -> AbstractDutyLimitedController:
+        """Returns the controller with the limits of a rig.
+
+        **Raises:** `ControlError` for another rig than that of the model.
+        """
+        check_designed_for("MPC", self.designed_for, rig)
+        return super().for_rig(rig)
 
     @property
     def is_linear(self) -> bool:

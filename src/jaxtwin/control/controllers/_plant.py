@@ -9,6 +9,7 @@ from jaxtyping import Float
 from ..._arguments import of_kind
 from ..._errors import ControlError
 from ..._jax_settings import is_traced
+from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel, check_at_rest
 from ._controller import means_of
 
@@ -20,6 +21,7 @@ class Plant(NamedTuple):
     """The plant $x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
 
     - `watched`, `watched_outputs`: C of some channels, and their readings at the operating point.
+    - `rig`: the name of its rig; empty for that of no rig file.
     - `rest_states`: the states at rest per unit of duty; `gain`: the outputs at rest, K per unit of
       duty; `inverse`: the smallest duty that changes the outputs at rest by 1 K.
     """
@@ -35,6 +37,19 @@ class Plant(NamedTuple):
     rest_states: Float[np.ndarray, "state cell"]
     gain: Float[np.ndarray, "output cell"]
     inverse: Float[np.ndarray, "cell output"]
+    rig: str = ""
+
+
+def check_designed_for(controller: str, designed_for: str, rig: Rig) -> None:
+    """Refuses a controller that was designed on a model of another rig.
+
+    **Raises:** `ControlError` with the names of both.
+    """
+    if designed_for not in ("", rig.name):
+        raise ControlError(
+            f"{controller}: expected a controller designed on a model of {rig.name}, got one "
+            f"designed on a model of {designed_for}"
+        )
 
 
 def plant_of(
@@ -78,13 +93,14 @@ def plant_of(
     point, outputs = model.operating_point, len(weights) - len(watched)
     duty = np.broadcast_to(np.asarray(point.duty, float), (inputs,)).copy()
     temperatures = weights @ np.asarray(point.outputs, float)
-    return checked_plant(
+    plant = checked_plant(
         where,
         (A, B, C[:outputs]),
         (duty, temperatures[:outputs]),
         (C[outputs:], temperatures[outputs:]),
         model.sample_time_s,
     )
+    return plant._replace(rig=point.rig)
 
 
 def checked_plant(

@@ -246,6 +246,7 @@ def _model(
             cell_names=cells,
             node_names=states,
             channel_names=twin.channels,
+            rig=twin.rig.name,
         ),
         state_names=states,
         input_names=cells,

@@ -40,6 +40,7 @@ class OperatingPoint(eqx.Module):
     - `outputs`: readings of the channels, degC.
     - `ambient`: temperature of the surroundings, degC.
     - `cell_names`, `node_names`, `channel_names`: the names of the above; empty for numbers.
+    - `rig`: the name of the rig; empty for that of no rig file.
     """
 
     duty: Float[Array | np.ndarray, " inputs"]
@@ -49,6 +50,7 @@ class OperatingPoint(eqx.Module):
     cell_names: tuple[str, ...] = eqx.field(static=True, default=())
     node_names: tuple[str, ...] = eqx.field(static=True, default=())
     channel_names: tuple[str, ...] = eqx.field(static=True, default=())
+    rig: str = eqx.field(static=True, default="")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset, with units in the attributes: duty (cell), state (node),
