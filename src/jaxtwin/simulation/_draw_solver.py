@@ -27,6 +27,7 @@ from ._chunk_programs import (
 from ._compressed import CompressedRecording, compress
 from ._delay import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
+from ._numbered_chunk import NUMBERED_CHUNK, numbered_grid, prepare_numbered, step_numbered
 from ._padding import padded, padded_time_grid
 from ._reductions import Readings, Reduction, reduce_readings
 from ._refinement import Results
@@ -83,7 +84,13 @@ class DrawSolver:
         - `total`: the number of all draws if `draws` is a part of them; see `work_in_chunks`.
         """
         own_delays = draws_change_delay(self.twin, draws)
-        commanded = self._grid(refinement)
+        count = total or len(next(iter(draws.values())))
+        numbered = None
+        if refinement == 0 and not own_delays and is_accelerated():
+            numbered = numbered_grid(
+                self.twin, self.experiment, count, steady_start=isinstance(self.initial, str)
+            )
+        commanded = self._grid(refinement) if numbered is None else numbered
         inputs, to_be_delayed = commanded.summary(), commanded if own_delays else None
         # Draws with the same delay share the interpolation weights of the samples.
         grid = commanded if own_delays else _delayed_as(self.twin, commanded)
@@ -91,11 +98,16 @@ class DrawSolver:
 
         def work(chunk: Draws) -> dict[str, Array | np.ndarray]:
             with own_settings():
-                prepared = prepare_chunk(
-                    self.twin, chunk, inputs, self.initial, to_be_delayed, self.precision
+                prepared = (
+                    prepare_chunk(
+                        self.twin, chunk, inputs, self.initial, to_be_delayed, self.precision
+                    )
+                    if numbered is None
+                    else prepare_numbered(self.twin, chunk, inputs, self.initial, self.precision)
                 )
             with own_settings(float64=self.precision == "float64"):
-                stepped = step_chunk(
+                step = step_chunk if numbered is None else step_numbered
+                stepped = step(
                     prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()
                 )
                 reduced = self._reduced(prepared, stepped, grid, compressed)
@@ -112,7 +124,7 @@ class DrawSolver:
         return work_in_chunks(
             draws,
             work,
-            chunk_size=self.chunk_size or usual_chunk_size(),
+            chunk_size=self.chunk_size or self._usual_chunk_size(numbered),
             workers=self.workers,
             on_progress=on_progress,
             total=total,
@@ -161,6 +173,14 @@ class DrawSolver:
             on_progress=on_progress,
             total=total,
         )
+
+    def _usual_chunk_size(self, numbered: TimeGrid | None) -> int:
+        """The default chunk size; larger for Rodas5P, unless whole trajectories fill the memory."""
+        if numbered is None or self._reads(
+            "trajectory", "padded_trajectory", "energy", "peak_power"
+        ):
+            return usual_chunk_size()
+        return usual_chunk_size() if self.reductions is None else NUMBERED_CHUNK
 
     def _grid(self, refinement: int) -> TimeGrid:
         steady_start = isinstance(self.initial, str)

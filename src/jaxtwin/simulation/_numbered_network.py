@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._jax_settings import in_precision
 from .._sparse_lu import Entry, SparseLU
 from ..physics import System
 from ..physics._driver import Bridge
@@ -32,7 +33,9 @@ class NumberedNetwork(eqx.Module):
     - `inverse_capacitance`: of each node, K/J.
     - `to_ambient`: the conductance from each node to the surroundings, W/K.
     - `held_heat`: the heat of bodies at a fixed temperature into each node, W; empty for none.
-    - `modules`, `bridges`: of each cell. `losses`: of each element of the plate; empty for none.
+    - `modules`, `bridges`: of each cell.
+    - `losses`: of each element of the plate, in float32, because they are a small part of the heat
+      (`ModalField`); empty for none.
     - `reference`: the temperature from which deviations are counted, K.
     - `lag`: of the driver, s. `drift`: of the ambient, K/s. Both may be None.
     - `cold`, `hot`: the nodes of the cells' sides.
@@ -59,7 +62,7 @@ class NumberedNetwork(eqx.Module):
         """Takes a system of one draw, or of many under `jax.vmap`, apart."""
         wiring, module, bridge, loss = system.wiring, system.module, system.bridge, system.loss
         nodes, cells = range(system.capacitance.size), range(len(wiring.cold))
-        entries = network_lu(wiring).entries
+        entries = SparseLU(network_pattern(wiring)).entries
         inverse, held = 1 / system.capacitance, system.reservoirs
         heat = None if held is None else held.heat(reference)
 
@@ -72,11 +75,20 @@ class NumberedNetwork(eqx.Module):
             to_ambient=[system.ambient_conductance[k] for k in nodes],
             held_heat=[] if heat is None else [heat[k] for k in nodes],
             modules=[jax.tree.map(lambda leaf, k=k: number(leaf, k), module) for k in cells],
-            bridges=[jax.tree.map(lambda leaf, k=k: number(leaf, k), bridge) for k in cells],
+            bridges=[
+                replace(
+                    jax.tree.map(lambda leaf, k=k: number(leaf, k), bridge),
+                    heaters=bridge.heaters[k : k + 1],
+                    own_supply=bridge.own_supply[k : k + 1],
+                )
+                for k in cells
+            ],
             losses=[]
             if loss is None
             else [
-                NonlinearLoss(loss.film[k], loss.exponent, loss.radiating[k])
+                in_precision(
+                    NonlinearLoss(loss.film[k], loss.exponent, loss.radiating[k]), jnp.float32
+                )
                 for k in range(wiring.elements)
             ],
             reference=reference,
@@ -87,9 +99,7 @@ class NumberedNetwork(eqx.Module):
             hot=tuple(map(int, wiring.hot)),
         )
 
-    def slope(
-        self, rises: Numbers, duty: Numbers, ambient: Float[Array, "*#draws"]
-    ) -> Numbers:
+    def slope(self, rises: Numbers, duty: Numbers, ambient: Float[Array, "*#draws"]) -> Numbers:
         """The rate of change of each temperature, K/s.
 
         **Arguments:**
@@ -104,7 +114,8 @@ class NumberedNetwork(eqx.Module):
         for (i, j), g in zip(self.entries, self.conductance, strict=True):
             heat[i] = heat[i] - g * rises[j]
         for k, loss in enumerate(self.losses):
-            heat[k] = heat[k] - loss.heat(rises[k] - ambient, self.reference + ambient)
+            lost = loss.heat(*self._of_loss(rises[k], ambient))
+            heat[k] = heat[k] - lost.astype(ambient.dtype)
         for k in range(len(self.cold)):
             cold, hot = self._cell_heat(k, rises[self.cold[k]], rises[self.hot[k]], duty[k])
             heat[self.cold[k]] = heat[self.cold[k]] - cold
@@ -117,13 +128,15 @@ class NumberedNetwork(eqx.Module):
         """The derivatives of the slopes by the temperatures that differ from 0, 1/s."""
         matrix = {entry: -g for entry, g in zip(self.entries, self.conductance, strict=True)}
         for k, loss in enumerate(self.losses):
-            slope = loss.slope(rises[k] - ambient, self.reference + ambient)
-            matrix[k, k] = matrix[k, k] - slope
+            slope = loss.slope(*self._of_loss(rises[k], ambient))
+            matrix[k, k] = matrix[k, k] - slope.astype(ambient.dtype)
         for k in range(len(self.cold)):
             sides = self.cold[k], self.hot[k]
             at = [rises[side] for side in sides]
             for side in (0, 1):
-                seed = [jnp.ones_like(x) if side == n else jnp.zeros_like(x) for n, x in enumerate(at)]
+                seed = [
+                    jnp.ones_like(x) if side == n else jnp.zeros_like(x) for n, x in enumerate(at)
+                ]
                 _, (cold, hot) = jax.jvp(
                     lambda c, h, k=k: self._cell_heat(k, c, h, duty[k]), tuple(at), tuple(seed)
                 )
@@ -148,6 +161,18 @@ class NumberedNetwork(eqx.Module):
         )
         return slope
 
+    def _of_loss(self, rise: Array, ambient: Array) -> tuple[Array, Array]:
+        """The arguments of a loss."""
+        return in_precision((rise - ambient, self.reference + ambient), jnp.float32)
+
+    @property
+    def pattern(self) -> Bool[np.ndarray, "nodes nodes"]:
+        """Whether the slope of a node depends on the temperature of a node."""
+        nodes = len(self.inverse_capacitance)
+        pattern = np.zeros((nodes, nodes), bool)
+        pattern[tuple(np.transpose(self.entries))] = True
+        return pattern
+
     def _cell_heat(
         self, k: int, cold: Float[Array, "*draws"], hot: Float[Array, "*draws"], duty: Array
     ) -> tuple[Array, Array]:
@@ -155,11 +180,6 @@ class NumberedNetwork(eqx.Module):
             self.modules[k], duty, cold + self.reference, hot + self.reference
         )
         return heat.cold, heat.hot
-
-
-def network_lu(wiring: Wiring) -> SparseLU:
-    """The factorisation of matrices with the pattern of a network's Jacobian."""
-    return SparseLU(network_pattern(wiring))
 
 
 def network_pattern(wiring: Wiring) -> Bool[np.ndarray, "nodes nodes"]:

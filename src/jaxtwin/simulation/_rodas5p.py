@@ -130,7 +130,9 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
             right = slope + slopes[number] @ found / size + times[number] * size * time_slope
             return found.at[number].set(solve(right))
 
-        found = jax.lax.fori_loop(0, len(NODES), stage, jnp.zeros((len(NODES), start.size), start.dtype))
+        found = jax.lax.fori_loop(
+            0, len(NODES), stage, jnp.zeros((len(NODES), start.size), start.dtype)
+        )
         last = start + states[-1] @ found
         error = found[-1]
         end = last + error

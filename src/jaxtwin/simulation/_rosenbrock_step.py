@@ -186,7 +186,9 @@ def rosenbrock_step(
         if number:
             right = added(right, [x / size for x in combined(of_stages, stages)])
         if time_slope is not None and TIME[number]:
-            right = [x + (TIME[number] * size) * rate for x, rate in zip(right, time_slope, strict=True)]
+            right = [
+                x + (TIME[number] * size) * rate for x, rate in zip(right, time_slope, strict=True)
+            ]
         stages.append(list(solve(right)))
     return RosenbrockStep(added(state, stages[-1]), stages[-1], stages)
 
@@ -194,7 +196,10 @@ def rosenbrock_step(
 def combined(weights: Sequence[float], vectors: Sequence[Vector]) -> list[Array]:
     """The sum of vectors with weights."""
     return [
-        sum((weight * x for weight, x in zip(weights[1:], parts[1:], strict=True)), weights[0] * parts[0])
+        sum(
+            (weight * x for weight, x in zip(weights[1:], parts[1:], strict=True)),
+            weights[0] * parts[0],
+        )
         for parts in zip(*vectors, strict=True)
     ]
 
