@@ -121,11 +121,13 @@ class DrawSolver:
                 **reduced,
             }
 
+        # The next chunk is brought in and the last one out while one is computed.
+        overlapped = None if numbered is None else 2 * jax.local_device_count()
         return work_in_chunks(
             draws,
             work,
-            chunk_size=self.chunk_size or self._usual_chunk_size(numbered),
-            workers=self.workers,
+            chunk_size=self.chunk_size or self._usual_chunk_size(numbered, compressed is not None),
+            workers=self.workers or overlapped,
             on_progress=on_progress,
             total=total,
         )
@@ -174,13 +176,14 @@ class DrawSolver:
             total=total,
         )
 
-    def _usual_chunk_size(self, numbered: TimeGrid | None) -> int:
+    def _usual_chunk_size(self, numbered: TimeGrid | None, is_compressed: bool) -> int:
         """The default chunk size; larger for Rodas5P, unless whole trajectories fill the memory."""
-        if numbered is None or self._reads(
-            "trajectory", "padded_trajectory", "energy", "peak_power"
-        ):
-            return usual_chunk_size()
-        return usual_chunk_size() if self.reductions is None else NUMBERED_CHUNK
+        reductions = dict(self.reductions or {})
+        if is_compressed:
+            del reductions["cost"]
+        few = {"end", "plate_end"}
+        keeps_few = self.reductions is not None and {r.reads for r in reductions.values()} <= few
+        return NUMBERED_CHUNK if numbered is not None and keeps_few else usual_chunk_size()
 
     def _grid(self, refinement: int) -> TimeGrid:
         steady_start = isinstance(self.initial, str)

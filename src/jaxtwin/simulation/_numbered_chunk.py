@@ -45,10 +45,10 @@ themselves."""
 MOST_NODES = 40
 """The largest network. The compilation of a step takes half a minute for 30 nodes."""
 
-LEAST_DRAWS = 65_536
-"""The number of draws from which on half a minute of compilation pays for itself."""
+LEAST_DRAWS = 1_000_000
+"""The number of draws from which on a compilation of up to half a minute more is worth its time."""
 
-NUMBERED_CHUNK = 65_536
+NUMBERED_CHUNK = 32_768
 """The number of draws in a chunk unless trajectories are kept: some gigabytes of memory."""
 
 
