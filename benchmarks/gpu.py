@@ -42,7 +42,7 @@ PAGE = Path(__file__).parent / "results" / "gpu.md"
 
 def measure(quick: bool = False) -> dict[str, Any]:
     """**Returns:** `machine`, and `rows`: one for each rig and precision, see `draws_a_second`."""
-    began = time.perf_counter()
+    began, where = time.perf_counter(), machine()
     counts = QUICK_COUNTS if quick else COUNTS
     with tempfile.TemporaryDirectory() as folder:
         environment = {"JAXTWIN_COMPILATION_CACHE": "off", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
@@ -61,7 +61,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
         cases = list(product(RIGS, PRECISIONS))
         with ThreadPoolExecutor(len(cases)) as pool:
             rows = list(pool.map(row, cases))
-    return {"machine": machine(), "counts": counts, "rows": rows, "quick": quick}
+    return {"machine": where, "counts": counts, "rows": rows, "quick": quick}
 
 
 def reference(rig: str, folder: str) -> None:

@@ -166,7 +166,7 @@ class DrawSolver:
                 return {"failed": failed, **reduce_readings(self.reductions, readings, recorded)}
 
         # On a CPU, the linear algebra of two chunks at once would deadlock (`_lapack`).
-        is_alone = method.is_implicit and not is_accelerated()
+        is_alone = method.calls_lapack and not is_accelerated()
         return work_in_chunks(
             draws,
             work,

@@ -156,7 +156,7 @@ class RosenbrockStep(NamedTuple):
 
 def rosenbrock_step(
     start: Vector,
-    size: Float[Array, "*shape"],
+    size: Float[Array, ""],
     slope: Callable[[int, Vector], Vector],
     time_slope: Vector | None,
     solve: Callable[[Vector], Vector],
