@@ -123,7 +123,7 @@ def advance(
     result = rosenbrock_step(
         state.rises,
         size,
-        lambda stage, rises: network.slope(rises, duty[NODES[stage]], ambient[NODES[stage]]),
+        lambda stage, rises: network.slope(list(rises), duty[NODES[stage]], ambient[NODES[stage]]),
         _time_slope(network, state, step, duty[0.0], ambient[0.0]),
         lambda right: lu.solve(factors, right),
         first,

@@ -19,17 +19,15 @@ RealScalarLike: TypeAlias = float | int | Float[Array | np.ndarray, ""]
 
 
 def _factorisation(sparsity: Bool[np.ndarray, "n n"] | SparseLU | None) -> SparseLU | None:
-    is_pattern = sparsity is not None and not isinstance(sparsity, SparseLU)
-    return SparseLU(np.asarray(sparsity)) if is_pattern else sparsity
+    return SparseLU(sparsity) if isinstance(sparsity, np.ndarray) else sparsity
 
 
 @final
 class RodasInterpolation(diffrax.AbstractLocalInterpolation):
-    """The continuous output of Rodas5P within a step, of fourth order; see
-    `RosenbrockStep.polynomials`."""
+    """The continuous output of Rodas5P within a step, of fourth order; see `DENSE`."""
 
-    t0: RealScalarLike
-    t1: RealScalarLike
+    t0: RealScalarLike  # pyright: ignore[reportIncompatibleVariableOverride]
+    t1: RealScalarLike  # pyright: ignore[reportIncompatibleVariableOverride]
     y0: PyTree[Array]
     y1: PyTree[Array]
     polynomials: PyTree[Array]
@@ -41,8 +39,8 @@ class RodasInterpolation(diffrax.AbstractLocalInterpolation):
         del left
         if t1 is not None:
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
-        length = self.t1 - self.t0
-        s = (t0 - self.t0) / jnp.where(length == 0, 1.0, length)
+        length = jnp.asarray(self.t1 - self.t0)
+        s = jnp.asarray(t0 - self.t0) / jnp.where(length == 0, 1.0, length)
 
         def at(y0: Array, y1: Array, p: Array) -> Array:
             return (1 - s) * y0 + s * (y1 + (1 - s) * (p[0] + s * (p[1] + s * p[2])))
@@ -73,9 +71,9 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
 
     **Arguments:**
 
-    - `sparsity` (n, n): whether each entry of the Jacobian $\partial f_i / \partial y_j$ may differ
-      from 0, for the n numbers of the state in the order of `jax.flatten_util.ravel_pytree`; None
-      for a full matrix with pivoting.
+    - `sparsity` (n, n): a NumPy array, whether each entry of the Jacobian
+      $\partial f_i / \partial y_j$ may differ from 0, for the n numbers of the state in the order
+      of `jax.flatten_util.ravel_pytree`; None for a full matrix with pivoting.
     """
 
     sparsity: SparseLU | None = eqx.field(static=True, default=None, converter=_factorisation)

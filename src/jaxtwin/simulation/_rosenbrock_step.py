@@ -118,7 +118,10 @@ DENSE: tuple[tuple[float, ...], ...] = (
         4.883087185713722,
     ),
 )
-r"""The weights of the stages in the polynomials $p_2, p_3, p_4$ of the continuous output."""
+r"""The weights of the stages in $p_2, p_3, p_4$ of the continuous output of fourth order,
+
+$$y(t_0 + s h) = (1 - s) y_0 + s y_1 + s (1 - s) (p_2 + s (p_3 + s p_4)).$$
+"""
 
 
 def _table(rows: Sequence[Sequence[float]]) -> Float[np.ndarray, "8 8"]:
@@ -135,23 +138,11 @@ SLOPE_TABLE = _table(SLOPES)
 
 
 class RosenbrockStep(NamedTuple):
-    r"""The result of a step.
-
-    - `end`: the state at the end of the step.
-    - `error`: the difference to the embedded solution of fourth order, which is $k_8$.
-    - `stages`: $k_1, \dots, k_8$.
-    """
+    """The result of a step: the state at its `end`, and the difference to the embedded solution of
+    fourth order as an estimate of the `error`, which is $k_8$."""
 
     end: list[Array]
     error: list[Array]
-    stages: list[list[Array]]
-
-    def polynomials(self) -> list[list[Array]]:
-        r"""The vectors $p_2, p_3, p_4$ of the continuous output of fourth order,
-
-        $$y(t_0 + s h) = (1 - s) y_0 + s y_1 + s (1 - s) (p_2 + s (p_3 + s p_4)).$$
-        """
-        return [combined(weights, self.stages) for weights in DENSE]
 
 
 def rosenbrock_step(
@@ -190,18 +181,15 @@ def rosenbrock_step(
                 x + (TIME[number] * size) * rate for x, rate in zip(right, time_slope, strict=True)
             ]
         stages.append(list(solve(right)))
-    return RosenbrockStep(added(state, stages[-1]), stages[-1], stages)
+    return RosenbrockStep(added(state, stages[-1]), stages[-1])
 
 
 def combined(weights: Sequence[float], vectors: Sequence[Vector]) -> list[Array]:
     """The sum of vectors with weights."""
-    return [
-        sum(
-            (weight * x for weight, x in zip(weights[1:], parts[1:], strict=True)),
-            weights[0] * parts[0],
-        )
-        for parts in zip(*vectors, strict=True)
-    ]
+    total = [weights[0] * x for x in vectors[0]]
+    for weight, vector in zip(weights[1:], vectors[1:], strict=True):
+        total = [a + weight * x for a, x in zip(total, vector, strict=True)]
+    return total
 
 
 def added(one: Vector, other: Vector) -> list[Array]:
