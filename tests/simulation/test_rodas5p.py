@@ -168,8 +168,13 @@ def test_sparse_jacobian_takes_few_derivatives(float64):
     assert max(column_groups(pattern)) + 1 == 3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper-2024", "dual-cell"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("paper-2024", marks=pytest.mark.slow),
+        pytest.param("dual-cell", marks=pytest.mark.long),
+    ],
+)
 def test_the_rigs_are_as_kvaerno5_solves_them(name):
     """To 1e-6 K, with a driver that lags and delays and losses that are not linear."""
     twin, time = Twin(name), np.arange(61.0)
