@@ -12,7 +12,7 @@ import pytest
 from small_rigs import bundled
 
 from jaxtwin import Experiment, Twin, reduce_batch, simulate_batch
-from jaxtwin.simulation import _draw_solver, _numbered_chunk
+from jaxtwin.simulation import ReductionName, _draw_solver, _numbered_chunk
 from jaxtwin.simulation._chunk_programs import Prepared, Stepped
 from jaxtwin.simulation._numbered_chunk import LEAST_DRAWS, MOST_STEPS, numbered_grid
 from jaxtwin.simulation._time_grid import TimeGrid
@@ -25,7 +25,8 @@ UNFUSED = {"xla_disable_hlo_passes": "fusion"}
 def numbered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Lets the draws of a test take the way of an accelerator. The list gets the number of steps of
     each chunk that did."""
-    step, chunks = _numbered_chunk.step_numbered.__wrapped__, []
+    compiled: Any = _numbered_chunk.step_numbered
+    step, chunks = compiled.__wrapped__, []
 
     def step_unfused(prepared: Prepared, grid: TimeGrid, *rest: Any) -> Stepped:
         chunks.append(len(grid.size))
@@ -43,7 +44,7 @@ def numbered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def spread(twin: Twin, names: list[str]) -> dict[str, np.ndarray]:
     """Draws around a twin's values."""
     random = np.random.default_rng(0)
-    return {name: twin.values[name] * random.normal(1.0, 0.15, DRAWS) for name in names}
+    return {name: np.asarray(twin.values[name]) * random.normal(1.0, 0.15, DRAWS) for name in names}
 
 
 def drive(twin: Twin, **more: Any) -> Experiment:
@@ -81,7 +82,7 @@ def test_draws_are_those_of_the_default_solver(name, precision, driver, request)
     twin = bundled(name, driver)
     draws = spread(twin, ["R_E", "R_Th"] if "R_Th" in twin.values else list(twin.values)[:2])
     experiment = drive(twin)
-    wanted = ["final", "energy", "minimum", "maximum"]
+    wanted: list[ReductionName] = ["final", "energy", "minimum", "maximum"]
     default = reduce_batch(twin, experiment, draws, wanted)
     trajectories = simulate_batch(twin, experiment, draws)
     chunks = request.getfixturevalue("numbered")
@@ -106,7 +107,7 @@ def test_the_room_may_change_and_a_run_begin_at_rest(request):
     experiment = replace(experiment, channels=answer.channels, temperatures=answer.temperatures)
     name = next(iter(twin.values))
     draws = {name: twin.values[name] * np.array([1.0, 0.8, 1.2, -1.0])}
-    wanted = ["cost", "final"]
+    wanted: list[ReductionName] = ["cost", "final"]
     default = reduce_batch(twin, experiment, draws, wanted, initial="steady")
     request.getfixturevalue("numbered")
     found = reduce_batch(twin, experiment, draws, wanted, initial="steady")
