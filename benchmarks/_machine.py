@@ -2,9 +2,9 @@
 
 import os
 import platform
+from contextlib import suppress
 from datetime import date
-from importlib.metadata import version
-from importlib.util import find_spec
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ def machine() -> dict[str, Any]:
         "devices": [f"{device.platform}: {device.device_kind}" for device in jax.devices()],
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "versions": {library: version(library) for library in LIBRARIES if find_spec(library)},
+        "versions": _versions(),
         "load_before": round(os.getloadavg()[0], 2),
     }
 
@@ -34,3 +34,13 @@ def processor() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
+
+
+def _versions() -> dict[str, str]:
+    """Of those that are installed. A library may be there without, such as jaxtwin from its
+    sources."""
+    found = {}
+    for library in LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found[library] = version(library)
+    return found

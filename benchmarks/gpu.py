@@ -4,15 +4,22 @@
     python -m benchmarks.gpu --quick
 
 Both rigs, 1000 s at 1 Hz, costs and final temperatures of 1e4, 1e5 and 1e6 draws in float32 and
-float64, on the device that JAX finds. Each rig and precision has a process of its own. The first
-call is that of a process without kept programs; the error is the largest difference in the final
-temperatures of 256 draws to the CPU in float64. Stops starting new sizes where the next one would
-pass ten minutes in all. Prints a page, and writes it to benchmarks/results/gpu.md.
+float64, on the device that JAX finds. Each rig and precision has a process of its own. The four
+compile side by side, and take their times one after the other. The first call is that of a process
+without kept programs. Each size runs twice, and the second time counts: draws that need shorter
+steps make the first one compile further programs. The error is the largest difference in the final
+temperatures of 256 draws to the CPU in float64, over all sizes. Leaves out sizes that would start
+later than nine minutes after the beginning. Prints a page, and writes it to
+benchmarks/results/gpu.md.
 """
 
 import argparse
+import fcntl
 import tempfile
 import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -35,24 +42,26 @@ PAGE = Path(__file__).parent / "results" / "gpu.md"
 
 def measure(quick: bool = False) -> dict[str, Any]:
     """**Returns:** `machine`, and `rows`: one for each rig and precision, see `draws_a_second`."""
-    began = time.perf_counter()
+    began, where = time.perf_counter(), machine()
     counts = QUICK_COUNTS if quick else COUNTS
-    rows = []
     with tempfile.TemporaryDirectory() as folder:
         environment = {"JAXTWIN_COMPILATION_CACHE": "off", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
         for rig in RIGS:
             in_fresh_process(
                 "gpu:reference", rig, folder, environment=environment | {"JAX_PLATFORMS": "cpu"}
             )
-        cases = list(product(RIGS, PRECISIONS))
-        for done, (rig, precision) in enumerate(cases):
-            # Each of the rest may take an equal part of the time that is left.
-            share = (BUDGET - (time.perf_counter() - began)) / (len(cases) - done)
-            row = in_fresh_process(
-                "gpu:draws_a_second", rig, precision, counts, share, folder, environment=environment
+
+        def row(case: tuple[str, str]) -> dict[str, Any]:
+            left = BUDGET - (time.perf_counter() - began)
+            found = in_fresh_process(
+                "gpu:draws_a_second", *case, counts, left, folder, environment=environment
             )
-            rows.append({"rig": rig, "precision": precision, **row})
-    return {"machine": machine(), "counts": counts, "rows": rows, "quick": quick}
+            return {"rig": case[0], "precision": case[1], **found}
+
+        cases = list(product(RIGS, PRECISIONS))
+        with ThreadPoolExecutor(len(cases)) as pool:
+            rows = list(pool.map(row, cases))
+    return {"machine": where, "counts": counts, "rows": rows, "quick": quick}
 
 
 def reference(rig: str, folder: str) -> None:
@@ -66,12 +75,12 @@ def reference(rig: str, folder: str) -> None:
 
 
 def draws_a_second(
-    rig: str, precision: Any, counts: list[int], share: float, folder: str
+    rig: str, precision: Any, counts: list[int], limit: float, folder: str
 ) -> dict[str, Any]:
     """On the device that JAX finds.
 
     **Returns:** `first_s`: of the first call, compilation and all; `speed`: pairs (draws, draws a
-    second), None for a size that would have taken too long; `peak_MiB`: of the device's memory,
+    second), None for a size that would have begun too late; `peak_MiB`: of the device's memory,
     None where it does not say; `error_K`; `failed`: draws of the largest size; `device`.
     """
     import jax
@@ -90,28 +99,39 @@ def draws_a_second(
         )
         return time.perf_counter() - start, result
 
+    expected = np.load(Path(folder) / f"{rig}.npy")
     first, result = run(counts[0])
-    assert result.final is not None
-    error = np.abs(result.final[:COMPARED] - np.load(Path(folder) / f"{rig}.npy")[: counts[0]])
-    speed: list[tuple[int, float | None]] = []
+    error, speed = 0.0, []
     for count in counts:
-        # The smallest size always; after a size that is left out, all that are larger.
-        rate = speed[-1][1] if speed else np.inf
-        if rate is None or (time.perf_counter() - began + count / rate > share and speed):
+        if time.perf_counter() - began > limit:
             speed.append((count, None))
             continue
-        seconds, result = run(count)
+        run(count)
+        with alone(folder):
+            seconds, result = run(count)
         speed.append((count, count / seconds))
+        assert result.final is not None
+        shared = min(count, COMPARED)
+        difference = np.abs(result.final[:shared] - expected[:shared])
+        error = max(error, float(np.nanmax(difference)))
     statistics = jax.devices()[0].memory_stats() or {}
     peak = statistics.get("peak_bytes_in_use")
     return {
         "first_s": first,
         "speed": speed,
         "peak_MiB": None if peak is None else peak / 2**20,
-        "error_K": float(np.nanmax(error)),
+        "error_K": error,
         "failed": int(result.failed.sum()),
         "device": jax.devices()[0].device_kind,
     }
+
+
+@contextmanager
+def alone(folder: str) -> Iterator[None]:
+    """Waits until no other process takes its times."""
+    with (Path(folder) / "alone").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        yield
 
 
 def page(answer: dict[str, Any]) -> str:
@@ -148,9 +168,10 @@ def page(answer: dict[str, Any]) -> str:
         f"# Draws a second on {answer['rows'][0]['device']}\n{note}\n"
         f"Measured {where['date']} by `make bench-gpu`: 1000 s at 1 Hz, 15 channels, costs and "
         f"final temperatures. {where['processor']}, cores used: {where['cores']}; Python "
-        f"{where['python']}, {versions}. An empty cell is a size that would have passed the ten "
-        "minutes of the whole page, or a device that does not tell its memory.\n\n"
-        + table(head, rows)
+        f"{where['python']}, {versions}. The draws of each "
+        "rig and precision are computed by a process of its own, and a size runs twice, of which "
+        "the second time counts. An empty cell is a size for which nine minutes were too short, or "
+        "a device that does not tell its memory.\n\n" + table(head, rows)
     )
 
 

@@ -13,6 +13,13 @@ from jaxtwin import Experiment, Twin
 from jaxtwin._jax_settings import own_settings
 from jaxtwin._lapack import _solve, eigh, solve_definite
 from jaxtwin.simulation._chunk_programs import prepare_chunk, step_chunk
+from jaxtwin.simulation._draw_solver import _delayed_as
+from jaxtwin.simulation._numbered_chunk import (
+    LEAST_DRAWS,
+    numbered_grid,
+    prepare_numbered,
+    step_numbered,
+)
 from jaxtwin.simulation._padding import padded_time_grid
 
 DRAWS = 64
@@ -70,6 +77,29 @@ def test_all_steps_of_all_draws_are_one_loop_of_one_program(chunk):
     assert "custom_call" not in program
 
 
+def test_many_draws_have_no_eigenproblem_and_one_loop_of_elementwise_steps(chunk):
+    """Every number of a draw is an array over the draws, and no step calls a library: a compiler
+    can fuse all of it."""
+    twin, _, draws, _ = chunk
+    experiment = Experiment.schedule("0:0.5,50:0.8", duration=100.0, cells=2)
+    grid = numbered_grid(twin, experiment, LEAST_DRAWS, steady_start=False)
+    assert grid is not None
+    program = lowered(lambda d: prepare_numbered(twin, d, grid.summary(), None), draws)
+    assert "custom_call" not in program
+    with own_settings():
+        prepared = jax.eval_shape(
+            lambda draws: prepare_numbered(twin, draws, grid.summary(), None), draws
+        )
+    columns, delayed = np.arange(len(twin.channels)), _delayed_as(twin, grid)
+    program = lowered(lambda p: step_numbered(p, delayed, columns, False, False), prepared)
+    (loop,) = re.findall(r"= stablehlo.while\(.*", program)
+    nodes = prepared.system.capacitance.shape[-1]
+    assert loop.count(f"tensor<{DRAWS}xf64>") >= 2 * nodes
+    assert "custom_call" not in program
+    body = program.split("stablehlo.while", 1)[1]
+    assert "dot_general" not in body.split("stablehlo.return", 2)[1]
+
+
 @pytest.mark.parametrize("call", [eigh, _solve, solve_definite])
 def test_batched_and_one_by_one_are_the_same(call):
     """The function that the batch is mapped over on an accelerator, here on the CPU."""
@@ -80,3 +110,11 @@ def test_batched_and_one_by_one_are_the_same(call):
         one_by_one = jax.jit(jax.vmap(call))(*given)
     for batched, single in zip(jax.tree.leaves(at_once), jax.tree.leaves(one_by_one), strict=True):
         np.testing.assert_allclose(jnp.abs(batched), jnp.abs(single), rtol=0, atol=1e-9)
+
+
+def test_sums_of_float32_are_float32():
+    """Not TF32, which an accelerator takes by itself: 0.07 K on one NVIDIA H200."""
+    with own_settings(float64=False):
+        jaxpr = jax.make_jaxpr(jnp.matmul)(np.eye(2, dtype=np.float32), np.eye(2, dtype=np.float32))
+    (product,) = (e for e in jaxpr.eqns if e.primitive.name == "dot_general")
+    assert set(product.params["precision"]) == {jax.lax.Precision.HIGHEST}

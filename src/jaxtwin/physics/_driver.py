@@ -12,7 +12,8 @@ from ._thermoelectric import ThermoelectricModule
 
 
 class CellHeat(NamedTuple):
-    """Mean heat flows and power of the cells over a PWM period, each `(cells,)`.
+    """Mean heat flows and power of the cells over a PWM period, each `(cells,)`, or
+    numbers for one cell.
 
     - `cold`: $q_c$ out of the cold (plate) side, W.
     - `hot`: $q_h$ into the hot (far) side, W.
@@ -20,10 +21,10 @@ class CellHeat(NamedTuple):
     - `power`: mean electrical power taken up between the terminals, $q_h - q_c$, W.
     """
 
-    cold: Float[Array, " cells"]
-    hot: Float[Array, " cells"]
-    current: Float[Array, " cells"]
-    power: Float[Array, " cells"]
+    cold: Float[Array, "*cells"]
+    hot: Float[Array, "*cells"]
+    current: Float[Array, "*cells"]
+    power: Float[Array, "*cells"]
 
 
 @final
@@ -73,9 +74,9 @@ class Bridge(eqx.Module):
     def heat(
         self,
         module: ThermoelectricModule,
-        duty: Float[Array, " cells"],
-        cold_temperature: Float[Array, " cells"],
-        hot_temperature: Float[Array, " cells"],
+        duty: Float[Array, "*cells"],
+        cold_temperature: Float[Array, "*cells"],
+        hot_temperature: Float[Array, "*cells"],
     ) -> CellHeat:
         """Heat flows of all cells.
 

@@ -38,13 +38,13 @@ class NonlinearLoss(eqx.Module):
     - `radiating`: $\varepsilon A$ of each plate node, m^2.
     """
 
-    film: Float[Array, " elements"]
-    exponent: Float[Array, ""]
-    radiating: Float[Array, " elements"]
+    film: Float[Array, "*elements"]
+    exponent: Float[Array, "*#elements"]
+    radiating: Float[Array, "*elements"]
 
     def heat(
-        self, rise: Float[Array, " elements"], ambient: Float[Array, ""]
-    ) -> Float[Array, " elements"]:
+        self, rise: Float[Array, "*elements"], ambient: Float[Array, "*#elements"]
+    ) -> Float[Array, "*elements"]:
         """Computes the heat flow to the surroundings in addition to that of the linear film, W.
 
         **Arguments:**
@@ -60,7 +60,7 @@ class NonlinearLoss(eqx.Module):
         return convection + STEFAN_BOLTZMANN * self.radiating * radiation
 
     def slope(
-        self, rise: Float[Array, " elements"], ambient: Float[Array, ""]
-    ) -> Float[Array, " elements"]:
+        self, rise: Float[Array, "*elements"], ambient: Float[Array, "*#elements"]
+    ) -> Float[Array, "*elements"]:
         """Derivative of `heat` with respect to the rise, W/K."""
         return jax.jvp(lambda rise: self.heat(rise, ambient), (rise,), (jnp.ones_like(rise),))[1]

@@ -17,7 +17,10 @@ what:
   (what is kept), `_draw_units` and `_workers` (cores, accelerators, clusters)
 - one step at a time, for observers and controllers: `_stepper`, `_step_preparation`,
   `_reduced_stepper`
-- diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver)
+- diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver),
+  `_rodas5p` (a solver for any stiff equations, with `_rosenbrock_step`)
+- a million draws and more on an accelerator: `_numbered_chunk`, `_integrate_numbers` (Rodas5P),
+  `_numbered_network` (the equations as single numbers)
 
 The public names stand in `__init__.pyi` and are imported when they are first used.
 """

@@ -15,6 +15,7 @@ from ._reduced_stepper import reduce_stepper as reduce_stepper
 from ._reductions import REDUCTIONS as REDUCTIONS
 from ._reductions import ReductionName as ReductionName
 from ._reductions import Reductions as Reductions
+from ._rodas5p import Rodas5P as Rodas5P
 from ._run import Run as Run
 from ._run import fit_percent as fit_percent
 from ._run import rmse as rmse

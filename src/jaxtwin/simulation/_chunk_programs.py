@@ -36,14 +36,14 @@ Precision: TypeAlias = Literal["float64", "float32"]
 class Prepared(eqx.Module):
     """A chunk of draws, or a single draw, before its first step.
 
-    - `system`, `modes`: the equations.
+    - `system`, `modes`: the equations. The steps of `_numbered_chunk` need no modes: None.
     - `start`: the absolute initial temperatures, K.
     - `stability_number`: see the function `stability_number`.
     - `grid`: the time grid with the draw's own delay; None if all draws share the grid.
     """
 
     system: System
-    modes: Modes
+    modes: Modes | None
     start: Float[Array, "*chunk nodes"]
     stability_number: Float[Array, "*chunk"]
     grid: TimeGrid | None
@@ -129,6 +129,7 @@ def step_chunk(
         if len(nodes):
             unit_rows = np.eye(len(wiring.netlist.nodes))[nodes]
             readout = jnp.concatenate([readout, jnp.asarray(unit_rows, readout.dtype)])
+        assert draw.modes is not None
         # No derivative is taken here, so that the rounding of the losses does no harm.
         read = integrate(
             draw.system, draw.drive(grid), draw.modes, draw.start, readout, loss_dtype=jnp.float32

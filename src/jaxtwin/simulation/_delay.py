@@ -157,5 +157,6 @@ def lagged_duty(
     _, at_start = jax.lax.scan(follow, initial, (commands, durations))
     late = times if delay is None else times - delay
     now = jnp.clip(jnp.searchsorted(starts, late, side="right") - 1, 0)
-    elapsed = jnp.maximum(late - starts[now], 0.0)[..., None]
+    # Not the maximum of 0 and the difference, which has half a derivative where both are 0.
+    elapsed = jnp.where(late >= starts[now], late - starts[now], 0.0)[..., None]
     return commands[now] + (at_start[now] - commands[now]) * jnp.exp(-elapsed / lag)

@@ -19,6 +19,7 @@ from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures
 from ._input_levels import input_changes, input_levels
 from ._network_exponential import HeldInputs, NetworkProblem, network_field
+from ._rodas5p import Rodas5P
 from ._time_grid import time_grid
 
 RESCUE_STEPS = 5000
@@ -48,8 +49,10 @@ class DiffraxMethod(eqx.Module):
     max_steps: int | None = eqx.field(static=True, default=None)
 
     @property
-    def is_implicit(self) -> bool:
-        """Whether the solver is implicit."""
+    def calls_lapack(self) -> bool:
+        """Whether the solver calls LAPACK for the linear systems of its steps."""
+        if isinstance(self.solver, Rodas5P):
+            return self.solver.sparsity is None
         return isinstance(self.solver, diffrax.AbstractImplicitSolver)
 
 

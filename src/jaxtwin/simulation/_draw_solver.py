@@ -27,6 +27,7 @@ from ._chunk_programs import (
 from ._compressed import CompressedRecording, compress
 from ._delay import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
+from ._numbered_chunk import NUMBERED_CHUNK, numbered_grid, prepare_numbered, step_numbered
 from ._padding import padded, padded_time_grid
 from ._reductions import Readings, Reduction, reduce_readings
 from ._refinement import Results
@@ -83,7 +84,13 @@ class DrawSolver:
         - `total`: the number of all draws if `draws` is a part of them; see `work_in_chunks`.
         """
         own_delays = draws_change_delay(self.twin, draws)
-        commanded = self._grid(refinement)
+        count = total or len(next(iter(draws.values())))
+        numbered = None
+        if refinement == 0 and not own_delays and is_accelerated():
+            numbered = numbered_grid(
+                self.twin, self.experiment, count, steady_start=isinstance(self.initial, str)
+            )
+        commanded = self._grid(refinement) if numbered is None else numbered
         inputs, to_be_delayed = commanded.summary(), commanded if own_delays else None
         # Draws with the same delay share the interpolation weights of the samples.
         grid = commanded if own_delays else _delayed_as(self.twin, commanded)
@@ -91,11 +98,16 @@ class DrawSolver:
 
         def work(chunk: Draws) -> dict[str, Array | np.ndarray]:
             with own_settings():
-                prepared = prepare_chunk(
-                    self.twin, chunk, inputs, self.initial, to_be_delayed, self.precision
+                prepared = (
+                    prepare_chunk(
+                        self.twin, chunk, inputs, self.initial, to_be_delayed, self.precision
+                    )
+                    if numbered is None
+                    else prepare_numbered(self.twin, chunk, inputs, self.initial, self.precision)
                 )
             with own_settings(float64=self.precision == "float64"):
-                stepped = step_chunk(
+                step = step_chunk if numbered is None else step_numbered
+                stepped = step(
                     prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()
                 )
                 reduced = self._reduced(prepared, stepped, grid, compressed)
@@ -109,11 +121,13 @@ class DrawSolver:
                 **reduced,
             }
 
+        # The next chunk is brought in and the last one out while one is computed.
+        overlapped = None if numbered is None else 2 * jax.local_device_count()
         return work_in_chunks(
             draws,
             work,
-            chunk_size=self.chunk_size or usual_chunk_size(),
-            workers=self.workers,
+            chunk_size=self.chunk_size or self._usual_chunk_size(numbered, compressed is not None),
+            workers=self.workers or overlapped,
             on_progress=on_progress,
             total=total,
         )
@@ -152,7 +166,7 @@ class DrawSolver:
                 return {"failed": failed, **reduce_readings(self.reductions, readings, recorded)}
 
         # On a CPU, the linear algebra of two chunks at once would deadlock (`_lapack`).
-        is_alone = method.is_implicit and not is_accelerated()
+        is_alone = method.calls_lapack and not is_accelerated()
         return work_in_chunks(
             draws,
             work,
@@ -161,6 +175,15 @@ class DrawSolver:
             on_progress=on_progress,
             total=total,
         )
+
+    def _usual_chunk_size(self, numbered: TimeGrid | None, is_compressed: bool) -> int:
+        """The default chunk size; larger for Rodas5P, unless whole trajectories fill the memory."""
+        reductions = dict(self.reductions or {})
+        if is_compressed:
+            del reductions["cost"]
+        few = {"end", "plate_end"}
+        keeps_few = self.reductions is not None and {r.reads for r in reductions.values()} <= few
+        return NUMBERED_CHUNK if numbered is not None and keeps_few else usual_chunk_size()
 
     def _grid(self, refinement: int) -> TimeGrid:
         steady_start = isinstance(self.initial, str)

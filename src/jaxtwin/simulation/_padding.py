@@ -29,9 +29,9 @@ SIZES = 20
 has one step size, a drive that is held for long has 11 to 16; padding adds the size 0."""
 
 
-def padded_count(count: int) -> int:
-    """The number of rows after padding."""
-    part = max(PARTS, 2 ** (count.bit_length() - 1) // PARTS)
+def padded_count(count: int, least_part: int = PARTS) -> int:
+    """The number of rows after padding, a multiple of at least `least_part`."""
+    part = max(least_part, 2 ** (count.bit_length() - 1) // PARTS)
     return -(-count // part) * part
 
 
@@ -65,19 +65,26 @@ def padded_time_grid(
 @lru_cache(maxsize=64)
 def _padded_time_grid(experiment: Experiment, options: GridOptions) -> TimeGrid:
     grid = build_time_grid(experiment, *options)
+    sizes = np.append(grid.sizes, np.zeros(SIZES - len(grid.sizes) % SIZES))
+    return with_padding(replace(grid, sizes=sizes), STEPS)
+
+
+def with_padding(grid: TimeGrid, least: int) -> TimeGrid:
+    """Pads the steps of a grid, to at least `least`, and its samples. The size that follows the
+    step sizes in use must be 0."""
     ambient, ambient_at = grid.ambient, grid.ambient_at
     levels, levels_at = grid.levels, grid.levels_at
     return TimeGrid(
         times=padded(np.asarray(grid.times)),
-        sizes=np.append(grid.sizes, np.zeros(SIZES - len(grid.sizes) % SIZES)),
-        size=padded(np.asarray(grid.size), len(grid.sizes), STEPS),
-        duty=padded(np.asarray(grid.duty), least=STEPS),
-        ambient=None if ambient is None else padded(np.asarray(ambient), least=STEPS),
-        polynomials=padded(np.asarray(grid.polynomials), STANDING, STEPS),
+        sizes=grid.sizes,
+        size=padded(np.asarray(grid.size), int(np.max(grid.size)) + 1, least),
+        duty=padded(np.asarray(grid.duty), least=least),
+        ambient=None if ambient is None else padded(np.asarray(ambient), least=least),
+        polynomials=padded(np.asarray(grid.polynomials), STANDING, least),
         step_of=padded(np.asarray(grid.step_of)),
         weights=padded(np.asarray(grid.weights)),
         ambient_at=None if ambient_at is None else padded(np.asarray(ambient_at)),
-        levels=None if levels is None else padded(np.asarray(levels), least=STEPS),
+        levels=None if levels is None else padded(np.asarray(levels), least=least),
         levels_at=None if levels_at is None else padded(np.asarray(levels_at)),
         regimes=grid.regimes,
     )

@@ -178,6 +178,7 @@ def build_time_grid(
     settling: float = 0.0,
     parts: int = 1,
     inputs: tuple[tuple[Input, bool], ...] = (),
+    geometric: bool = False,
 ) -> TimeGrid:
     """Builds the time grid of an experiment.
 
@@ -190,6 +191,9 @@ def build_time_grid(
     - `settling`: the time after an input change during which steps do not grow, s.
     - `parts`: the number of steps of a span that is too short for growing steps.
     - `inputs`: the inputs of the rig besides the duty, each with whether it changes a resistance.
+    - `geometric`: whether steps grow by their ratio to the time since the last change, for a solver
+      that does without the exponentials of few sizes, and each longer span ends with a step of no
+      length.
 
     **Raises:** `SimulationError` if a run has more steps than fit into memory, or if a recording
     lacks an input.
@@ -213,7 +217,9 @@ def build_time_grid(
     since = starts - np.append(-np.inf, reversals)[last]
     few = parts * np.where(since < settling, REVERSED_PARTS, 1)
     spans = [
-        _span_steps(time[start : stop + 1], first_step, growth, largest_step, settling, int(n))
+        _span_steps(
+            time[start : stop + 1], first_step, growth, largest_step, settling, int(n), geometric
+        )
         for (start, stop), n in zip(pairwise(marks), few, strict=True)
     ]
     held = np.repeat(marks[:-1], [len(span) for span in spans])
@@ -248,6 +254,7 @@ def _span_steps(
     largest: float,
     settling: float,
     parts: int,
+    geometric: bool,
 ) -> list[float]:
     """The steps of a span between two input changes, whose samples include both ends.
 
@@ -259,6 +266,8 @@ def _span_steps(
     duration = float(time[-1] - time[0])
     if duration <= SHORT_SPAN and len(time) == 2:
         return [duration / parts] * parts
+    if geometric:
+        return [*_geometric(duration, min(first, duration), growth, largest, settling), 0.0]
     steps = _graded(duration, min(first, duration), growth, largest, settling)
     contains_samples = time[-2] - time[0] > duration - steps[-1] + 1e-9
     return [*steps, 0.0] if contains_samples and duration <= SETTLED else steps
@@ -279,6 +288,22 @@ def _graded(
         wanted = min(grown, largest, duration - elapsed)
         size = first * 2.0 ** np.floor(np.log2(wanted / first) + 1e-9)
         size = min(size, duration - elapsed) if size >= first else duration - elapsed
+        steps.append(float(size))
+        elapsed += size
+    return steps
+
+
+def _geometric(
+    duration: float, first: float, growth: float, largest: float, settling: float
+) -> list[float]:
+    """Steps which grow in proportion to the time since an input change. The last two share what is
+    left, because a last step much shorter than the one before it is as much work."""
+    steps, elapsed = [first], first
+    while duration - elapsed > 1e-9:
+        left = duration - elapsed
+        size = min(max(first, growth * elapsed) if elapsed >= settling else first, largest, left)
+        if size < left < 1.5 * size:
+            size = left / 2
         steps.append(float(size))
         elapsed += size
     return steps

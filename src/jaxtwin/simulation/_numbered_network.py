@@ -1,0 +1,193 @@
+"""A network with each of its numbers as an array of its own: structure of arrays.
+
+The equations are those of `System`, which computes with vectors and matrices of one draw. Here each
+temperature, conductance and capacitance is an array over the draws, and every operation is
+elementwise. A compiler can then keep the numbers of a draw in registers.
+"""
+
+from dataclasses import replace
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._jax_settings import in_precision
+from .._sparse_lu import Entry, SparseLU
+from ..physics import System
+from ..physics._driver import Bridge
+from ..physics._heat_loss import NonlinearLoss
+from ..physics._thermoelectric import ThermoelectricModule
+from ..physics._wiring import Wiring
+
+Numbers = list[Float[Array, "*draws"]]
+
+
+@final
+class NumberedNetwork(eqx.Module):
+    """The numbers of a network, each for many draws.
+
+    - `conductance`: the entries of $G$ that differ from 0, W/K, in the order of `entries`.
+    - `inverse_capacitance`: of each node, K/J.
+    - `to_ambient`: the conductance from each node to the surroundings, W/K.
+    - `held_heat`: the heat of bodies at a fixed temperature into each node, W; empty for none.
+    - `modules`, `bridges`: of each cell.
+    - `losses`: of each element of the plate, in float32, because they are a small part of the heat
+      (`ModalField`); empty for none.
+    - `reference`: the temperature from which deviations are counted, K.
+    - `lag`: of the driver, s. `drift`: of the ambient, K/s. Both may be None.
+    - `cold`, `hot`: the nodes of the cells' sides.
+    """
+
+    conductance: Numbers
+    inverse_capacitance: Numbers
+    to_ambient: Numbers
+    held_heat: Numbers
+    modules: list[ThermoelectricModule]
+    bridges: list[Bridge]
+    losses: list[NonlinearLoss]
+    reference: Float[Array, "*draws"]
+    lag: Float[Array, "*draws"] | None
+    drift: Float[Array, "*draws"] | None
+    entries: tuple[Entry, ...] = eqx.field(static=True)
+    cold: tuple[int, ...] = eqx.field(static=True)
+    hot: tuple[int, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls, system: System, reference: Float[Array, ""], drift: Float[Array, ""] | None
+    ) -> "NumberedNetwork":
+        """Takes a system of one draw, or of many under `jax.vmap`, apart."""
+        wiring, module, bridge, loss = system.wiring, system.module, system.bridge, system.loss
+        nodes, cells = range(system.capacitance.size), range(len(wiring.cold))
+        entries = SparseLU(network_pattern(wiring)).entries
+        inverse, held = 1 / system.capacitance, system.reservoirs
+        heat = None if held is None else held.heat(reference)
+
+        def number(leaf: Array, cell: int) -> Array:
+            return jnp.broadcast_to(leaf, (len(cells),))[cell]
+
+        return cls(
+            conductance=[system.conductance[i, j] for i, j in entries],
+            inverse_capacitance=[inverse[k] for k in nodes],
+            to_ambient=[system.ambient_conductance[k] for k in nodes],
+            held_heat=[] if heat is None else [heat[k] for k in nodes],
+            modules=[jax.tree.map(lambda leaf, k=k: number(leaf, k), module) for k in cells],
+            bridges=[
+                replace(
+                    jax.tree.map(lambda leaf, k=k: number(leaf, k), bridge),
+                    heaters=bridge.heaters[k : k + 1],
+                    own_supply=bridge.own_supply[k : k + 1],
+                )
+                for k in cells
+            ],
+            losses=[]
+            if loss is None
+            else [
+                in_precision(
+                    NonlinearLoss(loss.film[k], loss.exponent, loss.radiating[k]), jnp.float32
+                )
+                for k in range(wiring.elements)
+            ],
+            reference=reference,
+            lag=system.lag,
+            drift=drift,
+            entries=entries,
+            cold=tuple(map(int, wiring.cold)),
+            hot=tuple(map(int, wiring.hot)),
+        )
+
+    def slope(self, rises: Numbers, duty: Numbers, ambient: Float[Array, "*#draws"]) -> Numbers:
+        """The rate of change of each temperature, K/s.
+
+        **Arguments:**
+
+        - `rises`: the deviations from the reference, K.
+        - `duty`: of each cell, -1 to 1.
+        - `ambient`: the deviation of the ambient from the reference, K.
+        """
+        heat = [g * ambient for g in self.to_ambient]
+        for k, held in enumerate(self.held_heat):
+            heat[k] = heat[k] + held
+        for (i, j), g in zip(self.entries, self.conductance, strict=True):
+            heat[i] = heat[i] - g * rises[j]
+        for k, loss in enumerate(self.losses):
+            lost = loss.heat(*self._of_loss(rises[k], ambient))
+            heat[k] = heat[k] - lost.astype(ambient.dtype)
+        for k in range(len(self.cold)):
+            cold, hot = self._cell_heat(k, rises[self.cold[k]], rises[self.hot[k]], duty[k])
+            heat[self.cold[k]] = heat[self.cold[k]] - cold
+            heat[self.hot[k]] = heat[self.hot[k]] + hot
+        return [q * inverse for q, inverse in zip(heat, self.inverse_capacitance, strict=True)]
+
+    def jacobian(
+        self, rises: Numbers, duty: Numbers, ambient: Float[Array, "*#draws"]
+    ) -> dict[Entry, Float[Array, "*draws"]]:
+        """The derivatives of the slopes by the temperatures that differ from 0, 1/s."""
+        matrix = {entry: -g for entry, g in zip(self.entries, self.conductance, strict=True)}
+        for k, loss in enumerate(self.losses):
+            slope = loss.slope(*self._of_loss(rises[k], ambient))
+            matrix[k, k] = matrix[k, k] - slope.astype(ambient.dtype)
+        for k in range(len(self.cold)):
+            sides = self.cold[k], self.hot[k]
+            at = [rises[side] for side in sides]
+            for side in (0, 1):
+                seed = [
+                    jnp.ones_like(x) if side == n else jnp.zeros_like(x) for n, x in enumerate(at)
+                ]
+                _, (cold, hot) = jax.jvp(
+                    lambda c, h, k=k: self._cell_heat(k, c, h, duty[k]), tuple(at), tuple(seed)
+                )
+                matrix[sides[0], sides[side]] = matrix[sides[0], sides[side]] - cold
+                matrix[sides[1], sides[side]] = matrix[sides[1], sides[side]] + hot
+        return {(i, j): self.inverse_capacitance[i] * g for (i, j), g in matrix.items()}
+
+    def time_slope(
+        self,
+        rises: Numbers,
+        duty: Numbers,
+        ambient: Float[Array, "*#draws"],
+        duty_slope: Numbers,
+        ambient_slope: Float[Array, "*draws"],
+    ) -> Numbers:
+        """The change of the slopes with the inputs alone, K/s^2, while these change at the given
+        rates."""
+        _, slope = jax.jvp(
+            lambda duty, ambient: self.slope(rises, duty, ambient),
+            (duty, ambient),
+            (duty_slope, ambient_slope),
+        )
+        return slope
+
+    def _of_loss(self, rise: Array, ambient: Array) -> tuple[Array, Array]:
+        """The arguments of a loss."""
+        return in_precision((rise - ambient, self.reference + ambient), jnp.float32)
+
+    @property
+    def pattern(self) -> Bool[np.ndarray, "nodes nodes"]:
+        """Whether the slope of a node depends on the temperature of a node."""
+        nodes = len(self.inverse_capacitance)
+        pattern = np.zeros((nodes, nodes), bool)
+        pattern[tuple(np.transpose(self.entries))] = True
+        return pattern
+
+    def _cell_heat(
+        self, k: int, cold: Float[Array, "*draws"], hot: Float[Array, "*draws"], duty: Array
+    ) -> tuple[Array, Array]:
+        heat = self.bridges[k].heat(
+            self.modules[k], duty, cold + self.reference, hot + self.reference
+        )
+        return heat.cold, heat.hot
+
+
+def network_pattern(wiring: Wiring) -> Bool[np.ndarray, "nodes nodes"]:
+    """Whether the slope of a node depends on the temperature of a node: on its own, on those of its
+    neighbours, and across a cell."""
+    nodes = len(wiring.netlist.nodes)
+    pattern = np.eye(nodes, dtype=bool)
+    first, second = wiring.pairs
+    pattern[first, second] = pattern[second, first] = True
+    pattern[wiring.cold, wiring.hot] = pattern[wiring.hot, wiring.cold] = True
+    return pattern
