@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .._arguments import finite_number, of_kind, whole_number
+from .._arguments import finite_number, whole_number
 from .._errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiments
@@ -14,18 +14,22 @@ from ..matching import Fit
 from ..observers import Observed, ProcessNoise, observe
 from ..observers._observe import usual_noise
 from ..physics import Twin
-from ._evidence import Evidences
-from ._response import Response, response_of
 from ._innovation_tests import CLIP
 from ._monitor import SETTLE, Monitor
+from ._response import Response, response_of
 from ._run import evidences_of
 from ._simulated import simulated
 from ._state_test import parameters_of
-from ._tails import tail_of, block_maxima
-from ._thresholds import FAMILIES, MonitorCalibration, Reference, Tail, usual_tails
-
-STILL = 30.0
-"""The least number of equal readings that says that a channel is frozen."""
+from ._tails import block_maxima, tail_of
+from ._thresholds import (
+    FAMILIES,
+    STILL,
+    MonitorCalibration,
+    Reference,
+    Tail,
+    nominal_calibration,
+    usual_tails,
+)
 
 LAST = 0.5
 """The part of a recording, at its end, over which the changes of parameters are averaged."""
@@ -36,7 +40,7 @@ def calibrate_monitor(
     experiments: Experiment | Sequence[Experiment],
     noise: ProcessNoise | None = None,
     *,
-    hours: float = 20.0,
+    hours: float | int = 20.0,
     seed: int = 0,
 ) -> MonitorCalibration:
     """Finds what is healthy, from recordings and from simulations of the observer's model.
@@ -44,7 +48,7 @@ def calibrate_monitor(
     Thresholds follow from the mean time between false alarms that `jaxtwin.monitor` is given.
     Statistics are looked at for hours, and their tails extrapolated (`jaxtwin.monitoring`), from
     the recordings and from the simulations, in which the twin, its start and its room are drawn
-    anew for each run. The higher of the thresholds counts, but none is below that of usual tails.
+    anew for each run. The higher of the thresholds counts.
 
     **Arguments:**
 
@@ -96,18 +100,6 @@ def calibration_of_recordings(
 def usual_calibration(observed: Observed) -> MonitorCalibration:
     """What is usual, if no healthy recording is known."""
     return nominal_calibration(observed.channels, float(np.median(np.diff(observed.time))))
-
-
-def nominal_calibration(channels: Sequence[str], sample_time: float) -> MonitorCalibration:
-    """What is usual for channels that are read so often."""
-    return MonitorCalibration(
-        sample_time=sample_time,
-        scales=dict.fromkeys(channels, 1.0),
-        memory=dict.fromkeys(channels, 0.0),
-        tails=usual_tails(sample_time),
-        still=dict.fromkeys(channels, STILL),
-        references={},
-    )
 
 
 def _plain_calibration(observed: Sequence[Observed]) -> MonitorCalibration:
@@ -175,7 +167,9 @@ def _references(observed: Sequence[Observed]) -> dict[str, Reference]:
             found.setdefault(name, []).append(float(mean))
     return {
         name: Reference(
-            float(np.mean(means)), float(np.std(means, ddof=1)) if len(means) > 1 else 0.0, len(means)
+            float(np.mean(means)),
+            float(np.std(means, ddof=1)) if len(means) > 1 else 0.0,
+            len(means),
         )
         for name, means in found.items()
     }

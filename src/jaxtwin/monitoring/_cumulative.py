@@ -121,3 +121,24 @@ def energy_after(
 ) -> Float[Array, " channels"]:
     """The mean square of about the last `ENERGY_SAMPLES` innovations after one more."""
     return jnp.where(used, energy + (x**2 - energy) / ENERGY_SAMPLES, energy)
+
+
+def joint_ratio(
+    window: Window,
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """The same for a shift of all channels together, each by an amount of its own: the size is the
+    root mean square over the channels.
+
+    Twice the ratio has as many degrees of freedom as there are channels. It is moved to what one
+    channel would have to show to be as unlikely (Wilson and Hilferty 1931), so that the threshold
+    does not depend on their number.
+    """
+    counts = jnp.arange(1, WINDOW + 1)[:, None]
+    channels = window.sums.shape[1]
+    squares = (window.sums**2 / counts).sum(axis=1)
+    part = 2 / (9 * channels)
+    normal = ((squares / channels) ** (1 / 3) - (1 - part)) / jnp.sqrt(part)
+    best = jnp.argmax(normal)
+    ratio = jnp.maximum(normal[best], 0.0) ** 2 / 2
+    means = window.totals[best] / (best + 1)
+    return ratio, window.ages[best].max(), jnp.sqrt(jnp.mean(means**2))

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..observers import KalmanState
@@ -32,17 +31,16 @@ class Seen(NamedTuple):
 
 def seen(
     state: KalmanState,
-    expected: Float[ArrayLike, " channels"],
-    readings: Float[ArrayLike, " channels"],
-    ambient: Float[ArrayLike, ""],
-    dt: Float[ArrayLike, ""],
+    expected: Float[ArrayLike, "*times channels"],
+    readings: Float[ArrayLike, "*times channels"],
+    ambient: Float[ArrayLike, "*times"],
+    dt: Float[ArrayLike, "*times"],
 ) -> Seen:
     """What a monitor gets from an extended Kalman filter, corrected by the readings."""
-    there = np.isfinite(readings) if isinstance(readings, np.ndarray) else jnp.isfinite(readings)
     return Seen(
         readings=readings,
         expected=expected,
-        whitened=jnp.where(there, state.whitened, 0.0),
+        whitened=jnp.where(jnp.isfinite(jnp.asarray(readings)), state.whitened, 0.0),
         mean=state.mean,
         slope=state.slope,
         duty=state.duty,
@@ -68,16 +66,19 @@ class Evidences(NamedTuple):
     """What all tests say.
 
     - `sum`, `ratio`: the cumulative sums and the likelihood ratio of each channel, K.
+    - `joint`: the likelihood ratio of all channels together, K; empty for a single channel.
     - `energy`: its mean square innovation; the size is a multiple of the usual spread.
     - `state`: the observer's slow states: the multiples of the uncertain directions (the size is
-      the relative change of their main parameter), the room, K, and the unexplained heats, W.
+      the relative change of their main parameter, or its change if it may be negative), the room,
+      K, and the unexplained heats, W.
     - `error`: the error of each channel by itself, K; empty for a single channel.
     - `frozen`: equal readings in sequence. `gone`: readings at the room while a cell is driven.
-    - `changed`: parameters against the recordings of the match, relative.
+    - `changed`: parameters against the recordings of the match, likewise.
     """
 
     sum: Evidence
     ratio: Evidence
+    joint: Evidence
     energy: Evidence
     state: Evidence
     error: Evidence

@@ -1,6 +1,5 @@
 """Findings from scores: each is raised once, grows, and clears."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple, final
@@ -14,12 +13,13 @@ from ._monitor import Monitor, channels_of
 from ._state_test import parameters_of, state_names
 from ._thresholds import FAMILIES, MonitorCalibration
 
-CALM_SECONDS = 60.0
+CALM_SECONDS = 30.0
 """A finding clears when its scores have been below a half for this time, s."""
 
 KINDS = {
     "sum": "sudden",
     "ratio": "sudden",
+    "joint": "sudden",
     "energy": "sudden",
     "state": "implausible",
     "error": "drift",
@@ -37,6 +37,7 @@ class _Row(NamedTuple):
     name: str
     place: int
     unit: str
+    of_what: str = "channel"
 
     @property
     def key(self) -> tuple[str, str]:
@@ -48,7 +49,7 @@ class _Row(NamedTuple):
 class _Open:
     finding: Finding
     peak: float
-    last: float
+    last: float | int
 
 
 @final
@@ -62,7 +63,11 @@ class FindingLog:
     """
 
     def __init__(
-        self, monitor: Monitor, calibration: MonitorCalibration, seconds: float, ticks: int = 1
+        self,
+        monitor: Monitor,
+        calibration: MonitorCalibration,
+        seconds: float | int,
+        ticks: int = 1,
     ):
         self._monitor, self._calibration = monitor, calibration
         self._seconds, self._ticks = seconds, ticks
@@ -80,7 +85,7 @@ class FindingLog:
         """All findings, in the order of their onset; those that are there have no `until`."""
         return tuple(sorted((*self._closed, *self.present), key=lambda one: one.since or 0))
 
-    def take(self, now: float, evidences: Evidences) -> list[Finding]:
+    def take(self, now: float | int, evidences: Evidences) -> list[Finding]:
         """Takes what the tests say of a sample.
 
         **Returns:** the findings that are new.
@@ -92,8 +97,8 @@ class FindingLog:
             there = self._open.get(row.key)
             if there is not None:
                 there.last = now
-                if score > there.peak:
-                    there.peak = score
+                if self._says_more(row, score, there):
+                    there.peak = max(score, there.peak)
                     there.finding = self._grown(there.finding, row, evidences, score)
                     if row.key in new:
                         new[row.key] = there.finding
@@ -107,11 +112,20 @@ class FindingLog:
                 del self._open[key]
         return list(new.values())
 
+    @staticmethod
+    def _says_more(row: _Row, score: float, there: _Open) -> bool:
+        """Whether a test says more of a finding than is known: a shift in K says more than the
+        scatter."""
+        is_scatter = row.test == "energy"
+        if row.key[0] == "sudden" and is_scatter != (there.finding.unit == ""):
+            return not is_scatter and score >= 1
+        return score > there.peak
+
     def _is_alarmed(self) -> bool:
         """Whether there is an alarm, which then explains why a parameter has changed."""
         return any(one.finding.is_alarm for one in self._open.values())
 
-    def _finding(self, row: _Row, evidences: Evidences, score: float, now: float) -> Finding:
+    def _finding(self, row: _Row, evidences: Evidences, score: float, now: float | int) -> Finding:
         evidence = getattr(evidences, row.test)
         age = float(evidence.age[row.place]) * self._ticks
         since = now - (round(age) if self._ticks > 1 else age)
@@ -150,14 +164,30 @@ def _rows(monitor: Monitor) -> Iterator[_Row]:
     for test in Evidences._fields:
         if test == "state":
             for place, name in enumerate(state_names(model)):
-                unit = "" if place < of_states else "K" if place == of_states else "W"
-                yield _Row(test, name, place, unit)
+                if place < of_states:
+                    yield _Row(test, name, place, _unit(monitor, name), "parameter")
+                elif place == of_states:
+                    yield _Row(test, name, place, "K", "room")
+                else:
+                    yield _Row(test, name, place, "W", "heat")
         elif test == "changed":
             for place, name in enumerate(parameters_of(model)):
-                yield _Row(test, name, place, "")
+                yield _Row(test, name, place, _unit(monitor, name), "parameter")
+        elif test == "joint":
+            if len(channels) > 1:
+                yield _Row(test, "", 0, "K")
         elif test != "error" or model.layout.channels:
             for place, name in enumerate(channels):
                 yield _Row(test, name, place, units[test])
+
+
+def _unit(monitor: Monitor, name: str) -> str:
+    """The unit of the change of a parameter: none if it is relative."""
+    directions = monitor.model.directions
+    assert directions is not None
+    if directions.is_logarithmic[directions.names.index(name)]:
+        return ""
+    return monitor.model.twin.rig.parameters[name].unit or ""
 
 
 def _detail(row: _Row, size: float) -> str:
@@ -165,14 +195,16 @@ def _detail(row: _Row, size: float) -> str:
     match row.test:
         case "sum" | "ratio":
             return f"{name} is {abs(size):.2g} K {more} what is expected"
+        case "joint":
+            return f"the channels are {abs(size):.2g} K off what is expected, all together"
         case "energy":
             return f"{name} scatters {size:.2g} times as much as is expected"
-        case "state" if row.unit == "K":
-            return f"the {name} that explains the readings is {abs(size):.2g} K off"
-        case "state" if row.unit == "W":
+        case "state" if row.of_what == "room":
+            return f"the room that explains the readings is {abs(size):.2g} K off"
+        case "state" if row.of_what == "heat":
             return f"{name}: {size:+.2g} W of heat are unexplained"
         case "state":
-            return f"{name} would have to change by {_percent(size)} to explain the readings"
+            return f"{name} would have to change by {_change(row, size)} to explain the readings"
         case "error":
             return f"{name} has drifted from the other channels by {size:+.2g} K"
         case "frozen":
@@ -180,11 +212,11 @@ def _detail(row: _Row, size: float) -> str:
         case "gone":
             return f"{name} is within {abs(size):.2g} K of the room while a cell is at full duty"
         case _:
-            return f"{name} differs by {_percent(size)} from the recordings of the match"
+            return f"{name} differs by {_change(row, size)} from the recordings of the match"
 
 
-def _percent(change: float) -> str:
-    return f"{100 * change:+.2g} %" if math.isfinite(change) else "an unknown part"
+def _change(row: _Row, size: float) -> str:
+    return f"{size:+.2g} {row.unit}" if row.unit else f"{100 * size:+.2g} %"
 
 
 def at_sample(evidences: Evidences, place: int) -> Evidences:

@@ -1,4 +1,5 @@
-"""Tests of the innovations of each channel: cumulative sums, likelihood ratio, energy."""
+"""Tests of the innovations of each channel: cumulative sums, likelihood ratio,
+energy; and of all channels together."""
 
 from dataclasses import replace
 from typing import final
@@ -9,16 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after
+from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after, joint_ratio
 from ._evidence import Evidence, Seen
 
 CLIP = 4.0
 """The largest standardised innovation that counts."""
 
 HELD = 10.0
-"""After an innovation that is larger than `CLIP`, those of all channels say nothing for this time,
-s. If it is over then, as after a correction of a camera, an outlier or a jump of the command, it is
-forgotten; a fault lasts, and all of it counts."""
+"""After an innovation that is larger than `CLIP` and common to the channels, they say nothing for
+this time, s. If it is over then, as after a correction of a camera, an outlier or a jump of the
+command, it is forgotten; a fault lasts, and all of it counts."""
 
 REARMED = 60.0
 """They are held only once in this time, s: no fault hides behind them."""
@@ -27,6 +28,7 @@ LASTS = 2.0
 """A mean of the innovations in the second half of this time that is larger lasts."""
 
 
+@final
 class Statistics(eqx.Module):
     """The statistics, and the last innovations."""
 
@@ -34,6 +36,11 @@ class Statistics(eqx.Module):
     window: Window
     energy: Float[Array, " channels"]
     last: Float[Array, " channels"]
+
+
+ENOUGH = 1.5
+"""At so many times its threshold a likelihood ratio begins again, and a sum grows no more: how soon
+a finding clears."""
 
 
 @final
@@ -58,13 +65,15 @@ class InnovationTests(eqx.Module):
 
     - `scales`, `memory`: the usual spread of the innovations of each channel, and the correlation
       of two that follow each other.
-    - `thresholds`: of the sum, the ratio and the energy. `ceiling`: the largest sum.
+    - `thresholds`: of the sum, the ratio, the joint ratio and the energy.
+    - `enough`: the score at which a ratio begins again, and of a sum the largest one; infinite for
+      statistics as they are.
     """
 
     scales: Float[np.ndarray | Array, " channels"]
     memory: Float[np.ndarray | Array, " channels"]
-    thresholds: Float[np.ndarray | Array, "3"]
-    ceiling: Float[np.ndarray | Array, ""]
+    thresholds: Float[np.ndarray | Array, "4"]
+    enough: Float[np.ndarray | Array, ""]
 
     def init(self) -> InnovationState:
         """The state before the first sample."""
@@ -77,13 +86,15 @@ class InnovationTests(eqx.Module):
 
     def step(
         self, state: InnovationState, seen: Seen, dt: Float[Array, ""], settled: Bool[Array, ""]
-    ) -> tuple[InnovationState, tuple[Evidence, Evidence, Evidence]]:
-        """The state after a sample, and what sum, ratio and energy say."""
+    ) -> tuple[InnovationState, tuple[Evidence, Evidence, Evidence, Evidence]]:
+        """The state after a sample, and what sum, ratio, joint ratio and energy say."""
         scaled = jnp.asarray(seen.whitened) / self.scales
         there = jnp.isfinite(jnp.asarray(seen.readings))
         was_held = state.since_held < HELD
         since_held = state.since_held + dt
-        begins = (jnp.abs(scaled) > CLIP).any() & (since_held >= REARMED)
+        is_found = (state.statistics.sums.sums >= self._least).any()
+        begins = (jnp.abs(scaled) > CLIP).any() & _is_common(seen) & (since_held >= REARMED)
+        begins = begins & ~is_found
         since_held = jnp.where(begins, 0.0, since_held)
         is_held = since_held < HELD
         lasts = (jnp.abs(state.late) >= LASTS * jnp.maximum(state.count, 1.0)).any()
@@ -97,7 +108,19 @@ class InnovationTests(eqx.Module):
         count = jnp.where(begins, 0.0, state.count + is_late)
         now = self._after(now, seen, scaled, there & settled, dt)
         found = self._evidence(now, dt, settled & ~is_held)
+        # The window of a change that is found begins again: it then shows whether it is over.
+        enough = jnp.asarray(self.enough)
+        is_full = (found[1].score >= enough) | (found[2].score >= enough).any()
+        window = jax.tree.map(lambda leaf: jnp.where(is_full, 0.0, leaf), now.window)
+        now = replace(now, window=window)
         return InnovationState(now, before, since_held, late, count), found
+
+    @property
+    def _least(self) -> Float[Array, ""]:
+        """The sum of a change that is found; infinite for statistics as they are."""
+        return jnp.where(
+            jnp.isfinite(jnp.asarray(self.enough)), jnp.asarray(self.thresholds)[0], jnp.inf
+        )
 
     def _after(
         self,
@@ -114,7 +137,9 @@ class InnovationTests(eqx.Module):
         innovation = jnp.where(used, jnp.asarray(seen.readings) - seen.expected, 0.0)
         return replace(
             old,
-            sums=old.sums.after(x, innovation, used, dt, jnp.asarray(self.ceiling)),
+            sums=old.sums.after(
+                x, innovation, used, dt, jnp.asarray(self.enough) * jnp.asarray(self.thresholds)[0]
+            ),
             window=old.window.after(x, innovation, used, dt),
             energy=energy_after(old.energy, x, used),
             last=jnp.where(used, clipped, old.last),
@@ -122,7 +147,7 @@ class InnovationTests(eqx.Module):
 
     def _evidence(
         self, now: Statistics, dt: Float[Array, ""], speaks: Bool[Array, ""]
-    ) -> tuple[Evidence, Evidence, Evidence]:
+    ) -> tuple[Evidence, Evidence, Evidence, Evidence]:
         sums = now.sums
         way = jnp.argmax(sums.sums, axis=0)[None]
 
@@ -130,17 +155,31 @@ class InnovationTests(eqx.Module):
             return jnp.take_along_axis(table, way, axis=0)[0]
 
         ratio, age, size = now.window.ratio()
+        joint = tuple(jnp.reshape(one, 1) for one in joint_ratio(now.window))
+        if len(self.scales) == 1:  # that of the channel says it all
+            joint = tuple(one[:0] for one in joint)
         mean = of_way(sums.totals) / jnp.maximum(of_way(sums.counts), 1.0)
         # The energy has no memory of when it rose: it is as old as what it averages.
         averaged = jnp.full_like(now.energy, ENERGY_SAMPLES) * dt
-        scores = jnp.stack([of_way(sums.sums), ratio, now.energy])
-        scores = scores / jnp.asarray(self.thresholds)[:, None]
-        of_sum, of_ratio, of_energy = jnp.where(speaks, scores, 0.0)
+        limits = jnp.asarray(self.thresholds)
+
+        def evidence(limit: Array, score: Array, age: Array, size: Array) -> Evidence:
+            return Evidence(jnp.where(speaks, score / limit, 0.0), age, size)
+
         return (
-            Evidence(of_sum, of_way(sums.ages), mean),
-            Evidence(of_ratio, age, size),
-            Evidence(of_energy, averaged, jnp.sqrt(now.energy)),
+            evidence(limits[0], of_way(sums.sums), of_way(sums.ages), mean),
+            evidence(limits[1], ratio, age, size),
+            evidence(limits[2], *joint),
+            evidence(limits[3], now.energy, averaged, jnp.sqrt(now.energy)),
         )
+
+
+def _is_common(seen: Seen) -> Bool[Array, ""]:
+    """Whether the channels are off together, as after a correction of a camera: half of them by at
+    least half as much as the farthest, to the same side."""
+    innovations = jnp.asarray(seen.readings) - seen.expected
+    middle, far = jnp.nanmedian(innovations), jnp.nanmax(jnp.abs(innovations))
+    return jnp.abs(middle) > far / 2
 
 
 def _chosen(condition: Bool[Array, ""], yes: Statistics, no: Statistics) -> Statistics:

@@ -12,7 +12,7 @@ from ..observers import ExtendedKalmanFilter
 from ..observers._augmented_model import AugmentedModel
 from ._channel_tests import ChannelState, ChannelTests
 from ._evidence import Evidences, Seen
-from ._innovation_tests import InnovationState, InnovationTests
+from ._innovation_tests import ENOUGH, InnovationState, InnovationTests
 from ._response import Response
 from ._shift_test import ShiftState, ShiftTest
 from ._state_test import StateTest, main_parameters
@@ -21,9 +21,6 @@ from ._thresholds import FAMILIES, MonitorCalibration
 SETTLE = 120.0
 """An observer needs this time to find the rig, s; of innovations and states nothing is said
 before."""
-
-CEILING = 1.5
-"""The largest cumulative sum, as a multiple of its threshold: how soon a finding clears."""
 
 
 @final
@@ -65,7 +62,7 @@ class Monitor(eqx.Module):
         observer: ExtendedKalmanFilter,
         calibration: MonitorCalibration,
         response: Response,
-        seconds: float | None,
+        seconds: float | int | None,
     ):
         model, names = observer.model, channels_of(observer.model)
         table = {} if seconds is None else calibration.for_seconds(seconds)
@@ -73,10 +70,10 @@ class Monitor(eqx.Module):
         self.innovations = InnovationTests(
             scales=np.array([calibration.scales.get(name, 1.0) for name in names]),
             memory=np.array([calibration.memory.get(name, 0.0) for name in names]),
-            thresholds=limits[:3],
-            ceiling=np.array(math.inf if seconds is None else CEILING * table["sum"]),
+            thresholds=limits[:4],
+            enough=np.array(math.inf if seconds is None else ENOUGH),
         )
-        self.states = StateTest(model, np.array(main_parameters(model), int), limits[3:])
+        self.states = StateTest(model, np.array(main_parameters(model), int), limits[4:])
         still = np.array([calibration.still.get(name, math.inf) for name in names])
         self.channels = ChannelTests(model, response, still)
         self.shift = ShiftTest(model, calibration.references)

@@ -7,9 +7,9 @@ from ..matching import Fit
 from ..observers import Observed, ProcessNoise, observe
 from ..physics import Twin
 from ._calibrate import calibration_of_recordings, usual_calibration
-from ._response import response_of
 from ._monitor import SETTLE, Monitor, channels_of
 from ._monitored import Monitored
+from ._response import response_of
 from ._run import evidences_of
 from ._thresholds import DAY, MonitorCalibration
 
@@ -23,7 +23,7 @@ def monitor(
     noise: ProcessNoise | None = None,
     *,
     calibration: MonitorCalibration | None = None,
-    false_alarm_time: float = 30 * DAY,
+    false_alarm_time: float | int = 30 * DAY,
 ) -> Monitored:
     """Finds what changes in a rig during a recording, and since when.
 

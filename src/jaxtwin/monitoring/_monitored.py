@@ -20,6 +20,7 @@ from ._thresholds import DAY, FAMILIES, MonitorCalibration
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
     from matplotlib.figure import Figure
 
 COLUMNS = ("kind", "channel", "since_s", "found_s", "until_s", "size", "unit", "probability",
@@ -86,6 +87,20 @@ class Monitored:
 
         return pandas.DataFrame(self._rows(), columns=list(COLUMNS))
 
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns a labelled dataset: score (time, test), the largest score of each test, which is
+        a finding from 1 on; and the columns of `to_dataframe` (finding)."""
+        import xarray
+
+        scores = np.stack([one.score.max(axis=1, initial=0.0) for one in self.evidences], axis=1)
+        table = self.to_dataframe()
+        columns = {name: ("finding", table[name].to_numpy()) for name in COLUMNS}
+        return xarray.Dataset(
+            {"score": (("time", "test"), scores), **columns},
+            {"time": ("time", self.time, {"units": "s"}), "test": list(self.evidences._fields)},
+            {"recording": self.experiment.name},
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Returns everything as plain numbers and texts, for JSON."""
         return {
@@ -127,10 +142,7 @@ class Monitored:
         return f"<Monitored {name}: {_count(len(self.alarms))}; {kinds}>"
 
     def _repr_html_(self) -> str:
-        rows = [
-            (one.kind, one.channel, f"{one.since:.0f}", one.detail)
-            for one in self.findings
-        ]
+        rows = [(one.kind, one.channel, f"{one.since:.0f}", one.detail) for one in self.findings]
         return html_table(repr(self)[1:-1], ("kind", "channel", "since, s", "what"), rows)
 
     def _rows(self) -> list[tuple[Any, ...]]:

@@ -64,7 +64,9 @@ def response_of(observer: ExtendedKalmanFilter) -> Response:
     return Response(np.where(near > 0, both, np.inf), near)
 
 
-def _last_from(clear: Bool[np.ndarray, "runs steps channels"]) -> Float[np.ndarray, "runs channels"]:
+def _last_from(
+    clear: Bool[np.ndarray, "runs steps channels"],
+) -> Float[np.ndarray, "runs channels"]:
     """The number of steps after which a rise is clear and remains so; infinite for never."""
     unclear = ~clear[:, ::-1]
     back = np.where(unclear.any(axis=1), unclear.argmax(axis=1), clear.shape[1])
@@ -74,7 +76,7 @@ def _last_from(clear: Bool[np.ndarray, "runs steps channels"]) -> Float[np.ndarr
 
 @persistent_jit
 def _risen(
-    stepper: Stepper, duties: Float[np.ndarray, "runs cells"], count: int
+    stepper: Stepper, duties: Float[Array | np.ndarray, "runs cells"], count: int
 ) -> Float[Array, "runs steps channels"]:
     """The rise of the channels above the room at constant duties, from rest."""
     room = stepper.reference - ZERO_CELSIUS

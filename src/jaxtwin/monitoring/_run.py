@@ -2,11 +2,10 @@
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
-from ..observers import KalmanState, Observed
+from ..observers import Observed
 from ._evidence import Evidences, Seen, seen
 from ._monitor import Monitor, MonitorState
 
@@ -25,11 +24,14 @@ def evidences_of(monitor: Monitor, observed: Observed) -> Evidences:
     return jax.tree.map(np.asarray, found)
 
 
-@persistent_jit
-def monitored(monitor: Monitor, samples: Seen) -> Evidences:
-    """Runs a monitor over samples."""
+def run(monitor: Monitor, samples: Seen) -> Evidences:
+    """What the tests say at each of several samples, as a function that can be transformed."""
 
     def take(state: MonitorState, sample: Seen) -> tuple[MonitorState, Evidences]:
         return monitor.step(state, sample)
 
     return jax.lax.scan(take, monitor.init(), samples)[1]
+
+
+monitored = persistent_jit(run)
+"""The same as a program of its own."""

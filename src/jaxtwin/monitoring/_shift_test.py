@@ -67,9 +67,9 @@ class ShiftTest(eqx.Module):
             known, spread = references.get(name), spreads[place]
             if known is not None:
                 self.matched[place] = known.mean
-                if known.count > 1 and known.spread > 0:
-                    spread = known.spread * math.sqrt(1 + 1 / known.count)
-                    self.freedom[place] = known.count - 1
+                if known.recordings > 1 and known.spread > 0:
+                    spread = known.spread * math.sqrt(1 + 1 / known.recordings)
+                    self.freedom[place] = known.recordings - 1
             chance = LEVEL / len(compared) / 2
             self.unlike[place] = spread * float(student.isf(chance, self.freedom[place]))
 

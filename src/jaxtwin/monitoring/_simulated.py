@@ -53,9 +53,7 @@ def simulated(observed: Observed, seed: int) -> Observed:
         name=old.name,
         group=old.group,
     )
-    return dataclasses.replace(
-        observed, experiment=experiment, samples=samples, filtered=found
-    )
+    return dataclasses.replace(observed, experiment=experiment, samples=samples, filtered=found)
 
 
 @persistent_jit
@@ -74,7 +72,9 @@ def _drawn(
     def drawn(mean: Array, covariance: Array, one: PRNGKeyArray) -> Array:
         variances, vectors = jnp.linalg.eigh(covariance)
         roots = jnp.sqrt(jnp.maximum(variances, 0.0))
-        return mean + vectors @ (roots * jax.random.truncated_normal(one, -LARGEST, LARGEST, (size,)))
+        return mean + vectors @ (
+            roots * jax.random.truncated_normal(one, -LARGEST, LARGEST, (size,))
+        )
 
     def take(state: KalmanState, given: tuple[Samples, Array]) -> tuple[KalmanState, Array]:
         sample, one = given

@@ -54,7 +54,9 @@ class StateTest(eqx.Module):
         if model.directions is not None:
             amounts = mean[layout.of("values")]
             scores.insert(0, amounts / model.directions.spreads(noise))
-            sizes.insert(0, jnp.expm1(model.directions.change(amounts)[self.main]))
+            change = model.directions.change(amounts)
+            is_logarithm = np.array(model.directions.is_logarithmic)
+            sizes.insert(0, jnp.where(is_logarithm, jnp.expm1(change), change)[self.main])
         count = layout.values + 1 + layout.heats
         of_states, of_errors = jnp.asarray(self.thresholds)
         limits = jnp.where(jnp.arange(len(outside)) < count, of_states, of_errors)

@@ -4,7 +4,7 @@ import dataclasses
 import math
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, final
@@ -15,9 +15,9 @@ from .._whole_file import write_whole_file
 
 DAY = 86_400.0
 
-FAMILIES = ("sum", "ratio", "energy", "state", "error")
+FAMILIES = ("sum", "ratio", "joint", "energy", "state", "error")
 """The statistics whose thresholds follow from the time between false alarms: of the innovations
-the cumulative sum, the likelihood ratio and the energy; of the observer the slow states, and the
+the cumulative sum, the likelihood ratios and the energy; of the observer the slow states, and the
 errors of single channels."""
 
 
@@ -39,7 +39,7 @@ class Tail(NamedTuple):
     hours: float = 0.0
     spread: float = math.nan
 
-    def threshold(self, seconds: float) -> float:
+    def threshold(self, seconds: float | int) -> float:
         """The level that is passed once in so many seconds."""
         return self.level + self.scale * math.log(max(self.rate * seconds, 1.0))
 
@@ -53,22 +53,26 @@ class Reference(NamedTuple):
     """What the observer said of a parameter in the recordings that the twin was matched on.
 
     - `mean`: the mean over the recordings of its relative change, of its change where it may be
-      negative. `spread`: its standard deviation between recordings. `count`: their number.
+      negative. `spread`: its standard deviation between recordings. `recordings`: their number.
     """
 
     mean: float
     spread: float
-    count: int
+    recordings: int
 
+
+STILL = 30.0
+"""The least number of equal readings in sequence that says that a channel is frozen."""
 
 USUAL: Mapping[str, tuple[float, float, float]] = {
     "sum": (5.0, 0.0030, 1.05),
     "ratio": (5.0, 0.016, 1.25),
+    "joint": (5.0, 0.016, 1.25),
     "energy": (2.0, 0.0043, 0.22),
     "state": (3.0, 0.003, 0.5),
     "error": (3.0, 0.003, 0.5),
 }
-"""Level, rate for each sample and scale of usual tails. The first three are measured on independent
+"""Level, rate for each sample and scale of usual tails. The first four are measured on independent
 innovations of which one in twenty has three times the spread (`benchmarks/monitor.py`); the last
 two leave a third of a normal process' distance on top."""
 
@@ -97,11 +101,11 @@ class MonitorCalibration:
     still: Mapping[str, float]
     references: Mapping[str, Reference]
 
-    def threshold(self, family: str, seconds: float) -> float:
+    def threshold(self, family: str, seconds: float | int) -> float:
         """The threshold of a family for a mean time between its false alarms, s."""
         return max(tail.threshold(seconds) for tail in self.tails[family])
 
-    def deciding(self, family: str, seconds: float) -> Tail:
+    def deciding(self, family: str, seconds: float | int) -> Tail:
         """The tail that gives this threshold."""
         return max(self.tails[family], key=lambda tail: tail.threshold(seconds))
 
@@ -114,6 +118,7 @@ class MonitorCalibration:
         for title in ("scales", "memory", "still"):
             lines += ["", f"[{title}]"]
             lines += [f"{_key(name)} = {one!r}" for name, one in getattr(self, title).items()]
+        lines += ["", "[references]"]
         for name, one in self.references.items():
             lines += ["", f"[references.{_key(name)}]", *_entries(one._asdict())]
         for family, several in self.tails.items():
@@ -147,14 +152,14 @@ class MonitorCalibration:
             },
         )
 
-    def for_seconds(self, seconds: float) -> dict[str, float]:
+    def for_seconds(self, seconds: float | int) -> dict[str, float]:
         """Family -> threshold, if all families together raise a false alarm once in so many
         seconds."""
         return {family: self.threshold(family, seconds * len(FAMILIES)) for family in FAMILIES}
 
     def with_tails(self, tails: Mapping[str, tuple[Tail, ...]]) -> "MonitorCalibration":
-        """The same with further tails."""
-        joined = {name: (*self.tails[name], *tails.get(name, ())) for name in self.tails}
+        """The same with other tails, where there are some."""
+        joined = {name: tails.get(name) or usual for name, usual in self.tails.items()}
         return dataclasses.replace(self, tails=joined)
 
 
@@ -164,6 +169,18 @@ def usual_tails(sample_time: float) -> dict[str, tuple[Tail, ...]]:
         family: (Tail(level, rate / sample_time, scale),)
         for family, (level, rate, scale) in USUAL.items()
     }
+
+
+def nominal_calibration(channels: Sequence[str], sample_time: float) -> MonitorCalibration:
+    """What is usual for channels that are read so often."""
+    return MonitorCalibration(
+        sample_time=sample_time,
+        scales=dict.fromkeys(channels, 1.0),
+        memory=dict.fromkeys(channels, 0.0),
+        tails=usual_tails(sample_time),
+        still=dict.fromkeys(channels, STILL),
+        references={},
+    )
 
 
 def _key(name: str) -> str:
@@ -217,7 +234,9 @@ def _tail(source: Path, name: str, entry: object) -> Tail:
         for key in ("level", "rate", "scale")
     ]
     hours, spread = entry.get("hours", 0.0), entry.get("spread", math.nan)
-    good = all(isinstance(one, int | float) and not isinstance(one, bool) for one in (hours, spread))
+    good = all(
+        isinstance(one, int | float) and not isinstance(one, bool) for one in (hours, spread)
+    )
     if not good or not isinstance(entry.get("source"), str):
         raise ObserverError(f"{source}: {name}: expected source, hours and spread, got {entry!r}")
     return Tail(*numbers, source=entry["source"], hours=float(hours), spread=float(spread))
@@ -228,7 +247,9 @@ def _reference(source: Path, name: str, entry: object) -> Reference:
         raise ObserverError(f"{source}: {name}: expected a table, got {entry!r}")
     mean = _number(source, f"{name}.mean", entry.get("mean"), -1e9)
     spread = _number(source, f"{name}.spread", entry.get("spread"), -1e-300)
-    count = entry.get("count")
-    if not isinstance(count, int) or isinstance(count, bool) or count < 1:
-        raise ObserverError(f"{source}: {name}.count: expected a number of recordings, got {count!r}")
-    return Reference(mean, spread, count)
+    recordings = entry.get("recordings")
+    if not isinstance(recordings, int) or isinstance(recordings, bool) or recordings < 1:
+        raise ObserverError(
+            f"{source}: {name}.recordings: expected a number of recordings, got {recordings!r}"
+        )
+    return Reference(mean, spread, recordings)

@@ -16,10 +16,10 @@ class Finding:
     - `kind`: the reason in a single word, for programs.
     - `detail`: the reason as a sentence, for people.
     - `channel`: the channel, the cell or the link that it concerns; `""` for the rig as a whole.
-    - `since`: from when on it is there, None if nobody says: on a live rig host time, ns since 1970;
-      in a recording its time, s.
-    - `severity`: `critical` if the rig is too hot, or if nobody can know; somebody must come then. A
-      `notice` is no alarm.
+    - `since`: from when on it is there, None if nobody says: on a live rig host time, ns since
+      1970; in a recording its time, s.
+    - `severity`: `critical` if the rig is too hot, or if nobody can know; somebody must come then.
+      A `notice` is no alarm.
     - `size`, `unit`: how large it is, and in which unit; None if it has no size. `""`: a factor or
       a relative change.
     - `probability`: the probability that it is there, 0 to 1; None if nobody says.
