@@ -2,6 +2,8 @@
 
 - Textbook thresholds: how often a cumulative sum with h = 5 alarms, on normal innovations and on
   real ones.
+- Extrapolation: from ten hours of independent innovations with heavy tails to what is passed once
+  in 12 days, which is then counted in 44 days.
 - `single-cell`: matched, noise and thresholds from the sessions 1 to 4; then the others.
 - `dual-cell`, virtual: the match to the first halves of the three steps, and twins drawn in the six
   directions in which it is uncertain, 15 channels with errors of their own, noise and corrections
@@ -25,14 +27,16 @@ import jaxtwin as jt
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.live import Finding
-from jaxtwin.monitoring import Monitor, MonitorCalibration
+from jaxtwin.monitoring import Monitor, MonitorCalibration, Seen
 from jaxtwin.monitoring._calibrate import calibration_of_recordings
 from jaxtwin.monitoring._evidence import seen
 from jaxtwin.monitoring._finding_log import FindingLog
+from jaxtwin.monitoring._innovation_tests import InnovationState, InnovationTests
 from jaxtwin.monitoring._monitored import Monitored
 from jaxtwin.monitoring._response import Response, response_of
 from jaxtwin.monitoring._run import evidences_of
 from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
+from jaxtwin.monitoring._tails import block_maxima, tail_of
 from jaxtwin.monitoring._thresholds import DAY
 from jaxtwin.observers import ExtendedKalmanFilter
 from jaxtwin.observers._filter_run import filtered, samples_of, started
@@ -70,8 +74,56 @@ def main() -> None:
     print(f"{processor()}\n")
     if given.fits is not None:
         given.fits.mkdir(exist_ok=True)
+    extrapolation()
     single(given.folder, given.fits)
     virtual(given.folder, given.fits, given.runs, given.hours)
+
+
+def extrapolation() -> None:
+    """Tails of hours against what is counted in weeks, at 1 Hz."""
+    chains, length, rare = 64, 60_000, 1e6
+    random = np.random.default_rng(0)
+    loud = random.uniform(size=(chains, length)) < 0.05
+    innovations = random.normal(size=(chains, length)) * np.where(loud, 3.0, 1.0)
+    tests = InnovationTests(np.ones(1), np.zeros(1), np.ones(4), np.array(np.inf))
+    with own_settings():
+        scores = np.asarray(_scores(tests, jax.numpy.asarray(innovations)))
+    time = np.arange(float(length))
+    print("## Extrapolation\n")
+    print("| statistic | level | passed a second | scale | once in 12 days, from 10 h | counted |")
+    print("|---|---|---|---|---|---|")
+    for place, name in enumerate(("sum", "ratio", "energy")):
+        maxima = [block_maxima(time, one) for one in scores[place]]
+        few = int(36_000 / length * len(maxima[0]))
+        short, whole = tail_of([maxima[0][:few]], "simulations"), tail_of(maxima, "simulations")
+        assert short is not None
+        assert whole is not None
+        limit = short.threshold(rare)
+        passed = sum(int((one > limit).sum()) for one in maxima)
+        expected = chains * length / rare
+        print(
+            f"| {name} | {whole.level:.2f} | {whole.rate:.4f} | {whole.scale:.3f} | {limit:.1f} | "
+            f"{passed} times, {expected:.1f} expected |"
+        )
+    print()
+
+
+@jax.jit
+def _scores(tests: InnovationTests, innovations: jax.Array) -> jax.Array:
+    """The statistics of several series of innovations."""
+    one = jax.numpy.ones(())
+
+    def run(series: jax.Array) -> jax.Array:
+        def take(state: InnovationState, x: jax.Array) -> tuple[InnovationState, jax.Array]:
+            none = jax.numpy.zeros(1)
+            sample = Seen(x[None], none, x[None], none, none, none, one, one)
+            after, found = tests.step(state, sample, one, one > 0)
+            picked = [found[place].score[0] for place in (0, 1, 3)]
+            return after, jax.numpy.stack(picked)
+
+        return jax.lax.scan(take, tests.init(), series)[1].T
+
+    return jax.lax.map(run, innovations).swapaxes(0, 1)
 
 
 def single(folder: Path, kept: Path | None) -> None:

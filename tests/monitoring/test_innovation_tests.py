@@ -9,7 +9,7 @@ from jaxtwin.monitoring import Evidence, Seen
 from jaxtwin.monitoring._innovation_tests import ENOUGH, HELD, InnovationTests
 
 pytestmark = pytest.mark.usefixtures("float64")
-LIMITS = np.array([16.0, 20.0, 20.0, 4.4])
+LIMITS = np.array([16.0, 20.0, 20.0, 3.6])
 
 
 def said_of(z: np.ndarray, memory: float = 0.0) -> tuple[Evidence, ...]:

@@ -13,11 +13,16 @@ from jaxtyping import Array, Bool, Float
 from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after, joint_ratio
 from ._evidence import Evidence, Seen
 
-CLIP = 4.0
-"""The largest standardised innovation that counts."""
+CLIP = 3.0
+"""The largest standardised innovation that counts. With a larger one, single innovations make up
+the tail of the likelihood ratio where it is measured, and what is extrapolated is passed far too
+often (`benchmarks/monitor.py`)."""
+
+JUMP = 4.0
+"""A standardised innovation from which on it may be that of a camera that corrects itself."""
 
 HELD = 10.0
-"""After an innovation that is larger than `CLIP` and common to the channels, they say nothing for
+"""After an innovation that is larger than `JUMP` and common to the channels, they say nothing for
 this time, s. If it is over then, as after a correction of a camera, an outlier or a jump of the
 command, it is forgotten; a fault lasts, and all of it counts."""
 
@@ -93,7 +98,7 @@ class InnovationTests(eqx.Module):
         was_held = state.since_held < HELD
         since_held = state.since_held + dt
         is_found = (state.statistics.sums.sums >= self._least).any()
-        begins = (jnp.abs(scaled) > CLIP).any() & _is_common(seen) & (since_held >= REARMED)
+        begins = (jnp.abs(scaled) > JUMP).any() & _is_common(seen) & (since_held >= REARMED)
         begins = begins & ~is_found
         since_held = jnp.where(begins, 0.0, since_held)
         is_held = since_held < HELD

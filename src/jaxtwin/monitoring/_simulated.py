@@ -67,7 +67,7 @@ def _drawn(
     parts = len(model.relaxation)
     first = model.layout.of("common").start + 1
 
-    values = model.layout.of("values")
+    values, room = model.layout.of("values"), model.layout.of("room").start
 
     def drawn(mean: Array, covariance: Array, one: PRNGKeyArray) -> Array:
         variances, vectors = jnp.linalg.eigh(covariance)
@@ -87,6 +87,9 @@ def _drawn(
             mean = mean.at[first : first + parts].add(jnp.where(is_corrected, jump / parts, 0.0))
         # The values differ between rigs, and do not wander within one.
         mean = mean.at[values].set(state.mean[values])
+        # A room that is measured is that of the recording.
+        measured = model.from_degC(jnp.asarray(sample.ambient))
+        mean = mean.at[room].set(jnp.where(jnp.isfinite(measured), measured, mean[room]))
         # A single rig is drawn: its covariance is of no use.
         after = eqx.tree_at(lambda s: (s.mean, s.covariance), after, (mean, state.covariance))
         heavy = jax.random.t(of_reading, FREEDOM, (len(model.columns),))
