@@ -19,18 +19,23 @@ the tail of the likelihood ratio where it is measured, and what is extrapolated 
 often (`benchmarks/monitor.py`)."""
 
 JUMP = 4.0
-"""A standardised innovation from which on it may be that of a camera that corrects itself."""
+"""The standardised innovation of a jump."""
 
 HELD = 10.0
-"""After an innovation that is larger than `JUMP` and common to the channels, they say nothing for
-this time, s. If it is over then, as after a correction of a camera, an outlier or a jump of the
-command, it is forgotten; a fault lasts, and all of it counts."""
+"""After a jump of several channels at once, all of them say nothing for this time, s. If it is over
+then, as after a correction of a camera, an outlier or a jump of the command, it is forgotten; a
+fault lasts, and all of it counts."""
 
 REARMED = 60.0
 """They are held only once in this time, s: no fault hides behind them."""
 
-LASTS = 2.0
-"""A mean of the innovations in the second half of this time that is larger lasts."""
+LASTS = 5.0
+"""A jump lasts if the innovations in the second half of this time are unlike noise: if the sum of
+their squared means, as a chi-squared variable, is so many standard deviations above its mean."""
+
+ENOUGH = 1.5
+"""At so many times its threshold a likelihood ratio begins again, and a sum grows no more: how soon
+a finding clears."""
 
 
 @final
@@ -41,11 +46,6 @@ class Statistics(eqx.Module):
     window: Window
     energy: Float[Array, " channels"]
     last: Float[Array, " channels"]
-
-
-ENOUGH = 1.5
-"""At so many times its threshold a likelihood ratio begins again, and a sum grows no more: how soon
-a finding clears."""
 
 
 @final
@@ -98,11 +98,13 @@ class InnovationTests(eqx.Module):
         was_held = state.since_held < HELD
         since_held = state.since_held + dt
         is_found = (state.statistics.sums.sums >= self._least).any()
-        begins = (jnp.abs(scaled) > JUMP).any() & _is_common(seen) & (since_held >= REARMED)
+        begins = _jumped(scaled, there) & (since_held >= REARMED)
         begins = begins & ~is_found
         since_held = jnp.where(begins, 0.0, since_held)
         is_held = since_held < HELD
-        lasts = (jnp.abs(state.late) >= LASTS * jnp.maximum(state.count, 1.0)).any()
+        square = (state.late**2 / jnp.maximum(state.count, 1.0)).sum()
+        read = jnp.maximum((state.count > 0).sum(), 1)
+        lasts = square >= read + LASTS * jnp.sqrt(2.0 * read)
         # Of readings that are rarer than half of the time, nobody knows whether it is over.
         lasts = lasts | (state.count.sum() == 0)
         ends = was_held & ~is_held & ~lasts
@@ -179,12 +181,13 @@ class InnovationTests(eqx.Module):
         )
 
 
-def _is_common(seen: Seen) -> Bool[Array, ""]:
-    """Whether the channels are off together, as after a correction of a camera: half of them by at
-    least half as much as the farthest, to the same side."""
-    innovations = jnp.asarray(seen.readings) - seen.expected
-    middle, far = jnp.nanmedian(innovations), jnp.nanmax(jnp.abs(innovations))
-    return jnp.abs(middle) > far / 2
+def _jumped(
+    scaled: Float[Array, " channels"], there: Bool[Array, " channels"]
+) -> Bool[Array, ""]:
+    """Whether several channels jump at once, as at a correction of a camera, which need not be the
+    same for all of them: half of them by half of what one of them does."""
+    sizes = jnp.where(there, jnp.abs(scaled), 0.0)
+    return (sizes.max() > JUMP) & (2 * (sizes > JUMP / 2).sum() >= there.sum())
 
 
 def _chosen(condition: Bool[Array, ""], yes: Statistics, no: Statistics) -> Statistics:
