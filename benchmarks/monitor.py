@@ -173,7 +173,9 @@ def thresholds(found: Monitored) -> str:
     lines = ["| statistic | threshold | from | hours | days between false alarms, 95 % |"]
     lines.append("|---|---|---|---|---|")
     for name, row in table.iterrows():
-        span = f"{row.days_lower:.2g} to {row.days_upper:.2g}" if row.hours else "not known"
+        span = (
+            f"{row.days_lower:.2g} to {row.days_upper:.2g}" if row.days_lower > 0 else "not known"
+        )
         lines.append(f"| {name} | {row.threshold:.1f} | {row.source} | {row.hours:.0f} | {span} |")
     return "\n".join(lines)
 
@@ -238,7 +240,9 @@ def recording(
     with own_settings():
         amounts = np.clip(random.normal(size=directions.count), -2.5, 2.5)
         amounts = amounts * directions.spreads(noise)
-        values = {name: float(one) for name, one in directions.changed(jax.numpy.asarray(amounts)).items()}
+        values = {
+            name: float(one) for name, one in directions.changed(jax.numpy.asarray(amounts)).items()
+        }
     twin = model.twin.with_values(values)
     rig, cells = twin.rig, len(twin.rig.driven)
     switches = np.cumsum(random.uniform(60, 200, 40)).astype(int)

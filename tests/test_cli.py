@@ -68,6 +68,7 @@ COMMANDS = [
     ["prove"],
     ["watch"],
     ["observe"],
+    ["monitor"],
     ["conform"],
     ["backup"],
     ["export"],

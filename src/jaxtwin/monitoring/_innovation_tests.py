@@ -181,9 +181,7 @@ class InnovationTests(eqx.Module):
         )
 
 
-def _jumped(
-    scaled: Float[Array, " channels"], there: Bool[Array, " channels"]
-) -> Bool[Array, ""]:
+def _jumped(scaled: Float[Array, " channels"], there: Bool[Array, " channels"]) -> Bool[Array, ""]:
     """Whether several channels jump at once, as at a correction of a camera, which need not be the
     same for all of them: half of them by half of what one of them does."""
     sizes = jnp.where(there, jnp.abs(scaled), 0.0)

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+LARGEST_SPREAD = 7.0
+"""A logarithm of a rate that is less certain than this, a factor of 1000, is not known."""
+
 COLUMNS = ("kind", "channel", "since_s", "found_s", "until_s", "size", "unit", "probability",
            "severity", "detail")  # fmt: skip
 
@@ -76,7 +79,8 @@ class Monitored:
     def thresholds(self) -> "pandas.DataFrame":
         """Returns a table with a row for each statistic: its threshold, the recordings or
         simulations that it comes from with their hours, and the 95 % interval of the mean time
-        between its false alarms that the extrapolation leaves, days; NaN if it is a usual one."""
+        between its false alarms that the extrapolation leaves, days; NaN if it is a usual one, or
+        if the recordings hardly know."""
         import pandas
 
         return pandas.DataFrame(self._thresholds()).set_index("statistic")
@@ -156,7 +160,8 @@ class Monitored:
         each, rows = self.false_alarm_time * len(FAMILIES), []
         for family in FAMILIES:
             tail = self.calibration.deciding(family, each)
-            factor = math.exp(QUANTILE_975 * min(tail.spread, 50.0))
+            is_known = tail.spread < LARGEST_SPREAD
+            factor = math.exp(QUANTILE_975 * tail.spread) if is_known else math.nan
             rows.append(
                 {
                     "statistic": family,

@@ -75,7 +75,7 @@ def _timeline(axes: Axes, monitored: Monitored, rows: list[tuple[str, str]]) -> 
         color, alpha = _color(one.kind), 1.0 if one.is_alarm else 0.45
         axes.barh(row, until - since, left=since, height=0.55, color=color, alpha=alpha)
         axes.plot(float(one.found or since), row, ".", ms=6, color=palette().ink, zorder=3)
-    axes.set_yticks(range(len(rows)), [f"{kind} {channel}".strip() for kind, channel in rows])
+    axes.set_yticks(range(len(rows)), [f"{kind} {channel or 'all'}" for kind, channel in rows])
     axes.set_ylim(max(len(rows), 1) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     if not rows:
