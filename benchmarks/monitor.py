@@ -9,14 +9,17 @@
   directions in which it is uncertain, 15 channels with errors of their own, noise and corrections
   of the camera, another room, a random duty, a fault after 15 minutes; and healthy runs. Thresholds
   come from other healthy runs of the same kind.
+- The same rig, recorded: thresholds from the first halves; then the whole steps, and another day.
+- A heated box (`incubator/`), whose lid was opened twice in one of three recordings, if `--box`
+  names its rig file.
 - The time of a step.
 
-    python -m benchmarks.monitor FOLDER_WITH_RECORDINGS [--runs 20] [--hours 20]
+    python -m benchmarks.monitor FOLDER_WITH_RECORDINGS [--runs 20] [--hours 30] [--box box.toml]
 """
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -68,15 +71,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--runs", type=int, default=20, help="runs of each fault")
-    parser.add_argument("--hours", type=float, default=20.0, help="healthy hours")
+    parser.add_argument("--hours", type=float, default=30.0, help="healthy hours")
     parser.add_argument("--fits", type=Path, help="a folder that keeps fits and noise")
+    parser.add_argument("--box", type=Path, help="the rig file of the heated box")
     given = parser.parse_args()
     print(f"{processor()}\n")
     if given.fits is not None:
         given.fits.mkdir(exist_ok=True)
     extrapolation()
     single(given.folder, given.fits)
-    virtual(given.folder, given.fits, given.runs, given.hours)
+    if given.box is not None:
+        box(given.folder / "incubator", given.box, given.fits)
+    fit, noise = double(given.folder, given.fits)
+    virtual(fit, noise, given.runs, given.hours)
 
 
 def extrapolation() -> None:
@@ -136,14 +143,52 @@ def single(folder: Path, kept: Path | None) -> None:
     fit, noise = fitted("single-cell", known, ("R_E",), kept)
     observed = [jt.observe(fit, one, noise) for one in known]
     textbook([one.standardised[120:, 0] for one in observed])
+    print("\n## The single cell\n")
+    judged = {f"session {number}": one for number, one in sorted(sessions.items())}
+    recorded(fit, noise, known, judged)
+
+
+def box(folder: Path, rig_file: Path, kept: Path | None) -> None:
+    """The heated box, while its fan runs."""
+    rig = jt.load_rig(rig_file)
+    recordings = {}
+    for name in ("f24-semi", "ctl-exp2", "lid-jan"):
+        one = jt.read_recording(folder / f"{name}.csv", rig=rig)
+        fan = np.loadtxt(folder / f"{name}.fan.csv", delimiter=",", skiprows=1)
+        runs = one.time[np.interp(one.time, fan[:, 0], fan[:, 1]) > 0.5]
+        recordings[name] = one.between(float(runs[0]), float(runs[-1]))
+    known = [recordings["f24-semi"], recordings["ctl-exp2"]]
+    fit, noise = fitted("box", known, (), kept, rig)
+    print("\n## A heated box\n")
+    recorded(fit, noise, known, recordings)
+
+
+def double(folder: Path, kept: Path | None) -> tuple[jt.Fit, jt.ProcessNoise]:
+    """The recordings of the two-cell rig; the match to their first halves, and its noise."""
+    steps = {name: jt.read_recording(folder / name) for name in STEPS}
+    halves = [one.between(0, one.duration / 2) for one in steps.values()]
+    fit, noise = fitted("dual-cell", halves, (), kept)
+    day = jt.read_recording(folder / "other-day" / "peltierMIMOSecA1.mat")
+    print("\n## The two-cell rig\n")
+    recorded(fit, noise, halves, {**steps, "another day": day})
+    return fit, noise
+
+
+def recorded(
+    fit: jt.Fit,
+    noise: jt.ProcessNoise,
+    known: Sequence[jt.Experiment],
+    judged: Mapping[str, jt.Experiment],
+) -> None:
+    """What is found in recordings with thresholds from those that are known."""
     calibration = jt.calibrate_monitor(fit, known, noise)
-    print("\n## The single cell\n\n| session | seen | alarms | findings |\n|---|---|---|---|")
+    print("| recording | thresholds know it | alarms | findings |\n|---|---|---|---|")
     found = None
-    for number, one in sorted(sessions.items()):
+    for name, one in judged.items():
         found = jt.monitor(fit, one, noise, calibration=calibration)
-        seen_before = "calibration" if number in MATCHED else "no"
+        is_known = "yes" if one.fingerprint in [each.fingerprint for each in known] else "no"
         texts = "; ".join(text(finding) for finding in found.findings) or "none"
-        print(f"| {number} | {seen_before} | {len(found.alarms)} | {texts} |", flush=True)
+        print(f"| {name} | {is_known} | {len(found.alarms)} | {texts} |", flush=True)
     if found is not None:
         print(f"\n{thresholds(found)}")
 
@@ -180,11 +225,8 @@ def thresholds(found: Monitored) -> str:
     return "\n".join(lines)
 
 
-def virtual(folder: Path, kept: Path | None, runs: int, hours: float) -> None:
+def virtual(fit: jt.Fit, noise: jt.ProcessNoise, runs: int, hours: float) -> None:
     """Faults of the virtual two-cell rig."""
-    steps = [jt.read_recording(folder / name) for name in STEPS]
-    halves = [one.between(0, one.duration / 2) for one in steps]
-    fit, noise = fitted("dual-cell", halves, (), kept)
     kalman = filter_for(fit, template(fit.mean_twin), noise)
     count = int(np.ceil(hours * 3600 / LENGTH))
     made = partial(recording, kalman)
@@ -214,8 +256,7 @@ def virtual(folder: Path, kept: Path | None, runs: int, hours: float) -> None:
 
 
 def delay(found: Monitored) -> float:
-    """The time from the onset of the fault to its first alarm, s; infinite if there is none, or if
-    one was there before."""
+    """The time from the onset of the fault to the first alarm after it, s; infinite for none."""
     times = [one.found for one in found.alarms if one.found is not None]
     return min((at - ONSET for at in times if at >= ONSET), default=np.inf)
 
@@ -329,17 +370,21 @@ def speed(found: Monitored) -> None:
 
 
 def fitted(
-    rig: str, experiments: Sequence[jt.Experiment], names: Sequence[str], kept: Path | None
+    name: str,
+    experiments: Sequence[jt.Experiment],
+    names: Sequence[str],
+    kept: Path | None,
+    rig: jt.Rig | None = None,
 ) -> tuple[jt.Fit, jt.ProcessNoise]:
     """The match and its noise; both are kept in a folder, if one is given."""
-    if kept is not None and (kept / f"{rig}.toml").exists():
-        fit = jt.Fit.load(kept / f"{rig}.toml", experiments=experiments)
-        return fit, jt.ProcessNoise.load(kept / f"{rig}-noise.toml")
-    fit = jt.match(jt.Twin(rig), experiments)
+    if kept is not None and (kept / f"{name}.toml").exists():
+        fit = jt.Fit.load(kept / f"{name}.toml", rig=rig, experiments=experiments)
+        return fit, jt.ProcessNoise.load(kept / f"{name}-noise.toml")
+    fit = jt.match(jt.Twin(name if rig is None else rig), experiments)
     noise = jt.estimate_noise(fit, experiments, names=names)
     if kept is not None:
-        fit.save(kept / f"{rig}.toml")
-        noise.save(kept / f"{rig}-noise.toml")
+        fit.save(kept / f"{name}.toml")
+        noise.save(kept / f"{name}-noise.toml")
     return fit, noise
 
 
