@@ -15,7 +15,7 @@ from ._evidence import Evidences, Seen
 from ._innovation_tests import ENOUGH, InnovationState, InnovationTests
 from ._response import Response
 from ._shift_test import ShiftState, ShiftTest
-from ._state_test import StateTest, main_parameters
+from ._state_test import SlowState, StateTest, main_parameters
 from ._thresholds import FAMILIES, MonitorCalibration
 
 SETTLE = 120.0
@@ -32,7 +32,7 @@ class MonitorState(eqx.Module):
 
     elapsed: Float[Array, ""]
     innovations: InnovationState
-    outside: Float[Array, " states"]
+    slow: SlowState
     channels: ChannelState
     shift: ShiftState
 
@@ -94,7 +94,7 @@ class Monitor(eqx.Module):
         return MonitorState(
             elapsed=jnp.zeros(()),
             innovations=self.innovations.init(),
-            outside=self.states.init(),
+            slow=self.states.init(),
             channels=self.channels.init(),
             shift=self.shift.init(),
         )
@@ -105,10 +105,10 @@ class Monitor(eqx.Module):
         elapsed = state.elapsed + dt
         settled = elapsed >= SETTLE
         innovations, of_innovations = self.innovations.step(state.innovations, seen, dt, settled)
-        outside, of_states = self.states.step(state.outside, seen, dt, settled)
+        slow, of_states = self.states.step(state.slow, seen, dt, settled)
         channels, of_channels = self.channels.step(state.channels, seen, dt)
         shift, of_shift = self.shift.step(state.shift, seen, dt, settled)
-        after = MonitorState(elapsed, innovations, outside, channels, shift)
+        after = MonitorState(elapsed, innovations, slow, channels, shift)
         return after, Evidences(*of_innovations, *of_states, *of_channels, of_shift)
 
 
