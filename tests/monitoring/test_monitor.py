@@ -1,18 +1,21 @@
 """What a monitor finds in runs of a small rig, and what it leaves alone."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from faulty_runs import LENGTH, ONSET, SIZE, bench, clean, recording, with_readings
 
-from jaxtwin import Experiment, calibrate_monitor, monitor
+from jaxtwin import Experiment, ProcessNoise, calibrate_monitor, monitor
 from jaxtwin._errors import ObserverError
 from jaxtwin.live import Finding
-from jaxtwin.monitoring import FindingLog, MonitorCalibration, Monitored
+from jaxtwin.monitoring import FindingLog, MonitorCalibration, Monitored, Seen
 from jaxtwin.monitoring._evidence import seen
 from jaxtwin.monitoring._monitor import SETTLE
 from jaxtwin.monitoring._run import run
+from jaxtwin.monitoring._state_test import StateTest
 from jaxtwin.monitoring._thresholds import DAY, FAMILIES, nominal_calibration
+from jaxtwin.observers._observe import filter_for
 
 
 def watched(readings: np.ndarray) -> Monitored:
@@ -150,6 +153,34 @@ def test_the_calibration_of_healthy_runs_has_a_tail_from_each_source():
     assert {one.channel for one in hurt.alarms if one.kind == "sudden"} >= {"T1"}
     table = hurt.thresholds()
     assert (table.days_lower <= table.days).all() or table.days_lower.isna().any()
+
+
+def test_the_jump_of_one_error_alone_counts_and_that_of_several_does_not():
+    errors = np.zeros((300, 2))
+    errors[200:, 1] = 0.7  # 3.5 of its standard deviations, but 11 of those of such a jump
+    alone = said_of_errors(errors)
+    assert alone[200, 1] == pytest.approx(0.7 / (0.2 * np.sqrt(20 / 190)), rel=1e-6)
+    assert alone[:, 0].max() == 0
+    errors[200:, 0] = -0.7
+    assert said_of_errors(errors).max() == pytest.approx(3.5)
+
+
+def said_of_errors(errors: np.ndarray) -> np.ndarray:
+    """The scores of the errors of both channels, with thresholds of 1."""
+    noise = ProcessNoise(channel=0.2, channel_time=170.0)
+    model = filter_for(bench(), recording(), noise).model
+    test = StateTest(model, np.zeros(0, int), np.ones(2))
+    means = np.zeros((len(errors), model.layout.size))
+    means[:, model.layout.of("channels")] = errors
+    none = np.zeros(2)
+
+    def take(state, mean):
+        sample = Seen(none, none, none, mean, none, none, np.nan, 1.0)
+        after, (_, found) = test.step(state, sample, jnp.ones(()), jnp.asarray(True))
+        return after, found.score
+
+    with jax.enable_x64(True):
+        return np.asarray(jax.lax.scan(take, test.init(), jnp.asarray(means))[1])
 
 
 def test_a_recording_that_is_too_short_is_refused():
