@@ -77,6 +77,7 @@ def main() -> None:
     write("innovations", observed.plot_innovations(), dpi=80)
     write("gallery/observed", observed.plot(), dpi=45)
     write("gallery/ahead", observed.ahead(60.0).plot(), dpi=60)
+    write("monitored", watched().plot(), dpi=80)
     for name in WITHOUT_A_PLATE:
         write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
         write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
@@ -95,6 +96,24 @@ def followed() -> jt.Observed:
         for seed, plan in enumerate(plans, 1)
     ]
     return jt.observe(jt.match(twin, recordings[0]), recordings[1])
+
+
+def watched() -> jt.Monitored:
+    """A Temperature Control Lab of which a sensor comes loose after eight minutes, and is pressed
+    on again four minutes later."""
+    rig = jt.Twin("tclab")
+    plan = jt.Experiment.schedule("0:0.5/0.6,400:0.8/0.3", duration=1200, step=1, cells=2)
+    healthy = jt.simulate(rig, plan).to_recording(seed=1)
+    assert healthy.temperatures is not None
+    readings = healthy.temperatures.copy()
+    readings[480:720, 1] = 23 + 0.8 * (readings[480:720, 1] - 23)
+    return jt.monitor(
+        rig,
+        jt.Experiment(
+            healthy.time, healthy.duty, channels=rig.channels, temperatures=readings,
+            name="a loose sensor",
+        ),
+    )  # fmt: skip
 
 
 def matched(name: str) -> jt.Fit:

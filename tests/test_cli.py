@@ -69,6 +69,7 @@ COMMANDS = [
     ["prove"],
     ["watch"],
     ["observe"],
+    ["monitor"],
     ["conform"],
     ["backup"],
     ["export"],

@@ -82,6 +82,7 @@ DEFAULTS = {
     "estimate-noise": {"horizon": 60.0},
     "export": {"step": 1.0},
     "match": {"starts": 1, "max_iterations": 200, "seed": 0},
+    "monitor": {"days": 30.0},
     "new-rig": {"supply_voltage": "12 V", "limit": "80 degC"},
     "prove": {"duty": 0.3, "silence": 3.0, "baud": 115_200},
     "observe": {"sample_time": 1.0, "speed": 1.0, "baud": 115_200},

@@ -13,6 +13,7 @@ import numpy as np
 import pandas
 import pytest
 import xarray
+from faulty_runs import bench, recording
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from small_results import analysis, fit, global_analysis, recordings
@@ -115,6 +116,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "UltimatePoint": lambda _: oscillation(),
     "GridConvergence": lambda _: two_grids(),
     "Observed": lambda _: jt.observe(fit(), recordings()[0]),
+    "Monitored": lambda _: jt.monitor(bench(), recording("gain", "T1", 0.8)),
 }
 """Class -> one of it."""
 
@@ -127,6 +129,7 @@ LONG = {
     "ExperimentDesign",
     "Frontier",
     "GlobalSensitivity",
+    "Monitored",
     "Observed",
     "Profile",
     "Run",
@@ -137,7 +140,7 @@ LONG = {
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
-INPUTS |= {"AbstractController", "ProcessNoise", "Scenario"}
+INPUTS |= {"AbstractController", "MonitorCalibration", "ProcessNoise", "Scenario"}
 """Classes that public functions give and that are no results."""
 
 INSIDE_JAX = {"ClosedLoop"}

@@ -31,6 +31,9 @@ from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
 from .matching import prediction_band as prediction_band  # where readings are expected
 from .matching import profile as profile  # the cost of a match over one parameter
+from .monitoring import Monitored as Monitored  # what a monitor found in a recording
+from .monitoring import calibrate_monitor as calibrate_monitor  # what is healthy
+from .monitoring import monitor as monitor  # what has changed in a rig, and since when
 from .observers import Forecast as Forecast  # expected readings with bands
 from .observers import Observed as Observed  # a recording that an observer followed
 from .observers import ProcessNoise as ProcessNoise  # what a twin does not know of its rig

@@ -1,8 +1,8 @@
 """The command line: `jaxtwin --help`.
 
 Exit codes: 0 on success; 1 if a check found an error; 2 on an error, with a line on standard error
-that describes it; 3 if an interlock switched a rig off; 4 if `record` raised an alarm; 5 if a
-device reported heat after a stop; 130 after Ctrl-C.
+that describes it; 3 if an interlock switched a rig off; 4 if `record` or `observe` raised an
+alarm; 5 if a device reported heat after a stop, or if `monitor` found an alarm; 130 after Ctrl-C.
 """
 
 import atexit
@@ -34,6 +34,7 @@ from .commands import (
     _export,
     _import_recording,
     _match,
+    _monitor,
     _netlist,
     _new_rig,
     _observe,
@@ -145,6 +146,14 @@ _add(
     TWINS,
     _report.report,
     "jaxtwin report fit.toml synthetic-A synthetic-B synthetic-C --out report --draws 10000",
+)
+_add(
+    "monitor",
+    TWINS,
+    _monitor.monitor,
+    "jaxtwin monitor fit.toml friday.csv --healthy monday.csv --healthy tuesday.csv "
+    "--save healthy.toml",
+    "jaxtwin monitor fit.toml friday.csv --calibration healthy.toml --json - --out pictures",
 )
 _add("diff", TWINS, _diff.diff, "jaxtwin diff monday.toml tuesday.toml")
 _add(

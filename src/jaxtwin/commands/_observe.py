@@ -14,10 +14,14 @@ from ._options import (
     WatchedArgument,
     WatchedLinkOption,
 )
+from ._record import ALARMED
 from ._sources import open_twin
 from ._watch import show
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ..live import Finding, RecordConsumer
     from ..rig import Rig
 
 
@@ -28,6 +32,17 @@ def observe(
     sample_time: Annotated[
         float, typer.Option(min=0.01, metavar="S", help="The time between two readings.")
     ] = 1.0,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="What is healthy, as MonitorCalibration.save and 'monitor --save' write it.",
+        ),
+    ] = None,
+    alarm: Annotated[
+        str | None,
+        typer.Option(metavar="COMMAND", help="Run at an alarm; JAXTWIN_ALARM says which."),
+    ] = None,
     speed: ReplaySpeedOption = 1.0,
     duration: DurationOption = None,
     parameter_file: ParameterFileOption = None,
@@ -35,13 +50,24 @@ def observe(
     baud: BaudOption = 115_200,
 ) -> None:
     """Show what an observer says of a live rig or a recording: channels, what was expected of them
-    and what is in a minute, temperatures that nothing measures, the room, and unexplained heat."""
+    and what is in a minute, temperatures that nothing measures, the room, and unexplained heat.
+
+    A monitor tests each reading. What it finds is in the line of the last event; an alarm is also
+    in the log, and runs the command that --alarm names. The exit code is 4 where there was one.
+    """
     from ..live import Screen
+    from ..monitoring import LiveMonitor, MonitorCalibration
     from ..observers import ProcessNoise, live_observer
 
-    def screen_of(rig: "Rig") -> Screen:
+    def made(
+        rig: "Rig", on_finding: "Callable[[Finding], None]"
+    ) -> "tuple[Screen, list[RecordConsumer]]":
         twin = open_twin(rig, set_name, parameter_file)
         levels = None if noise is None else ProcessNoise.load(noise)
-        return Screen(twin, live_observer(twin, levels, sample_time))
+        observer = live_observer(twin, levels, sample_time)
+        healthy = None if calibration is None else MonitorCalibration.load(calibration)
+        monitor = LiveMonitor(observer, on_finding, calibration=healthy, sample_time=sample_time)
+        return Screen(twin, observer, monitor.follower), [monitor]
 
-    show(source, link or [], screen_of, speed, duration, baud)
+    if show(source, link or [], made, speed, duration, baud, alarm):
+        raise typer.Exit(ALARMED)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from ._alarm_command import AlarmCommand
 from ._options import (
     BaudOption,
     DurationOption,
@@ -23,8 +24,11 @@ from ._sources import open_twin
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..live import Replay, RigConnection, Screen
+    from ..live import Finding, RecordConsumer, Replay, RigConnection, Screen
     from ..rig import Rig
+
+    Made = Callable[[Rig, Callable[[Finding], None]], tuple[Screen, list[RecordConsumer]]]
+    """A rig, and what is called with each finding -> the screen, and who gets records before it."""
 
 REDRAW = 0.25
 """The time between two pictures, s: drawing takes longer than reading, and a person needs no more
@@ -43,36 +47,53 @@ def watch(
     """Show a live rig or a recording, and the twin's prediction beside it."""
     from ..live import Screen
 
-    def screen_of(rig: "Rig") -> Screen:
-        return Screen(open_twin(rig, set_name, parameter_file))
+    def made(rig: "Rig", _: object) -> "tuple[Screen, list[RecordConsumer]]":
+        return Screen(open_twin(rig, set_name, parameter_file)), []
 
-    show(source, link or [], screen_of, speed, duration, baud)
+    show(source, link or [], made, speed, duration, baud)
 
 
 def show(
     source: str,
     links: list[str],
-    screen_of: "Callable[[Rig], Screen]",
+    made: "Made",
     speed: float,
     duration: float | None,
     baud: int,
-) -> None:
-    """Shows a source in the terminal until it ends, a signal arrives or the time is over."""
+    alarm: str | None = None,
+) -> bool:
+    """Shows a source in the terminal until it ends, a signal arrives or the time is over.
+
+    **Returns:** whether there was an alarm. Each runs the command `alarm`, and is an event that the
+    screen shows.
+    """
     from rich.live import Live
 
-    from ..live import Service
+    from ..live import Event, RigConnection, Service
 
+    found: list[Finding] = []
     with stop_signals() as stop, contextlib.ExitStack() as stack:
+        command = stack.enter_context(AlarmCommand(alarm))
         rig = _rig(source, links)
         # This compiles before the link is opened, because it takes a second and data do not wait
         # for ever.
-        screen = screen_of(rig)
+        screen, before = made(rig, found.append)
         connection = stack.enter_context(_source(source, rig, links, speed, baud))
-        service = Service(connection, [screen])
+        service = Service(connection, [*before, screen])
         live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))
         begin = shown = time.monotonic()
         while not (stop.is_set() or connection.ended):
             service.turn()
+            for finding in found:
+                if finding.is_alarm:
+                    command.ring(finding)
+                kind = "alarm" if finding.is_alarm else "notice"
+                event = Event("", connection.clock.now(), kind, f"{finding.kind}: {finding}")
+                if isinstance(connection, RigConnection):
+                    connection.note(event)
+                else:
+                    screen.on_record(event, service.state)
+            found.clear()
             now = time.monotonic()
             if now - shown >= REDRAW:
                 shown = now
@@ -82,6 +103,7 @@ def show(
         live.update(screen.render())
     if not live.console.is_terminal:
         say("")  # ends the last line, as rich does on a terminal
+    return command.rung
 
 
 def _rig(source: str, links: list[str]) -> "Rig":

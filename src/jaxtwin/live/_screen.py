@@ -51,11 +51,19 @@ class Screen:
     - `twin`: the twin that predicts the readings.
     - `observer`: an observer of the rig, whose estimates and forecasts are shown; None: the twin in
       open loop.
+    - `follower`: one that another consumer, which gets each record before, moves on with this
+      observer, such as that of a monitor; None: its own.
     """
 
-    def __init__(self, twin: Twin, observer: ExtendedKalmanFilter | None = None):
+    def __init__(
+        self,
+        twin: Twin,
+        observer: ExtendedKalmanFilter | None = None,
+        follower: Follower | None = None,
+    ):
         self._rig = twin.rig
-        self._follower = Follower(twin, observer)
+        self._follower = Follower(twin, observer) if follower is None else follower
+        self._follows = follower is None
         self._observer = observer
         self._nodes = tuple(node.name for node in twin.netlist.nodes)
         if observer is not None:
@@ -68,7 +76,8 @@ class Screen:
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes the next record, and what is known of the rig after it."""
-        self._follower.on_record(record, state)
+        if self._follows:
+            self._follower.on_record(record, state)
         self._state, self._now = state, max(self._now, record.arrival)
         match record:
             case Sample():

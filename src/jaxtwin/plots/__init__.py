@@ -23,6 +23,7 @@ from ._group_values import plot_group_values
 from ._history import plot_history
 from ._index_bars import plot_index_bars
 from ._indices_over_time import plot_indices_over_time
+from ._monitored import plot_monitored
 from ._morris_plane import plot_morris_plane
 from ._netlist import plot_netlist
 from ._observed import plot_innovations, plot_observed
@@ -62,6 +63,7 @@ __all__ = [
     "plot_index_bars",
     "plot_indices_over_time",
     "plot_innovations",
+    "plot_monitored",
     "plot_morris_plane",
     "plot_netlist",
     "plot_observed",

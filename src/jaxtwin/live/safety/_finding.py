@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, final
 
-Severity = Literal["warning", "critical"]
+Severity = Literal["notice", "warning", "critical"]
 
 
 @final
@@ -16,15 +16,32 @@ class Finding:
     - `kind`: the reason in a single word, for programs.
     - `detail`: the reason as a sentence, for people.
     - `channel`: the channel, the cell or the link that it concerns; `""` for the rig as a whole.
-    - `since`: host time from which on it is there, ns since 1970; None if nobody says.
+    - `since`: from when on it is there, None if nobody says: on a live rig host time, ns since
+      1970; in a recording its time, s.
     - `severity`: `critical` if the rig is too hot, or if nobody can know; somebody must come then.
+      A `notice` is no alarm.
+    - `size`, `unit`: how large it is, and in which unit; None if it has no size. `""`: a factor or
+      a relative change.
+    - `probability`: the probability that it is there, 0 to 1; None if nobody says.
+    - `found`, `until`: when it was found, and when it was there last, as `since`; `until` is None
+      while it is there.
     """
 
     kind: str
     detail: str
     channel: str = ""
-    since: int | None = None
+    since: int | float | None = None
     severity: Severity = "warning"
+    size: float | None = None
+    unit: str = ""
+    probability: float | None = None
+    found: int | float | None = None
+    until: int | float | None = None
+
+    @property
+    def is_alarm(self) -> bool:
+        """Whether somebody should look, other than at a notice."""
+        return self.severity != "notice"
 
     def __str__(self) -> str:
         return self.detail

@@ -1,0 +1,114 @@
+"""`jaxtwin monitor`: what changes in a rig during recordings."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .._errors import JaxtwinError
+from .._whole_file import write_whole_file
+from ._options import JsonOption, RecordingsArgument
+from ._output import check_json, check_output, say, say_written, write_json
+from ._show_progress import show_progress
+from ._sources import open_recordings
+
+if TYPE_CHECKING:
+    from ..io import Experiment
+    from ..monitoring import Monitored
+
+ALARMED = 5
+"""The exit code if there was an alarm."""
+
+DAY = 86_400.0
+
+
+def monitor(
+    fit: Annotated[Path, typer.Argument(metavar="FIT", help="A fit that match wrote, .toml.")],
+    recordings: RecordingsArgument,
+    noise: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Levels of the noise, as ProcessNoise.save writes them."),
+    ] = None,
+    healthy: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RECORDING",
+            help="A healthy recording from which thresholds follow, such as one of the match; may "
+            "be repeated.",
+        ),
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="What is healthy, as --save wrote it."),
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE", help="Keep what --healthy found, .toml."),
+    ] = None,
+    days: Annotated[
+        float, typer.Option(metavar="N", help="Mean time between two false alarms, days.")
+    ] = 30.0,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="A folder for timelines, .png.")
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Find what changes in a rig: sudden changes, frozen, drifting and gone channels, states that
+    no healthy rig has, and parameters that differ from the recordings of the match.
+
+    The exit code is 5 where there was an alarm. A parameter that has changed is a notice.
+    """
+    from ..matching import Fit
+    from ..monitoring import MonitorCalibration, calibrate_monitor
+    from ..monitoring import monitor as monitored
+    from ..observers import ProcessNoise
+
+    if healthy and calibration is not None:
+        raise typer.BadParameter("give one of --healthy and --calibration")
+    if save is not None and not healthy:
+        raise typer.BadParameter("--save keeps what --healthy finds; give both")
+    if not math.isfinite(days):
+        raise typer.BadParameter(f"--days: expected a finite number, got {days:g}")
+    if out is not None and out.exists() and not out.is_dir():
+        raise typer.BadParameter(f"--out {out}: expected a folder, got a file")
+    check_output(save, ".toml", option="--save")
+    check_json(json)
+    with show_progress() as progress:
+        progress.step("reading")
+        loaded = Fit.load(fit)
+        rig = loaded.twin.rig
+        experiments = open_recordings(rig, recordings)
+        levels = None if noise is None else ProcessNoise.load(noise)
+        known = None if calibration is None else MonitorCalibration.load(calibration)
+        if healthy:
+            progress.step(f"calibrating on {len(healthy)} recordings")
+            known = calibrate_monitor(loaded, open_recordings(rig, healthy), levels)
+            if save is not None:
+                known.save(save)
+        found: list[Monitored] = []
+        for one in experiments:
+            progress.step(f"monitoring {one.name}")
+            found.append(
+                monitored(loaded, one, levels, calibration=known, false_alarm_time=DAY * days)
+            )
+        if out is not None:
+            progress.step(f"drawing into {out}")
+            _draw(out, found, experiments)
+    say("\n".join(one.summary() for one in found), json)
+    say_written(save, out, json_path=json)
+    write_json(json, {"recordings": [one.to_dict() for one in found]})
+    if any(one.alarms for one in found):
+        raise typer.Exit(ALARMED)
+
+
+def _draw(folder: Path, found: "list[Monitored]", experiments: "list[Experiment]") -> None:
+    from ..plots import to_png
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
+    for number, (one, experiment) in enumerate(zip(found, experiments, strict=True), 1):
+        name = f"{experiment.name or number}.png".replace("/", "-")
+        write_whole_file(folder / name, to_png(one.plot()), JaxtwinError)

@@ -1,0 +1,229 @@
+"""Findings from scores: each is raised once, grows, and clears."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+from ..live.safety._finding import Finding, Severity
+from ._evidence import Evidence, Evidences
+from ._monitor import Monitor, channels_of
+from ._state_test import parameters_of, state_names
+from ._thresholds import FAMILIES, MonitorCalibration
+
+CALM_SECONDS = 30.0
+"""A finding clears when its scores have been below a half for this time, s."""
+
+KINDS = {
+    "sum": "sudden",
+    "ratio": "sudden",
+    "joint": "sudden",
+    "energy": "sudden",
+    "state": "implausible",
+    "error": "drift",
+    "frozen": "frozen",
+    "gone": "gone",
+    "changed": "changed",
+}
+"""Test -> the kind of its findings."""
+
+
+class _Row(NamedTuple):
+    """A test of one channel, state or parameter."""
+
+    test: str
+    name: str
+    place: int
+    unit: str
+    of_what: str = "channel"
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Tests of one kind and channel raise the same finding."""
+        return KINDS[self.test], self.name
+
+
+@dataclass
+class _Open:
+    finding: Finding
+    peak: float
+    last: float | int
+
+
+@final
+class FindingLog:
+    """Turns what a monitor says at each sample into findings.
+
+    **Arguments:**
+
+    - `monitor`: the monitor. `calibration`, `seconds`: what it was made with.
+    - `ticks`: the units of time in a second: 1 for a recording, 1e9 for host times in ns.
+    """
+
+    def __init__(
+        self,
+        monitor: Monitor,
+        calibration: MonitorCalibration,
+        seconds: float | int,
+        ticks: int = 1,
+    ):
+        self._monitor, self._calibration = monitor, calibration
+        self._seconds, self._ticks = seconds, ticks
+        self._rows = tuple(_rows(monitor))
+        self._open: dict[tuple[str, str], _Open] = {}
+        self._closed: list[Finding] = []
+
+    @property
+    def present(self) -> tuple[Finding, ...]:
+        """The findings that are there."""
+        return tuple(one.finding for one in self._open.values())
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All findings, in the order of their onset; those that are there have no `until`."""
+        return tuple(sorted((*self._closed, *self.present), key=lambda one: one.since or 0))
+
+    def take(self, now: float | int, evidences: Evidences) -> list[Finding]:
+        """Takes what the tests say of a sample.
+
+        **Returns:** the findings that are new.
+        """
+        scores = np.concatenate([one.score for one in evidences])
+        new: dict[tuple[str, str], Finding] = {}
+        for place in np.flatnonzero(scores >= 0.5):
+            row, score = self._rows[place], float(scores[place])
+            there = self._open.get(row.key)
+            if there is not None:
+                there.last = now
+                if self._says_more(row, score, there):
+                    there.peak = max(score, there.peak)
+                    there.finding = self._grown(there.finding, row, evidences, score)
+                    if row.key in new:
+                        new[row.key] = there.finding
+            elif score >= 1 and not (row.test == "changed" and self._is_alarmed()):
+                begun = self._finding(row, evidences, score, now)
+                self._open[row.key] = _Open(begun, score, now)
+                new[row.key] = begun
+        for key, one in list(self._open.items()):
+            if now - one.last >= CALM_SECONDS * self._ticks:
+                self._closed.append(replace(one.finding, until=one.last))
+                del self._open[key]
+        return list(new.values())
+
+    @staticmethod
+    def _says_more(row: _Row, score: float, there: _Open) -> bool:
+        """Whether a test says more of a finding than is known: a shift in K says more than the
+        scatter."""
+        is_scatter = row.test == "energy"
+        if row.key[0] == "sudden" and is_scatter != (there.finding.unit == ""):
+            return not is_scatter and score >= 1
+        return score > there.peak
+
+    def _is_alarmed(self) -> bool:
+        """Whether there is an alarm, which then explains why a parameter has changed."""
+        return any(one.finding.is_alarm for one in self._open.values())
+
+    def _finding(self, row: _Row, evidences: Evidences, score: float, now: float | int) -> Finding:
+        evidence = getattr(evidences, row.test)
+        age = float(evidence.age[row.place]) * self._ticks
+        since = now - (round(age) if self._ticks > 1 else age)
+        severity: Severity = "notice" if row.test == "changed" else "warning"
+        empty = Finding(row.key[0], "", row.name, since, severity, unit=row.unit, found=now)
+        return self._grown(empty, row, evidences, score)
+
+    def _grown(self, finding: Finding, row: _Row, evidences: Evidences, score: float) -> Finding:
+        size = float(getattr(evidences, row.test).size[row.place])
+        return replace(
+            finding,
+            detail=_detail(row, size),
+            size=size,
+            unit=row.unit,
+            probability=self._probability(row, score, size),
+        )
+
+    def _probability(self, row: _Row, score: float, size: float) -> float | None:
+        """That it is no false alarm, if faults are as frequent as false alarms are to be."""
+        if row.test in FAMILIES:
+            threshold = self._monitor.thresholds[row.test]
+            tail = self._calibration.deciding(row.test, self._seconds * len(FAMILIES))
+            seconds = tail.seconds(threshold * score)
+            return seconds / (seconds + self._seconds)
+        if row.test == "changed":
+            return self._monitor.shift.probability(row.place, size)
+        return None
+
+
+def _rows(monitor: Monitor) -> Iterator[_Row]:
+    """The tests in the order of `Evidences`."""
+    model = monitor.model
+    channels = channels_of(model)
+    of_states = model.layout.values
+    units = {"sum": "K", "ratio": "K", "energy": "", "error": "K", "frozen": "", "gone": "K"}
+    for test in Evidences._fields:
+        if test == "state":
+            for place, name in enumerate(state_names(model)):
+                if place < of_states:
+                    yield _Row(test, name, place, _unit(monitor, name), "parameter")
+                elif place == of_states:
+                    yield _Row(test, name, place, "K", "room")
+                else:
+                    yield _Row(test, name, place, "W", "heat")
+        elif test == "changed":
+            for place, name in enumerate(parameters_of(model)):
+                yield _Row(test, name, place, _unit(monitor, name), "parameter")
+        elif test == "joint":
+            if len(channels) > 1:
+                yield _Row(test, "", 0, "K")
+        elif test != "error" or model.layout.channels:
+            for place, name in enumerate(channels):
+                yield _Row(test, name, place, units[test])
+
+
+def _unit(monitor: Monitor, name: str) -> str:
+    """The unit of the change of a parameter: none if it is relative."""
+    directions = monitor.model.directions
+    assert directions is not None
+    if directions.is_logarithmic[directions.names.index(name)]:
+        return ""
+    return monitor.model.twin.rig.parameters[name].unit or ""
+
+
+def _detail(row: _Row, size: float) -> str:
+    name, more = row.name, "above" if size > 0 else "below"
+    match row.test:
+        case "sum" | "ratio":
+            return f"{name} is {abs(size):.2g} K {more} what is expected"
+        case "joint":
+            return f"the channels are {abs(size):.2g} K off what is expected, all together"
+        case "energy":
+            return f"{name} scatters {size:.2g} times as much as is expected"
+        case "state" if row.of_what == "room":
+            return f"the room that explains the readings is {abs(size):.2g} K off"
+        case "state" if row.of_what == "heat":
+            return f"{name}: {size:+.2g} W of heat are unexplained"
+        case "state":
+            return f"{name} would have to change by {_change(row, size)} to explain the readings"
+        case "error":
+            return f"{name} has drifted from the other channels by {size:+.2g} K"
+        case "frozen":
+            return f"{name} does not change any more"
+        case "gone":
+            return f"{name} is within {abs(size):.2g} K of the room while a cell is at full duty"
+        case _:
+            return f"{name} differs by {_change(row, size)} from the recordings of the match"
+
+
+def _change(row: _Row, size: float) -> str:
+    return f"{size:+.2g} {row.unit}" if row.unit else f"{100 * size:+.2g} %"
+
+
+def at_sample(evidences: Evidences, place: int) -> Evidences:
+    """What the tests say of one sample of a recording."""
+    return Evidences(*(Evidence(*(part[place] for part in one)) for one in evidences))
+
+
+def loudest(evidences: Evidences) -> Float[np.ndarray, " times"]:
+    """The largest score at each sample."""
+    return np.concatenate([one.score for one in evidences], axis=1).max(axis=1)

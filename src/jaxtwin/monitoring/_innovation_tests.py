@@ -1,0 +1,192 @@
+"""Tests of the innovations of each channel: cumulative sums, likelihood ratio,
+energy; and of all channels together."""
+
+from dataclasses import replace
+from typing import final
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after, joint_ratio
+from ._evidence import Evidence, Seen
+
+CLIP = 3.0
+"""The largest standardised innovation that counts. With a larger one, single innovations make up
+the tail of the likelihood ratio where it is measured, and what is extrapolated is passed far too
+often (`benchmarks/monitor.py`)."""
+
+JUMP = 4.0
+"""The standardised innovation of a jump."""
+
+HELD = 10.0
+"""After a jump of several channels at once, all of them say nothing for this time, s. If it is over
+then, as after a correction of a camera, an outlier or a jump of the command, it is forgotten; a
+fault lasts, and all of it counts."""
+
+REARMED = 60.0
+"""They are held only once in this time, s: no fault hides behind them."""
+
+LASTS = 5.0
+"""A jump lasts if the innovations in the second half of this time are unlike noise: if the sum of
+their squared means, as a chi-squared variable, is so many standard deviations above its mean."""
+
+ENOUGH = 1.5
+"""At so many times its threshold a likelihood ratio begins again, and a sum grows no more: how soon
+a finding clears."""
+
+
+@final
+class Statistics(eqx.Module):
+    """The statistics, and the last innovations."""
+
+    sums: CumulativeSums
+    window: Window
+    energy: Float[Array, " channels"]
+    last: Float[Array, " channels"]
+
+
+@final
+class InnovationState(eqx.Module):
+    """Where the tests are between two samples.
+
+    - `statistics`: what they are. `before`: what they were when innovations were held last.
+    - `since_held`: the time since then, s.
+    - `late`, `count`: the sum of the innovations in the second half of it, and their number.
+    """
+
+    statistics: Statistics
+    before: Statistics
+    since_held: Float[Array, ""]
+    late: Float[Array, " channels"]
+    count: Float[Array, " channels"]
+
+
+@final
+class InnovationTests(eqx.Module):
+    """The tests of the innovations.
+
+    - `scales`, `memory`: the usual spread of the innovations of each channel, and the correlation
+      of two that follow each other.
+    - `thresholds`: of the sum, the ratio, the joint ratio and the energy.
+    - `enough`: the score at which a ratio begins again, and of a sum the largest one; infinite for
+      statistics as they are.
+    """
+
+    scales: Float[np.ndarray | Array, " channels"]
+    memory: Float[np.ndarray | Array, " channels"]
+    thresholds: Float[np.ndarray | Array, "4"]
+    enough: Float[np.ndarray | Array, ""]
+
+    def init(self) -> InnovationState:
+        """The state before the first sample."""
+        channels = len(self.scales)
+        none = jnp.zeros(channels)
+        begin = Statistics(
+            CumulativeSums.zero(channels), Window.zero(channels), jnp.ones(channels), none
+        )
+        return InnovationState(begin, begin, jnp.full((), REARMED), none, none)
+
+    def step(
+        self, state: InnovationState, seen: Seen, dt: Float[Array, ""], settled: Bool[Array, ""]
+    ) -> tuple[InnovationState, tuple[Evidence, Evidence, Evidence, Evidence]]:
+        """The state after a sample, and what sum, ratio, joint ratio and energy say."""
+        scaled = jnp.asarray(seen.whitened) / self.scales
+        there = jnp.isfinite(jnp.asarray(seen.readings))
+        was_held = state.since_held < HELD
+        since_held = state.since_held + dt
+        is_found = (state.statistics.sums.sums >= self._least).any()
+        begins = _jumped(scaled, there) & (since_held >= REARMED)
+        begins = begins & ~is_found
+        since_held = jnp.where(begins, 0.0, since_held)
+        is_held = since_held < HELD
+        square = (state.late**2 / jnp.maximum(state.count, 1.0)).sum()
+        read = jnp.maximum((state.count > 0).sum(), 1)
+        lasts = square >= read + LASTS * jnp.sqrt(2.0 * read)
+        # Of readings that are rarer than half of the time, nobody knows whether it is over.
+        lasts = lasts | (state.count.sum() == 0)
+        ends = was_held & ~is_held & ~lasts
+        now = _chosen(ends, state.before, state.statistics)
+        before = _chosen(begins, now, state.before)
+        is_late = is_held & (since_held >= HELD / 2) & there
+        late = jnp.where(begins, 0.0, state.late + jnp.where(is_late, scaled.clip(-CLIP, CLIP), 0))
+        count = jnp.where(begins, 0.0, state.count + is_late)
+        now = self._after(now, seen, scaled, there & settled, dt)
+        found = self._evidence(now, dt, settled & ~is_held)
+        # The window of a change that is found begins again: it then shows whether it is over.
+        enough = jnp.asarray(self.enough)
+        is_full = (found[1].score >= enough) | (found[2].score >= enough).any()
+        window = jax.tree.map(lambda leaf: jnp.where(is_full, 0.0, leaf), now.window)
+        now = replace(now, window=window)
+        return InnovationState(now, before, since_held, late, count), found
+
+    @property
+    def _least(self) -> Float[Array, ""]:
+        """The sum of a change that is found; infinite for statistics as they are."""
+        return jnp.where(
+            jnp.isfinite(jnp.asarray(self.enough)), jnp.asarray(self.thresholds)[0], jnp.inf
+        )
+
+    def _after(
+        self,
+        old: Statistics,
+        seen: Seen,
+        scaled: Float[Array, " channels"],
+        used: Bool[Array, " channels"],
+        dt: Float[Array, ""],
+    ) -> Statistics:
+        # Clipped before they are whitened in time: a large one is not spread over those after it.
+        clipped = jnp.clip(scaled, -CLIP, CLIP)
+        white = (clipped - self.memory * old.last) / jnp.sqrt(1 - self.memory**2)
+        x = jnp.clip(white, -CLIP, CLIP)
+        innovation = jnp.where(used, jnp.asarray(seen.readings) - seen.expected, 0.0)
+        return replace(
+            old,
+            sums=old.sums.after(
+                x, innovation, used, dt, jnp.asarray(self.enough) * jnp.asarray(self.thresholds)[0]
+            ),
+            window=old.window.after(x, innovation, used, dt),
+            energy=energy_after(old.energy, x, used),
+            last=jnp.where(used, clipped, old.last),
+        )
+
+    def _evidence(
+        self, now: Statistics, dt: Float[Array, ""], speaks: Bool[Array, ""]
+    ) -> tuple[Evidence, Evidence, Evidence, Evidence]:
+        sums = now.sums
+        way = jnp.argmax(sums.sums, axis=0)[None]
+
+        def of_way(table: Array) -> Array:
+            return jnp.take_along_axis(table, way, axis=0)[0]
+
+        ratio, age, size = now.window.ratio()
+        joint = tuple(jnp.reshape(one, 1) for one in joint_ratio(now.window))
+        if len(self.scales) == 1:  # that of the channel says it all
+            joint = tuple(one[:0] for one in joint)
+        mean = of_way(sums.totals) / jnp.maximum(of_way(sums.counts), 1.0)
+        # The energy has no memory of when it rose: it is as old as what it averages.
+        averaged = jnp.full_like(now.energy, ENERGY_SAMPLES) * dt
+        limits = jnp.asarray(self.thresholds)
+
+        def evidence(limit: Array, score: Array, age: Array, size: Array) -> Evidence:
+            return Evidence(jnp.where(speaks, score / limit, 0.0), age, size)
+
+        return (
+            evidence(limits[0], of_way(sums.sums), of_way(sums.ages), mean),
+            evidence(limits[1], ratio, age, size),
+            evidence(limits[2], *joint),
+            evidence(limits[3], now.energy, averaged, jnp.sqrt(now.energy)),
+        )
+
+
+def _jumped(scaled: Float[Array, " channels"], there: Bool[Array, " channels"]) -> Bool[Array, ""]:
+    """Whether several channels jump at once, as at a correction of a camera, which need not be the
+    same for all of them: half of them by half of what one of them does."""
+    sizes = jnp.where(there, jnp.abs(scaled), 0.0)
+    return (sizes.max() > JUMP) & (2 * (sizes > JUMP / 2).sum() >= there.sum())
+
+
+def _chosen(condition: Bool[Array, ""], yes: Statistics, no: Statistics) -> Statistics:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)

@@ -1,0 +1,102 @@
+"""The monitor beside a rig."""
+
+from collections.abc import Callable
+from typing import Any, final
+
+import jax
+import numpy as np
+
+from ..live import Follower, Reading, Record, RigState
+from ..live.protocol._clock import seconds
+from ..live.safety._finding import Finding
+from ..observers import ExtendedKalmanFilter
+from ._evidence import Evidences, seen
+from ._finding_log import FindingLog
+from ._monitor import Monitor, channels_of
+from ._response import response_of
+from ._thresholds import DAY, MonitorCalibration, nominal_calibration
+
+TICKS = 10**9
+"""Host times are in ns."""
+
+
+@final
+class LiveMonitor:
+    """Observes and monitors a rig. It consumes the records of a source, such as `Replay` or
+    `RigConnection`, and raises findings as `Alarms` does.
+
+    **Arguments:**
+
+    - `observer`: the filter, as `jaxtwin.observers.live_observer` makes it.
+    - `on_finding`: called with each new finding; notices among them are no alarms.
+    - `calibration`: what is healthy; None: usual thresholds.
+    - `false_alarm_time`: the mean time between two false alarms, s.
+    - `sample_time`: the time between two readings, s, for usual thresholds.
+    """
+
+    def __init__(
+        self,
+        observer: ExtendedKalmanFilter,
+        on_finding: Callable[[Finding], None],
+        *,
+        calibration: MonitorCalibration | None = None,
+        false_alarm_time: float | int = 30 * DAY,
+        sample_time: float | int = 1.0,
+    ):
+        if calibration is None:
+            calibration = nominal_calibration(channels_of(observer.model), sample_time)
+        self._on_finding = on_finding
+        monitor = Monitor(observer, calibration, response_of(observer), false_alarm_time)
+        self._monitor = monitor
+        self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS)
+        with jax.enable_x64(True):
+            self._state = jax.tree.map(np.asarray, monitor.init())
+        self.follower = Follower(observer.model.twin, observer)
+        """What follows the rig: its estimates are those of the monitor."""
+        self._time: int | None = None
+        nothing = np.full(len(channels_of(observer.model)), np.nan)
+        self._step(nothing, nothing, 0.0)  # compiles before the first data arrive
+        with jax.enable_x64(True):
+            self._state = jax.tree.map(np.asarray, monitor.init())
+
+    @property
+    def present(self) -> tuple[Finding, ...]:
+        """The findings that are there now."""
+        return self._log.present
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All findings since the start; those that are over have an `until`."""
+        return self._log.findings
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Takes the next record, and what is known of the rig after it."""
+        self.follower.on_record(record, state)
+        if not isinstance(record, Reading) or record.recalibrating:
+            return
+        expected = self.follower.predicted
+        assert expected is not None
+        now = state.time_of(record)
+        dt = 0.0 if self._time is None else max(seconds(now - self._time) * state.rate, 0.0)
+        self._time = now if self._time is None else max(now, self._time)
+        evidences = self._step(record.temperatures, expected, dt)
+        for finding in self._log.take(self._time, evidences):
+            self._on_finding(finding)
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Does nothing: findings come with readings. Silence is an alarm of `Alarms`."""
+
+    def _step(self, readings: np.ndarray, expected: np.ndarray, dt: float) -> Evidences:
+        ambient = np.float64(self.follower.ambient)
+        with jax.enable_x64(True):
+            sample = seen(self.follower.state, expected, readings, ambient, np.float64(dt))
+            sample = jax.tree.map(np.asarray, sample)
+            state, evidences = _stepped(self._monitor, self._state, sample)
+        # Kept as NumPy arrays, because they are read between two steps.
+        self._state = jax.tree.map(np.asarray, state)
+        return jax.tree.map(np.asarray, evidences)
+
+
+@jax.jit
+def _stepped(monitor: Monitor, state: Any, sample: Any) -> tuple[Any, Evidences]:
+    return monitor.step(state, sample)

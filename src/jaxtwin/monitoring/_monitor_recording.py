@@ -1,0 +1,90 @@
+"""Monitors a recording."""
+
+from .._arguments import finite_number, of_kind
+from .._errors import ObserverError
+from ..io import Experiment
+from ..matching import Fit
+from ..observers import Observed, ProcessNoise, observe
+from ..physics import Twin
+from ._calibrate import calibration_of_recordings, usual_calibration
+from ._monitor import SETTLE, Monitor, channels_of
+from ._monitored import Monitored
+from ._response import response_of
+from ._run import evidences_of
+from ._thresholds import DAY, MonitorCalibration
+
+SHORTEST_FALSE_ALARM_TIME = 3600.0
+"""The shortest mean time between false alarms, s: the tails of the statistics begin there."""
+
+
+def monitor(
+    fit: Twin | Fit,
+    experiment: Experiment,
+    noise: ProcessNoise | None = None,
+    *,
+    calibration: MonitorCalibration | None = None,
+    false_alarm_time: float | int = 30 * DAY,
+) -> Monitored:
+    """Finds what changes in a rig during a recording, and since when.
+
+    The recording is followed as by `jaxtwin.observe`; `jaxtwin.monitoring` describes the tests.
+
+    **Arguments:**
+
+    - `fit`: a fit, or a twin whose values are taken as exact.
+    - `experiment`: the recording.
+    - `noise`: the levels of the noise, as for `jaxtwin.observe`.
+    - `calibration`: what is healthy, as `jaxtwin.calibrate_monitor` finds it. None: for a fit with
+      its recordings, what these say; otherwise usual thresholds.
+    - `false_alarm_time`: the mean time between two false alarms, s.
+
+    **Raises:** the errors of `jaxtwin.observe`; `ObserverError` if the recording is too short, if
+    false alarms are asked for more often than once an hour, or if the calibration is that of
+    another rig.
+    """
+    seconds = finite_number("monitor: false_alarm_time", false_alarm_time, ObserverError)
+    if seconds < SHORTEST_FALSE_ALARM_TIME:
+        raise ObserverError(
+            f"monitor: false_alarm_time: expected at least {SHORTEST_FALSE_ALARM_TIME:g} s, below "
+            f"which no tail is known, got {seconds:g}"
+        )
+    of_kind("monitor: experiment", experiment, Experiment, "an Experiment", ObserverError)
+    if experiment.duration < 2 * SETTLE:
+        raise ObserverError(
+            f"{experiment.name or 'experiment'}: expected a recording of at least {2 * SETTLE:g} "
+            f"s, in which an observer settles, got {experiment.duration:g} s"
+        )
+    observed = observe(fit, experiment, noise)
+    if calibration is None:
+        calibration = _calibration(fit, observed)
+    check_calibration(calibration, observed)
+    response = response_of(observed.observer)
+    made = Monitor(observed.observer, calibration, response, seconds)
+    return Monitored(observed, made, calibration, seconds, evidences_of(made, observed))
+
+
+def check_calibration(calibration: MonitorCalibration, observed: Observed) -> None:
+    """Checks that a calibration is that of the channels that are read.
+
+    **Raises:** `ObserverError` otherwise.
+    """
+    of_kind(
+        "monitor: calibration", calibration, MonitorCalibration, "a MonitorCalibration",
+        ObserverError,
+    )  # fmt: skip
+    missing = [
+        name for name in channels_of(observed.observer.model) if name not in calibration.scales
+    ]
+    if missing:
+        raise ObserverError(
+            f"monitor: calibration: expected the channels {', '.join(observed.channels)}, got "
+            f"{', '.join(calibration.scales) or 'none'}"
+        )
+
+
+def _calibration(fit: Twin | Fit, observed: Observed) -> MonitorCalibration:
+    """What the recordings of the match say; if they are not at hand, what is usual."""
+    if isinstance(fit, Fit) and fit.comparisons is not None:
+        several = [observe(fit, one, observed.noise) for one in fit.experiments]
+        return calibration_of_recordings(several)
+    return usual_calibration(observed)

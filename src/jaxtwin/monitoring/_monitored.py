@@ -1,0 +1,188 @@
+"""A recording that a monitor has watched: its findings."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._display import html_table, picture
+from .._normal_distribution import QUANTILE_975
+from ..io import Experiment
+from ..live.safety._finding import Finding
+from ..observers import Observed
+from ._evidence import Evidences
+from ._finding_log import FindingLog, at_sample, loudest
+from ._monitor import Monitor
+from ._thresholds import DAY, FAMILIES, MonitorCalibration
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+LARGEST_SPREAD = 7.0
+"""A logarithm of a rate that is less certain than this, a factor of 1000, is not known."""
+
+COLUMNS = ("kind", "channel", "since_s", "found_s", "until_s", "size", "unit", "probability",
+           "severity", "detail")  # fmt: skip
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Monitored:
+    """What `jaxtwin.monitor` found in a recording.
+
+    **Arguments:**
+
+    - `observed`: the recording and its observer.
+    - `monitor`: the monitor. It goes on, live, from nothing.
+    - `calibration`: what was taken as healthy.
+    - `false_alarm_time`: the mean time between two false alarms, s.
+    - `evidences`: what each test said at each sample.
+    """
+
+    observed: Observed
+    monitor: Monitor
+    calibration: MonitorCalibration
+    false_alarm_time: float
+    evidences: Evidences
+
+    @property
+    def experiment(self) -> Experiment:
+        """The recording."""
+        return self.observed.experiment
+
+    @property
+    def time(self) -> Float[np.ndarray, " samples"]:
+        """The times of the samples, s."""
+        return self.observed.time
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """What was found, in the order of its onset, with times of the recording in s. One that was
+        there at the end has no `until`."""
+        log = FindingLog(self.monitor, self.calibration, self.false_alarm_time)
+        # Quiet samples open and hold nothing; a last one lets those before clear.
+        loud = np.flatnonzero(loudest(self.evidences) >= 0.5)
+        for place in sorted({*loud.tolist(), len(self.time) - 1}):
+            log.take(float(self.time[place]), at_sample(self.evidences, int(place)))
+        return list(log.findings)
+
+    @property
+    def alarms(self) -> list[Finding]:
+        """The findings at which somebody should look: all but notices."""
+        return [one for one in self.findings if one.is_alarm]
+
+    def thresholds(self) -> "pandas.DataFrame":
+        """Returns a table with a row for each statistic: its threshold, the recordings or
+        simulations that it comes from with their hours, and the 95 % interval of the mean time
+        between its false alarms that the extrapolation leaves, days; NaN if it is a usual one, or
+        if the recordings hardly know."""
+        import pandas
+
+        return pandas.DataFrame(self._thresholds()).set_index("statistic")
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Returns a table with a row for each finding."""
+        import pandas
+
+        return pandas.DataFrame(self._rows(), columns=list(COLUMNS))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns a labelled dataset: score (time, test), the largest score of each test, which is
+        a finding from 1 on; and the columns of `to_dataframe` (finding)."""
+        import xarray
+
+        scores = np.stack([one.score.max(axis=1, initial=0.0) for one in self.evidences], axis=1)
+        table = self.to_dataframe()
+        columns = {name: ("finding", table[name].to_numpy()) for name in COLUMNS}
+        return xarray.Dataset(
+            {"score": (("time", "test"), scores), **columns},
+            {"time": ("time", self.time, {"units": "s"}), "test": list(self.evidences._fields)},
+            {"recording": self.experiment.name},
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns everything as plain numbers and texts, for JSON."""
+        return {
+            "recording": self.experiment.name,
+            "duration_s": self.experiment.duration,
+            "false_alarm_days": self.false_alarm_time / DAY,
+            "alarms": len(self.alarms),
+            "findings": [
+                {key: _plain(one) for key, one in zip(COLUMNS, row, strict=True)}
+                for row in self._rows()
+            ],
+            "thresholds": [
+                {key: _plain(one) for key, one in row.items()} for row in self._thresholds()
+            ],
+        }
+
+    def summary(self) -> str:
+        """The findings as text, a line for each."""
+        name = self.experiment.name or "recording"
+        if not self.findings:
+            return f"{name}: nothing found in {self.experiment.duration:.0f} s"
+        lines = [f"{name}: {_count(len(self.alarms))}"]
+        for one in self.findings:
+            until = "the end" if one.until is None else f"{one.until:.0f} s"
+            sure = "" if one.probability is None else f", probability {one.probability:.3g}"
+            lines.append(f"  {one.since:.0f} s to {until}: {one.kind}: {one.detail}{sure}")
+        return "\n".join(lines)
+
+    def plot(self) -> "Figure":
+        """Draws the readings, the findings as a timeline below them, and the scores.
+
+        **Returns:** the figure.
+        """
+        return picture("plot_monitored", self)
+
+    def __repr__(self) -> str:
+        name = self.experiment.name or "a recording"
+        kinds = ", ".join(sorted({one.kind for one in self.findings})) or "nothing found"
+        return f"<Monitored {name}: {_count(len(self.alarms))}; {kinds}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(one.kind, one.channel, f"{one.since:.0f}", one.detail) for one in self.findings]
+        return html_table(repr(self)[1:-1], ("kind", "channel", "since, s", "what"), rows)
+
+    def _rows(self) -> list[tuple[Any, ...]]:
+        return [
+            (one.kind, one.channel, one.since, one.found, one.until, one.size, one.unit,
+             one.probability, one.severity, one.detail)
+            for one in self.findings
+        ]  # fmt: skip
+
+    def _thresholds(self) -> list[dict[str, Any]]:
+        each, rows = self.false_alarm_time * len(FAMILIES), []
+        for family in FAMILIES:
+            tail = self.calibration.deciding(family, each)
+            is_known = tail.spread < LARGEST_SPREAD
+            factor = math.exp(QUANTILE_975 * tail.spread) if is_known else math.nan
+            rows.append(
+                {
+                    "statistic": family,
+                    "threshold": tail.threshold(each),
+                    "source": tail.source,
+                    "hours": tail.hours,
+                    "days": each / DAY,
+                    "days_lower": each / DAY / factor,
+                    "days_upper": each / DAY * factor,
+                }
+            )
+        return rows
+
+
+def _count(alarms: int) -> str:
+    return "1 alarm" if alarms == 1 else f"{alarms or 'no'} alarms"
+
+
+def _plain(value: object) -> object:
+    """A number or text of JSON, which has no NaN."""
+    if isinstance(value, str) or value is None:
+        return value
+    number = float(value)  # pyright: ignore[reportArgumentType]
+    return number if math.isfinite(number) else None

@@ -1,0 +1,105 @@
+"""A recording that a monitor has watched: readings, a timeline of findings, and scores."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..monitoring import Monitored
+from ._samples import joined_samples
+from ._style import palette, points, styled
+
+LARGEST = 8
+"""The largest number of channels with a line of their own, and of rows of findings."""
+
+KINDS = ("sudden", "gone", "frozen", "implausible", "drift", "changed")
+"""The kinds of findings, each with its colour."""
+
+TESTS = {
+    "innovations": ("sum", "ratio", "joint", "energy"),
+    "states": ("state", "error"),
+    "readings": ("frozen", "gone"),
+    "match": ("changed",),
+}
+"""The lines of the scores -> the tests whose largest score they show."""
+
+
+@styled
+def plot_monitored(monitored: Monitored) -> Figure:
+    """Plots what a monitor found.
+
+    The panels are the readings with what was expected of them, a timeline with a bar for each
+    finding from its onset to its end (a dot where it was found; notices are pale), and the scores
+    of the tests, which are findings from 1 on.
+
+    **Arguments:**
+
+    - `monitored`: the result of `jaxtwin.monitor`.
+
+    **Returns:** the figure.
+    """
+    rows = list(dict.fromkeys((one.kind, one.channel) for one in monitored.findings))[:LARGEST]
+    height = 0.6 + 0.3 * max(len(rows), 1)
+    figure = pyplot.figure(figsize=(9.6, 4.8 + height), layout="constrained")
+    grid = figure.subplots(3, 1, sharex=True, height_ratios=(2.6, height, 1.6))
+    _readings(grid[0], monitored)
+    _timeline(grid[1], monitored, rows)
+    _scores(grid[2], monitored)
+    grid[2].set(xlabel="time, s", xlim=(monitored.time[0], monitored.time[-1]))
+    return figure
+
+
+def _readings(axes: Axes, monitored: Monitored) -> None:
+    observed = monitored.observed
+    readings = np.asarray(monitored.experiment.temperatures)
+    for number, channel in enumerate(observed.channels[:LARGEST]):
+        color = palette().cycle[number % len(palette().cycle)]
+        axes.plot(
+            *joined_samples(monitored.time, readings[:, number]), ".", ms=1.5, color=color,
+            label=channel,
+        )  # fmt: skip
+        axes.plot(monitored.time, observed.expected.mean[:, number], color=color, lw=0.8)
+    axes.set(ylabel="channel, °C")
+    axes.set_title(monitored.experiment.name or "recording")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
+
+
+def _timeline(axes: Axes, monitored: Monitored, rows: list[tuple[str, str]]) -> None:
+    end = float(monitored.time[-1])
+    for one in monitored.findings:
+        if (one.kind, one.channel) not in rows:
+            continue
+        row, since = rows.index((one.kind, one.channel)), float(one.since or 0.0)
+        until = end if one.until is None else float(one.until)
+        color, alpha = _color(one.kind), 1.0 if one.is_alarm else 0.45
+        axes.barh(row, until - since, left=since, height=0.55, color=color, alpha=alpha)
+        axes.plot(float(one.found or since), row, ".", ms=6, color=palette().ink, zorder=3)
+    axes.set_yticks(range(len(rows)), [f"{kind} {channel or 'all'}" for kind, channel in rows])
+    axes.set_ylim(max(len(rows), 1) - 0.4, -0.6)
+    axes.grid(visible=False, axis="y")
+    if not rows:
+        axes.text(0.5, 0.5, "nothing found", transform=axes.transAxes, ha="center", va="center",
+                  color=palette().muted)  # fmt: skip
+
+
+def _color(kind: str) -> str:
+    """The colour of a kind of findings."""
+    return palette().cycle[KINDS.index(kind) % len(palette().cycle)]
+
+
+def _scores(axes: Axes, monitored: Monitored) -> None:
+    for number, (label, tests) in enumerate(TESTS.items()):
+        scores = [getattr(monitored.evidences, test).score for test in tests]
+        largest = _largest(np.concatenate(scores, axis=1))
+        if largest is not None:
+            color = palette().cycle[number]
+            axes.plot(monitored.time, np.clip(largest, 0.0, 2.0), color=color, lw=1.0, label=label)
+    axes.axhline(1.0, color=palette().ink, lw=0.8, ls=(0, (4, 3)))
+    axes.set(ylabel="score", ylim=(0.0, 2.05))
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
+
+
+def _largest(scores: Float[np.ndarray, "times members"]) -> Float[np.ndarray, " times"] | None:
+    """The largest score at each time; None for a test that has nothing to test."""
+    return scores.max(axis=1) if scores.shape[1] else None

@@ -1,0 +1,94 @@
+"""A monitor beside a rig raises what it finds in a recording of the same rig."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from faulty_runs import ONSET, bench, recording
+from hand_clock import START
+
+from jaxtwin import Experiment, monitor
+from jaxtwin.live import Finding, Reading, Record, RecordConsumer, RigState, Sample, Screen
+from jaxtwin.monitoring import LiveMonitor
+from jaxtwin.observers import live_observer
+
+SECOND = 10**9
+
+
+def records(run: Experiment, closed: slice | None = None) -> Iterator[Record]:
+    """The records of a device, a sample and a reading in each second; the shutter of its camera is
+    closed in a part of the run."""
+    readings = np.asarray(run.temperatures)
+    shut = np.zeros(len(run.time), bool)
+    if closed is not None:
+        shut[closed] = True
+    for n, (duty, row) in enumerate(zip(run.duty, readings, strict=True)):
+        at, since = START + n * SECOND, n * 10**6
+        yield Reading("rig", "b", at, since, n, row, bool(shut[n]), None)
+        counts = tuple(round(1000 * float(part)) for part in duty)
+        yield Sample("rig", "b", at, since, n, counts, None)
+
+
+def live(run: Experiment, closed: slice | None = None) -> tuple[LiveMonitor, list[Finding]]:
+    raised: list[Finding] = []
+    watching = LiveMonitor(live_observer(bench()), raised.append)
+    state = RigState()
+    for record in records(run, closed):
+        state = state.after(record)
+        watching.on_record(record, state)
+        watching.on_time(state, record.arrival)
+    return watching, raised
+
+
+def test_a_fault_is_raised_once_with_the_host_time_of_its_onset():
+    watching, raised = live(recording("gain", "T1", 0.85))
+    assert raised
+    sudden = next(one for one in raised if (one.kind, one.channel) == ("sudden", "T1"))
+    assert isinstance(sudden.since, int)
+    assert sudden.since == pytest.approx(START + ONSET * SECOND, abs=30 * SECOND)
+    assert sudden.found is not None
+    assert START + ONSET * SECOND < sudden.found < START + (ONSET + 60) * SECOND
+    keys = [(one.kind, one.channel, one.since) for one in raised]
+    assert len(set(keys)) == len(keys)
+    assert len(watching.findings) == len(raised)
+
+
+def test_live_and_from_a_recording_the_same_is_found():
+    run = recording("fail", "H1", 1.0)
+    _, raised = live(run)
+    found = monitor(bench(), run)
+    assert {(one.kind, one.channel) for one in raised} == {
+        (one.kind, one.channel) for one in found.findings
+    }
+    first = min(one.found for one in raised if one.found is not None)
+    offline = min(one.found for one in found.findings if one.found is not None)
+    assert (first - START) / SECOND == pytest.approx(offline, abs=2.0)
+
+
+def test_a_healthy_rig_and_closed_shutters_raise_nothing():
+    run = recording()
+    readings = np.asarray(run.temperatures).copy()
+    readings[300:304] = 60.0  # what a camera shows of its own shutter
+    shut = Experiment(run.time, run.duty, channels=run.channels, temperatures=readings)
+    watching, raised = live(shut, slice(300, 304))
+    assert raised == []
+    assert watching.present == watching.findings == ()
+
+
+def test_it_is_a_consumer_and_shares_its_follower_with_a_screen():
+    observer = live_observer(bench())
+    watching = LiveMonitor(observer, lambda _: None)
+    assert isinstance(watching, RecordConsumer)
+    screen, state = Screen(bench(), observer, watching.follower), RigState()
+    for record in list(records(recording()))[:20]:
+        state = state.after(record)
+        watching.on_record(record, state)
+        screen.on_record(record, state)
+    assert watching.follower.predicted is not None
+    alone = LiveMonitor(observer, lambda _: None)
+    state = RigState()
+    for record in list(records(recording()))[:20]:
+        state = state.after(record)
+        alone.on_record(record, state)
+    assert alone.follower.predicted is not None
+    np.testing.assert_array_equal(watching.follower.predicted, alone.follower.predicted)
