@@ -8,7 +8,7 @@ import typer
 
 from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
-from ._options import JsonOption, RecordingsArgument
+from ._options import JsonOption, NoiseOption, RecordingsArgument
 from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings
@@ -26,10 +26,7 @@ DAY = 86_400.0
 def monitor(
     fit: Annotated[Path, typer.Argument(metavar="FIT", help="A fit that match wrote, .toml.")],
     recordings: RecordingsArgument,
-    noise: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Levels of the noise, as ProcessNoise.save writes them."),
-    ] = None,
+    noise: NoiseOption = None,
     healthy: Annotated[
         list[str] | None,
         typer.Option(

@@ -1,5 +1,6 @@
 """`jaxtwin observe`: what a rig is doing, by an observer, and what is expected of it."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
