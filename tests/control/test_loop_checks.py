@@ -1,6 +1,7 @@
 """Which references the duty can hold at rest."""
 
 from contextlib import nullcontext
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -113,6 +114,6 @@ def test_a_disturbance_that_never_acts_is_refused(twin: Twin, start: float, end:
 
 
 @pytest.mark.parametrize("time", [0, 0.0, np.array([1.0, 0.0])])
-def test_a_tracking_time_of_zero_is_refused(time: object):
+def test_a_tracking_time_of_zero_is_refused(time: Any):
     with pytest.raises(ControlError, match="tracking_time_s: expected a time above 0 s, or None"):
         PID(0.1, 0.01, tracking_time_s=time)
