@@ -66,9 +66,9 @@ def case(name: str, precision: str, mark: pytest.MarkDecorator, **driver: str) -
     ("name", "precision", "driver"),
     [
         case("paper-2024", "float64", pytest.mark.slow),
-        case("dual-cell", "float32", pytest.mark.slow),
+        case("dual-cell", "float32", pytest.mark.long),
         case("single-cell", "float64", pytest.mark.slow, **LIMITED),
-        case("printer-bed", "float32", pytest.mark.slow),
+        case("printer-bed", "float32", pytest.mark.long),
         case("paper-2024", "float32", pytest.mark.long),
         case("dual-cell", "float64", pytest.mark.long),
         case("single-cell", "float32", pytest.mark.long, **LIMITED),
