@@ -89,10 +89,9 @@ def check_celsius(
 
     **Raises:** `error` with the value in degC.
     """
-    ambient = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
-    if is_traced(ambient):
+    if is_traced(twin):
         return
-    room = float(ambient) - ZERO_CELSIUS
+    room = float(twin.rig.ambient_temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS
     highest = float(temperatures.max())
     if is_probably_kelvin(highest, room):
         raise error(
