@@ -8,7 +8,7 @@ large, moves no statistic over its threshold. Corrections of a camera and outlie
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 REFERENCE = 0.5
 """What the cumulative sums subtract from each innovation: half of a shift of one standard deviation
@@ -109,9 +109,17 @@ class Window(NamedTuple):
         the time since its most likely onset, s, and its most likely size, K."""
         counts = jnp.arange(1, WINDOW + 1)[:, None]
         ratios = self.sums**2 / (2 * counts)
-        best = jnp.argmax(ratios, axis=0)[None]
-        pick = lambda table: jnp.take_along_axis(table, best, axis=0)[0]  # noqa: E731
-        return pick(ratios), pick(self.ages), pick(self.totals / counts)
+        best = jnp.argmax(ratios, axis=0)
+        tables = ratios, self.ages, self.totals / counts
+        ratio, age, size = (picked(table, best) for table in tables)
+        return ratio, age, size
+
+
+def picked(
+    table: Float[Array, "rows channels"], row: Int[Array, " channels"]
+) -> Float[Array, " channels"]:
+    """The entry of a table in one row for each channel."""
+    return jnp.take_along_axis(table, row[None], axis=0)[0]
 
 
 def energy_after(

@@ -2,6 +2,7 @@
 energy; and of all channels together."""
 
 from dataclasses import replace
+from functools import partial
 from typing import final
 
 import equinox as eqx
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after, joint_ratio
+from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after, joint_ratio, picked
 from ._evidence import Evidence, Seen
 
 CLIP = 3.0
@@ -156,11 +157,7 @@ class InnovationTests(eqx.Module):
         self, now: Statistics, dt: Float[Array, ""], speaks: Bool[Array, ""]
     ) -> tuple[Evidence, Evidence, Evidence, Evidence]:
         sums = now.sums
-        way = jnp.argmax(sums.sums, axis=0)[None]
-
-        def of_way(table: Array) -> Array:
-            return jnp.take_along_axis(table, way, axis=0)[0]
-
+        of_way = partial(picked, row=jnp.argmax(sums.sums, axis=0))
         ratio, age, size = now.window.ratio()
         joint = tuple(jnp.reshape(one, 1) for one in joint_ratio(now.window))
         if len(self.scales) == 1:  # that of the channel says it all

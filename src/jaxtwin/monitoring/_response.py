@@ -13,7 +13,7 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..observers import ExtendedKalmanFilter
 from ..observers._observe import stable_stepper
-from ..simulation import Stepper
+from ..simulation import Stepper, StepperState
 
 STEP = 2.0
 """The step of the simulated rise, s."""
@@ -82,7 +82,7 @@ def _risen(
     room = stepper.reference - ZERO_CELSIUS
 
     def run(duty: Array) -> Array:
-        def take(state, _):  # type: ignore[no-untyped-def]
+        def take(state: StepperState, _: None) -> tuple[StepperState, Array]:
             after = stepper.step(state, duty)
             return after, stepper.channels(after) - room
 

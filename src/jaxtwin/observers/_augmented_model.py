@@ -38,7 +38,7 @@ from ..physics import System, Twin
 from ..physics._input_effects import Conditions
 from ..simulation import Stepper
 from ..simulation._exponential import Inputs
-from ..simulation._stepper import loss_force
+from ..simulation._stepper import losses
 from ..simulation._variable_step import linear_step, variable_step
 from ._commands import Commands
 from ._process_noise import ProcessNoise
@@ -346,7 +346,7 @@ class AugmentedModel(eqx.Module):
         def forces(z: Array, duty: Array, room: Array, heats: Array, values: Array) -> Array:
             base, system, conditions = self._systems(values, levels)
             held = self._force(z, duty, room[0], heats, base, system)
-            lost = loss_force(self.stepper, z, room[0])
+            lost = losses(self.stepper, z, room[0])
             free = self.stepper.field.force(z, Inputs(duty, room[0], lost, conditions))
             return jnp.stack([held, free])
 

@@ -129,7 +129,7 @@ def estimate_noise(
         options={"maxiter": ITERATIONS, "ftol": 1e-4},
     )
     values = np.exp(centre + spread * found.x)
-    errors = spread * _standard_errors(lambda point: objective(point)[1], found.x)
+    errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
     return dataclasses.replace(
         start,
         **dict(zip(estimated, values.tolist(), strict=True)),
@@ -138,11 +138,13 @@ def estimate_noise(
 
 
 def _standard_errors(
-    slope: Callable[[np.ndarray], np.ndarray], at: Float[np.ndarray, " levels"]
+    slope: Callable[[np.ndarray], np.ndarray],
+    at: Float[np.ndarray, " levels"],
+    here: Float[np.ndarray, " levels"],
 ) -> Float[np.ndarray, " levels"]:
     """The standard errors of a maximum of a posterior, by the curvature there (Laplace). The prior
-    has the curvature 1."""
-    here, unit = slope(at), np.eye(len(at))
+    has the curvature 1. `here` is the slope there."""
+    unit = np.eye(len(at))
     hessian = np.stack([(slope(at + DIFFERENCE * row) - here) / DIFFERENCE for row in unit])
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2)
     return np.sqrt(np.sum(vectors**2 / np.maximum(values, 1.0), axis=1))

@@ -28,6 +28,7 @@ from jaxtyping import Array, Float
 
 from .._jax_settings import in_precision
 from ..physics import System
+from ..physics._heat_loss import NonlinearLoss
 from ..physics._input_effects import Conditions
 from ._modes import Modes
 
@@ -165,20 +166,42 @@ class ModalField(eqx.Module):
         self, amplitudes: Float[Array, " modes"], ambient: Float[Array, ""]
     ) -> Float[Array, " modes"]:
         """Computes the losses of the plate beyond the modes' linear losses, as a force."""
-        given: Any = (
-            self.modes.plate,
-            self.modes.linearised_loss,
-            self.system.loss,
-            self.reference,
-            amplitudes,
-            ambient,
-        )
-        if self.loss_dtype is not None:
-            given = in_precision(given, self.loss_dtype)
-        shapes, linearised, law, reference, amplitudes_, room = given
-        plate = shapes @ amplitudes_
-        lost = law.heat(plate - room, reference + room)
-        return (shapes.T @ (linearised * plate - lost)).astype(amplitudes.dtype)
+        modes, law = self.modes, self.system.loss
+        assert modes.plate is not None
+        assert modes.linearised_loss is not None
+        assert law is not None
+        return loss_force(
+            modes.plate, modes.linearised_loss, law, self.reference, amplitudes, ambient,
+            self.loss_dtype,
+        )  # fmt: skip
+
+
+def loss_force(
+    shapes: Float[Array, "elements modes"],
+    linearised: Float[Array, " elements"],
+    law: NonlinearLoss,
+    reference: Float[Array, ""],
+    amplitudes: Float[Array, " modes"],
+    ambient: Float[Array, ""],
+    dtype: DTypeLike | None,
+) -> Float[Array, " modes"]:
+    """Computes the losses of the plate beyond the modes' linear losses, as a force.
+
+    **Arguments:**
+
+    - `shapes`: the shapes of the modes on the plate.
+    - `linearised`: the linear losses that the modes contain, W/K. `law`: all that are not linear.
+    - `reference`: the temperature from which deviations are counted, K.
+    - `ambient`: the ambient's deviation from it, K.
+    - `dtype`: the type in which they are computed, None for that of the numbers.
+    """
+    given: Any = (shapes, linearised, law, reference, amplitudes, ambient)
+    if dtype is not None:
+        given = in_precision(given, dtype)
+    shapes, linearised, law, reference, amplitudes_, room = given
+    plate = shapes @ amplitudes_
+    lost = law.heat(plate - room, reference + room)
+    return (shapes.T @ (linearised * plate - lost)).astype(amplitudes.dtype)
 
 
 @jax.custom_jvp

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from .._sparse_lu import SparseLU
 from ._numbered_network import NumberedNetwork, Numbers
-from ._rosenbrock_step import GAMMA, NODES, added, rosenbrock_step
+from ._rosenbrock_step import NODES, added, rosenbrock_step, step_matrix
 from ._time_grid import TimeGrid
 
 
@@ -116,10 +116,7 @@ def advance(
     ambient = {part: ambient_at(network, step, time) for part, time in elapsed.items()}
     first = network.slope(state.rises, duty[0.0], ambient[0.0])
     jacobian = network.jacobian(state.rises, duty[0.0], ambient[0.0])
-    diagonal = 1 / (GAMMA * size)
-    factors = lu.factorise(
-        {(i, j): diagonal - slope if i == j else -slope for (i, j), slope in jacobian.items()}
-    )
+    factors = lu.factorise(step_matrix(jacobian, size))
     result = rosenbrock_step(
         state.rises,
         size,

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .._sparse_jacobian import sparse_jacobian
 from .._sparse_lu import SparseLU
-from ._rosenbrock_step import DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
+from ._rosenbrock_step import DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME, step_matrix
 
 RealScalarLike: TypeAlias = float | int | Float[Array | np.ndarray, ""]
 
@@ -152,15 +152,12 @@ def _solver(
     lu: SparseLU | None,
 ) -> Callable[[Float[Array, " n"]], Float[Array, " n"]]:
     """The solution of systems with the matrix of a step."""
-    diagonal = 1 / (GAMMA * size)
     if lu is None:
-        identity = jnp.eye(start.size, dtype=start.dtype)
-        whole = jax.scipy.linalg.lu_factor(diagonal * identity - jax.jacfwd(field)(start))
+        identity = jnp.eye(start.size, dtype=start.dtype) / (GAMMA * size)
+        whole = jax.scipy.linalg.lu_factor(identity - jax.jacfwd(field)(start))
         return lambda right: jax.scipy.linalg.lu_solve(whole, right)
     jacobian = sparse_jacobian(field, start, lu.entries)
-    factors = lu.factorise(
-        {(i, j): diagonal - slope if i == j else -slope for (i, j), slope in jacobian.items()}
-    )
+    factors = lu.factorise(step_matrix(jacobian, size))
     places = list(factors)
     # As one array, whose parts are computed once and not again for each use.
     table = jnp.stack([factors[place] for place in places])

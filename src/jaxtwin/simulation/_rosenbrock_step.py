@@ -17,12 +17,14 @@ A vector is a list of arrays here: of one array that holds all its components, o
 each component.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from .._sparse_lu import Entry
 
 Vector: TypeAlias = Sequence[Float[Array, "*shape"]]
 
@@ -182,6 +184,14 @@ def rosenbrock_step(
             ]
         stages.append(list(solve(right)))
     return RosenbrockStep(added(state, stages[-1]), stages[-1])
+
+
+def step_matrix(
+    jacobian: Mapping[Entry, Float[Array, "*shape"]], size: Float[Array, ""]
+) -> dict[Entry, Float[Array, "*shape"]]:
+    r"""The entries of $I / (\gamma h) - J$ for those of a sparse $J$."""
+    diagonal = 1 / (GAMMA * size)
+    return {(i, j): diagonal - slope if i == j else -slope for (i, j), slope in jacobian.items()}
 
 
 def combined(weights: Sequence[float], vectors: Sequence[Vector]) -> list[Array]:

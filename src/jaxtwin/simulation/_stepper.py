@@ -21,7 +21,7 @@ from ..physics import System, Twin
 from ..physics._input_effects import Conditions
 from ..physics._twin import check_twin
 from ._check_values import check_values
-from ._exponential import Inputs, ModalField, StepFactors, exponential_step
+from ._exponential import Inputs, ModalField, StepFactors, exponential_step, loss_force
 from ._input_levels import stated_levels
 from ._step_preparation import check_stable, is_multiple, prepare_steps, queue_length
 
@@ -342,7 +342,7 @@ def loss_line(
         return None
 
     def force(amplitudes: Array) -> Array:
-        lost = loss_force(stepper, amplitudes, held.ambient, dtype)
+        lost = losses(stepper, amplitudes, held.ambient, dtype)
         return lost if held.heat is None else lost + held.heat
 
     first = force(amplitudes)
@@ -351,7 +351,7 @@ def loss_line(
     return _LossLine(first, (middle - first) * 2 / stepper.sizes.sum(), begin)
 
 
-def loss_force(
+def losses(
     stepper: Stepper,
     amplitudes: Float[Array, " modes"],
     ambient: Float[Array, ""],
@@ -359,16 +359,12 @@ def loss_force(
 ) -> Float[Array, " modes"]:
     """Computes the losses of the plate beyond the modes' linear losses, as a force; 0 if losses are
     linear."""
-    parts = stepper.plate, stepper.field.modes.linearised_loss, stepper.system.loss
-    if any(part is None for part in parts):
+    plate, linearised, law = (
+        stepper.plate, stepper.field.modes.linearised_loss, stepper.system.loss
+    )  # fmt: skip
+    if plate is None or linearised is None or law is None:
         return jnp.zeros_like(amplitudes)
-    given: Any = (*parts, stepper.reference, ambient)
-    if dtype is not None:
-        given = jax.tree.map(lambda leaf: leaf.astype(dtype), given)
-    plate, linearised, law, reference, room = given
-    deviation = plate @ amplitudes.astype(plate.dtype)
-    lost = law.heat(deviation - room, reference + room)
-    return (plate.T @ (linearised * deviation - lost)).astype(amplitudes.dtype)
+    return loss_force(plate, linearised, law, stepper.reference, amplitudes, ambient, dtype)
 
 
 def _stages(size: Float[Array, ""]) -> Float[Array, " 3"]:

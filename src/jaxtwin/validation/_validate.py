@@ -135,8 +135,8 @@ def validate(
     predictions = []
     for name, experiment, of in zip(labels, several, groups, strict=True):
         if span is not None:
-            of_group = check_given(fitted, [of])
-            predictions.append(_predict_rest(name, of_group, experiment, span, of, noise))
+            assert isinstance(fitted, Fit)
+            predictions.append(_predict_rest(name, fitted, experiment, span, of, noise))
         elif noise is not None:
             assert isinstance(fitted, Fit)
             start = _start_of_rest(name, experiment, "warm_up", warm_up)
