@@ -30,20 +30,20 @@ MAIN = """
 int main(void)
 {
     static model_state state;
-    static %(real)s duty[MODEL_CELLS], rows[2][MODEL_OUTPUTS];
+    static %(real)s duty[MODEL_CELLS], row[MODEL_OUTPUTS + MODEL_READINGS];
     double value;
     int i, n = 0, begun = 0;
     while (scanf("%%lf", &value) == 1) {
-        rows[n / MODEL_OUTPUTS][n %% MODEL_OUTPUTS] = (%(real)s)value;
-        if (++n < 2 * MODEL_OUTPUTS) {
+        row[n] = (%(real)s)value;
+        if (++n < MODEL_OUTPUTS + MODEL_READINGS) {
             continue;
         }
         n = 0;
         if (!begun) {
-            model_init(&state, duty, rows[1]);
+            model_init(&state, duty, row + MODEL_OUTPUTS);
             begun = 1;
         }
-        model_step(&state, rows[0], rows[1], duty);
+        model_step(&state, row, row + MODEL_OUTPUTS, duty);
         for (i = 0; i < MODEL_CELLS; ++i) {
             printf("%%.17g ", (double)duty[i]);
         }
@@ -79,8 +79,8 @@ def an_hour(key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         failed_channels={"T11": 3400.0},
         quantised=False,
     )
-    readings = run.measurement.copy()
-    readings[1:][(np.diff(run.measurement, axis=0) == 0).all(axis=1)] = np.nan
+    readings = np.array(run.loop.measurement)
+    readings[1:][(np.diff(readings, axis=0) == 0).all(axis=1)] = np.nan
     return run.reference, readings, run.duty
 
 
@@ -128,10 +128,11 @@ def test_cells_are_off_at_once_without_a_reference(tmp_path: Path):
 
 @pytest.mark.parametrize("key", KEYS)
 def test_cells_stay_off_where_it_begins_without_a_reading(key: str, tmp_path: Path):
-    outputs = 2 if key in ("of each output", "decoupled", "state feedback", "plan") else 1
-    readings = np.full((5, outputs), 25.0)
+    channels, controller = Twin("dual-cell").channels, controller_of(key)
+    outputs = len(controller.output_weights(channels))
+    readings = np.full((5, len(controller.reading_weights(channels))), 25.0)
     readings[0] = np.nan
-    found = asked(c_of(controller_of(key), tmp_path), np.full((5, outputs), 30.0), readings)
+    found = asked(c_of(controller, tmp_path), np.full((5, outputs), 30.0), readings)
     assert not found.any()
 
 
@@ -152,7 +153,8 @@ def test_it_starts_without_a_bump(tmp_path: Path):
     for key, allowed in (exact | {"plan": 1e-7}).items():
         sources = c_of(controller_of(key), tmp_path / key.replace(" ", "-"))
         program = compiled(sources, begin % {"real": "double"})
-        rows = np.tile([25.0, 27.0], (3, 2))
+        watched = [26.0, 27.0] if key == "plan" else []
+        rows = np.tile([25.0, 27.0, 25.0, 27.0, *watched], (3, 1))
         np.testing.assert_allclose(ran(program, rows), [[0.3, 0.6]] * 3, atol=allowed)
 
 

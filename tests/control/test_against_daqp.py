@@ -97,12 +97,12 @@ def test_the_programs_of_a_run_have_daqp_s_minimum(twin: Twin):
     with jax.enable_x64(True):
 
         def sample(state: Any, row: Any) -> Any:
-            program = mpc._problem(state, *row)[1]
+            program = mpc._problem(state, *row)[2]
             duty, later = mpc.step(state, *row)
             return later, (program, minimised(program), duty)
 
-        rows = jnp.asarray(run.reference), jnp.asarray(run.measurement)
-        start = jax.tree.map(jnp.asarray, mpc.init(np.zeros(2), run.measurement[0]))
+        rows = jnp.asarray(run.reference), jnp.asarray(run.loop.measurement)
+        start = jax.tree.map(jnp.asarray, mpc.init(np.zeros(2), run.loop.measurement[0]))
         _, (programs, plans, duty) = jax.jit(lambda: jax.lax.scan(sample, start, rows))()
     # The samples of the run, by what it commanded: rounded to counts.
     np.testing.assert_allclose(duty, run.duty, rtol=0, atol=0.5 / 255 + 1e-9)

@@ -293,7 +293,7 @@ def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(twin: Twin
         expected = again(Moment(time, values, new, off, None))
         np.testing.assert_allclose(np.asarray(held), np.asarray(expected))
     old[3] = 4.0
-    with pytest.raises(SafetyStop, match=r"no reading of what it controls for 4\.0 s"):
+    with pytest.raises(SafetyStop, match=r"no reading that it uses for 4\.0 s"):
         loop(Moment(6.0, values, old, off, None))
 
 

@@ -256,6 +256,7 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
         (3, r'rate_limit = "', 'rate_limit = "-', "rate_limit: expected a rate of the duty above"),
         (3, r"excess_deviation = .*", "", "excess_deviation: expected this field, got none"),
         (3, r'_limits\."T11"', '_limits."T99"', r"temperature_limits\.T99: unknown channel"),
+        (3, r"\nL = 0.*", "\nL = 2.5", r"T11\.L: expected a number above 0 and below 2, got 2.5"),
         (3, r'lowest = "10.1', 'lowest = "70.1', "T11: expected the lowest and the highest"),
         (3, r'lowest = "10.1 degC"', "", r"T11\.lowest: expected this field, got none"),
     ],
@@ -333,15 +334,15 @@ def test_a_damaged_file_is_refused_or_a_controller(
         said = str(refusal)
         event("refused")
     else:
-        check_it_starts(controller)
+        check_it_starts(controller, twin)
         return
     assert said.startswith(str(path))
 
 
-def check_it_starts(controller: Any):
+def check_it_starts(controller: Any, twin: Twin):
     """With a state of numbers, and a duty within the limits."""
     with jax.enable_x64(True), jax.disable_jit():
-        rest = np.full(2, 20.0)
+        rest = np.full(len(controller.reading_weights(twin.channels)), 20.0)
         states = jax.tree.leaves(controller.init(np.zeros(2), rest))
     assert all(np.isfinite(state).all() for state in states)
     assert all(-1 <= limit <= 1 for limit in controller.limits)

@@ -29,7 +29,7 @@ def followed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs and duty from rest, with heat that acts as a duty of all cells would."""
     with jax.enable_x64(True):
-        weights = mpc.output_weights(model.output_names)
+        weights = mpc.reading_weights(model.output_names)
         step = jax.jit(lambda state, r, y: mpc.step(state, r, y))
         x = np.zeros(len(model.A))
         state = jax.tree.map(jnp.asarray, mpc.init(np.zeros(2), np.zeros(len(weights))))
@@ -39,7 +39,7 @@ def followed(
             duty, state = step(state, reference, outputs[-1])
             duties.append(np.asarray(duty))
             x = model.A @ x + model.B @ (duties[-1] + heat)
-        return np.array(outputs), np.array(duties)
+        return np.array(outputs)[:, :2], np.array(duties)
 
 
 @pytest.mark.slow
@@ -59,7 +59,7 @@ def test_an_mpc_without_an_active_limit_is_the_regulator(horizon: int):
     aim = np.linalg.solve(model.C @ rest, reference)
     change = -K @ np.r_[states - rest @ aim, last - aim]
     with jax.enable_x64(True):
-        state = MPCState(jnp.asarray(np.r_[states, 0, 0]), jnp.asarray(last))
+        state = MPCState(jnp.asarray(np.r_[states, 0, 0]), jnp.asarray(last), jnp.zeros(0))
         duty, _ = jax.jit(lambda s, r, y: mpc.step(s, r, y))(state, reference, model.C @ states)
     np.testing.assert_allclose(duty, last + change, rtol=0, atol=1e-8)
 
@@ -107,6 +107,46 @@ def test_a_start_beyond_a_temperature_limit_is_left_as_fast_as_the_duty_allows()
     outputs, duty = followed(mpc, model, np.zeros((200, 2)))
     assert duty[0, 0] == pytest.approx(-0.2, abs=1e-6)
     np.testing.assert_allclose(outputs[-1], [-1.0, 0.0], atol=0.05)
+
+
+@pytest.mark.slow
+def test_heat_beside_a_limited_channel_is_seen_by_its_own_sensor(twin: Twin):
+    """10 W at T11, of which TAM and TCM tell little: T11 stays below its limit, which gives way to
+    the reference, and TCM is held. Without the limit T11 comes to 46 degC."""
+    model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
+    limits: Any = {"T11": (0, 39)}
+    mpc = MPC(
+        model,
+        measured=["TAM", "TCM"],
+        duty_deviation=0.04,
+        reading_noise=0.5,
+        limits=(0, 1),
+        rate_limit=0.05,
+        temperature_limits=limits,
+    )
+    hand = HeatInput(("V11",), 0.0, 900.0, 10.0)
+    run = simulate_closed_loop(twin, mpc, 40.0, duration=900, disturbances=[hand])
+    T11 = run.run.temperatures[:, twin.channels.index("T11")]
+    assert T11[run.time > 120].max() < 39.5
+    assert T11[-1] > 38.8
+    assert run.output[-1, 1] == pytest.approx(40.0, abs=0.2)
+    assert not run.exceeded
+
+
+@pytest.mark.slow
+def test_a_limit_that_no_duty_keeps_is_named(twin: Twin):
+    model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
+    limits: Any = {"T11": (0, 25), "T16": (0, 90)}
+    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), temperature_limits=limits)
+    hand = HeatInput(("V11",), 0.0, 300.0, 10.0)
+    run = simulate_closed_loop(twin, mpc, 30.0, duration=300, disturbances=[hand])
+    (exceeded,) = run.exceeded
+    T11 = run.run.temperatures[:, twin.channels.index("T11")]
+    assert exceeded.channel == "T11"
+    assert exceeded.excess == pytest.approx(T11.max() - 25.0)
+    assert exceeded.until == 300.0
+    assert T11[run.time < exceeded.since].max() <= 25.1
+    assert f"T11 was up to {exceeded.excess:.2f} K above its limit of 25 degC" in repr(run)
 
 
 @pytest.mark.slow

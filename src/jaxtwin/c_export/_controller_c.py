@@ -27,8 +27,9 @@ def controller_c(
     heaters, or a number of it is not finite in this precision.
     """
     controller = controller.for_rig(rig)
-    weights = controller.output_weights([channel.name for channel in rig.channels])
-    cells, outputs = len(rig.driven), len(weights)
+    channels = [channel.name for channel in rig.channels]
+    weights = controller.reading_weights(channels)
+    cells, outputs = len(rig.driven), len(controller.output_weights(channels))
     if not controller.fits_outputs(outputs, cells):
         raise ControlError(
             f"export_c: measured: expected an output for each of the {cells} cells of {rig.name}, "
@@ -36,7 +37,7 @@ def controller_c(
         )
     check_limits_of_heaters("export_c", controller.limits, rig)
     law = controller.law(cells)
-    state = {**law.state, "seen": outputs}
+    state = {**law.state, "seen": len(weights)}
     constants = dict(law.constants)
     if law.integrals:
         state = {"integral": law.integrals, **state}
@@ -46,8 +47,8 @@ def controller_c(
     lowest, highest = (float(limit) for limit in controller.limits)
     constants |= {"LOWEST": lowest, "HIGHEST": highest}
     parts = Parts(
-        _about(controller, rig, weights, law, name, precision, origin),
-        _sizes(controller, law, cells, outputs, state, name, precision),
+        _about(controller, rig, weights, outputs, law, name, precision, origin),
+        _sizes(controller, law, cells, (outputs, len(weights)), state, name, precision),
         defines(name, constants, precision),
         law.tables,
         sum(state.values()) + 1,
@@ -60,6 +61,7 @@ def _about(
     controller: AbstractController,
     rig: Rig,
     weights: np.ndarray,
+    outputs: int,
     law: Law,
     name: str,
     real: str,
@@ -75,8 +77,9 @@ def _about(
             *(f"  {line}" for line in law.parameters),
             "",
             f"Sample time: {controller.sample_time_s!r} s. Numbers: {real}.",
-            "References and measurements, degC, each the mean of these channels:",
+            "Measurements, degC, each the mean of these channels:",
             *(f"  {n}: {', '.join(channels[row > 0])}" for n, row in enumerate(weights)),
+            f"References, degC: those of the first {outputs}.",
             f"Duty cycles from {lowest:g} to {highest:g}, positive heats, of the cells:",
             *(f"  {n}: {name}" for n, name in enumerate(rig.driven)),
             "",
@@ -92,13 +95,14 @@ def _sizes(
     controller: AbstractController,
     law: Law,
     cells: int,
-    outputs: int,
+    outputs_and_readings: tuple[int, int],
     state: dict[str, int],
     name: str,
     precision: str,
 ) -> str:
     """Sample time, sizes and the struct of the state. The silence can be set by the compiler."""
-    sizes = {"OUTPUTS": outputs, "CELLS": cells}
+    outputs, readings = outputs_and_readings
+    sizes = {"OUTPUTS": outputs, "READINGS": readings, "CELLS": cells}
     if law.horizon:
         sizes["HORIZON"] = law.horizon
     fields = "".join(f"    {name}_real {field}[{size}];\n" for field, size in state.items())

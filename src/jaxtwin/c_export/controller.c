@@ -49,10 +49,10 @@ static void model_stop(model_state *state)
 #include "law.c"
 
 void model_init(model_state *state, const model_real duty[MODEL_CELLS],
-                const model_real measurement[MODEL_OUTPUTS])
+                const model_real measurement[MODEL_READINGS])
 {
     int i;
-    for (i = 0; i < MODEL_OUTPUTS; ++i) {
+    for (i = 0; i < MODEL_READINGS; ++i) {
         state->seen[i] = measurement[i];
     }
     model_law_init(state, duty, measurement);
@@ -62,7 +62,7 @@ void model_init(model_state *state, const model_real duty[MODEL_CELLS],
     }
 #endif
     state->missing_s = 0;
-    if (!model_all_finite(duty, MODEL_CELLS) || !model_all_finite(measurement, MODEL_OUTPUTS)) {
+    if (!model_all_finite(duty, MODEL_CELLS) || !model_all_finite(measurement, MODEL_READINGS)) {
         model_stop(state);
     }
 }
@@ -73,8 +73,8 @@ static void model_sample(model_state *state, const model_real *references, int s
 {
     int i;
     if (state->missing_s <= MODEL_SILENCE_S) {
-        if (model_all_finite(measurement, MODEL_OUTPUTS)) {
-            for (i = 0; i < MODEL_OUTPUTS; ++i) {
+        if (model_all_finite(measurement, MODEL_READINGS)) {
+            for (i = 0; i < MODEL_READINGS; ++i) {
                 state->seen[i] = measurement[i];
             }
             state->missing_s = 0;
@@ -96,7 +96,7 @@ static void model_sample(model_state *state, const model_real *references, int s
 }
 
 void model_step(model_state *state, const model_real reference[MODEL_OUTPUTS],
-                const model_real measurement[MODEL_OUTPUTS], model_real duty[MODEL_CELLS])
+                const model_real measurement[MODEL_READINGS], model_real duty[MODEL_CELLS])
 {
     model_sample(state, reference, 1, measurement, duty);
 }
@@ -104,7 +104,7 @@ void model_step(model_state *state, const model_real reference[MODEL_OUTPUTS],
 #ifdef MODEL_HORIZON
 void model_step_ahead(model_state *state,
                       const model_real references[MODEL_HORIZON * MODEL_OUTPUTS],
-                      const model_real measurement[MODEL_OUTPUTS], model_real duty[MODEL_CELLS])
+                      const model_real measurement[MODEL_READINGS], model_real duty[MODEL_CELLS])
 {
     model_sample(state, references, MODEL_HORIZON, measurement, duty);
 }

@@ -24,7 +24,7 @@ from ._options import (
 from ._output import say
 
 if TYPE_CHECKING:
-    from ..control import Decision
+    from ..control import Decision, LiveLoop
     from ..physics import Twin
 
 
@@ -59,11 +59,13 @@ def control(
     interlock or a signal such as SIGTERM stopped it, 5 if the device reported heat after the stop
     (cut the power), 130 after Ctrl-C.
 
-    Prints how far from instability the loop is before it begins. After a relay, prints the ultimate
+    Prints how far from instability the loop is before it begins, and after it the temperature
+    limits that the controller could not keep. After a relay, prints the ultimate
     gain and period of its oscillation, and the fields of a PID from them. The exit code is 2 if the
     plate did not oscillate evenly.
     """
     decisions: list[Decision] = []
+    loops: list[LiveLoop] = []
 
     def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
         from ..control import LiveLoop, Relay, read_controller
@@ -74,6 +76,7 @@ def control(
         loop = LiveLoop(
             twin, chosen, reference, duration=duration, silence=silence, ambient=ambient
         )
+        loops.append(loop)
         if (margins := loop.margins()) is not None:
             say(margins.summary())
         guard = Guard.of(twin, silence=silence, ambient=ambient)
@@ -99,6 +102,8 @@ def control(
         set_name=set_name,
         baud=baud,
     )
+    for limit in loops[0].exceeded:
+        say(str(limit))
     if decisions:
         say(_oscillation(decisions))
 

@@ -1,6 +1,7 @@
 # The public names of jaxtwin.control; `__init__.py` reads this file at run time.
 
 from .controllers._controller import AbstractController as AbstractController
+from .controllers._controller import TemperatureLimit as TemperatureLimit  # of a channel
 from .controllers._controller_fields import (
     ControllerField as ControllerField,  # a number with its unit
 )
@@ -35,6 +36,7 @@ from .loops._control import LiveLoop as LiveLoop
 from .loops._control import control as control  # a controller on a live rig
 from .loops._disturbances import Draught as Draught  # air upon the plate
 from .loops._disturbances import HeatInput as HeatInput  # a hand upon the plate
+from .loops._exceeded_limits import ExceededLimit as ExceededLimit  # that no duty kept
 from .loops._loop_margins import LoopMargins as LoopMargins  # how far a loop is from instability
 from .loops._loop_margins import loop_margins as loop_margins  # of a controller on a twin
 from .loops._loop_signals import ClosedLoop as ClosedLoop  # what happened in a closed loop

@@ -40,6 +40,7 @@ class SoftLimits(NamedTuple):
 
     - `rest_gain`: the temperatures of the channels at rest, K per unit of duty.
     - `C`, `outputs`: the matrix of the channels, and their readings at the operating point, degC.
+    - `L`: the gain of the filter of their errors, see `error_gain`.
     - `excess`: the accepted excess, K.
     """
 
@@ -50,6 +51,7 @@ class SoftLimits(NamedTuple):
     rest_gain: Float[Array | np.ndarray, "watched cells"]
     C: Float[Array | np.ndarray, "watched state"]
     outputs: Float[Array | np.ndarray, " watched"]
+    L: Float[Array | np.ndarray, " watched"]
     excess: Float[Array | np.ndarray, ""]
 
 
@@ -129,7 +131,11 @@ def rest_cost(
 
 
 def soft_limits(
-    plant: Plant, predicted: PredictedStates, limits: Float[np.ndarray, "watched 2"], excess: float
+    plant: Plant,
+    predicted: PredictedStates,
+    limits: Float[np.ndarray, "watched 2"],
+    excess: float,
+    L: Float[np.ndarray, " watched"],
 ) -> SoftLimits:
     """Computes the predicted temperatures of the watched channels, with their limits.
 
@@ -137,6 +143,7 @@ def soft_limits(
 
     - `limits`: the lowest and the highest temperature of each watched channel, degC.
     - `excess`: the accepted excess, K.
+    - `L`: the gain of the filter of the channels' errors.
     """
     C, (horizon, _, states) = plant.watched, predicted.by_states.shape
     lowest, highest = np.tile((limits - plant.watched_outputs[:, None]).T, horizon)
@@ -148,5 +155,6 @@ def soft_limits(
         rest_gain=C @ plant.rest_states,
         C=C,
         outputs=plant.watched_outputs,
+        L=L,
         excess=np.asarray(excess),
     )

@@ -3,7 +3,7 @@
 import dataclasses
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -33,6 +33,15 @@ Numbers: TypeAlias = npt.ArrayLike | float | int
 Controller = TypeVar("Controller", bound="AbstractController")
 
 
+class TemperatureLimit(NamedTuple):
+    """The limits of the temperature of a channel, degC, and the excess that a controller accepts,
+    K."""
+
+    lowest: float
+    highest: float
+    accepted_excess: float
+
+
 class AbstractController(eqx.Module):
     """A controller computes the duty of the cells from references and measurements, sample by
     sample.
@@ -41,8 +50,9 @@ class AbstractController(eqx.Module):
     axis describe many controllers. Its state is a separate PyTree, which `init` creates and `step`
     takes and returns.
 
-    References and measurements are temperatures of the controller's outputs. Each output is a
-    weighted sum of channels of the rig, see `output_weights`.
+    References are temperatures of the controller's outputs. Each output is a weighted sum of
+    channels of the rig, see `output_weights`. The measurement holds the outputs and, after them,
+    what a controller only watches, see `reading_weights`.
 
     A class with a name (`kind`) can have a file: `register_controller` makes `read_controller`
     know it.
@@ -74,6 +84,11 @@ class AbstractController(eqx.Module):
         """The number of samples, from the present one on, whose references `step` takes:
         `(preview_samples, outputs)`. With 0 it takes only those of the present sample."""
         return 0
+
+    def channel_limits(self) -> Mapping[str, TemperatureLimit]:
+        """Returns the channels whose temperatures the controller keeps within limits. By default
+        there are none."""
+        return {}
 
     @classmethod
     def check_parameters(cls, **values: Any) -> None:
@@ -148,16 +163,25 @@ class AbstractController(eqx.Module):
         **Raises:** `ControlError` if the rig does not have a channel that the controller measures.
         """
 
+    def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
+        """Returns the weight of each channel of a rig in each number of the measurement: the
+        outputs, and then what the controller watches without a reference. By default it watches
+        nothing.
+
+        **Raises:** `ControlError` as `output_weights`.
+        """
+        return self.output_weights(channels)
+
     @abstractmethod
     def init(
-        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " readings"]
     ) -> PyTree:
         """Returns the state with which the controller takes over without a jump of the duty.
 
         **Arguments:**
 
         - `duty`: the present duty of the cells, -1 to 1.
-        - `measurement`: the present measurement of the outputs, degC.
+        - `measurement`: the present readings, degC: the outputs, and what it watches.
         """
 
     @abstractmethod
@@ -165,7 +189,7 @@ class AbstractController(eqx.Module):
         self,
         state: PyTree,
         reference: Float[ArrayLike, "*preview outputs"],
-        measurement: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " readings"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Computes the duty of the cells until the next sample, -1 to 1, and the next state.
 
@@ -174,7 +198,7 @@ class AbstractController(eqx.Module):
         - `state`: the state that the previous `step`, or `init`, returned.
         - `reference`: the references of the outputs at this sample, degC; with `preview_samples`,
           those of this and of the next samples.
-        - `measurement`: the measurement of the outputs at this sample, degC.
+        - `measurement`: the readings at this sample, degC: the outputs, and what it watches.
         """
 
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from ..._celsius import ZERO_CELSIUS
 from ..._errors import ControlError
@@ -42,14 +43,16 @@ PER_KELVIN = Kind("a gain", "1/K", "1 1/K", least="any")
 
 _MODEL = {"A": PLAIN, "B": PLAIN, "C": PER_STATE, "L": PER_KELVIN}
 
-_LIMIT = ("lowest", "highest", "operating_point", "C")
+_LIMIT = ("lowest", "highest", "operating_point", "C", "L")
 
 
 class FileModel(NamedTuple):
-    """The model of a controller file, and the gain of its Kalman filter."""
+    """The model of a controller file, the gain of its Kalman filter, and the gains of the filters
+    of the channels with limits."""
 
     plant: Plant
-    L: np.ndarray
+    L: Float[np.ndarray, "state output"]
+    of_limits: Float[np.ndarray, " watched"]
 
 
 def read_model(contents: FileContents, kind: str) -> FileModel:
@@ -68,7 +71,7 @@ def read_model(contents: FileContents, kind: str) -> FileModel:
     except ControlError as error:
         refuse("", str(error))
     limited = read_table(contents.data.get("temperature_limits", {}), "temperature_limits", refuse)
-    plant, L = _plant(
+    return _file_model(
         contents.data,
         limited,
         contents.common["sample_time_s"],
@@ -77,7 +80,6 @@ def read_model(contents: FileContents, kind: str) -> FileModel:
         contents.channels,
         refuse,
     )
-    return FileModel(plant, L)
 
 
 def model_settings(controller: type[AbstractController], contents: FileContents) -> dict[str, Any]:
@@ -95,7 +97,11 @@ def temperature_limits(contents: FileContents) -> dict[str, list[float]]:
 
 
 def limit_lines(
-    name: str, limits: tuple[float, float], operating_point: float, C: np.ndarray
+    name: str,
+    limits: tuple[float, float],
+    operating_point: float,
+    C: np.ndarray,
+    L: float,
 ) -> list[str]:
     """Returns the table of a temperature limit of a channel."""
     lowest, highest = limits
@@ -106,6 +112,7 @@ def limit_lines(
         f'highest = "{highest!r} degC"',
         f'operating_point = "{operating_point!r} degC"',
         f"C = {as_matrix(C[None], PER_STATE)}",
+        f"L = {L!r}",
     ]
 
 
@@ -147,10 +154,13 @@ def designed(
     kalman = made.kalman
     error = np.asarray(kalman.A) @ (np.eye(len(kalman.A)) - model.L @ np.asarray(kalman.C))
     check_stable(error, "model.L", "a gain with which the error of the filter goes to 0", refuse)
-    return eqx.tree_at(lambda made: made.kalman.L, made, model.L)
+    made = eqx.tree_at(lambda made: made.kalman.L, made, model.L)
+    if len(model.of_limits):
+        made = eqx.tree_at(lambda made: made.soft.L, made, model.of_limits)
+    return made
 
 
-def _plant(
+def _file_model(
     data: Mapping[str, Any],
     limited: Mapping[str, Any],
     sample_time_s: float,
@@ -158,8 +168,8 @@ def _plant(
     outputs: int,
     channels: Sequence[str],
     refuse: Refuse,
-) -> tuple[Plant, np.ndarray]:
-    """Reads the plant and the gain of the Kalman filter."""
+) -> FileModel:
+    """Reads the plant and the gains of the filters."""
     model = read_table(data["model"], "model", refuse, _MODEL)
     A = matrix(model["A"], "model.A", PLAIN, (None, None), refuse)
     n = len(A)
@@ -172,7 +182,7 @@ def _plant(
     if duty.shape != (cells,) or not np.all(np.abs(duty) <= 1):
         refuse("duty", f"expected {cells} numbers from -1 to 1, got {data['duty']!r}")
     point = np.array(_temperatures(data["outputs"], "outputs", outputs, refuse))
-    rows, at = np.zeros((0, n)), []
+    rows, at, gains = np.zeros((0, n)), [], []
     for name, row in limited.items():
         field = f"temperature_limits.{name}"
         if name not in channels:
@@ -180,11 +190,20 @@ def _plant(
         values = read_table(row, field, refuse, _LIMIT)
         rows = np.vstack([rows, matrix(values["C"], f"{field}.C", PER_STATE, (1, n), refuse)])
         at.append(_celsius(values, name, "operating_point", refuse))
+        gains.append(_gain(values["L"], f"{field}.L", refuse))
     try:
         watched = rows, np.array(at)
-        return checked_plant("model", (A, B, C), (duty, point), watched, sample_time_s), L
+        plant = checked_plant("model", (A, B, C), (duty, point), watched, sample_time_s)
     except ControlError as error:
         refuse("", str(error))
+    return FileModel(plant, L, np.array(gains))
+
+
+def _gain(found: object, name: str, refuse: Refuse) -> float:
+    """Reads the gain of the filter of a single error, with which the error goes to 0."""
+    if isinstance(found, bool) or not isinstance(found, int | float) or not 0 < found < 2:
+        refuse(name, f"expected a number above 0 and below 2, got {found!r}")
+    return float(found)
 
 
 def check_stable(transition: np.ndarray, field: str, expected: str, refuse: Refuse) -> None:

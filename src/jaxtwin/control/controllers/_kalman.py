@@ -61,6 +61,24 @@ class KalmanFilter(eqx.Module):
         return jnp.asarray(self.A) @ states + jnp.asarray(self.B) @ duty
 
 
+def error_gain(drift: float, reading_noise: float, sample_time_s: float) -> float:
+    r"""Computes the gain of the steady-state Kalman filter of the error of the model at a channel
+    that is only watched: $e_{k+1} = e_k + w_k$, read with noise. The error is estimated apart from
+    the states, so that a wrong model of the channel does not move the outputs.
+
+    With $q = w^2 h$ and $r$ the variance of a reading, the predicted variance is
+    $p = (q + \sqrt{q^2 + 4 q r}) / 2$ and the gain $p / (p + r)$.
+
+    **Arguments:**
+
+    - `drift`: the drift of the error, K per square root of a second.
+    - `reading_noise`: the standard deviation of a reading, K.
+    """
+    q, r = drift**2 * sample_time_s, reading_noise**2
+    predicted = (q + np.sqrt(q**2 + 4 * q * r)) / 2
+    return float(predicted / (predicted + r))
+
+
 def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[str, Table]:
     """The numbers of a filter and of its operating point for C. The change of the states in a
     sample, $(A - I) x$, is computed and added there, because slow poles lie near 1."""

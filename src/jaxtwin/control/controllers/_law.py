@@ -32,9 +32,10 @@ class Law(NamedTuple):
     The first sets the state such that the duty goes on where it is. The second computes the duty of
     a sample from the references and the last measurements, `state->seen`; `samples` is the number
     of samples whose references are given, 1 without a horizon. The code may use `MODEL_CELLS`,
-    `MODEL_OUTPUTS`, `MODEL_SAMPLE_TIME_S`, `MODEL_LOWEST` and `MODEL_HIGHEST` (the limits of the
-    duty), `model_limited(duty)`, and, with `integrals`, `model_integrate(state, i, change)`, which
-    adds to `state->integral[i]` without a loss of small changes in `float`.
+    `MODEL_OUTPUTS`, `MODEL_READINGS` (outputs and what is only watched), `MODEL_SAMPLE_TIME_S`,
+    `MODEL_LOWEST` and `MODEL_HIGHEST` (the limits of the duty), `model_limited(duty)`, and, with
+    `integrals`, `model_integrate(state, i, change)`, which adds to `state->integral[i]` without a
+    loss of small changes in `float`.
 
     - `code`: the code.
     - `title`: what the controller is, for the header. `parameters`: its parameters with units, a

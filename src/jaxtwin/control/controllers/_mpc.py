@@ -43,8 +43,10 @@ from ._condensed_program import (
 from ._controller import (
     AbstractController,
     Numbers,
+    TemperatureLimit,
     checked_deviations,
     checked_measured,
+    means_of,
 )
 from ._controller_fields import (
     OWN,
@@ -64,7 +66,7 @@ from ._file_model import (
     read_model,
     temperature_limits,
 )
-from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._kalman import KalmanFilter, error_gain, kalman_filter, kalman_tables
 from ._law import Law, bundled_law, check_designed_cells
 from ._mpc_limits import checked_rate, checked_temperature_limits
 from ._mpc_programs import plan_program, rest_program
@@ -77,10 +79,12 @@ _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
 
 
 class MPCState(NamedTuple):
-    """The state of an `MPC`: the predicted states, and the duty that the cells get."""
+    """The state of an `MPC`: the predicted states, the duty that the cells get, and the errors of
+    the model at the channels with limits, K."""
 
     states: Float[Array, " state"]
     duty: Float[Array, " cells"]
+    errors: Float[Array, " watched"]
 
 
 @final
@@ -104,8 +108,9 @@ class MPC(AbstractDutyLimitedController):
     - `duty_change_deviation`: the accepted change of the duty from sample to sample.
     - `horizon`: the number of samples that are planned.
     - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none.
-    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. They are
-      exceeded if no duty can keep them.
+    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. Each channel
+      is read at every sample, and the difference of its readings from the model shifts what is
+      predicted of it. A limit is exceeded if no duty can keep it; `ClosedLoopRun.exceeded` says so.
     - `excess_deviation`: the accepted excess over a temperature limit, K. With a smaller value the
       limit is stricter.
     - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole
@@ -191,7 +196,8 @@ class MPC(AbstractDutyLimitedController):
         self.condensed = condense(plant, predicted, self.deviations)
         (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
         limits_of = np.array([limit for _, *limit in self.temperature_limits])
-        self.soft = soft_limits(plant, predicted, limits_of, excess) if watched else None
+        L = np.full(len(watched), error_gain(w.mean(), v.mean(), self.sample_time_s))
+        self.soft = soft_limits(plant, predicted, limits_of, excess, L) if watched else None
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
         self.gain, self.inverse = plant.gain, plant.inverse
         self.duty, self.outputs = plant.duty, plant.outputs
@@ -214,6 +220,19 @@ class MPC(AbstractDutyLimitedController):
     def preview_samples(self) -> int:
         """The horizon, with `preview`."""
         return self.horizon if self.preview else 0
+
+    def channel_limits(self) -> Mapping[str, TemperatureLimit]:
+        """Returns the temperature limits."""
+        accepted = 0.0 if self.soft is None else float(self.soft.excess)
+        return {
+            name: TemperatureLimit(lowest, highest, accepted)
+            for name, lowest, highest in self.temperature_limits
+        }
+
+    def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
+        """Returns the weights of the outputs, and those of the channels with limits."""
+        watched = means_of([(name,) for name, *_ in self.temperature_limits], channels)
+        return np.vstack([self.output_weights(channels), watched])
 
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
@@ -241,7 +260,8 @@ class MPC(AbstractDutyLimitedController):
             values["excess_deviation"] = self.soft.excess
             for row, (name, *limits) in enumerate(self.temperature_limits):
                 at, C = float(self.soft.outputs[row]), np.asarray(self.soft.C)[row]
-                tables += limit_lines(name, (limits[0], limits[1]), at, C)
+                gain = float(self.soft.L[row])
+                tables += limit_lines(name, (limits[0], limits[1]), at, C, gain)
         return [
             *point_lines(self.duty, self.outputs),
             f"horizon = {self.horizon}",
@@ -278,31 +298,40 @@ class MPC(AbstractDutyLimitedController):
             bundled_law("mpc.c"),
             f"model predictive control of {outputs} outputs over {self.horizon} samples",
             {name: (np.ravel(values), text) for name, (values, text) in tables.items()},
-            {"x": states, "moved": cells, "targets": moves, **work_of(moves, limits)},
+            {
+                "x": states,
+                "moved": cells,
+                **({"error": watched} if watched else {}),
+                "targets": moves,
+                **work_of(moves, limits),
+            },
             lines,
             constants,
             horizon=self.horizon,
         )
 
     def init(
-        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " readings"]
     ) -> PyTree:
         """The state at rest under this duty, with the disturbance that explains the measurement.
 
         If there are as many outputs as cells and the reference equals the measurement, the duty
         stays where it is. With fewer outputs, it moves to the smallest duty that holds them.
         """
-        u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
-        return MPCState(self.kalman.init(u, y), u)
+        outputs, watched = self._parts(measurement)
+        u = jnp.asarray(duty) - self.duty
+        states = self.kalman.init(u, outputs)
+        return MPCState(states, u, self._missed(states, watched))
 
     def step(
         self,
         state: PyTree,
         reference: Float[ArrayLike, "*horizon outputs"],
-        measurement: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " readings"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Computes the duty of a sample and the next state."""
-        states, moves = self._plan(state, jnp.asarray(reference), jnp.asarray(measurement))
+        states, errors, program = self._problem(state, jnp.asarray(reference), measurement)
+        moves = minimised(program).reshape(self.horizon, len(self.duty))
         low, high = (limit - self.duty for limit in self.limits)
         now = moves[0]
         if self._reach is not None:
@@ -310,41 +339,64 @@ class MPC(AbstractDutyLimitedController):
         # Rounding must not violate the hard limits.
         now = jnp.clip(now, low, high)
         later = self.kalman.predict(states, now)
-        return jnp.clip(now + self.duty, *self.limits), MPCState(later, now)
+        return jnp.clip(now + self.duty, *self.limits), MPCState(later, now, errors)
 
-    def _plan(
-        self, state: MPCState, reference: Array, measurement: Array
-    ) -> tuple[Float[Array, " state"], Float[Array, "horizon cells"]]:
-        """Computes the states after a reading, and the planned duty of the next samples as
-        deviations from the operating point."""
-        states, program = self._problem(state, reference, measurement)
-        return states, minimised(program).reshape(self.horizon, len(self.duty))
+    def _parts(
+        self, measurement: Float[ArrayLike, " readings"]
+    ) -> tuple[Float[Array, " outputs"], Float[Array, " watched"]]:
+        """Computes the deviations of the outputs, and of the channels with limits, from the
+        operating point."""
+        readings, count = jnp.asarray(measurement), len(self.outputs)
+        watched = readings[count:] if self.soft is None else readings[count:] - self.soft.outputs
+        return readings[:count] - self.outputs, watched
+
+    def _missed(
+        self, states: Float[Array, " state"], watched: Float[Array, " watched"]
+    ) -> Float[Array, " watched"]:
+        """Computes what the model misses of the readings of the channels with limits, K."""
+        if self.soft is None:
+            return watched
+        C = jnp.asarray(self.soft.C)
+        return watched - C @ states[: C.shape[1]]
 
     def _problem(
-        self, state: MPCState, reference: Array, measurement: Array
-    ) -> tuple[Float[Array, " state"], QuadraticProgram]:
-        """Computes the states after a reading, and the program whose minimum is the plan."""
-        states = self.kalman.correct(state.states, measurement - self.outputs)
+        self, state: MPCState, reference: Array, measurement: Float[ArrayLike, " readings"]
+    ) -> tuple[Float[Array, " state"], Float[Array, " watched"], QuadraticProgram]:
+        """Computes the states and the errors of the model after a reading, and the program whose
+        minimum is the plan: the duty of the next samples, as deviations from the operating
+        point."""
+        read, watched = self._parts(measurement)
+        states = self.kalman.correct(state.states, read)
+        errors = state.errors
+        if self.soft is not None:
+            missed = self._missed(states, watched) - errors
+            errors = errors + jnp.asarray(self.soft.L) * missed
         outputs, cells = self.gain.shape
         missing = reference - self.outputs - states[-outputs:]
         heat = jnp.asarray(self.inverse) @ states[-outputs:]
-        aim = jax.vmap(self._target, (0, None)) if missing.ndim == 2 else self._target
-        target = aim(missing, heat)
+        aim = jax.vmap(self._target, (0, None, None)) if missing.ndim == 2 else self._target
+        target = aim(missing, heat, errors)
         targets = jnp.broadcast_to(target, (self.horizon, cells)).reshape(-1)
         limits = self.limits[0] - self.duty, self.limits[1] - self.duty
-        return states, plan_program(
-            self.condensed, states, state.duty, targets, limits, self._reach, self.soft
+        program = plan_program(
+            self.condensed, states, state.duty, targets, limits, self._reach, self.soft, errors
         )
+        return states, errors, program
 
     def _target(
-        self, missing: Float[Array, " outputs"], heat: Float[Array, " cells"]
+        self,
+        missing: Float[Array, " outputs"],
+        heat: Float[Array, " cells"],
+        errors: Float[Array, " watched"],
     ) -> Float[Array, " cells"]:
         """Computes the duty at rest that changes the outputs by a given amount, under a disturbance
         that is expressed as a duty."""
         gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
         accepted, duty = jnp.asarray(self.deviations.output), jnp.asarray(self.duty)
         limits = self.limits[0] - duty, self.limits[1] - duty
-        return minimised(rest_program(gain, inverse, accepted, missing, heat, limits, self.soft))
+        return minimised(
+            rest_program(gain, inverse, accepted, missing, heat, limits, self.soft, errors)
+        )
 
     @property
     def _reach(self) -> float | None:

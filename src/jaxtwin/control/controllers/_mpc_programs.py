@@ -21,6 +21,7 @@ def plan_program(
     limits: Limits,
     reach: float | None,
     soft: SoftLimits | None,
+    errors: Float[Array, " watched"],
 ) -> QuadraticProgram:
     """Makes the program whose minimum is the duty of the horizon, `(samples, cells)` in a row, as
     deviations from the operating point.
@@ -30,6 +31,7 @@ def plan_program(
     - `states`: the states after a reading. `last_duty`: the duty until now.
     - `targets`: the duty at rest for the reference of each sample of the horizon.
     - `reach`: the largest change of the duty in a sample; None for any.
+    - `errors`: the errors of the model at the channels with limits, K.
     """
     slope = jnp.asarray(cost.by_states) @ states + jnp.asarray(cost.by_last_duty) @ last_duty
     slope = slope + jnp.asarray(cost.by_target) @ targets
@@ -44,7 +46,8 @@ def plan_program(
         high = jnp.concatenate([high, last + reach])
     softness: Any = 0.0
     if soft is not None:
-        coming = jnp.asarray(soft.by_states) @ states
+        lasting = jnp.tile(errors, len(soft.lowest) // len(errors))
+        coming = jnp.asarray(soft.by_states) @ states + lasting
         softness = _softness(soft, low, coming)
         matrix = jnp.concatenate([matrix, jnp.asarray(soft.by_moves)])
         low = jnp.concatenate([low, soft.lowest - coming])
@@ -60,6 +63,7 @@ def rest_program(
     heat: Float[Array, " cells"],
     limits: Limits,
     soft: SoftLimits | None,
+    errors: Float[Array, " watched"],
 ) -> QuadraticProgram:
     """Makes the program whose minimum is the smallest duty that changes the outputs at rest by a
     given amount. If the limits exclude it, the minimum is the nearest duty, in units of the
@@ -71,13 +75,14 @@ def rest_program(
       them by 1 K.
     - `accepted`: the accepted deviations of the outputs, K.
     - `missing`: the change of the outputs, K. `heat`: the disturbance, as a duty.
+    - `errors`: the errors of the model at the channels with limits, K.
     """
     scaled, hessian = map(jnp.asarray, rest_cost(gain, inverse, accepted))
     low, high = map(jnp.asarray, limits)
     matrix, softness = jnp.eye(len(low), dtype=hessian.dtype), 0.0
     if soft is not None:
         rows = len(soft.rest_gain)
-        coming = jnp.asarray(soft.rest_gain) @ heat
+        coming = jnp.asarray(soft.rest_gain) @ heat + errors
         matrix = jnp.concatenate([matrix, jnp.asarray(soft.rest_gain)])
         softness = _softness(soft, low, coming)
         low = jnp.concatenate([low, soft.lowest[:rows] - coming])

@@ -62,6 +62,9 @@ def program_numbers(
             "highest": (np.asarray(soft.highest)[:watched], "their limits, K"),
             "soft_at_rest": (gain, "limited temperatures at rest, K"),
             "soft_by_rest": (gain @ np.asarray(inverse), "and by a disturbance"),
+            "watched_C": (np.asarray(soft.C), "limited temperatures by the states, K"),
+            "watched_L": (np.asarray(soft.L), "of the correction of their errors by a reading"),
+            "watched_at": (np.asarray(soft.outputs), "operating point, degC"),
         }
         constants |= {
             "WATCHED": watched,

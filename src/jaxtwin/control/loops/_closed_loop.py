@@ -58,7 +58,7 @@ def run_loop(
     """
     controller, scenario = in_precision((controller, scenario), stepper.reference.dtype)
     loss_dtype = jnp.float32 if single_precision_losses else None
-    loop = _Loop(stepper, controller, scenario, _outputs(stepper, scenario), loss_dtype)
+    loop = _Loop(stepper, controller, scenario, _readings(stepper, scenario), loss_dtype)
     inputs = _SampleInputs(
         references_ahead(jnp.asarray(scenario.reference), controller.preview_samples),
         scenario.error,
@@ -96,14 +96,14 @@ class _LoopState(NamedTuple):
 
     - `measurement`: the last measurement that the controller got, degC.
     - `is_off`: whether the cells have been switched off for good.
-    - `late`: outputs on their way through the delay of the readings, the newest first.
+    - `late`: readings on their way through their delay, the newest first.
     """
 
     plant: ModalState
     controller: PyTree
-    measurement: Float[Array, " outputs"]
+    measurement: Float[Array, " readings"]
     is_off: Bool[Array, ""]
-    late: Float[Array, "delay outputs"]
+    late: Float[Array, "delay readings"]
 
 
 class _Recorded(NamedTuple):
@@ -113,35 +113,35 @@ class _Recorded(NamedTuple):
     amplitudes: Float[Array, "substeps modes"]
     followed: Float[Array, "substeps cells"]
     duty: Float[Array, " cells"]
-    measurement: Float[Array, " outputs"]
+    measurement: Float[Array, " readings"]
 
 
-class _Outputs(NamedTuple):
-    """The controller's outputs as linear functions of the modes' amplitudes and of the ambient
+class _Readings(NamedTuple):
+    """What the controller reads as linear functions of the modes' amplitudes and of the ambient
     temperature, so that the channels need not be computed at each sample.
 
-    - `weights`: the weights of the channels in each output.
+    - `weights`: the weights of the channels in each reading.
     - `by_modes`, `by_ambient`: the coefficients of the amplitudes and of the ambient temperature.
     - `celsius`: the temperature from which deviations are counted, degC.
     """
 
-    weights: Float[Array, "outputs channels"]
-    by_modes: Float[Array, "outputs modes"]
-    by_ambient: Float[Array, " outputs"]
+    weights: Float[Array, "readings channels"]
+    by_modes: Float[Array, "readings modes"]
+    by_ambient: Float[Array, " readings"]
     celsius: Float[Array, ""]
 
-    def at(self, plant: ModalState, ambient: Float[Array, ""]) -> Float[Array, " outputs"]:
-        """Computes the outputs, degC."""
+    def at(self, plant: ModalState, ambient: Float[Array, ""]) -> Float[Array, " readings"]:
+        """Computes the readings, degC."""
         rest = self.by_ambient * (ambient - self.celsius) + self.weights.sum(axis=1) * self.celsius
         return self.by_modes @ plant.amplitudes + rest
 
 
-def _outputs(stepper: Stepper, scenario: Scenario) -> _Outputs:
+def _readings(stepper: Stepper, scenario: Scenario) -> _Readings:
     system, celsius = stepper.system, stepper.reference - ZERO_CELSIUS
-    weights = jnp.asarray(scenario.output_weights)
+    weights = jnp.asarray(scenario.reading_weights)
     by_nodes, by_ambient = system.output_matrices()
     by_modes = weights @ by_nodes @ stepper.field.modes.shapes
-    return _Outputs(weights, by_modes, weights @ by_ambient, celsius)
+    return _Readings(weights, by_modes, weights @ by_ambient, celsius)
 
 
 class _Loop(NamedTuple):
@@ -153,7 +153,7 @@ class _Loop(NamedTuple):
     stepper: Stepper
     controller: AbstractController
     scenario: Scenario
-    outputs: _Outputs
+    readings: _Readings
     loss_dtype: DTypeLike | None
 
     def start(self) -> _LoopState:
@@ -162,9 +162,9 @@ class _Loop(NamedTuple):
         dtype = stepper.reference.dtype
         idle = jnp.zeros(len(stepper.system.wiring.cold), dtype)
         plant = to_modal(stepper, stepper.start(scenario.initial, idle))
-        first = self.outputs.at(plant, jnp.asarray(scenario.ambient)[0, 0])
+        first = self.readings.at(plant, jnp.asarray(scenario.ambient)[0, 0])
         error = jnp.nan_to_num(jnp.asarray(scenario.error)[0])
-        measurement = first + self.outputs.weights @ error
+        measurement = first + self.readings.weights @ error
         return _LoopState(
             plant,
             self.controller.init(idle, measurement),
@@ -188,7 +188,7 @@ class _Loop(NamedTuple):
                 rise = node_temperatures(stepper, plant) - ambient
                 heat = jnp.asarray(steps.heat) - steps.conductance * rise
             if scenario.sensor_delay_steps:
-                late = jnp.concatenate([self.outputs.at(plant, ambient)[None], late[:-1]])
+                late = jnp.concatenate([self.readings.at(plant, ambient)[None], late[:-1]])
             later = advance(stepper, plant, duty, ambient, heat, loss_dtype=self.loss_dtype)
             return (later, late), (plant.amplitudes, plant.duty)
 
@@ -206,12 +206,12 @@ class _Loop(NamedTuple):
         if self.scenario.sensor_delay_steps:
             true = state.late[-1]
         else:
-            true = self.outputs.at(state.plant, inputs.steps.ambient[0])
-        output = true + self.outputs.weights @ inputs.error
-        is_finite = jnp.all(jnp.isfinite(inputs.error)) & jnp.all(jnp.isfinite(output))
+            true = self.readings.at(state.plant, inputs.steps.ambient[0])
+        reading = true + self.readings.weights @ inputs.error
+        is_finite = jnp.all(jnp.isfinite(inputs.error)) & jnp.all(jnp.isfinite(reading))
         is_new = inputs.arrives & is_finite
         return state._replace(
-            measurement=jnp.where(is_new, output, state.measurement),
+            measurement=jnp.where(is_new, reading, state.measurement),
             is_off=state.is_off | (inputs.silence > self.scenario.silence_limit),
         )
 

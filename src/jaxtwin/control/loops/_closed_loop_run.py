@@ -1,7 +1,8 @@
 """The result of a simulated closed loop."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -15,6 +16,8 @@ from ..._whole_file import check_ending
 from ...io import Experiment
 from ...physics import Twin
 from ...simulation import Run
+from ..controllers._controller import TemperatureLimit
+from ._exceeded_limits import ExceededLimit, exceeded_limits
 from ._loop_signals import ClosedLoop
 from ._measures import measures_of
 
@@ -34,11 +37,13 @@ class ClosedLoopRun:
     - `run`: the twin's run under the commanded duty; its temperatures have no noise.
     - `loop`: the signals from which measures are computed.
     - `outputs`: names of the controlled temperatures.
+    - `limits`: the temperature limits of the controller, by channel.
     """
 
     run: Run
     loop: ClosedLoop
     outputs: tuple[str, ...]
+    limits: Mapping[str, TemperatureLimit] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -47,6 +52,7 @@ class ClosedLoopRun:
         loop: ClosedLoop,
         outputs: tuple[str, ...],
         ambient: Float[np.ndarray, " times"],
+        limits: Mapping[str, TemperatureLimit],
     ) -> "ClosedLoopRun":
         """Adds the names of a twin to the signals of a loop."""
         experiment = Experiment(
@@ -62,7 +68,7 @@ class ClosedLoopRun:
             elements=loop.elements,
             twin=twin,
         )
-        return cls(run, loop, outputs)
+        return cls(run, loop, outputs, limits)
 
     @property
     def time(self) -> Float[np.ndarray, " times"]:
@@ -82,7 +88,7 @@ class ClosedLoopRun:
     @property
     def measurement(self) -> Float[np.ndarray, "times outputs"]:
         """The outputs as the controller gets them, degC."""
-        return np.asarray(self.loop.measurement)
+        return np.asarray(self.loop.measurement)[:, : len(self.outputs)]
 
     @property
     def duty(self) -> Float[np.ndarray, "times cells"]:
@@ -99,6 +105,13 @@ class ClosedLoopRun:
         """The energy that all cells together have drawn from the supply up to each time, J; by the
         rule of `Run.energy`."""
         return np.asarray(self.loop.energy)
+
+    @property
+    def exceeded(self) -> tuple[ExceededLimit, ...]:
+        """The temperature limits that the true temperatures exceed by more than the controller
+        accepts: no duty kept them, heat came that the model did not foresee, or the run began
+        beyond them."""
+        return exceeded_limits(self.limits, self.run.channels, self.time, self.run.temperatures)
 
     def measures(self) -> "pandas.DataFrame":
         """A table with a row for each measure: its name as index, value and unit."""
@@ -165,7 +178,7 @@ class ClosedLoopRun:
         )
         return (
             f"<ClosedLoopRun of {self.run.rig}: {len(self.time)} times, at the end {ends} degC, "
-            f"{self.energy[-1] / 3600:.2f} Wh>"
+            f"{self.energy[-1] / 3600:.2f} Wh{''.join(f'; {limit}' for limit in self.exceeded)}>"
         )
 
     def _repr_html_(self) -> str:

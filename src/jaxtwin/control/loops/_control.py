@@ -15,6 +15,7 @@ from ..._jax_settings import own_settings
 from ...live import Document, Finding, Guard, Moment, RecordConsumer, RigConnection, operate
 from ...physics import Twin
 from ..controllers._controller import AbstractController
+from ._exceeded_limits import ExceededLimit, exceeded_limits
 from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._loop_margins import LoopMargins, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
@@ -171,19 +172,21 @@ class LiveLoop:
         self.decision: Decision | None = None
         """The last decision; None before the first."""
         self._twin, self._controller = twin, controller
-        self._weights = np.asarray(controller.output_weights(twin.channels), float)
+        self._weights = np.asarray(controller.reading_weights(twin.channels), float)
         self._references = checked_loop(twin, controller, references, duration, ambient)
         self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
             # Compiled here, because messages of a connected rig would wait during a compilation.
             off = np.zeros(len(twin.rig.driven))
             still = self._references[0]
-            self._state: Any = jax.tree.map(np.asarray, controller.init(off, still))
-            _step(controller, self._state, self._ahead[0], still)
+            readings = np.full(len(self._weights), still[0])
+            self._state: Any = jax.tree.map(np.asarray, controller.init(off, readings))
+            _step(controller, self._state, self._ahead[0], readings)
         self._silence = float(silence)
         self._sample: int | None = None
         self._duty = np.zeros(len(twin.rig.driven))
         self._lowest = np.array(twin.rig.lowest_duty)
+        self._watched: list[tuple[float, np.ndarray]] = []
 
     def margins(self) -> LoopMargins | None:
         """Computes the margins of the loop at the last references; None for a controller that is
@@ -191,6 +194,15 @@ class LiveLoop:
         if not self._controller.is_linear:
             return None
         return loop_margins(self._twin, self._controller, self._references[-1])
+
+    @property
+    def exceeded(self) -> tuple[ExceededLimit, ...]:
+        """The temperature limits of the controller that the readings exceeded until now."""
+        limits = self._controller.channel_limits()
+        if not limits or not self._watched:
+            return ()
+        times, readings = zip(*self._watched, strict=True)
+        return exceeded_limits(limits, tuple(limits), np.array(times), np.array(readings))
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
         """Returns the duty at a moment; None at the end of the run."""
@@ -212,24 +224,26 @@ class LiveLoop:
         if duty.shape != self._duty.shape or not np.isfinite(duty).all():
             raise SafetyStop(f"stopped: the controller asked for duty {duty}", "controller")
         self._sample, self._duty = sample, np.clip(duty, self._lowest, 1.0)
-        self.decision = Decision(moment.time, self._references[sample], measurement, self._duty)
+        reference = self._references[sample]
+        outputs = measurement[: len(reference)]
+        self._watched.append((moment.time, measurement[len(reference) :]))
+        self.decision = Decision(moment.time, reference, outputs, self._duty)
         return self._duty
 
-    def _measured(self, moment: Moment) -> Float[np.ndarray, " outputs"] | None:
-        """Returns the outputs by the last valid readings; None before the first.
+    def _measured(self, moment: Moment) -> Float[np.ndarray, " readings"] | None:
+        """Returns the measurement by the last valid readings; None before the first.
 
-        **Raises:** `SafetyStop` if a reading of what is controlled is too old.
+        **Raises:** `SafetyStop` if a reading that the controller uses is too old.
         """
-        controlled = (self._weights != 0).any(axis=0)
+        used = (self._weights != 0).any(axis=0)
         if np.isnan(moment.temperatures).any():
             waited, measurement = moment.time, None
         else:
-            waited = float(moment.age[controlled].max(initial=0.0))
+            waited = float(moment.age[used].max(initial=0.0))
             measurement = self._weights @ moment.temperatures
         if waited > self._silence:
             raise SafetyStop(
-                "stopped: the controller has had no reading of what it controls for "
-                f"{waited:.1f} s",
+                f"stopped: the controller has had no reading that it uses for {waited:.1f} s",
                 "controller",
             )
         return measurement
@@ -240,6 +254,6 @@ def _step(
     controller: AbstractController,
     state: PyTree,
     reference: Float[Array | np.ndarray, "*preview outputs"],
-    measurement: Float[Array | np.ndarray, " outputs"],
+    measurement: Float[Array | np.ndarray, " readings"],
 ) -> tuple[Float[Array, " cells"], PyTree]:
     return controller.step(state, reference, measurement)

@@ -103,9 +103,10 @@ def check_cells(where: str, controller: AbstractController, rig: Rig, outputs: i
     if not rig.cells and not isinstance(controller, FunctionController):
         check_limits_of_heaters(f"{where}: controller", controller.limits, rig)
     preview = (controller.preview_samples,) if controller.preview_samples else ()
+    readings = len(controller.reading_weights([channel.name for channel in rig.channels]))
 
     def commanded() -> Array | None:
-        measurement = jnp.zeros(outputs)
+        measurement = jnp.zeros(readings)
         state = controller.init(jnp.zeros(cells), measurement)
         return controller.step(state, jnp.zeros((*preview, outputs)), measurement)[0]
 

@@ -17,7 +17,7 @@ class ClosedLoop(eqx.Module):
     - `time`: the times, s.
     - `reference`, `output`: reference and true value of the controlled temperatures, degC.
     - `measurement`: the controlled temperatures as the controller gets them, with noise, delay and
-      lost messages, degC.
+      lost messages, and then those that it only watches, degC.
     - `temperatures`: the temperatures of the channels, without noise, degC.
     - `nodes`: the temperatures of the twin's nodes, degC.
     - `duty`: the duty commanded from this time on, -1 to 1.
@@ -32,7 +32,7 @@ class ClosedLoop(eqx.Module):
     time: Float[Array | np.ndarray, "*draws times"]
     reference: Float[Array | np.ndarray, "*draws times outputs"]
     output: Float[Array | np.ndarray, "*draws times outputs"]
-    measurement: Float[Array | np.ndarray, "*draws times outputs"]
+    measurement: Float[Array | np.ndarray, "*draws times readings"]
     temperatures: Float[Array | np.ndarray, "*draws times channels"]
     nodes: Float[Array | np.ndarray, "*draws times nodes"]
     duty: Float[Array | np.ndarray, "*draws times cells"]

@@ -7,9 +7,9 @@ $z = e^{j \omega h}$
 $$L(z) = -G(z) K(z), \quad
 K(z) = C_c (z I - A_c)^{-1} B_c + D_c, \quad M_s = \max_\omega \lVert (I + L)^{-1} \rVert$$
 
-$K$ is the response of the duty to the measurement and contains the sign of the feedback, hence the
-minus. The derivative of $M_s$ is that of the singular value at the frequency and in the draw where
-it is largest.
+$K$ is the response of the duty to the outputs and contains the sign of the feedback, hence the
+minus. What a controller only watches keeps its value of the steady state. The derivative of $M_s$
+is that of the singular value at the frequency and in the draw where it is largest.
 """
 
 from collections.abc import Mapping
@@ -52,6 +52,13 @@ Matrices: TypeAlias = tuple[Matrix, Matrix, Matrix, Matrix]
 parameters."""
 
 
+class _SteadyReadings(NamedTuple):
+    """What a controller reads in the steady state: its outputs, and what it watches, degC."""
+
+    outputs: Float[Array | np.ndarray, " outputs"]
+    watched: Float[Array | np.ndarray, " watched"]
+
+
 class SensitivityPeak(NamedTuple):
     """The sensitivity peak of a controller over all draws of the plant.
 
@@ -91,7 +98,7 @@ class SampledLoops:
         longest_delay: float,
         sensor_delay: float,
     ):
-        self._vector, self._outputs = vector, outputs
+        self._vector = vector
         interval = vector.controller.sample_time_s
         cells = len(twin.netlist.cells)
         directions = np.eye(cells) if len(outputs) >= cells else np.ones((cells, 1))
@@ -101,7 +108,9 @@ class SampledLoops:
         shifts = int(np.ceil(longest_delay / interval * (1 - 1e-9)))
         target = Target(weights, outputs, directions, twin.wiring.lowest_duty)
         found = _sampled_plants(twin, draws, target, jnp.asarray(interval), shifts)
-        matrices, duty = jax.tree.map(np.asarray, found)
+        matrices, duty, channels = jax.tree.map(np.asarray, found)
+        watched = vector.controller.reading_weights(twin.channels)[len(outputs) :]
+        self._at = _SteadyReadings(outputs, watched @ np.median(channels, axis=0))
         self._plants: Matrices = matrices
         self.omega = np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)
         self._interval, self._sensor_delay = interval, sensor_delay
@@ -148,19 +157,17 @@ class SampledLoops:
         return _response(self._plants, np.exp(1j * omega * self._interval)) * late[:, None, None]
 
     def _steps(self) -> Any:
-        return _linear_steps(self._vector.controller, self._duty, self._outputs)
+        return _linear_steps(self._vector.controller, self._duty, self._at)
 
     def _controller(self, values: np.ndarray) -> tuple[Matrices, Matrices]:
         vector = self._vector
-        found = _linear_controller(
-            vector.controller, vector.shapes, values, self._duty, self._outputs
-        )
+        found = _linear_controller(vector.controller, vector.shapes, values, self._duty, self._at)
         return jax.tree.map(np.asarray, found)
 
     def _distance(
         self, controller: Complex[np.ndarray, "frequency cells outputs"]
     ) -> Complex[np.ndarray, "draws frequency outputs outputs"]:
-        return np.eye(len(self._outputs)) - self._response @ controller
+        return np.eye(len(self._at.outputs)) - self._response @ controller
 
     def _is_stable(self, controller: Matrices) -> bool:
         """Whether all poles of the closed loops are inside the unit circle."""
@@ -192,19 +199,20 @@ def _sampled_plants(
     target: Target,
     interval: Float[Array, ""],
     shifts: int,
-) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, "draws cells"]]:
-    """Computes the discrete plants from duty to outputs, and their duty at rest."""
+) -> tuple[tuple[Any, ...], Float[Array, "draws cells"], Float[Array, "draws channels"]]:
+    """Computes the discrete plants from duty to outputs, with their duty and their channels at
+    rest."""
 
     def of_draw(
         values: Mapping[str, Array],
-    ) -> tuple[tuple[Any, ...], Float[Array | np.ndarray, " cells"]]:
+    ) -> tuple[tuple[Any, ...], Float[Array, " cells"], Float[Array, " channels"]]:
         model, _, _ = model_at_rest(twin.with_values(values), None, target, None)
         weights = jnp.asarray(target.channels)
         matrices = model.A, model.B, weights @ model.C, weights @ model.D
         lag = model.lag_s if model.is_lagged else None
-        return zero_order_hold(
-            matrices, model.delay_s, lag, interval, shifts
-        ), model.operating_point.duty
+        plant = zero_order_hold(matrices, model.delay_s, lag, interval, shifts)
+        point = model.operating_point
+        return plant, jnp.asarray(point.duty), jnp.asarray(point.outputs)
 
     return jax.vmap(of_draw)({name: jnp.asarray(values) for name, values in draws.items()})
 
@@ -215,13 +223,13 @@ def _linear_controller(
     shapes: tuple[tuple[str, tuple[int, ...]], ...],
     values: Float[Array | np.ndarray, " parameters"],
     duty: Float[Array | np.ndarray, " cells"],
-    outputs: Float[Array | np.ndarray, " outputs"],
+    at: _SteadyReadings,
 ) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array]]:
-    """Computes Ac, Bc, Cc and Dc from measurement to duty about the steady state, and their
+    """Computes Ac, Bc, Cc and Dc from outputs to duty about the steady state, and their
     derivatives with respect to the parameters, which have a last axis."""
 
     def matrices(values: Array) -> tuple[Array, Array, Array, Array]:
-        return _linear_steps(ControllerVector(controller, shapes).apply(values), duty, outputs)
+        return _linear_steps(ControllerVector(controller, shapes).apply(values), duty, at)
 
     return matrices(jnp.asarray(values)), jax.jacfwd(matrices)(jnp.asarray(values))
 
@@ -230,17 +238,19 @@ def _linear_controller(
 def _linear_steps(
     controller: AbstractController,
     duty: Float[Array | np.ndarray, " cells"],
-    outputs: Float[Array | np.ndarray, " outputs"],
+    at: _SteadyReadings,
 ) -> tuple[Array, Array, Array, Array]:
-    """Computes Ac, Bc, Cc and Dc from measurement to duty about the steady state."""
-    rest, unravel = ravel_pytree(controller.init(duty, outputs))
-    (references,) = references_ahead(jnp.asarray(outputs)[None], controller.preview_samples)
+    """Computes Ac, Bc, Cc and Dc from outputs to duty about the steady state."""
+    rest, unravel = ravel_pytree(controller.init(duty, jnp.concatenate(at)))
+    outputs = jnp.asarray(at.outputs)
+    (references,) = references_ahead(outputs[None], controller.preview_samples)
 
-    def step(state: Array, measurement: Array) -> tuple[Array, Array]:
+    def step(state: Array, read: Array) -> tuple[Array, Array]:
+        measurement = jnp.concatenate([read, jnp.asarray(at.watched)])
         asked, later = controller.step(unravel(state), references, measurement)
         return ravel_pytree(later)[0], asked
 
-    (A, B), (C, D) = jax.jacfwd(step, (0, 1))(rest, jnp.asarray(outputs))
+    (A, B), (C, D) = jax.jacfwd(step, (0, 1))(rest, outputs)
     return A, B, C, D
 
 

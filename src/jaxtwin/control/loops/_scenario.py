@@ -39,7 +39,8 @@ class Scenario(eqx.Module):
     **Arguments:**
 
     - `time`: times of the samples, s. `reference`: references of the outputs, degC.
-    - `output_weights`: weights of the channels in the controller's outputs.
+    - `output_weights`, `reading_weights`: weights of the channels in the controller's outputs, and
+      in its measurement.
     - `initial`: initial temperatures of the nodes, degC.
     - `ambient`: ambient temperature, degC. `heat`, `conductance`: heat (W) and additional
       conductance (W/K) of disturbances; None for none.
@@ -54,6 +55,7 @@ class Scenario(eqx.Module):
     time: Float[Array | np.ndarray, " samples"]
     reference: Float[Array | np.ndarray, "samples outputs"]
     output_weights: Float[Array | np.ndarray, "outputs channels"]
+    reading_weights: Float[Array | np.ndarray, "readings channels"]
     initial: Float[Array | np.ndarray, " nodes"] | None
     ambient: Float[Array | np.ndarray, "samples substeps"]
     heat: Float[Array | np.ndarray, "samples substeps nodes"] | None
@@ -171,6 +173,7 @@ def scenario(
         time=times,
         reference=reference,
         output_weights=weights,
+        reading_weights=np.asarray(chosen.reading_weights(plant.channels), float),
         initial=_initial(where, plant, initial),
         ambient=surroundings,
         heat=heat,

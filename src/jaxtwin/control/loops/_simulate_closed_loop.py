@@ -80,7 +80,8 @@ def simulate_closed_loop(
         )
     weights = np.asarray(conditions.output_weights)
     ambient = np.asarray(conditions.ambient).reshape(-1)[: len(loop.time)]
-    return ClosedLoopRun.of(plant, loop, _output_names(weights, plant.channels), ambient)
+    names = _output_names(weights, plant.channels)
+    return ClosedLoopRun.of(plant, loop, names, ambient, chosen.channel_limits())
 
 
 def _output_names(

@@ -27,6 +27,17 @@ static void model_missed(const model_state *state, const model_real *reading, mo
     }
 }
 
+#ifdef MODEL_WATCHED
+/* What the estimated states miss of the reading of a channel with limits, K. */
+static model_real model_watched_missed(const model_state *state, const model_real *reading, int i)
+{
+    enum { PLANT_STATES = MODEL_STATES - MODEL_OUTPUTS };
+    model_real expected = 0;
+    model_add(&expected, model_watched_C + i * PLANT_STATES, state->x, 1, PLANT_STATES);
+    return reading[MODEL_OUTPUTS + i] - model_watched_at[i] - expected;
+}
+#endif
+
 static void model_box(model_state *state, int size)
 {
     int i;
@@ -38,13 +49,13 @@ static void model_box(model_state *state, int size)
 }
 
 #ifdef MODEL_WATCHED
-/* The limits of temperatures, less what they will be by themselves. */
+/* The limits of temperatures, less what these will be without any duty. */
 static void model_soft_limits(model_state *state, int first, int rows, const model_real *by,
                               const model_real *vector, int columns)
 {
     int i;
     for (i = 0; i < rows; ++i) {
-        model_real coming = 0;
+        model_real coming = state->error[i % MODEL_WATCHED];
         model_add(&coming, by + i * columns, vector, 1, columns);
         state->lowest[first + i] = model_lowest[i % MODEL_WATCHED] - coming;
         state->highest[first + i] = model_highest[i % MODEL_WATCHED] - coming;
@@ -124,6 +135,11 @@ static void model_law_init(model_state *state, const model_real *duty,
     model_add(state->x, model_by_duty, state->moved, MODEL_STATES, MODEL_CELLS);
     model_missed(state, measurement, y);
     model_add(state->x, model_by_rest, y, MODEL_STATES, MODEL_OUTPUTS);
+#ifdef MODEL_WATCHED
+    for (i = 0; i < MODEL_WATCHED; ++i) {
+        state->error[i] = model_watched_missed(state, measurement, i);
+    }
+#endif
 }
 
 /* The last of the references that are known holds for the rest of the horizon. */
@@ -134,6 +150,12 @@ static void model_law(model_state *state, const model_real *reference, int sampl
     int i, k;
     model_missed(state, state->seen, y);
     model_add(state->x, model_L, y, MODEL_STATES, MODEL_OUTPUTS);
+#ifdef MODEL_WATCHED
+    for (i = 0; i < MODEL_WATCHED; ++i) {
+        const model_real missed = model_watched_missed(state, state->seen, i);
+        state->error[i] += model_watched_L[i] * (missed - state->error[i]);
+    }
+#endif
     for (k = 0; k < MODEL_HORIZON; ++k) {
         if (k < samples) {
             model_target(state, reference + k * MODEL_OUTPUTS);
