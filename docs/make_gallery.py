@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import jaxtwin as jt
 from jaxtwin import plots
-from jaxtwin.control import PID
+from jaxtwin.control import MPC, PID, ClosedLoopRun, OperatingPoint, most_even_point
 from jaxtwin.data import synthetic_recordings
 
 FOLDER = Path(__file__).parent / "images"
@@ -73,6 +73,7 @@ def main() -> None:
     }
     for name, draw in pictures.items():
         write(f"gallery/{name}", draw(), dpi=45)
+    write("plate-range", plots.plot_plate_range(*warmed(plate)), dpi=80)
     observed = followed()
     write("innovations", observed.plot_innovations(), dpi=80)
     write("gallery/observed", observed.plot(), dpi=45)
@@ -81,6 +82,33 @@ def main() -> None:
     for name in WITHOUT_A_PLATE:
         write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
         write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
+
+
+def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
+    """The plate on its way to its most even steady state at 40 °C: by a step of the references, by
+    a ramp, and by an S-curve."""
+    groups = [["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]]
+    best = most_even_point(twin, 40, limits=(0, 1))
+    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0})
+    mpc = MPC(
+        model.reduce(4).discretise(1.0),
+        measured=groups,
+        duty_deviation=0.04,
+        reading_noise=0.5,
+        limits=(0, 1),
+    )
+    at = dict(zip(twin.channels, best.outputs, strict=True))
+    aim = "/".join(f"{np.mean([at[name] for name in group]):.2f}" for group in groups)
+    plans = {
+        "step": f"0:{aim}",
+        "ramp of 600 s": f"0:16,ramp 600:{aim}",
+        "S-curve of 600 s": f"0:16,curve 600:{aim}",
+    }
+    runs = {
+        name: jt.simulate_closed_loop(twin, mpc, plan, duration=1200)
+        for name, plan in plans.items()
+    }
+    return runs, best
 
 
 def followed() -> jt.Observed:

@@ -279,6 +279,8 @@ def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: floa
         ("10:35", {}, "expected times that begin at 0"),
         ("0:35/36", {}, "expected one temperature for all outputs, or one for each of the 1"),
         ("0:warm", {}, "expected 'time:temperature'"),
+        ("ramp 0:35", {}, "expected a temperature at time 0 before a ramp or a curve"),
+        ("0:20,slope 60:35", {}, "'ramp 600:45' or 'curve 600:45', .* got 'slope 60:35'"),
         ([1.0, 2.0], {}, "expected a number, text such as"),
         (35, {"duration": 0.5}, "expected a multiple of the controller's sample time"),
         (35, {"faults": "fail=P1@60"}, "expected drop, jumps and stall"),

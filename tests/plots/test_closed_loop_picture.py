@@ -8,7 +8,7 @@ from matplotlib import pyplot
 from matplotlib.lines import Line2D
 from small_results import fit
 
-from jaxtwin import plots, simulate_closed_loop
+from jaxtwin import ControlError, linearize, plots, simulate_closed_loop
 from jaxtwin.control import PID
 
 
@@ -38,3 +38,24 @@ def test_the_signals_of_a_closed_loop_are_drawn():
     assert (heights.min(), heights.max()) == pytest.approx((elements.min(), elements.max()))
     assert duty.get_ylabel() == "duty, %"
     assert power.get_ylabel() == "power, W"
+
+
+def test_the_range_of_the_plate_is_drawn_for_each_loop_beside_the_best():
+    twin = fit().twin
+    runs = {
+        text: simulate_closed_loop(twin, PID(Kp=0.1, Ki=0.001), text, duration=20)
+        for text in ("0:25", "0:20,ramp 20:25")
+    }
+    best = linearize(twin, duty=0.2).operating_point
+    above, below = plots.plot_plate_range(runs, best).axes
+    *ranges, least = drawn(list(below.lines))
+    for run, mean, width in zip(runs.values(), drawn(list(above.lines)), ranges, strict=True):
+        np.testing.assert_array_equal(mean, run.run.temperatures.mean(axis=1))
+        np.testing.assert_array_equal(width, np.ptp(np.asarray(run.loop.plate), axis=1))
+    elements = np.asarray(best.nodes)[: twin.wiring.elements]
+    np.testing.assert_allclose(least, np.ptp(elements))
+    legend = above.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == list(runs)
+    with pytest.raises(ControlError, match="runs: expected at least one closed loop, got none"):
+        plots.plot_plate_range({})

@@ -39,7 +39,7 @@ def control(
         typer.Option(
             metavar="SCHEDULE",
             help="Temperatures from given times on, s and degC: 0:35,600:45; for each output: "
-            "0:35/37.",
+            "0:35/37; reached slowly: 0:16,ramp 600:40, or smoothly: 0:16,curve 600:40.",
         ),
     ],
     duration: Annotated[float, typer.Option(metavar="S", help="In the time of the rig.")] = 1000.0,

@@ -29,6 +29,7 @@ from ._netlist import plot_netlist
 from ._observed import plot_innovations, plot_observed
 from ._parameters import plot_parameters
 from ._plate_map import plot_plate_map
+from ._plate_range import plot_plate_range
 from ._png import to_png
 from ._profile import plot_profile
 from ._recordings import plot_recordings
@@ -70,6 +71,7 @@ __all__ = [
     "plot_parameters",
     "plot_plate_beside",
     "plot_plate_map",
+    "plot_plate_range",
     "plot_profile",
     "plot_recordings",
     "plot_residual_tests",

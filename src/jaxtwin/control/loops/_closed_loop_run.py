@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..._arguments import path_of
 from ..._display import html_table, picture
-from ..._errors import RecordingError
+from ..._errors import ControlError, RecordingError
 from ..._jax_settings import own_settings
 from ..._whole_file import check_ending
 from ...io import Experiment
@@ -105,6 +105,18 @@ class ClosedLoopRun:
         """The energy that all cells together have drawn from the supply up to each time, J; by the
         rule of `Run.energy`."""
         return np.asarray(self.loop.energy)
+
+    @property
+    def range(self) -> Float[np.ndarray, " times"]:
+        """The difference between the hottest and the coldest element of the plate, K.
+
+        **Raises:** `ControlError` for a rig without a plate.
+        """
+        if not self.loop.elements:
+            raise ControlError(
+                f"range: expected a closed loop of a rig with a plate, got one of {self.run.rig}"
+            )
+        return np.ptp(np.asarray(self.loop.plate), axis=1)
 
     @property
     def exceeded(self) -> tuple[ExceededLimit, ...]:

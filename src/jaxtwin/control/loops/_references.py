@@ -1,7 +1,13 @@
-"""References of a closed loop: the desired value of each output at each sample."""
+r"""References of a closed loop: the desired value of each output at each sample.
+
+In text a value is held until the next time. Before an entry that begins with `ramp` or `curve` the
+reference moves from the value before it, and reaches the entry's value at its time: along a line,
+or along the S-curve $3 s^2 - 2 s^3$ of the elapsed share $s$, whose rate is 0 at both ends.
+"""
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -11,6 +17,9 @@ from ..._errors import ControlError
 
 REPRESENTATIVES = 5
 """The largest number of references for which a loop is checked."""
+
+SHAPES = {"hold": np.zeros_like, "ramp": np.copy, "curve": lambda share: share**2 * (3 - 2 * share)}
+"""How a reference moves to an entry: the share of the change by the share of the time."""
 
 
 def reference_samples(
@@ -22,7 +31,8 @@ def reference_samples(
 
     - `where`: the name of the argument, for error messages.
     - `references`: a number for all outputs; a text such as `"0:35,600:45"` or `"0:35/37"` (times
-      in s, a value for all outputs or one for each, held until the next time); or an array
+      in s, a value for all outputs or one for each, held until the next time), with
+      `"0:16,ramp 600:40"` or `"0:16,curve 600:40"` for a change that ends at that time; or an array
       `(outputs,)` or `(samples, outputs)`, for a single output also `(samples,)`.
     - `times`: times of the samples, s.
 
@@ -50,7 +60,12 @@ def _scheduled(
     where: str, text: str, times: Float[np.ndarray, " samples"], outputs: int
 ) -> Float[np.ndarray, "samples outputs"]:
     entries = [_entry(where, part, outputs) for part in text.split(",")]
-    switches = [time for time, _ in entries]
+    switches = [entry.time for entry in entries]
+    if entries[0].shape != "hold":
+        raise ControlError(
+            f"{where}: expected a temperature at time 0 before a ramp or a curve, such as "
+            f"'0:16,ramp 600:40', got {text!r}"
+        )
     if switches[0] != 0 or any(b <= a for a, b in pairwise(switches)):
         raise ControlError(
             f"{where}: expected times that begin at 0 and increase, such as '0:35,600:45', got "
@@ -62,11 +77,27 @@ def _scheduled(
             f"{text!r}"
         )
     held = np.searchsorted(np.array(switches), times + 1e-9 * max(times[-1], 1), side="right") - 1
-    return np.array([values for _, values in entries])[held]
+    samples = np.array([entry.values for entry in entries])[held]
+    for number, (before, entry) in enumerate(pairwise(entries)):
+        between = held == number
+        elapsed = (times[between] - before.time) / (entry.time - before.time)
+        change = np.outer(SHAPES[entry.shape](elapsed.clip(0, 1)), entry.values - before.values)
+        samples[between] += change
+    return samples
 
 
-def _entry(where: str, part: str, outputs: int) -> tuple[float, Float[np.ndarray, " outputs"]]:
-    time_text, colon, value_text = part.partition(":")
+class _Entry(NamedTuple):
+    """A part of a text: the values that hold from a time on, and how they are reached."""
+
+    time: float
+    values: Float[np.ndarray, " outputs"]
+    shape: str
+
+
+def _entry(where: str, part: str, outputs: int) -> _Entry:
+    first, _, rest = part.strip().partition(" ")
+    shape, words = (first, rest) if first in ("ramp", "curve") else ("hold", part)
+    time_text, colon, value_text = words.partition(":")
     try:
         if not colon:
             raise ValueError
@@ -75,15 +106,15 @@ def _entry(where: str, part: str, outputs: int) -> tuple[float, Float[np.ndarray
             raise ValueError
     except ValueError:
         raise ControlError(
-            f"{where}: expected 'time:temperature' such as '600:45', or a temperature for each "
-            f"output such as '600:45/47', got {part.strip()!r}"
+            f"{where}: expected 'time:temperature' such as '600:45', 'ramp 600:45' or 'curve "
+            f"600:45', or a temperature for each output such as '600:45/47', got {part.strip()!r}"
         ) from None
     if len(values) not in (1, outputs):
         raise ControlError(
             f"{where}: expected one temperature for all outputs, or one for each of the {outputs}, "
             f"got {len(values)} in {part.strip()!r}"
         )
-    return time, np.broadcast_to(values, (outputs,))
+    return _Entry(time, np.broadcast_to(values, (outputs,)), shape)
 
 
 def references_ahead(

@@ -52,8 +52,9 @@ def simulate_closed_loop(
       `linearize`.
     - `controller`: a controller; or a function `(time_s, reference, measurement) -> duty` in
       `jax.numpy`, whose outputs are all channels.
-    - `references`: the references of the outputs, degC: a number, text such as `"0:35,600:45"` or
-      `"0:35/37"`, or an array `(outputs,)` or `(samples, outputs)`.
+    - `references`: the references of the outputs, degC: a number; text such as `"0:35,600:45"`,
+      `"0:35/37"`, or with changes that take time `"0:16,ramp 600:40"` and the smooth
+      `"0:16,curve 600:40"`; or an array `(outputs,)` or `(samples, outputs)`.
     - `duration`: the duration, s, a multiple of the controller's sample time.
     - `settings`: the further keywords of `jaxtwin.control.scenario`: disturbances, noise, faults,
       delays.
