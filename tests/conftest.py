@@ -4,6 +4,7 @@ import gc
 import importlib.util
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,12 @@ hypothesis.settings.load_profile("jaxtwin")
 COMPILED = Path(__file__).parent.parent / ".jax_cache"
 """Programs that earlier test runs compiled, a folder for each worker; `make clean` removes it."""
 
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "alone")
+"""The name of this process among those that run tests."""
+
+WRITING = 5.0
+"""A compiled program is written completely after this time, s."""
+
 LARGEST_CACHE = 4e9
 """Bytes of compiled programs beyond which they are thrown away and the cache begins anew."""
 
@@ -43,28 +50,34 @@ MOST_MEMORY_MAPS = 20_000
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Lets JAX keep compiled programs between runs.
-
-    Each worker has a folder of its own, because JAX's cache is not safe where processes share one:
-    an entry can be read while it is being written. A worker starts with links to what all workers
-    have compiled before.
-    """
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "alone")
-    compiled = {file.name: file for file in COMPILED.glob("*/*")}
-    if worker == "alone" and sum(f.stat().st_size for f in compiled.values()) > LARGEST_CACHE:
+    """Lets JAX keep compiled programs between runs."""
+    folder = COMPILED / WORKER
+    if WORKER == "alone" and sum(f.stat().st_size for f in COMPILED.glob("*/*")) > LARGEST_CACHE:
         shutil.rmtree(COMPILED)
-        compiled = {}
-    folder = COMPILED / worker
     folder.mkdir(parents=True, exist_ok=True)
-    for name, file in compiled.items():
-        if not (folder / name).exists():
-            os.link(file, folder / name)
     jax.config.update("jax_compilation_cache_dir", str(folder))
+    # By default the name of an entry depends on the folder, and no worker finds another's.
+    jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
     if "not slow" in config.option.markexpr and QUICK_COMPILATION not in os.environ:
         # Most of the time of the quick tests is compilation. Processes that they start do the same.
         os.environ[QUICK_COMPILATION] = "1"
         jax.config.update("jax_disable_most_optimizations", True)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _programs_of_all_workers() -> None:
+    """Links what other workers have compiled until now.
+
+    Each worker has a folder of its own, because JAX's cache is not safe where processes share one:
+    an entry can be read while it is being written. One that is some seconds old is complete.
+    """
+    folder, now = COMPILED / WORKER, time.time()
+    own = set(os.listdir(folder))
+    for file in COMPILED.glob("*/*"):
+        if file.name not in own and file.stat().st_mtime < now - WRITING:
+            own.add(file.name)
+            os.link(file, folder / file.name)
 
 
 @pytest.fixture(scope="module", autouse=True)
