@@ -73,7 +73,7 @@ def _programs_of_all_workers() -> None:
     an entry can be read while it is being written. One that is some seconds old is complete.
     """
     folder, now = COMPILED / WORKER, time.time()
-    own = set(os.listdir(folder))
+    own = {file.name for file in folder.iterdir()}
     for file in COMPILED.glob("*/*"):
         if file.name not in own and file.stat().st_mtime < now - WRITING:
             own.add(file.name)

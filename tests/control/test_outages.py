@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import Twin, simulate_closed_loop
+from jaxtwin import Twin, simulate_closed_loop, simulate_closed_loops
 from jaxtwin.control import PID, scenario
 from jaxtwin.control.loops._outages import is_within, longest_silence, periodic_spans
 
@@ -45,6 +45,20 @@ def test_a_stall_shorter_than_the_silence_leaves_a_slow_controller_on():
         for faults, is_on in (("stall=60/1", True), ("stall=61/1", True), ("stall=60.5/4", False)):
             loop = simulate_closed_loop(twin, pid, 30.0, duration=120, faults=faults, noise=False)
             assert bool(np.all(loop.duty[-1] != 0)) == is_on, (interval, faults)
+            assert (loop.switched_off is None) == is_on
+            if loop.switched_off is not None:
+                assert np.all(loop.duty[loop.time >= loop.switched_off] == 0)
+                assert np.any(loop.duty[loop.time < loop.switched_off] != 0)
+                assert f"cells off from {loop.switched_off:g} s" in repr(loop)
+                assert loop.to_xarray().attrs["switched_off_s"] == loop.switched_off
+
+
+def test_draws_of_a_loop_whose_cells_are_switched_off_have_failed():
+    twin, pid = Twin("single-cell"), PID(Kp=0.02, Ki=0.001, limits=(0, 1))
+    draws = {"R_E": [1.9, 2.0]}
+    for faults, failed in (("", False), ("stall=10/5", True)):
+        loops = simulate_closed_loops(twin, pid, 30.0, duration=20, draws=draws, faults=faults)
+        np.testing.assert_array_equal(loops.failed, failed)
 
 
 def test_a_channel_that_fails_and_a_lost_sample_are_silences():

@@ -147,6 +147,23 @@ def oscillation(periods: list[float], drift: float = 0.0) -> tuple[Any, Any, Any
     return time, 40 + 0.1 * np.cumsum(duty - 0.4) + drift * time, duty
 
 
+@pytest.mark.parametrize(
+    ("bias", "advice"),
+    [
+        (0.9, "above the reference at its lower duty, 0\.8, from 50 s on: take a lower bias"),
+        (
+            0.15,
+            r"below the reference at its higher duty, 0\.25., from 0 s on: let it run .* higher",
+        ),
+    ],
+)
+def test_a_bias_that_does_not_let_the_relay_switch_is_named(bias: float, advice: str):
+    relay = Relay(amplitude=0.1, bias=bias, hysteresis=0.1, limits=(0, 1))
+    run = simulate_closed_loop(Twin("dual-cell"), relay, 40.0, duration=1200)
+    with pytest.raises(ControlError, match=advice):
+        ultimate_point(run)
+
+
 def test_an_oscillation_that_drifts_is_refused():
     assert ultimate_point(oscillation([20, 20, 20])).period_s == 20
     with pytest.raises(ControlError, match="periods that do not change, got 40, 28, 20 s"):

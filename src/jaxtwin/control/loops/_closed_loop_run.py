@@ -38,12 +38,15 @@ class ClosedLoopRun:
     - `loop`: the signals from which measures are computed.
     - `outputs`: names of the controlled temperatures.
     - `limits`: the temperature limits of the controller, by channel.
+    - `switched_off`: the time from which the cells are off, because no reading came for too long,
+      s; None if they are controlled to the end.
     """
 
     run: Run
     loop: ClosedLoop
     outputs: tuple[str, ...]
     limits: Mapping[str, TemperatureLimit] = field(default_factory=dict)
+    switched_off: float | None = None
 
     @classmethod
     def of(
@@ -53,6 +56,7 @@ class ClosedLoopRun:
         outputs: tuple[str, ...],
         ambient: Float[np.ndarray, " times"],
         limits: Mapping[str, TemperatureLimit],
+        switched_off: float | None,
     ) -> "ClosedLoopRun":
         """Adds the names of a twin to the signals of a loop."""
         experiment = Experiment(
@@ -68,7 +72,7 @@ class ClosedLoopRun:
             elements=loop.elements,
             twin=twin,
         )
-        return cls(run, loop, outputs, limits)
+        return cls(run, loop, outputs, limits, switched_off)
 
     @property
     def time(self) -> Float[np.ndarray, " times"]:
@@ -138,7 +142,8 @@ class ClosedLoopRun:
 
     def to_xarray(self) -> "xarray.Dataset":
         """The dataset of the run, with reference, measurement and controlled (time, output), power
-        (time, cell) and energy (time)."""
+        (time, cell) and energy (time). If the cells were switched off, its attribute
+        `switched_off_s` says when."""
         celsius = {"units": "degC"}
         more: dict[str, Any] = {
             name: (("time", "output"), getattr(self, name), celsius)
@@ -147,7 +152,9 @@ class ClosedLoopRun:
         more["controlled"] = (("time", "output"), self.output, celsius)
         more["power"] = (("time", "cell"), self.power, {"units": "W"})
         more["energy"] = ("time", self.energy, {"units": "J"})
-        return self.run.to_xarray().assign(more).assign_coords(output=list(self.outputs))
+        dataset = self.run.to_xarray().assign(more).assign_coords(output=list(self.outputs))
+        off = {} if self.switched_off is None else {"switched_off_s": self.switched_off}
+        return dataset.assign_attrs(off)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each time (s), its index, and columns for references, outputs,
@@ -188,9 +195,12 @@ class ClosedLoopRun:
                 self.outputs, self.output[-1], self.reference[-1], strict=True
             )
         )
+        events = [str(limit) for limit in self.exceeded]
+        if self.switched_off is not None:
+            events.insert(0, f"cells off from {self.switched_off:g} s, for want of readings")
         return (
             f"<ClosedLoopRun of {self.run.rig}: {len(self.time)} times, at the end {ends} degC, "
-            f"{self.energy[-1] / 3600:.2f} Wh{''.join(f'; {limit}' for limit in self.exceeded)}>"
+            f"{self.energy[-1] / 3600:.2f} Wh{''.join(f'; {event}' for event in events)}>"
         )
 
     def _repr_html_(self) -> str:

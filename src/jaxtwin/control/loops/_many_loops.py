@@ -110,9 +110,8 @@ def simulate_many_loops(
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
     # Energy and peak power are measures of the loop here, computed at every step of the plant.
     custom = {name: results[name] for name in measures}
-    return Reductions(
-        twin.channels, results["failed"], custom=custom, custom_units=units_of(measures)
-    )
+    failed = results["failed"] | (scenario.switched_off is not None)
+    return Reductions(twin.channels, failed, custom=custom, custom_units=units_of(measures))
 
 
 def numbers_per_step(twin: Twin, scenario: Scenario) -> int:

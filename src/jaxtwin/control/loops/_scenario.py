@@ -69,6 +69,13 @@ class Scenario(eqx.Module):
     counts: int | None = eqx.field(static=True)
     silence_limit: float = eqx.field(static=True)
 
+    @property
+    def switched_off(self) -> float | None:
+        """The time from which the cells are off for good, because no reading came for longer than
+        the silence limit, s; None if they are controlled to the end."""
+        silent = np.asarray(self.silence) > self.silence_limit
+        return float(np.asarray(self.time)[np.argmax(silent)]) if silent.any() else None
+
 
 def scenario(
     twin: Twin | Fit,

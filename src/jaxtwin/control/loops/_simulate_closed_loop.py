@@ -44,7 +44,7 @@ def simulate_closed_loop(
     The commanded duty is rounded to the driver's counts. The plant is solved in the steps of
     `Stepper`, with the driver's delay and lag. If a reading is lost or NaN, the controller receives
     the last one again. After `silence` without a reading, the cells are off for the rest of the
-    run, as `jaxtwin control` switches a rig off.
+    run, as `jaxtwin control` switches a rig off; `switched_off` of the result says from when on.
 
     **Arguments:**
 
@@ -82,7 +82,8 @@ def simulate_closed_loop(
     weights = np.asarray(conditions.output_weights)
     ambient = np.asarray(conditions.ambient).reshape(-1)[: len(loop.time)]
     names = _output_names(weights, plant.channels)
-    return ClosedLoopRun.of(plant, loop, names, ambient, chosen.channel_limits())
+    limits, off = chosen.channel_limits(), conditions.switched_off
+    return ClosedLoopRun.of(plant, loop, names, ambient, limits, off)
 
 
 def _output_names(

@@ -66,7 +66,8 @@ def simulate_closed_loops(
     - `settings`: the further keywords of `jaxtwin.control.scenario`, the same for all loops.
 
     **Returns:** `Reductions` with the measures, those of `MEASURES` with their units. A loop that
-    does not stay finite, or whose draw no rig can have, is marked in `failed`.
+    does not stay finite, whose draw no rig can have, or whose cells are switched off for want of
+    readings, is marked in `failed`.
 
     **Raises:** `ControlError` if nothing is drawn, or if twin, controller, references, draws and
     settings do not fit each other; `ParameterError` if no draw of the twin is valid.

@@ -141,7 +141,7 @@ def ultimate_point(
     if len(ups) < count + 1:
         raise ControlError(
             f"ultimate_point: run: expected at least {count} whole periods of the relay, got "
-            f"{max(len(ups) - 1, 0)}; let it run for longer, or take less hysteresis"
+            f"{max(len(ups) - 1, 0)}; {_advice(time, duty)}"
         )
     ups = ups[-count - 1 :]
     periods = np.diff(time[ups])
@@ -176,6 +176,28 @@ def ultimate_point(
         phase_deg=phase - 360 if phase > 0 else phase,
         amplitude=float(abs(Y)),
         cycles=count,
+    )
+
+
+def _advice(time: Float[np.ndarray, " times"], duty: Float[np.ndarray, " times"]) -> str:
+    """What to do about a relay that hardly switches: if it has stayed in one state for half of the
+    run, its bias is too far from what holds the reference."""
+    (switches,) = np.nonzero(np.diff(duty))
+    falls = np.diff(duty)[switches] < 0
+    if len(falls) and duty[-1] == 0:  # the end of the relay's patience, not a state of it
+        time, switches, falls = time[: switches[-1] + 1], switches[:-1], falls[:-1]
+    since = time[switches[-1] + 1] if len(switches) else time[0]
+    if time[-1] - since < 0.5 * (time[-1] - time[0]):
+        return "let it run for longer, or take less hysteresis"
+    level = duty[len(time) - 1]
+    if np.sum(falls) > np.sum(~falls):
+        return (
+            f"it stayed above the reference at its lower duty, {level:.3g}, from {since:g} s on: "
+            "take a lower bias, or a larger amplitude"
+        )
+    return (
+        f"it stayed below the reference at its higher duty, {level:.3g}, from {since:g} s on: let "
+        "it run for longer, or take a higher bias"
     )
 
 
