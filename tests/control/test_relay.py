@@ -150,7 +150,7 @@ def oscillation(periods: list[float], drift: float = 0.0) -> tuple[Any, Any, Any
 @pytest.mark.parametrize(
     ("bias", "advice"),
     [
-        (0.9, "above the reference at its lower duty, 0\.8, from 50 s on: take a lower bias"),
+        (0.9, "above the reference at its lower duty, 0.8, from 50 s on: take a lower bias"),
         (
             0.15,
             r"below the reference at its higher duty, 0\.25., from 0 s on: let it run .* higher",
@@ -159,7 +159,7 @@ def oscillation(periods: list[float], drift: float = 0.0) -> tuple[Any, Any, Any
 )
 def test_a_bias_that_does_not_let_the_relay_switch_is_named(bias: float, advice: str):
     relay = Relay(amplitude=0.1, bias=bias, hysteresis=0.1, limits=(0, 1))
-    run = simulate_closed_loop(Twin("dual-cell"), relay, 40.0, duration=1200)
+    run = jt.simulate_closed_loop(jt.Twin("dual-cell"), relay, 40.0, duration=1200)
     with pytest.raises(ControlError, match=advice):
         ultimate_point(run)
 
