@@ -115,7 +115,7 @@ def test_references_that_are_known_before_give_the_duty_of_python(twin: Twin, tm
         limits=(0, 1),
         rate_limit=0.1,
         temperature_limits=limits,
-    )
+    ).for_rig(twin.rig)
     random = np.random.default_rng(0)
     wanted = np.where(np.arange(36)[:, None] < 15, [22.0, 22.0], [36.0, 31.0])
     coming = np.stack([wanted[n : n + 6] for n in range(30)])

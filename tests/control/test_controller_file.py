@@ -215,7 +215,7 @@ def of_models(twin: Twin) -> list[Any]:
 def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, number: int):
     """With the same numbers, but for the last digits of what is computed anew."""
     path = tmp_path / "controller.toml"
-    controller = of_models(twin)[number]
+    controller = of_models(twin)[number].for_rig(twin.rig)
     save_controller(path, controller, twin.rig)
     again = read_controller(path, twin.rig)
     assert jax.tree.structure(again) == jax.tree.structure(controller)

@@ -134,6 +134,20 @@ def test_heat_beside_a_limited_channel_is_seen_by_its_own_sensor(twin: Twin):
 
 
 @pytest.mark.slow
+def test_the_rounded_duty_keeps_the_rate_limit(twin: Twin):
+    """0.05 of 255 counts are 12.75: rounded changes of 13 would exceed it."""
+    model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
+    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
+    run = simulate_closed_loop(twin, mpc, 30.0, duration=60)
+    changes = np.abs(np.diff(run.duty, axis=0)).max()
+    assert changes == pytest.approx(12 / 255, abs=1e-12)
+    with pytest.raises(
+        ControlError, match=r"rate_limit: expected at least a count .* 0\.00392 1/s"
+    ):
+        MPC(model, measured=["TAM", "TCM"], rate_limit=0.003).for_rig(twin.rig)
+
+
+@pytest.mark.slow
 def test_a_limit_that_no_duty_keeps_is_named(twin: Twin):
     model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
     limits: Any = {"T11": (0, 25), "T16": (0, 90)}

@@ -69,6 +69,7 @@ def test_reductions_are_those_of_the_whole_trajectories(twin, experiment, runs, 
     np.testing.assert_allclose(given(reduced.plate_range), np.ptp(plates, axis=1), atol=1e-9)
     np.testing.assert_allclose(given(reduced.plate_std), plates.std(axis=1), atol=1e-9)
     assert not reduced.failed.any()
+    assert set(reduced) == set(ALL)
 
 
 @pytest.mark.slow

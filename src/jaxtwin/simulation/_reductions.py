@@ -4,7 +4,7 @@ Each reduction is a pure JAX function of the readings of one draw. Draws of the 
 draws of a diffrax solver and sweeps use the same table.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, final
 
@@ -182,12 +182,17 @@ class Reductions:
         """
         found = self.custom.get(name, getattr(self, name) if name in REDUCTIONS else None)
         if found is None:
-            present = [known for known in REDUCTIONS if getattr(self, known) is not None]
             raise SimulationError(
-                f"reductions: expected one of {', '.join([*present, *self.custom])}, got {name!r}; "
-                f"ask reduce_batch for it{did_you_mean([name], [*present, *self.custom])}"
+                f"reductions: expected one of {', '.join(self)}, got {name!r}; ask reduce_batch "
+                f"for it{did_you_mean([name], list(self))}"
             )
         return found
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the results."""
+        return iter(
+            [*(name for name in REDUCTIONS if getattr(self, name) is not None), *self.custom]
+        )
 
     def plot(self) -> "Figure":
         """Plots the distribution of each result over the draws
@@ -230,8 +235,7 @@ class Reductions:
         return table.to_dataframe()
 
     def __repr__(self) -> str:
-        kept = [name for name in REDUCTIONS if getattr(self, name) is not None]
-        named = ", ".join([*kept, *self.custom]) or "nothing"
+        named = ", ".join(self) or "nothing"
         failed = int(np.count_nonzero(self.failed))
         return f"<Reductions of {len(self.failed)} draws: {named}; {failed} failed>"
 

@@ -16,7 +16,9 @@ linear-quadratic regulator, whatever the horizon (Rawlings, Mayne and Diehl, *Mo
 Control*, 2017, chapters 1 and 2).
 """
 
+import copy
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple, final
@@ -107,7 +109,8 @@ class MPC(AbstractDutyLimitedController):
       rest. A larger value is faster, and overshoots more if the plate differs from the model.
     - `duty_change_deviation`: the accepted change of the duty from sample to sample.
     - `horizon`: the number of samples that are planned.
-    - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none.
+    - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none. On a rig the
+      change in a sample is a whole number of the driver's counts, so that rounding keeps the limit.
     - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. Each channel
       is read at every sample, and the difference of its readings from the model shifts what is
       predicted of it. A limit is exceeded if no duty can keep it; `ClosedLoopRun.exceeded` says so.
@@ -145,6 +148,8 @@ class MPC(AbstractDutyLimitedController):
     temperature_limits: tuple[tuple[str, float, float], ...] = eqx.field(static=True)
     horizon: int = eqx.field(static=True)
     rate_limit: float | None = eqx.field(static=True)
+    counts: int | None = eqx.field(static=True, repr=False)
+    """Full duty in counts of the driver; None before the controller knows its rig."""
     limits: tuple[float, float] = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
@@ -176,6 +181,7 @@ class MPC(AbstractDutyLimitedController):
         self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
         self.preview = true_or_false("MPC: preview", preview, ControlError)
         self.rate_limit = None if rate_limit is None else checked_rate(rate_limit)
+        self.counts = None
         self.temperature_limits = checked_temperature_limits(temperature_limits, model)
         watched = [name for name, *_ in self.temperature_limits]
         plant = plant_of("MPC", model, self.measured, watched)
@@ -203,13 +209,24 @@ class MPC(AbstractDutyLimitedController):
         self.duty, self.outputs = plant.duty, plant.outputs
         self.designed_for = plant.rig
 
-    def for_rig(self, rig: Rig) -> AbstractDutyLimitedController:
-        """Returns the controller with the limits of a rig.
+    def for_rig(self, rig: Rig) -> "MPC":
+        """Returns the controller with the limits of a rig, and the counts of its driver.
 
-        **Raises:** `ControlError` for another rig than that of the model.
+        **Raises:** `ControlError` for another rig than that of the model, or a rate limit of less
+        than a count in a sample.
         """
         check_designed_for("MPC", self.designed_for, rig)
-        return super().for_rig(rig)
+        limited = copy.copy(super().for_rig(rig))
+        assert isinstance(limited, MPC)
+        # The field is no leaf, and no design depends on it.
+        object.__setattr__(limited, "counts", rig.driver.counts)
+        if limited.rate_limit is not None and limited._reach == 0:
+            raise ControlError(
+                f"MPC: rate_limit: expected at least a count of the driver in a sample, "
+                f"{1 / (rig.driver.counts * self.sample_time_s):.3g} 1/s, got {self.rate_limit:g} "
+                "1/s"
+            )
+        return limited
 
     @property
     def is_linear(self) -> bool:
@@ -401,7 +418,12 @@ class MPC(AbstractDutyLimitedController):
     @property
     def _reach(self) -> float | None:
         """The largest change of the duty in a sample; None for any."""
-        return None if self.rate_limit is None else self.rate_limit * self.sample_time_s
+        if self.rate_limit is None:
+            return None
+        reach = self.rate_limit * self.sample_time_s
+        if self.counts is None:
+            return reach
+        return math.floor(reach * self.counts * (1 + 1e-9)) / self.counts
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape
