@@ -1,0 +1,210 @@
+r"""Filters of the faults that may explain a recording, side by side.
+
+Each is the observer with one more state, the multiple $m$ of its fault (`_signatures`), which
+begins with its prior at the onset. Steps and readings are linearised at the state that the filter
+itself has, so that a fault may be as large as it likes. Its likelihood is that of the fault with
+any size.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._compilation import persistent_jit
+from ..observers import ExtendedKalmanFilter, KalmanState
+from ..observers._augmented_model import Reading
+from ..observers._commands import Commands
+from ..observers._filter_run import Samples
+from ..observers._gaussian import Gaussian, corrected, symmetric
+from ._signatures import Suspected, is_held, of_readings, of_step
+
+
+class Hypotheses(NamedTuple):
+    """Faults with what is known of them beforehand.
+
+    - `onset`: the number of the first sample. `held`: the readings then, K.
+    - `spread`: the standard deviation of the multiple; `least`, `largest`: its bounds.
+    """
+
+    faults: Suspected
+    onset: Int[np.ndarray | Array, " faults"]
+    held: Float[np.ndarray | Array, "faults channels"]
+    spread: Float[np.ndarray | Array, " faults"]
+    least: Float[np.ndarray | Array, " faults"]
+    largest: Float[np.ndarray | Array, " faults"]
+
+
+class Tracked(NamedTuple):
+    """What the filter of a hypothesis says after each sample.
+
+    - `log_likelihood`: of the readings since the onset.
+    - `multiple`, `spread`: of the fault, and the standard deviation.
+    """
+
+    log_likelihood: Float[Array, " samples"]
+    multiple: Float[Array, " samples"]
+    spread: Float[Array, " samples"]
+
+
+class _State(NamedTuple):
+    """The state of such a filter: mean and covariance have the multiple as their last entry."""
+
+    known: Gaussian
+    duty: Float[Array, " cells"]
+    commands: Commands
+    slope: Float[Array, " channels"]
+    log_likelihood: Float[Array, ""]
+
+
+def follow(
+    kalman: ExtendedKalmanFilter,
+    hypothesis: Hypotheses,
+    numbers: Int[Array, " samples"],
+    befores: KalmanState,
+    samples: Samples,
+) -> Tracked:
+    """Follows samples under a single hypothesis.
+
+    **Arguments:**
+
+    - `numbers`: the numbers of the samples. `befores`: the states of the healthy filter before
+      each of them.
+    """
+    faults = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], hypothesis.faults.faulty)
+    one = Suspected(
+        hypothesis.faults.healthy, faults, jnp.reshape(jnp.asarray(hypothesis.faults.held), 1),
+        jnp.reshape(jnp.asarray(hypothesis.faults.drift), 1),
+    )  # fmt: skip
+
+    def take(state: _State, at: tuple[Array, KalmanState, Samples]) -> tuple[_State, Tracked]:
+        number, before, sample = at
+        begins = number == hypothesis.onset
+        fresh = _begun(before, hypothesis)
+        state = jax.tree.map(lambda new, old: jnp.where(begins, new, old), fresh, state)
+        state = _stepped(kalman, one, state, sample)
+        state, density = _corrected(kalman, one, hypothesis, state, sample)
+        said = state.log_likelihood + jnp.where(number >= hypothesis.onset, density, 0.0)
+        state = state._replace(log_likelihood=said)
+        spread = jnp.sqrt(state.known.covariance[-1, -1])
+        return state, Tracked(said, state.known.mean[-1], spread)
+
+    first = jax.tree.map(lambda leaf: leaf[0], befores)
+    return jax.lax.scan(take, _begun(first, hypothesis), (numbers, befores, samples))[1]
+
+
+@persistent_jit
+def tracked(
+    kalman: ExtendedKalmanFilter,
+    hypotheses: Hypotheses,
+    numbers: Int[Array | np.ndarray, " samples"],
+    befores: KalmanState,
+    samples: Samples,
+) -> Tracked:
+    """Follows samples under several hypotheses at once."""
+    axes = Hypotheses(
+        Suspected(*(jax.tree.map(lambda _: n, part) for n, part in (
+            (None, hypotheses.faults.healthy), (0, hypotheses.faults.faulty),
+            (0, hypotheses.faults.held), (0, hypotheses.faults.drift),
+        ))), 0, 0, 0, 0, 0,
+    )  # fmt: skip
+    each = partial(follow, kalman)
+    return jax.vmap(each, in_axes=(axes, None, None, None))(
+        hypotheses, jnp.asarray(numbers), befores, samples
+    )
+
+
+def _begun(before: KalmanState, hypothesis: Hypotheses) -> _State:
+    """The state at the onset."""
+    size = len(before.mean)
+    covariance = jnp.zeros((size + 1, size + 1), before.mean.dtype)
+    covariance = covariance.at[:size, :size].set(before.covariance)
+    covariance = covariance.at[size, size].set(jnp.asarray(hypothesis.spread) ** 2)
+    return _State(
+        Gaussian(jnp.append(before.mean, 0.0), covariance), before.duty, before.commands,
+        before.slope, jnp.zeros((), before.mean.dtype),
+    )  # fmt: skip
+
+
+def _stepped(
+    kalman: ExtendedKalmanFilter,
+    one: Suspected,
+    state: _State,
+    sample: Samples,
+) -> _State:
+    model = kalman.model
+    mean, size = state.known.mean[:-1], len(state.known.mean) - 1
+    dt = jnp.asarray(sample.dt, mean.dtype)
+    commands = state.commands.given(jnp.asarray(sample.duty, mean.dtype), kalman.spacing)
+    transition, duty = model.step(mean, state.duty, commands, dt, sample.levels)
+    block = model.layout.of("modes")
+
+    def added(z: Array) -> Array:
+        at = mean.at[block].set(z)
+        return of_step(model, one, at, state.duty, commands, dt, sample.levels)[:, 0]
+
+    multiple = state.known.mean[-1]
+    effect, by_modes = added(mean[block]), jax.jacfwd(added)(mean[block])
+    slope = jnp.zeros((size + 1, size + 1), mean.dtype)
+    slope = slope.at[:size, :size].set(transition.slope).at[size, size].set(1.0)
+    slope = slope.at[:size, block].add(multiple * by_modes)
+    slope = slope.at[:size, size].set(effect)
+    covariance = slope @ state.known.covariance @ slope.T
+    covariance = covariance.at[:size, :size].add(transition.noise)
+    after = transition.mean + multiple * effect
+    return _State(
+        Gaussian(jnp.append(after, state.known.mean[-1]), symmetric(covariance)),
+        duty, commands.older(dt), model.slope_of_readings(mean, after, dt, state.slope),
+        state.log_likelihood,
+    )  # fmt: skip
+
+
+def _corrected(
+    kalman: ExtendedKalmanFilter,
+    one: Suspected,
+    hypothesis: Hypotheses,
+    state: _State,
+    sample: Samples,
+) -> tuple[_State, Float[Array, ""]]:
+    """The state after readings, and the logarithm of their density."""
+    model, noise = kalman.model, kalman.model.noise
+    layout = model.layout
+    mean, size = state.known.mean[:-1], len(state.known.mean) - 1
+    measured = model.from_degC(jnp.asarray(sample.readings, mean.dtype))
+    used = jnp.isfinite(measured)
+    healthy = model.read(mean)
+    block = layout.of("modes")
+
+    def added(z: Array) -> Array:
+        return of_readings(model, one, mean.at[block].set(z))[:, 0]
+
+    multiple = state.known.mean[-1]
+    held = is_held(one, len(used))[:, 0]
+    effect = added(mean[block]) + held * (hypothesis.held - healthy.mean)
+    slope = jnp.zeros((len(used), size + 1), mean.dtype)
+    slope = slope.at[:, :size].set((1 - multiple * held)[:, None] * healthy.slope)
+    slope = slope.at[:, block].add(multiple * jax.jacfwd(added)(mean[block]))
+    slope = slope.at[:, size].set(effect)
+    expected = Reading(healthy.mean + multiple * effect, slope)
+    variance = jnp.asarray(noise.reading) ** 2 + (noise.reading_time * state.slope) ** 2
+    innovation = measured - expected.mean
+    opened = kalman.opened(state.known, expected, innovation, variance, used)
+    place = layout.of("room").start
+    room = model.from_degC(jnp.asarray(sample.ambient, mean.dtype)) - mean[place]
+    of_room = jnp.zeros(size + 1, mean.dtype).at[place].set(1.0)
+    found = corrected(
+        opened,
+        jnp.concatenate([room[None], innovation]),
+        jnp.concatenate([of_room[None], slope]),
+        jnp.concatenate([jnp.reshape(noise.ambient**2, 1), variance]),
+        jnp.concatenate([jnp.isfinite(room)[None], used]),
+        jnp.zeros(size + 1, bool).at[layout.of("values")].set(True),
+    )
+    duty = found.state.mean[layout.of("duty")] if layout.duty else state.duty
+    density = found.log_densities[1:].sum()
+    limited = jnp.clip(found.state.mean[-1], hypothesis.least, hypothesis.largest)
+    known = Gaussian(found.state.mean.at[-1].set(limited), found.state.covariance)
+    return state._replace(known=known, duty=duty), density
