@@ -17,6 +17,8 @@ from .control import linearize as linearize  # twin or fit -> LinearModel, by ex
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
 from .control import simulate_closed_loops as simulate_closed_loops  # for many draws
 from .control import tune as tune  # a controller's gains, through the closed loop
+from .diagnosis import Diagnosis as Diagnosis  # why something changed in a recording
+from .diagnosis import diagnose as diagnose  # which fault, since when, how large
 from .experiment_design import ExperimentDesign as ExperimentDesign  # what to record next
 from .experiment_design import design_experiment as design_experiment  # and how to find it
 from .fmu import export_fmu as export_fmu  # a twin as an FMU, for other simulators

@@ -32,6 +32,7 @@ EXAMPLES = {
     "swap": ("T11+T16", 1.0),
     "move": ("x", 2e-3),
     "delay": ("command", 1.0),
+    "change": ("h_A", 2.0),
 }
 SHARES = ("fail", "reverse", "cover", "offset", "swap", "move", "delay")
 """Models whose size is 0, not 1, where there is no fault."""
@@ -91,6 +92,11 @@ def test_an_aged_cell_is_one_of_a_higher_resistance():
     twin = Twin("single-cell")
     other = twin.with_values({"R_E": float(twin.values["R_E"]) * 1.3})
     assert_equal(changed(twin, fault(twin, "age", "P1", 1.3)), system_of(other))
+
+
+def test_a_changed_parameter_is_one_of_another_value(twin: Twin):
+    other = twin.with_values({"R_E": float(twin.values["R_E"]) * 1.3})
+    assert_equal(changed(twin, fault(twin, "change", "R_E", 1.3)), system_of(other))
 
 
 def test_a_faded_cell_is_one_of_a_lower_seebeck_coefficient():
@@ -230,6 +236,7 @@ def test_a_fault_of_no_size_changes_nothing_and_has_a_slope(twin: Twin, model: s
         ("gain", "T99", "unknown channel 'T99'"),
         ("move", "z", "unknown axis 'z'"),
         ("weaken", "P9", "unknown part 'P9'.* Known: supply, P1, P2"),
+        ("change", "R_X", "unknown parameter 'R_X'"),
         ("leak", "roof", "unknown part 'roof'"),
         ("swap", "T11", "unknown channel ''"),
     ],

@@ -38,6 +38,9 @@ SURE = math.log(19.0)
 OVER = 10.0
 """A fault is over when so much of the logarithm of its odds is lost, and a tenth of it."""
 
+AFTER = 30
+"""A fault that is over is followed for so many samples more, to see when it ended."""
+
 SURVIVORS = 6
 """The number of faults that are followed by filters of their own."""
 
@@ -49,6 +52,9 @@ CLOSE = 0.25
 
 ROUNDS = 3
 """The largest number of times that the filters of the survivors run."""
+
+STRIDE = 12
+"""In healthy recordings every so many samples begin a candidate, so that some become old."""
 
 MOST = 8
 """The largest number of causes in a recording."""
@@ -112,6 +118,8 @@ def learned(several: Sequence[Suspect], healthy: Sequence[Observed]) -> Prior:
     squares, counts = np.zeros(len(several) + 1), np.zeros(len(several) + 1)
     for one in healthy:
         inputs = _inputs(one, 0)
+        is_turn = np.arange(len(inputs.begins)) % STRIDE == 0
+        inputs = inputs._replace(begins=np.asarray(inputs.begins) & is_turn)
         with own_settings():
             own = suspected(one.observer.model, several)
             found = healthy_squares(one.observer, own, prior, inputs)
@@ -191,6 +199,7 @@ def _judge(
     """The cause of a change, and the probabilities from its onset on, by filters of the faults that
     explain it best."""
     at, other = span.best, len(several)
+    last = min(span.end + AFTER, len(time)) - 1 if span.is_over else at
     numbers = np.argsort(-logs[at, :other])[:SURVIVORS]
     numbers = np.resize(numbers, SURVIVORS)  # the same number for a short list of suspects
     own = [several[number] for number in numbers]
@@ -200,17 +209,20 @@ def _judge(
     ]
     onset = np.asarray(said.onset)[at, numbers]
     for turn in range(ROUNDS):
-        rows = slice(int(onset.min()) - 1, at + 1)
+        rows = slice(int(onset.min()) - 1, last + 1)
         # The ratio, which is linear in the fault, sees a large one a sample late.
         begins = np.concatenate([onset, onset - 1])
-        both = _follow(observed, 2 * own, 2 * now, begins, rows, at)
-        each = _evidence(observed, 2 * now, prior, both, np.tile(numbers, 2), begins, rows)
-        is_earlier = each[SURVIVORS:, -1] > each[:SURVIVORS, -1]
+        both = _follow(observed, 2 * own, 2 * now, begins, rows)
+        inflation = np.asarray(prior.inflation)[np.tile(numbers, 2)]
+        each = _evidence(observed, 2 * now, both, begins, rows) / inflation[:, None]
+        # Most is known when the fault ends: what comes after it speaks against it.
+        most = int(each.max(axis=0).argmax()) if span.is_over else -1
+        is_earlier = each[SURVIVORS:, most] > each[:SURVIVORS, most]
         picked = np.arange(SURVIVORS) + SURVIVORS * is_earlier
         onset, marginal = begins[picked], each[picked]
         of_each = jax.tree.map(lambda leaf, rows=picked: leaf[rows], both)
-        multiple = of_each.multiple[:, -1]
-        alive = marginal[:, -1] > marginal[:, -1].max() - 10
+        multiple = of_each.multiple[:, most]
+        alive = marginal[:, most] > marginal[:, most].max() - 10
         is_done = (np.abs(multiple - 1) < CLOSE) & ~is_earlier
         if turn == ROUNDS - 1 or (is_done | ~alive).all():
             break
@@ -219,22 +231,27 @@ def _judge(
             for one, m, a in zip(now, multiple, alive, strict=True)
         ]
     onsets = np.asarray(said.evidence - said.ratio)[at] + rate
-    table = np.full((len(range(*rows.indices(len(time)))), other + 1), -math.inf)
-    table[:, numbers] = (marginal + onsets[numbers][:, None]).T
-    table[:, other] = logs[rows, other]
+    # No suspect is better known than the best of them explains the readings.
+    best = int(marginal[:, most].argmax())
+    excess = max(1.0, float(of_each.misfit[best, most] / inflation[best]))
+    if span.is_over:
+        rows = slice(rows.start, rows.start + most + 1)
+    table = np.full((rows.stop - rows.start, other + 1), -math.inf)
+    table[:, numbers] = (marginal / excess + onsets[numbers][:, None]).T[: len(table)]
+    table[:, other] = (logs[rows, other] - rate) / excess + rate
     posterior = _probabilities(table)
     explained = []
     for place, number in enumerate(numbers):
         if number in numbers[:place]:
             continue
-        one, m, s = now[place], of_each.multiple[place, -1], of_each.spread[place, -1]
-        s = s * math.sqrt(float(np.asarray(prior.inflation)[number]))
+        one, m, s = now[place], of_each.multiple[place, most], of_each.spread[place, most]
+        s = s * math.sqrt(float(inflation[place]) * excess)
         ends = [one.size_of(float(m + sign * QUANTILE_975 * s)) for sign in (-1, 1)]
         explained.append(_explanation(
-            one.name, float(posterior[-1, number]), (one.size_of(float(m)), *sorted(ends)),
+            one.name, float(posterior[-1, number]), (one.size_of(float(m)), *sorted(ends), one.none),
             one.unit, said, at, int(number), time, int(onset[place]),
         ))  # fmt: skip
-    nothing = (math.nan, math.nan, math.nan)
+    nothing = (math.nan,) * 4
     explained.append(
         _explanation(
             OTHER,
@@ -249,8 +266,11 @@ def _judge(
         )
     )
     explained.sort(key=lambda one: -one.probability)
-    until = float(time[at]) if span.is_over else None
-    return Cause(tuple(explained), float(time[span.found]), until), rows, posterior
+    begin = int(onset[np.argmax(posterior[-1, numbers])])
+    until = float(time[rows.stop - 1]) if span.is_over else None
+    above = logsumexp(logs[begin : at + 1], axis=1) > SURE
+    found = begin + int(above.argmax()) if above.any() else span.found
+    return Cause(tuple(explained), float(time[found]), until), rows, posterior
 
 
 def _follow(
@@ -259,7 +279,6 @@ def _follow(
     now: Sequence[Suspect],
     onset: Int[np.ndarray, " survivors"],
     rows: slice,
-    at: int,
 ) -> Tracked:
     """Runs the filters of some suspects over some samples."""
     model = observed.observer.model
@@ -275,20 +294,18 @@ def _follow(
         np.array([0.0 if one.is_one_sided else -10.0 for one in now]),
         np.array([min(one.largest, 50.0) for one in now]),
     )
-    length = 2 ** max(7, math.ceil(math.log2(at + 1 - rows.start)))
+    length = 2 ** max(7, math.ceil(math.log2(rows.stop - rows.start)))
     befores, samples = _filled(observed, rows.start, length)
     numbers = rows.start + np.arange(length)
     with own_settings():
         found = tracked(observed.observer, hypotheses, numbers, befores, samples)
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[:, : at + 1 - rows.start], found)
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[:, : rows.stop - rows.start], found)
 
 
 def _evidence(
     observed: Observed,
     now: Sequence[Suspect],
-    prior: Prior,
     of_each: Tracked,
-    numbers: Int[np.ndarray, " survivors"],
     onset: Int[np.ndarray, " survivors"],
     rows: slice,
 ) -> Float[np.ndarray, "survivors samples"]:
@@ -297,7 +314,7 @@ def _evidence(
     without = np.asarray(observed.filtered.states.log_likelihood)[rows]
     place = np.arange(len(without)) + rows.start
     since = np.where(place >= onset[:, None], without, 0.0).cumsum(axis=1)
-    gained = (of_each.log_likelihood - since) / np.asarray(prior.inflation)[numbers][:, None]
+    gained = of_each.log_likelihood - since
     one_sided = np.array([one.is_one_sided for one in now])[:, None]
     above = log_ndtr(of_each.multiple / of_each.spread) + math.log(2.0)
     gained = gained + np.where(one_sided, above, 0.0)
@@ -307,7 +324,7 @@ def _evidence(
 def _explanation(
     name: str,
     probability: float,
-    size: tuple[float, float, float],
+    size: tuple[float, ...],
     unit: str,
     said: Judged,
     at: int,

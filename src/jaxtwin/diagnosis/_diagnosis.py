@@ -32,6 +32,7 @@ class Explanation(NamedTuple):
     - `name`: of the suspect, or "none of these", which has no size.
     - `probability`: of it, given the recording until the cause was judged.
     - `size`: its size, in `unit` ("1" for factors, "share"). `lower`, `upper`: a 95 % band.
+      `healthy`: the size of no fault.
     - `onset`: when it began, s. `onset_lower`, `onset_upper`: a 95 % band.
     """
 
@@ -40,6 +41,7 @@ class Explanation(NamedTuple):
     size: float
     lower: float
     upper: float
+    healthy: float
     unit: str
     onset: float
     onset_lower: float
@@ -57,8 +59,9 @@ class Explanation(NamedTuple):
         if not math.isfinite(self.size):
             return f"{begin}, probability {self.probability:.2g}"
         unit = "" if self.unit in ("1", "share", "multiple") else f" {self.unit}"
+        usual = f" in place of {self.healthy:.3g}" if self.unit and self.healthy else ""
         return (
-            f"{begin}, size {self.size:.3g} ({self.lower:.3g} to {self.upper:.3g}){unit}, "
+            f"{begin}, size {self.size:.3g} ({self.lower:.3g} to {self.upper:.3g}){unit}{usual}, "
             f"probability {self.probability:.2g}"
         )
 

@@ -6,13 +6,12 @@ itself has, so that a fault may be as large as it likes. Its likelihood is that 
 any size.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit
 from ..observers import ExtendedKalmanFilter, KalmanState
@@ -24,40 +23,48 @@ from ._signatures import Suspected, is_held, of_readings, of_step
 
 
 class Hypotheses(NamedTuple):
-    """Faults with what is known of them beforehand.
+    """Faults with what is known of them beforehand; or a single one, with numbers in place of
+    arrays.
 
     - `onset`: the number of the first sample. `held`: the readings then, K.
     - `spread`: the standard deviation of the multiple; `least`, `largest`: its bounds.
     """
 
     faults: Suspected
-    onset: Int[np.ndarray | Array, " faults"]
-    held: Float[np.ndarray | Array, "faults channels"]
-    spread: Float[np.ndarray | Array, " faults"]
-    least: Float[np.ndarray | Array, " faults"]
-    largest: Float[np.ndarray | Array, " faults"]
+    onset: Int[np.ndarray | Array, "*faults"]
+    held: Float[np.ndarray | Array, "*faults channels"]
+    spread: Float[np.ndarray | Array, "*faults"]
+    least: Float[np.ndarray | Array, "*faults"]
+    largest: Float[np.ndarray | Array, "*faults"]
 
 
 class Tracked(NamedTuple):
     """What the filter of a hypothesis says after each sample.
 
     - `log_likelihood`: of the readings since the onset.
+    - `misfit`: the mean square of the whitened innovations since the onset, 1 if the fault explains
+      them.
     - `multiple`, `spread`: of the fault, and the standard deviation.
     """
 
     log_likelihood: Float[Array, " samples"]
+    misfit: Float[Array, " samples"]
     multiple: Float[Array, " samples"]
     spread: Float[Array, " samples"]
 
 
 class _State(NamedTuple):
-    """The state of such a filter: mean and covariance have the multiple as their last entry."""
+    """The state of such a filter: mean and covariance have the multiple as their last entry. The
+    last three are sums since the onset: of the logarithms of the densities of the readings, of the
+    squares of their whitened innovations, and the number of readings."""
 
     known: Gaussian
     duty: Float[Array, " cells"]
     commands: Commands
     slope: Float[Array, " channels"]
     log_likelihood: Float[Array, ""]
+    squares: Float[Array, ""]
+    readings: Float[Array, ""]
 
 
 def follow(
@@ -74,11 +81,7 @@ def follow(
     - `numbers`: the numbers of the samples. `befores`: the states of the healthy filter before
       each of them.
     """
-    faults = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], hypothesis.faults.faulty)
-    one = Suspected(
-        hypothesis.faults.healthy, faults, jnp.reshape(jnp.asarray(hypothesis.faults.held), 1),
-        jnp.reshape(jnp.asarray(hypothesis.faults.drift), 1),
-    )  # fmt: skip
+    one = hypothesis.faults
 
     def take(state: _State, at: tuple[Array, KalmanState, Samples]) -> tuple[_State, Tracked]:
         number, before, sample = at
@@ -86,11 +89,13 @@ def follow(
         fresh = _begun(before, hypothesis)
         state = jax.tree.map(lambda new, old: jnp.where(begins, new, old), fresh, state)
         state = _stepped(kalman, one, state, sample)
-        state, density = _corrected(kalman, one, hypothesis, state, sample)
-        said = state.log_likelihood + jnp.where(number >= hypothesis.onset, density, 0.0)
-        state = state._replace(log_likelihood=said)
-        spread = jnp.sqrt(state.known.covariance[-1, -1])
-        return state, Tracked(said, state.known.mean[-1], spread)
+        state = _corrected(kalman, one, hypothesis, state, sample, number >= hypothesis.onset)
+        return state, Tracked(
+            log_likelihood=state.log_likelihood,
+            misfit=state.squares / jnp.maximum(state.readings, 1.0),
+            multiple=state.known.mean[-1],
+            spread=jnp.sqrt(state.known.covariance[-1, -1]),
+        )
 
     first = jax.tree.map(lambda leaf: leaf[0], befores)
     return jax.lax.scan(take, _begun(first, hypothesis), (numbers, befores, samples))[1]
@@ -105,16 +110,16 @@ def tracked(
     samples: Samples,
 ) -> Tracked:
     """Follows samples under several hypotheses at once."""
-    axes = Hypotheses(
-        Suspected(*(jax.tree.map(lambda _: n, part) for n, part in (
-            (None, hypotheses.faults.healthy), (0, hypotheses.faults.faulty),
-            (0, hypotheses.faults.held), (0, hypotheses.faults.drift),
-        ))), 0, 0, 0, 0, 0,
-    )  # fmt: skip
-    each = partial(follow, kalman)
-    return jax.vmap(each, in_axes=(axes, None, None, None))(
-        hypotheses, jnp.asarray(numbers), befores, samples
-    )
+    healthy = hypotheses.faults.healthy
+    faults, *others = hypotheses
+    stacked = faults.faulty, faults.held, faults.drift
+
+    def each(stacked: tuple, others: list) -> Tracked:
+        own = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], stacked)
+        one = Hypotheses(Suspected(healthy, *own), *others)
+        return follow(kalman, one, jnp.asarray(numbers), befores, samples)
+
+    return jax.vmap(each)(stacked, others)
 
 
 def _begun(before: KalmanState, hypothesis: Hypotheses) -> _State:
@@ -125,7 +130,7 @@ def _begun(before: KalmanState, hypothesis: Hypotheses) -> _State:
     covariance = covariance.at[size, size].set(jnp.asarray(hypothesis.spread) ** 2)
     return _State(
         Gaussian(jnp.append(before.mean, 0.0), covariance), before.duty, before.commands,
-        before.slope, jnp.zeros((), before.mean.dtype),
+        before.slope, *jnp.zeros(3, before.mean.dtype),
     )  # fmt: skip
 
 
@@ -155,11 +160,12 @@ def _stepped(
     covariance = slope @ state.known.covariance @ slope.T
     covariance = covariance.at[:size, :size].add(transition.noise)
     after = transition.mean + multiple * effect
-    return _State(
-        Gaussian(jnp.append(after, state.known.mean[-1]), symmetric(covariance)),
-        duty, commands.older(dt), model.slope_of_readings(mean, after, dt, state.slope),
-        state.log_likelihood,
-    )  # fmt: skip
+    return state._replace(
+        known=Gaussian(jnp.append(after, state.known.mean[-1]), symmetric(covariance)),
+        duty=duty,
+        commands=commands.older(dt),
+        slope=model.slope_of_readings(mean, after, dt, state.slope),
+    )
 
 
 def _corrected(
@@ -168,8 +174,9 @@ def _corrected(
     hypothesis: Hypotheses,
     state: _State,
     sample: Samples,
-) -> tuple[_State, Float[Array, ""]]:
-    """The state after readings, and the logarithm of their density."""
+    counts: Bool[Array, ""],
+) -> _State:
+    """The state after readings; those before the onset do not count."""
     model, noise = kalman.model, kalman.model.noise
     layout = model.layout
     mean, size = state.known.mean[:-1], len(state.known.mean) - 1
@@ -204,7 +211,11 @@ def _corrected(
         jnp.zeros(size + 1, bool).at[layout.of("values")].set(True),
     )
     duty = found.state.mean[layout.of("duty")] if layout.duty else state.duty
-    density = found.log_densities[1:].sum()
     limited = jnp.clip(found.state.mean[-1], hypothesis.least, hypothesis.largest)
-    known = Gaussian(found.state.mean.at[-1].set(limited), found.state.covariance)
-    return state._replace(known=known, duty=duty), density
+    return state._replace(
+        known=Gaussian(found.state.mean.at[-1].set(limited), found.state.covariance),
+        duty=duty,
+        log_likelihood=state.log_likelihood + counts * found.log_densities[1:].sum(),
+        squares=state.squares + counts * (found.whitened[1:] ** 2).sum(),
+        readings=state.readings + counts * used.sum(),
+    )

@@ -1,6 +1,7 @@
 """The faults that a diagnosis looks for, each with a usual size."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -13,6 +14,7 @@ from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from ..physics import FAULT_MODELS, Fault, Twin
 from ..rig import ZoneSensor
+from ..rig._plate import AMBIENT
 from ..simulation._stepper import assembled
 
 PAIRS = 4
@@ -107,9 +109,19 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
         add("weaken", part, 0.9)
     plate = ["plate"] if twin.wiring.elements else []
     bodies = [body.name for body in rig.bodies]
-    leaky = [*plate, *(name for name in bodies if lost[index[name]] > 0)]
-    for part in leaky if len(leaky) == 1 else [*leaky, *(["all"] if leaky else [])]:
-        add("leak", part, 2.0)
+    elements = range(twin.wiring.elements)
+    leaky = {"plate": float(lost[elements].sum())} if plate else {}
+    leaky |= {name: float(lost[index[name]]) for name in bodies if lost[index[name]] > 0}
+    for part, conductance in leaky.items():
+        found.append(Suspect(
+            f"leak {part}", _scaled(twin, "leak", part, conductance), 2 * conductance, conductance,
+            unit="W/K",
+        ))  # fmt: skip
+    for name in _of_links(twin):
+        resistance = float(twin.values_si[name])
+        found.append(Suspect(
+            f"leak {name}", _leaking_link(twin, name), 2 / resistance, 1 / resistance, unit="W/K"
+        ))  # fmt: skip
     for part in (*plate, *bodies):
         add("load", part, 1.3)
     for channel in read:
@@ -158,6 +170,25 @@ def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect
     if not found:
         raise ObserverError("diagnose: faults: expected at least one, got none")
     return tuple(found.values())
+
+
+def _scaled(twin: Twin, model: str, part: str, unit: float) -> Callable[[float], Fault]:
+    """A fault whose size is a multiple of a unit."""
+    return lambda size: FAULT_MODELS[model](twin, part, np.float64(size / unit))
+
+
+def _leaking_link(twin: Twin, name: str) -> Callable[[float], Fault]:
+    """Links of a resistance have a conductance in its place, W/K."""
+    resistance = float(twin.values_si[name])
+    return lambda size: FAULT_MODELS["change"](twin, name, np.float64(1 / (size * resistance)))
+
+
+def _of_links(twin: Twin) -> list[str]:
+    """The parameters that are the resistances between several bodies and the surroundings."""
+    links = [link for link in twin.netlist.links if link.role == "body" and link.b == AMBIENT]
+    single = [one.resistances[0] for one in links if len(one.resistances) == 1]
+    counts = Counter(name for value in single for name, _ in value.powers)
+    return [name for name, count in counts.items() if count > 1]
 
 
 def _of(twin: Twin, model: str, part: str) -> Callable[[float], Fault]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
@@ -277,6 +278,30 @@ def moved_camera(twin: Twin, axis: str, shift: Float[ArrayLike, ""]) -> Fault:
     return fault
 
 
+def changed_parameter(twin: Twin, name: str, factor: Float[ArrayLike, ""]) -> Fault:
+    """A parameter of the rig file is `factor` times as large.
+
+    **Raises:** `SimulationError` if the rig has no such parameter.
+    """
+    _number("parameter", name, tuple(twin.rig.parameters))
+
+    def fault(system: System) -> System:
+        value = jnp.asarray(twin.values[name]) * factor
+        before, after = twin.system(), twin.with_values({name: value}).system()
+        change = {
+            keys: new - old
+            for (keys, new), (_, old) in zip(
+                *(jax.tree_util.tree_leaves_with_path(one) for one in (after, before)), strict=True
+            )
+            if eqx.is_inexact_array(new)
+        }
+        return jax.tree_util.tree_map_with_path(
+            lambda keys, leaf: leaf + change[keys] if keys in change else leaf, system
+        )
+
+    return fault
+
+
 FAULT_MODELS: Mapping[str, FaultModel] = {
     "loosen": loosened_contact,
     "fail": open_circuit,
@@ -293,6 +318,7 @@ FAULT_MODELS: Mapping[str, FaultModel] = {
     "swap": swapped_channels,
     "move": moved_camera,
     "delay": delayed_command,
+    "change": changed_parameter,
 }
 """The models by the words of `jaxtwin virtual-rig --faults`; a new model is entered here."""
 
