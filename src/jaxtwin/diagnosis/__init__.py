@@ -15,13 +15,16 @@ of them can be told apart, and after what time.
 
 from ._diagnose import diagnose
 from ._diagnosis import Cause, Diagnosis, Explanation
+from ._isolability import Isolability, isolability
 from ._suspects import Suspect, suspects
 
 __all__ = [
     "Cause",
     "Diagnosis",
     "Explanation",
+    "Isolability",
     "Suspect",
     "diagnose",
+    "isolability",
     "suspects",
 ]

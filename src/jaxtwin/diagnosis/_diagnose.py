@@ -117,7 +117,7 @@ def learned(several: Sequence[Suspect], healthy: Sequence[Observed]) -> Prior:
     )
     squares, counts = np.zeros(len(several) + 1), np.zeros(len(several) + 1)
     for one in healthy:
-        inputs = _inputs(one, 0)
+        inputs = inputs_of(one, 0)
         is_turn = np.arange(len(inputs.begins)) % STRIDE == 0
         inputs = inputs._replace(begins=np.asarray(inputs.begins) & is_turn)
         with own_settings():
@@ -139,7 +139,7 @@ def diagnosed(
     answers[:, -1] = 1.0
     causes: list[Cause] = []
     while start < len(time) and len(causes) < MOST:
-        inputs = _inputs(observed, start)
+        inputs = inputs_of(observed, start)
         with own_settings():
             found = ratios(observed.observer, arrays, prior, inputs)
         said = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(time)], found)
@@ -366,7 +366,7 @@ def _probabilities(
     return np.exp(both - logsumexp(both, axis=1, keepdims=True))
 
 
-def _inputs(observed: Observed, start: int) -> Inputs:
+def inputs_of(observed: Observed, start: int) -> Inputs:
     """The samples of a recording, from one of which on faults may begin."""
     count = len(observed.is_sample)
     length = BLOCK * math.ceil(count / BLOCK)

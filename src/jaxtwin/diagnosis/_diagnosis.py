@@ -58,8 +58,11 @@ class Explanation(NamedTuple):
         begin = f"{self.name} since {self.onset:.0f} s"
         if not math.isfinite(self.size):
             return f"{begin}, probability {self.probability:.2g}"
-        unit = "" if self.unit in ("1", "share", "multiple") else f" {self.unit}"
-        usual = f" in place of {self.healthy:.3g}" if self.unit and self.healthy else ""
+        unit, usual = f" {self.unit}", f" in place of {self.healthy:.3g}"
+        if self.unit in ("1", "share", "multiple"):
+            unit = usual = ""
+        elif self.healthy == 0:
+            usual = ""
         return (
             f"{begin}, size {self.size:.3g} ({self.lower:.3g} to {self.upper:.3g}){unit}{usual}, "
             f"probability {self.probability:.2g}"

@@ -122,14 +122,32 @@ class Candidates(eqx.Module):
         )
 
 
-def advance(
+class Signature(NamedTuple):
+    """What faults do to a filter.
+
+    - `error`: the error of its state after a sample, $e$.
+    - `seen`: the change of the whitened readings, $g$.
+    """
+
+    error: Float[Array, "state candidates faults"]
+    seen: Float[Array, "readings candidates faults"]
+
+
+def signature(
     kalman: ExtendedKalmanFilter,
     faults: Suspected,
     before: KalmanState,
-    candidates: Candidates,
+    error: Float[Array, "state candidates faults"],
+    held: Float[Array, "candidates channels"],
     sample: Samples,
-) -> Candidates:
-    """The candidates after a sample that follows a state of the healthy filter."""
+) -> tuple[Signature, Correction]:
+    """What faults do to the healthy filter at a sample, and what the sample says to it.
+
+    **Arguments:**
+
+    - `before`, `error`: the state of the filter after the sample before, and its error then.
+    - `held`: the readings at which channels are stuck, K.
+    """
     model = kalman.model
     predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
     commands = before.commands.given(jnp.asarray(sample.duty), kalman.spacing)
@@ -138,27 +156,38 @@ def advance(
     added = of_step(
         model, faults, before.mean, before.duty, commands, jnp.asarray(sample.dt), sample.levels
     )
-    size, count, columns = candidates.error.shape
-    error = candidates.error.reshape(size, -1)
-    driven = len(step.driven)
-    error = jnp.concatenate([step.driven @ error[:driven], step.decay[:, None] * error[driven:]])
-    error = error.reshape(size, count, columns) + added[:, None]
+    size, count, columns = error.shape
+    driven, flat = len(step.driven), error.reshape(size, -1)
+    moved = jnp.concatenate([step.driven @ flat[:driven], step.decay[:, None] * flat[driven:]])
+    moved = (moved.reshape(size, count, columns) + added[:, None]).reshape(size, -1)
+    away = jnp.where(used, held - model.read(predicted.mean).mean, 0.0)
     direct = of_readings(model, faults, predicted.mean)
-    held = is_held(faults, len(used))
-    away = candidates.held - (model.read(predicted.mean).mean)
-    direct = direct + held * jnp.where(used, away, 0.0)[..., None]  # (candidates channels faults)
-    whitening = whitening_of(kalman, found)
-    seen = found.slope @ error.reshape(size, -1)
-    seen = seen + jnp.einsum("rc,mcf->rmf", whitening, direct).reshape(len(seen), -1)
-    error = (error.reshape(size, -1) - found.gain @ seen).reshape(size, count, columns)
-    seen = seen.reshape(len(seen), count, columns)
+    direct = direct + is_held(faults, len(used)) * away[..., None]  # (candidates channels faults)
+    seen = jnp.einsum("rc,mcf->rmf", whitening_of(kalman, found), direct)
+    seen = found.slope @ moved + seen.reshape(len(found.slope), -1)
+    moved = moved - found.gain @ seen
+    shape = (count, columns)
+    return Signature(moved.reshape(size, *shape), seen.reshape(len(seen), *shape)), found
+
+
+def advance(
+    kalman: ExtendedKalmanFilter,
+    faults: Suspected,
+    before: KalmanState,
+    candidates: Candidates,
+    sample: Samples,
+) -> Candidates:
+    """The candidates after a sample that follows a state of the healthy filter."""
+    (error, seen), found = signature(
+        kalman, faults, before, candidates.error, candidates.held, sample
+    )
     return Candidates(
         candidates.onset,
         error,
         candidates.score + jnp.einsum("r,rmf->mf", found.whitened, seen),
         candidates.information + (seen**2).sum(axis=0),
         candidates.sums + found.whitened[1:],
-        candidates.counts + used,
+        candidates.counts + jnp.isfinite(jnp.asarray(sample.readings)),
         candidates.held,
     )
 
