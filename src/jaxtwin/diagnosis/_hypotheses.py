@@ -110,14 +110,15 @@ def tracked(
     samples: Samples,
 ) -> Tracked:
     """Follows samples under several hypotheses at once."""
-    healthy = hypotheses.faults.healthy
     faults, *others = hypotheses
-    stacked = faults.faulty, faults.held, faults.drift
+    of_healthy, of_faulty = (None, None) if faults.changes is None else faults.changes
+    stacked = faults.faulty, of_faulty, faults.held, faults.drift
 
     def each(stacked: tuple, others: list) -> Tracked:
-        own = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], stacked)
-        one = Hypotheses(Suspected(healthy, *own), *others)
-        return follow(kalman, one, jnp.asarray(numbers), befores, samples)
+        faulty, change, held, drift = jax.tree.map(lambda x: jnp.asarray(x)[None], stacked)
+        changes = None if of_healthy is None else (of_healthy, change)
+        one = Suspected(faults.healthy, faulty, changes, held, drift)
+        return follow(kalman, Hypotheses(one, *others), jnp.asarray(numbers), befores, samples)
 
     return jax.vmap(each)(stacked, others)
 

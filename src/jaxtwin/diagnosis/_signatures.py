@@ -32,20 +32,33 @@ class Suspected(eqx.Module):
     """Faults as arrays.
 
     - `healthy`: the equations. `faulty`: those with each fault, stacked.
+    - `changes`: the derivatives of both along the directions in which the values of the twin are
+      uncertain, the last axis of each leaf; None for a twin whose values are exact.
     - `held`: the place of the channel that is stuck, -1 for none.
     - `drift`: the rate at which the room drifts, K/s.
     """
 
     healthy: System
     faulty: System
+    changes: tuple[System, System] | None
     held: Int[np.ndarray | Array, " faults"]
     drift: Float[np.ndarray | Array, " faults"]
 
-    def of(self, numbers: Sequence[int]) -> "Suspected":
-        """Some of the faults."""
-        rows = np.asarray(numbers)
-        faulty = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self.faulty)
-        return Suspected(self.healthy, faulty, np.asarray(self.held)[rows], self.drift[rows])
+    def at(self, model: AugmentedModel, mean: Float[Array, " state"]) -> tuple[System, System]:
+        """The equations without and with each fault for the values of a state."""
+        if self.changes is None or model.directions is None:
+            return self.healthy, self.faulty
+        amounts = model.directions.limited(mean[model.layout.of("values")])
+        healthy, faulty = (
+            jax.tree.map(
+                lambda leaf, change: leaf if change is None else leaf + change @ amounts,
+                system,
+                changes,
+                is_leaf=lambda leaf: leaf is None,
+            )
+            for system, changes in zip((self.healthy, self.faulty), self.changes, strict=True)
+        )
+        return healthy, faulty
 
 
 def suspected(model: AugmentedModel, several: Sequence[Suspect]) -> Suspected:
@@ -56,11 +69,14 @@ def suspected(model: AugmentedModel, several: Sequence[Suspect]) -> Suspected:
     names = [model.twin.channels[column] for column in np.asarray(model.columns)]
     with own_settings():
         healthy = _completed(model.stepper.system)
-        faulty = [_with(healthy, one) for one in several]
-        stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(x) for x in leaves]), *faulty)
+        faulty = _stacked([_with(healthy, one) for one in several])
+        changes = None
+        if model.directions is not None and model.changes is not None:
+            of_healthy = _as_completed(healthy, model.changes)
+            changes = of_healthy, _stacked([_along(healthy, of_healthy, one) for one in several])
     held = [names.index(one.held) if one.held in names else -1 for one in several]
     drift = [one.size if one.is_drift else 0.0 for one in several]
-    return Suspected(healthy, stacked, np.array(held), np.array(drift))
+    return Suspected(healthy, faulty, changes, np.array(held), np.array(drift))
 
 
 def of_step(
@@ -75,6 +91,7 @@ def of_step(
     """What each fault adds to the state in a step; the arguments are those of
     `AugmentedModel.step`."""
     layout, modes = model.layout, model.stepper.field.modes
+    healthy, faulty = faults.at(model, mean)
     z, u, room = (mean[layout.of(part)] for part in ("modes", "duty", "room"))
     x, reference = modes.shapes @ z, model.stepper.reference
     stages = dt * jnp.array([0.0, 0.5, 1.0], dt.dtype)
@@ -89,7 +106,7 @@ def of_step(
         heat = now.heat_into_nodes(x, path[1], reference, room[0])
         return heat / system.capacitance, path[2]
 
-    (before, end), (after, ends) = heated(faults.healthy), jax.vmap(heated)(faults.faulty)
+    (before, end), (after, ends) = heated(healthy), jax.vmap(heated)(faulty)
     force = modes.shapes.T @ ((after - before) * faults.healthy.capacitance).T
     # The force is held during the step: fast modes forget most of it.
     held = -jnp.expm1(-modes.rates * dt) / modes.rates
@@ -104,12 +121,13 @@ def of_readings(
     model: AugmentedModel, faults: Suspected, mean: Float[Array, " state"]
 ) -> Float[Array, "channels faults"]:
     """What each fault adds to the readings, but for channels that are stuck, K."""
-    x, room = model.deviation(mean), mean[model.layout.of("room")][0]
+    healthy, faulty = faults.at(model, mean)
+    x, room = model.deviation(mean), mean[model.layout.of("room")]
 
     def read(system: System) -> Array:
         return system.channel_temperatures(x, room)[model.columns]
 
-    return (jax.vmap(read)(faults.faulty) - read(faults.healthy)).T
+    return (jax.vmap(read)(faulty) - read(healthy)).T
 
 
 def is_held(faults: Suspected, channels: int) -> Float[Array, "channels faults"]:
@@ -132,6 +150,48 @@ def _completed(system: System) -> System:
         is_leaf=lambda leaf: leaf is None,
     )
     return jax.tree.map(jnp.asarray, filled)
+
+
+def _as_completed(healthy: System, changes: System) -> System:
+    """The derivatives of the completed equations; those of places that were empty are 0."""
+    empty = jax.tree.map(
+        lambda leaf: (
+            jnp.zeros((*leaf.shape, _count(changes)), leaf.dtype)
+            if eqx.is_inexact_array(leaf)
+            else None
+        ),
+        healthy,
+    )
+    return jax.tree.map(
+        lambda none, change: none if change is None else change,
+        empty,
+        changes,
+        is_leaf=lambda leaf: leaf is None,
+    )
+
+
+def _count(changes: System) -> int:
+    return changes.capacitance.shape[-1]
+
+
+def _along(healthy: System, changes: System, one: Suspect) -> System:
+    """The derivatives of the equations with a fault along the directions."""
+    if one.fault is None:
+        return changes
+    fault = one.fault(one.size)
+    numbers, others = eqx.partition(healthy, eqx.is_inexact_array)
+
+    def changed(numbers: System) -> System:
+        return eqx.filter(fault(eqx.combine(numbers, others)), eqx.is_inexact_array)
+
+    def along(change: System) -> System:
+        return jax.jvp(changed, (numbers,), (change,))[1]
+
+    return jax.vmap(along, in_axes=-1, out_axes=-1)(changes)
+
+
+def _stacked(several: Sequence[System]) -> System:
+    return jax.tree.map(lambda *leaves: np.stack([np.asarray(x) for x in leaves]), *several)
 
 
 def _with(healthy: System, one: Suspect) -> System:
