@@ -2,8 +2,8 @@
 
 - `dual-cell`, virtual, as in `benchmarks.monitor`: the match to the first halves of the three
   steps, twins drawn in the directions in which it is uncertain, 15 channels with errors of their
-  own, noise, corrections of the camera, another room, a random duty; a fault after 15 minutes, which
-  lasts until the end of the run, 400 s later. All usual suspects of the rig are looked for.
+  own, noise, corrections of the camera, another room, a random duty; a fault after 15 minutes,
+  which lasts until the end of the run, 400 s later. All usual suspects of the rig are looked for.
 - A heated box (`incubator/`), whose lid was opened twice in one of three recordings, if `--box`
   names its rig file: match, noise and what is healthy from the two others.
 
@@ -20,7 +20,8 @@ import jaxtwin as jt
 from benchmarks._machine import processor
 from benchmarks.monitor import LENGTH, ONSET, STEPS, fitted, follow, recording, template
 from jaxtwin.diagnosis import Cause, Diagnosis, suspects
-from jaxtwin.diagnosis._diagnose import diagnosed, learned
+from jaxtwin.diagnosis._causes import diagnosed
+from jaxtwin.diagnosis._diagnose import learned
 from jaxtwin.diagnosis._signatures import suspected
 from jaxtwin.observers._observe import filter_for
 
@@ -48,6 +49,7 @@ def main() -> None:
     parser.add_argument("--healthy", type=int, default=20, help="healthy runs")
     parser.add_argument("--fits", type=Path, help="a folder that keeps fits and noise")
     parser.add_argument("--box", type=Path, help="the rig file of the heated box")
+    parser.add_argument("--only", nargs="+", choices=list(FAULTS), help="some of the faults")
     parser.add_argument("--real-only", action="store_true", help="no virtual rig")
     given = parser.parse_args()
     print(f"{processor()}\n")
@@ -60,10 +62,12 @@ def main() -> None:
             one.between(None, one.time[0] + one.duration / 2)
             for one in (jt.read_recording(given.folder / name) for name in STEPS)
         ]
-        virtual(*fitted("dual-cell", halves, (), given.fits), given.runs, given.healthy)
+        virtual(*fitted("dual-cell", halves, (), given.fits), given.runs, given.healthy, given.only)
 
 
-def virtual(fit: jt.Fit, noise: jt.ProcessNoise, runs: int, healthy: int) -> None:
+def virtual(
+    fit: jt.Fit, noise: jt.ProcessNoise, runs: int, healthy: int, only: list[str] | None
+) -> None:
     """Faults of the virtual two-cell rig."""
     kalman = filter_for(fit, template(fit.mean_twin), noise)
     several = tuple(suspects(kalman.model.twin).values())
@@ -84,6 +88,8 @@ def virtual(fit: jt.Fit, noise: jt.ProcessNoise, runs: int, healthy: int) -> Non
     )
     confused: dict[str, Counter[str]] = {}
     for place, (name, (model, part, sizes)) in enumerate(FAULTS.items()):
+        if only is not None and name not in only:
+            continue
         confused[name] = Counter()
         for number, size in enumerate(sizes):
             first = 40_000 + 1000 * place + 100 * number

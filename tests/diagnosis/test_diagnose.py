@@ -119,11 +119,8 @@ def test_innovations_that_say_too_much_in_healthy_runs_count_less():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"experiment": 3}, "expected an Experiment, got 3"),
-        ({"noise": 0.1}, "expected a ProcessNoise"),
         ({"faults": ["loosen H9"]}, "expected names of tclab, got 'loosen H9'; did you mean"),
         ({"faults": []}, "expected at least one, got none"),
-        ({"faults": [5]}, "expected names, suspects, or functions"),
     ],
 )
 def test_what_cannot_be_diagnosed_is_refused_in_a_sentence(

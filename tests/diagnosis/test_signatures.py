@@ -12,8 +12,10 @@ from jaxtwin import Experiment, Observed, Stepper, Twin, observe, simulate
 from jaxtwin._errors import ObserverError
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.diagnosis import Suspect, suspects
-from jaxtwin.diagnosis._diagnose import diagnosed, inputs_of, learned
+from jaxtwin.diagnosis._causes import diagnosed
+from jaxtwin.diagnosis._diagnose import learned
 from jaxtwin.diagnosis._likelihood_ratio import signature
+from jaxtwin.diagnosis._recorded import inputs_of
 from jaxtwin.diagnosis._signatures import suspected
 from jaxtwin.physics import FAULT_MODELS
 
@@ -94,21 +96,22 @@ def test_the_signature_of_a_cell_is_the_difference_of_two_observers_with_a_lag_a
     for place, name in enumerate(names):
         one = usual[name]
         assert one.fault is not None
+        # A command that is late by part of a second is not late by part of the effect of a second.
+        part = 1.0 if name == "delay command" else SMALL
         with jax.enable_x64(True):
             stepper = Stepper(twin, 1.0, longest_delay=8.0)
-            hurt = Stepper(one.fault(one.size_of(SMALL))(stepper.system), 1.0, longest_delay=8.0)
-        readings = [_run(stepper, stepper, plan.duty, onset), _run(stepper, hurt, plan.duty, onset)]
-        both = [
-            observe(twin, Experiment(plan.time, plan.duty, channels=twin.channels, temperatures=y))
-            for y in readings
-        ]
-        part = SMALL
-        if name == "fail P1":  # a share of its heat, not of its strings
-            part = np.nan
-        expected = (both[1].standardised - both[0].standardised)[onset:]
+            faulty = one.fault(one.size_of(part))(stepper.system)
+            hurt = Stepper(faulty, 1.0, longest_delay=8.0)
+        both = []
+        for after in (stepper, hurt):
+            readings = _run(stepper, after, plan.duty, onset)
+            run = Experiment(plan.time, plan.duty, channels=twin.channels, temperatures=readings)
+            both.append(observe(twin, run).standardised)
+        expected = (both[1] - both[0])[onset:]
         own = found[onset : len(plan.time), :, place]
-        if np.isnan(part):
-            part = (own * expected).sum() / (own**2).sum()
+        if name == "fail P1":  # its size is a share of the strings, its multiple one of the heat
+            part = float((own * expected).sum() / (own**2).sum())
+            assert 0 < part < SMALL
         np.testing.assert_allclose(
             own, expected / part, atol=0.08 * np.abs(own).max(), err_msg=name
         )

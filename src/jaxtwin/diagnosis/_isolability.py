@@ -29,9 +29,11 @@ from ..matching import Fit
 from ..observers import ExtendedKalmanFilter, ProcessNoise, observe
 from ..physics import Twin
 from ..simulation import simulate
-from ._diagnose import EVERY, SPREAD, SURE, inputs_of
+from ._causes import EVERY, SURE
+from ._diagnose import SPREAD
 from ._diagnosis import TIE
 from ._likelihood_ratio import Inputs, signature
+from ._recorded import inputs_of
 from ._signatures import Suspected, suspected
 from ._suspects import Faults, Suspect, chosen
 

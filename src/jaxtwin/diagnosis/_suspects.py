@@ -57,6 +57,12 @@ class Suspect:
         inverse = 1 / self.none + multiple * (1 / self.size - 1 / self.none)
         return 1 / inverse if inverse > 0 else math.inf
 
+    def multiple_of(self, size: float) -> float:
+        """The multiple of the usual effect that a size has."""
+        if self.is_reciprocal:
+            return (1 / size - 1 / self.none) / (1 / self.size - 1 / self.none)
+        return (size - self.none) / (self.size - self.none)
+
     @property
     def largest(self) -> float:
         """The largest multiple that means something."""
@@ -123,7 +129,7 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
             f"leak {name}", _leaking_link(twin, name), 2 / resistance, 1 / resistance, unit="W/K"
         ))  # fmt: skip
     for part in (*plate, *bodies):
-        add("load", part, 1.3)
+        add("load", part, 1.3, is_reciprocal=True)
     for channel in read:
         add("gain", channel, 0.95, is_one_sided=False)
         add("offset", channel, 0.5, 0.0, is_one_sided=False, unit="K")

@@ -243,7 +243,12 @@ def delayed_command(twin: Twin, part: str, seconds: Float[ArrayLike, ""]) -> Fau
     _number("part", part, ("command",))
     if twin.rig.driver.delay is None:
         raise SimulationError(f"{twin.rig.name}: fault: expected a driver with a delay")
-    return lambda system: eqx.tree_at(lambda s: s.delay, system, system.delay + seconds)
+
+    def fault(system: System) -> System:
+        assert system.delay is not None
+        return eqx.tree_at(lambda s: s.delay, system, system.delay + seconds)
+
+    return fault
 
 
 def moved_camera(twin: Twin, axis: str, shift: Float[ArrayLike, ""]) -> Fault:

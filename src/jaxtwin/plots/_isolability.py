@@ -44,7 +44,7 @@ def plot_isolability(isolability: Isolability) -> Figure:
         axes.spines[:].set_visible(False)
         if count <= FEW:
             for row, column in np.argwhere(np.isfinite(times)):
-                dark = norm(max(times[row, column], 1.0)) > 0.5
+                dark = float(times[row, column]) > isolability.duration**0.5
                 axes.annotate(
                     f"{times[row, column]:.0f}", (column, row), ha="center", va="center",
                     fontsize=points(7), color="#ffffff" if dark else "#000000",
