@@ -206,13 +206,13 @@ def isolability(
             if name not in twin.channels:
                 problem = unknown_name("channel", name, twin.channels)
                 raise ObserverError(f"isolability: channels: {problem}")
+    several = chosen(twin, faults, read)
     recording = _planned(twin, duty, begin + length)
     if recording.time[-1] < begin + 1:
         raise ObserverError(
             f"isolability: duty: expected an experiment that goes on after the onset at {begin:g} "
             f"s, got one of {recording.duration:g} s"
         )
-    several = chosen(twin, faults, read)
     grams, time = _grams(fit, recording, read, noise, several, begin)
     rate = np.median(np.diff(recording.time)) / EVERY / (len(several) + 1)
     own = np.diagonal(grams, axis1=1, axis2=2)

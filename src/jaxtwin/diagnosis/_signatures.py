@@ -200,14 +200,14 @@ def _with(healthy: System, one: Suspect) -> System:
     changed = one.fault(one.size)(healthy)
     if not isinstance(changed, System):
         raise ObserverError(
-            f"diagnose: faults: {one.name}: expected a function System -> System, got one that "
+            f"faults: {one.name}: expected a function System -> System, got one that "
             f"returns {type(changed).__name__}"
         )
     same = jax.tree.structure(changed) == jax.tree.structure(healthy)
     shapes = [[np.shape(leaf) for leaf in jax.tree.leaves(s)] for s in (changed, healthy)]
     if not same or shapes[0] != shapes[1]:
         raise ObserverError(
-            f"diagnose: faults: {one.name}: expected the {len(healthy.capacitance)} nodes and the "
+            f"faults: {one.name}: expected the {len(healthy.capacitance)} nodes and the "
             "parts of the rig to stay, got other ones"
         )
     return changed

@@ -21,6 +21,9 @@ from ._suspects import Suspect
 SURVIVORS = 6
 """The number of faults that are followed."""
 
+STILL = 10
+"""A channel whose readings are the same for so many samples may be stuck."""
+
 CLOSE = 0.25
 """A size that differs from that of its filter by less than this part needs no other filter."""
 
@@ -91,13 +94,16 @@ def survivors(
     - `at`: the sample at which these are largest. `last`: the last one that is followed.
     - `is_over`: whether the fault ended before that.
     """
-    numbers = np.argsort(-logs[at, :-1])[:SURVIVORS]
-    numbers = np.resize(numbers, SURVIVORS)  # the same number for a short list of suspects
+    # A candidate of the very sample at which a channel was stuck may be gone.
+    stuck = _stuck(observed, several, at)
+    order = [number for number in np.argsort(-logs[at, :-1]).tolist() if number not in stuck]
+    numbers = np.resize([*stuck, *order][:SURVIVORS], SURVIVORS)  # the same number for few suspects
+    onset = np.asarray(said.onset)[at, numbers]
+    onset = np.array([stuck.get(n, first) for n, first in zip(numbers, onset, strict=True)])
     inflation = np.asarray(prior.inflation)[numbers]
     own = [several[int(number)] for number in numbers]
     multiples = np.asarray(said.multiple)[at, numbers]
     made = [_of_multiple(one, float(m)) for one, m in zip(own, multiples, strict=True)]
-    onset = np.asarray(said.onset)[at, numbers]
     turn = 0
     while True:
         turn += 1
@@ -128,6 +134,21 @@ def survivors(
         numbers, tuple(made), rows.start, onset, evidence, of_each.multiple,
         of_each.spread * np.sqrt(inflation * excess), excess,
     )  # fmt: skip
+
+
+def _stuck(observed: Observed, several: Sequence[Suspect], at: int) -> dict[int, int]:
+    """The suspects that are stuck channels whose readings are the same for some time up to a
+    sample, and the number of the second of these samples."""
+    readings = np.asarray(observed.samples.readings)[: at + 1]
+    found = {}
+    for number, one in enumerate(several):
+        if one.held in observed.channels:
+            own = readings[:, observed.channels.index(one.held)]
+            moved = np.flatnonzero(own != own[-1])
+            second = int(moved[-1]) + 2 if len(moved) else 0
+            if second and at - second >= STILL:
+                found[number] = second
+    return found
 
 
 def _follow(
@@ -178,6 +199,8 @@ def _evidence(
 
 def _of_multiple(one: Suspect, multiple: float) -> Suspect:
     """The suspect of the size that is a multiple of its own, within its bounds and not 0."""
+    if one.held:  # it has no size
+        return one
     largest = one.largest if one.unit == "share" else WITHIN * one.largest
     limited = min(max(multiple, SMALLEST if one.is_one_sided else -FARTHEST), largest, FARTHEST)
     if abs(limited) < SMALLEST:

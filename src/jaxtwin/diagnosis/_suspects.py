@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, TypeAlias, final
 
+import equinox as eqx
+import jax
 import numpy as np
 
 from .._errors import ObserverError
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
-from ..physics import FAULT_MODELS, Fault, Twin
+from ..physics import FAULT_MODELS, Fault, System, Twin
 from ..rig import ZoneSensor
 from ..rig._plate import AMBIENT
 from ..simulation._stepper import assembled
@@ -155,27 +157,48 @@ def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect
     usual = suspects(twin, channels)
     if faults is None:
         return tuple(usual.values())
+    if isinstance(faults, str):
+        faults = [faults]
     given = list(faults.items()) if isinstance(faults, Mapping) else [(None, f) for f in faults]
     found: dict[str, Suspect] = {}
     for name, one in given:
         if isinstance(one, str):
             if one not in usual:
                 raise ObserverError(
-                    f"diagnose: faults: expected names of {twin.rig.name}, got {one!r}"
+                    f"faults: expected names of {twin.rig.name}, got {one!r}"
                     f"{did_you_mean([one], usual)}"
                 )
             one = usual[one]
-        elif callable(one):
-            one = Suspect(str(name), lambda _, own=one: own, is_one_sided=False, unit="multiple")
+        elif callable(one) and name is not None:
+            one = Suspect(name, _multiplied(one), is_one_sided=False, unit="multiple")
         if not isinstance(one, Suspect):
             raise ObserverError(
-                "diagnose: faults: expected names, suspects, or functions System -> System by "
+                "faults: expected names, suspects, or functions System -> System by "
                 f"their names, got {one!r}"
             )
         found[one.name] = one
     if not found:
-        raise ObserverError("diagnose: faults: expected at least one, got none")
+        raise ObserverError("faults: expected at least one, got none")
     return tuple(found.values())
+
+
+def _multiplied(fault: Fault) -> Callable[[float], Fault]:
+    """A fault whose size is the multiple of what a function changes in the numbers."""
+
+    def of_size(size: float) -> Fault:
+        def changed(system: System) -> System:
+            full = fault(system)
+            if jax.tree.structure(full) != jax.tree.structure(system):
+                return full  # which is refused
+            return jax.tree.map(
+                lambda old, new: old + size * (new - old) if eqx.is_inexact_array(old) else new,
+                system,
+                full,
+            )
+
+        return changed
+
+    return of_size
 
 
 def _scaled(twin: Twin, model: str, part: str, unit: float) -> Callable[[float], Fault]:
