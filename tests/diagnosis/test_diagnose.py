@@ -111,10 +111,6 @@ def test_innovations_that_say_too_much_in_healthy_runs_count_less():
     healthy = [recording(seed=n) for n in (1, 2)]
     prior = learned([one], [jt.observe(bench(), run, exact) for run in healthy])
     assert np.asarray(prior.inflation)[0] > 4
-    hurt = recording("gain", "T1", 0.8)
-    cause = jt.diagnose(bench(), hurt, ["gain T1"], exact, healthy=healthy).causes[0]
-    (gain,) = (one for one in cause.explanations if one.name == "gain T1")
-    assert gain.lower <= 0.8 <= gain.upper
 
 
 @pytest.mark.parametrize(
