@@ -136,7 +136,7 @@ def test_faults_that_change_the_nodes_are_refused_in_a_sentence():
         return eqx.tree_at(lambda s: s.capacitance, system, system.capacitance[:-1])
 
     for fault, words in ((fewer, "nodes and the parts of the rig to stay"), (str, "returns str")):
-        odd = Suspect("odd", lambda _, own=fault: own)
+        odd = Suspect("odd", lambda _, own=fault: own)  # pyright: ignore[reportArgumentType]
         with pytest.raises(ObserverError, match=words):
             suspected(model, [odd])
 
