@@ -14,6 +14,7 @@ import jaxtwin as jt
 from jaxtwin import plots
 from jaxtwin.control import MPC, PID, ClosedLoopRun, OperatingPoint, most_even_point
 from jaxtwin.data import synthetic_recordings
+from jaxtwin.physics import FAULT_MODELS
 
 FOLDER = Path(__file__).parent / "images"
 FREE = ("R_E", "R_pc", "R_Tfx", "T_amb", "T_start")
@@ -79,6 +80,8 @@ def main() -> None:
     write("gallery/observed", observed.plot(), dpi=45)
     write("gallery/ahead", observed.ahead(60.0).plot(), dpi=60)
     write("monitored", watched().plot(), dpi=80)
+    write("diagnosis", diagnosed().plot(), dpi=80)
+    write("isolability", jt.isolability(jt.Twin("tclab")).plot(), dpi=70)
     for name in WITHOUT_A_PLATE:
         write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
         write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
@@ -142,6 +145,27 @@ def watched() -> jt.Monitored:
             name="a loose sensor",
         ),
     )  # fmt: skip
+
+
+def diagnosed() -> jt.Diagnosis:
+    """A Temperature Control Lab of which a heater ages after eight minutes: its resistance grows by
+    a fifth."""
+    rig = jt.Twin("tclab")
+    plan = jt.Experiment.schedule("0:0.5/0.6,400:0.8/0.3", duration=900, step=1, cells=2)
+    stepper = jt.Stepper(rig, 1.0)
+    worn = jt.Stepper(FAULT_MODELS["age"](rig, "H1", 1.2)(stepper.system), 1.0)
+    state = stepper.start()
+    rows = [np.asarray(stepper.channels(state))]
+    for number, duty in enumerate(plan.duty[:-1]):
+        state = (stepper if number < 480 else worn).step(state, duty)
+        rows.append(np.asarray(stepper.channels(state)))
+    readings = np.array(rows) + np.random.default_rng(1).normal(0.0, 0.1, (len(rows), 2))
+    return jt.diagnose(
+        rig,
+        jt.Experiment(
+            plan.time, plan.duty, channels=rig.channels, temperatures=readings, name="a worn heater"
+        ),
+    )
 
 
 def matched(name: str) -> jt.Fit:

@@ -71,6 +71,15 @@ CASES = {
         "ControlError",
         "scenario: quantised: expected True or False, got 1",
     ),
+    "diagnose(twin, 3)": ("ObserverError", "diagnose: experiment: expected an Experiment, got 3"),
+    "diagnose(twin, seen, noise=0.1)": (
+        "ObserverError",
+        "diagnose: noise: expected a ProcessNoise, as jaxtwin.estimate_noise finds it, got 0.1",
+    ),
+    "isolability(twin, faults=[5])": (
+        "ObserverError",
+        "faults: expected names, suspects, or functions System -> System by their names, got 5",
+    ),
     "live.operate(None, twin, None, reset='no')": (
         "JaxtwinError",
         "operate: reset: expected True or False, got 'no'",

@@ -70,6 +70,7 @@ COMMANDS = [
     ["watch"],
     ["observe"],
     ["monitor"],
+    ["diagnose"],
     ["conform"],
     ["backup"],
     ["export"],

@@ -117,6 +117,8 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "GridConvergence": lambda _: two_grids(),
     "Observed": lambda _: jt.observe(fit(), recordings()[0]),
     "Monitored": lambda _: jt.monitor(bench(), recording("gain", "T1", 0.8)),
+    "Diagnosis": lambda _: jt.diagnose(bench(), recording("gain", "T1", 0.8)),
+    "Isolability": lambda _: jt.isolability(bench(), faults=["age H1", "gain T1"]),
 }
 """Class -> one of it."""
 
@@ -126,9 +128,11 @@ NUMBERS = {"OperatingPoint", "UltimatePoint", "GridConvergence"}
 LONG = {
     "Band",
     "ClosedLoopRun",
+    "Diagnosis",
     "ExperimentDesign",
     "Frontier",
     "GlobalSensitivity",
+    "Isolability",
     "Monitored",
     "Observed",
     "Profile",

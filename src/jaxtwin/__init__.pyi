@@ -17,6 +17,10 @@ from .control import linearize as linearize  # twin or fit -> LinearModel, by ex
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
 from .control import simulate_closed_loops as simulate_closed_loops  # for many draws
 from .control import tune as tune  # a controller's gains, through the closed loop
+from .diagnosis import Diagnosis as Diagnosis  # why something changed in a recording
+from .diagnosis import Isolability as Isolability  # which faults can be told apart
+from .diagnosis import diagnose as diagnose  # which fault, since when, how large
+from .diagnosis import isolability as isolability  # and what it could say, before the fact
 from .experiment_design import ExperimentDesign as ExperimentDesign  # what to record next
 from .experiment_design import design_experiment as design_experiment  # and how to find it
 from .fmu import export_fmu as export_fmu  # a twin as an FMU, for other simulators

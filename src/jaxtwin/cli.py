@@ -2,7 +2,8 @@
 
 Exit codes: 0 on success; 1 if a check found an error; 2 on an error, with a line on standard error
 that describes it; 3 if an interlock switched a rig off; 4 if `record` or `observe` raised an
-alarm; 5 if a device reported heat after a stop, or if `monitor` found an alarm; 130 after Ctrl-C.
+alarm; 5 if a device reported heat after a stop, or if `monitor` or `diagnose` found something; 130
+after Ctrl-C.
 """
 
 import atexit
@@ -27,6 +28,7 @@ from .commands import (
     _dc_sweep,
     _demo,
     _design,
+    _diagnose,
     _diff,
     _doctor,
     _drive,
@@ -154,6 +156,13 @@ _add(
     "jaxtwin monitor fit.toml friday.csv --healthy monday.csv --healthy tuesday.csv "
     "--save healthy.toml",
     "jaxtwin monitor fit.toml friday.csv --calibration healthy.toml --json - --out pictures",
+)
+_add(
+    "diagnose",
+    TWINS,
+    _diagnose.diagnose,
+    "jaxtwin diagnose fit.toml friday.csv --noise noise.toml --healthy monday.csv --json -",
+    "jaxtwin diagnose fit.toml friday.csv --fault 'loosen P1' --fault 'fail P1' --out pictures",
 )
 _add("diff", TWINS, _diff.diff, "jaxtwin diff monday.toml tuesday.toml")
 _add(

@@ -218,7 +218,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         expected = model.read(state.mean)
         innovation = measured - expected.mean
         variance = self.reading_variance(state)
-        opened = self._opened(state.gaussian, expected, innovation, variance, used)
+        opened = self.opened(state.gaussian, expected, innovation, variance, used)
         place = model.layout.of("room").start
         room = model.from_degC(jnp.asarray(ambient, state.mean.dtype)) - state.mean[place]
         of_room = jnp.zeros_like(state.mean).at[place].set(1.0)
@@ -237,7 +237,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         noise = self.model.noise
         return jnp.asarray(noise.reading) ** 2 + (noise.reading_time * state.slope) ** 2
 
-    def _opened(
+    def opened(
         self,
         state: Gaussian,
         expected: Reading,

@@ -59,6 +59,8 @@ class Bridge(eqx.Module):
     - `own_supply`: for each cell whether it is a heater of a given power, which a supply of its own
       without a resistance feeds, switched on and off whatever the averaging; empty if none is.
     - `own_voltage`: the voltage of these supplies, V.
+    - `supply_share`: the share of the supply's voltage that reaches each bridge; 1 for a rig
+      without a fault.
     """
 
     supply_voltage: Float[ArrayLike, ""]
@@ -70,6 +72,7 @@ class Bridge(eqx.Module):
     heaters: tuple[bool, ...] = eqx.field(static=True, default=())
     own_supply: tuple[bool, ...] = eqx.field(static=True, default=())
     own_voltage: Float[ArrayLike, ""] = OWN_VOLTAGE.factor
+    supply_share: Float[ArrayLike, "*cells"] = 1.0
 
     def heat(
         self,
@@ -89,19 +92,20 @@ class Bridge(eqx.Module):
         loop = module.electrical_resistance + self.on_resistance
         emf = module.emf(hot_temperature - cold_temperature)
         share, sign = self._share_and_sign(duty)
+        voltage = self.supply_voltage * self.supply_share
         if self.averaging == "voltage":
-            drive = -duty * self.supply_voltage
+            drive = -duty * voltage
             current = self._limited((drive - emf) / (loop + share * self.supply_resistance))
             square = current**2
         else:
-            drive = -sign * self.supply_voltage
+            drive = -sign * voltage
             on = self._limited((drive - emf) / (loop + self.supply_resistance))
             off = -emf / loop if self.off_phase == "brake" else jnp.zeros_like(emf)
             current = share * on + (1 - share) * off
             square = share * on**2 + (1 - share) * off**2
         if self.own_supply:
             own = np.array(self.own_supply)
-            alone = jnp.asarray(self.own_voltage) / module.electrical_resistance
+            alone = self._own_voltage / module.electrical_resistance
             current = jnp.where(own, -share * alone, current)
             square = jnp.where(own, share * alone**2, square)
         cold, hot = module.mean_heat_flows(current, square, cold_temperature, hot_temperature)
@@ -125,16 +129,22 @@ class Bridge(eqx.Module):
         loop = module.electrical_resistance + self.on_resistance
         emf = module.emf(hot_temperature - cold_temperature)
         share, sign = self._share_and_sign(duty)
+        voltage = self.supply_voltage * self.supply_share
         if self.averaging == "voltage":
-            drive = -duty * self.supply_voltage
+            drive = -duty * voltage
             power = self._power(drive, emf, loop + share * self.supply_resistance)
         else:
-            drive = -sign * self.supply_voltage
+            drive = -sign * voltage
             power = share * self._power(drive, emf, loop + self.supply_resistance)
         if self.own_supply:
-            alone = share * jnp.asarray(self.own_voltage) ** 2 / module.electrical_resistance
+            alone = share * self._own_voltage**2 / module.electrical_resistance
             power = jnp.where(np.array(self.own_supply), alone, power)
         return power
+
+    @property
+    def _own_voltage(self) -> Float[Array, "*cells"]:
+        """The voltage at the heaters of a given power, V."""
+        return jnp.asarray(self.own_voltage) * self.supply_share
 
     def _share_and_sign(
         self, duty: Float[Array, "*times cells"]

@@ -8,9 +8,10 @@ from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Bool, Float, Int
 
 from .._errors import SimulationError
 from .._name_suggestions import unknown_name
@@ -52,12 +53,15 @@ def loosened_contact(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fau
     return fault
 
 
-def open_circuit(twin: Twin, cell: str, _: Float[ArrayLike, ""] = 1.0) -> Fault:
-    """The circuit of a cell or heater is interrupted: no current flows through it."""
+def open_circuit(twin: Twin, cell: str, share: Float[ArrayLike, ""] = 1.0) -> Fault:
+    """A share of a cell's or heater's parallel strings is interrupted, 0 to 1; at 1 no current
+    flows through it."""
     number = _number("cell", cell, twin.rig.driven)
 
     def fault(system: System) -> System:
-        resistance = jnp.asarray(system.module.electrical_resistance).at[number].set(INTERRUPTED)
+        before = jnp.asarray(system.module.electrical_resistance)
+        closed = (1 - share) * INTERRUPTED / before[number]
+        resistance = before.at[number].set(INTERRUPTED / (share + closed))
         return eqx.tree_at(lambda s: s.module.electrical_resistance, system, resistance)
 
     return fault
@@ -100,15 +104,79 @@ def blocked_sink(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
     return fault
 
 
-def weak_supply(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
-    """The voltage of the supply, `part` "supply", is `factor` of what it was. So is that of the
-    supplies of heaters of a given power."""
-    _number("part", part, ("supply",))
+def faded_cell(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
+    """The Seebeck coefficient of a cell is `factor` of what it was."""
+    number = _number("cell", cell, _cells(twin.rig))
 
     def fault(system: System) -> System:
-        bridge = system.bridge
-        weak = [jnp.asarray(v) * factor for v in (bridge.supply_voltage, bridge.own_voltage)]
-        return eqx.tree_at(lambda s: [s.bridge.supply_voltage, s.bridge.own_voltage], system, weak)
+        seebeck = jnp.asarray(system.module.seebeck_coefficient).at[number].multiply(factor)
+        return eqx.tree_at(lambda s: s.module.seebeck_coefficient, system, seebeck)
+
+    return fault
+
+
+def reversed_cell(twin: Twin, cell: str, share: Float[ArrayLike, ""] = 1.0) -> Fault:
+    """The polarity of a cell is swapped: at a `share` of 1 it cools where it should heat."""
+    return faded_cell(twin, cell, 1 - 2 * jnp.asarray(share))
+
+
+def weak_supply(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
+    """The voltage of the supply, `part` "supply", is `factor` of what it was, for all cells and
+    heaters, also for those of a given power; or that of a single cell or heater, by its name."""
+    driven = twin.rig.driven
+    number = _number("part", part, ("supply", *driven)) - 1
+    which = slice(None) if number < 0 else number
+
+    def fault(system: System) -> System:
+        share = jnp.asarray(system.bridge.supply_share, system.capacitance.dtype)
+        share = jnp.broadcast_to(share, len(driven)).at[which].multiply(factor)
+        return eqx.tree_at(lambda s: s.bridge.supply_share, system, share)
+
+    return fault
+
+
+def leaking(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
+    """The losses of a part to the surroundings are `factor` times as large, as by a draught or an
+    open lid. `part` is a node, such as a body; "plate", with its radiation; or "all", everything
+    that is not behind a cell.
+
+    **Raises:** `SimulationError` if the rig has no such part.
+    """
+    nodes = _nodes_of(twin, part)
+
+    def fault(system: System) -> System:
+        chosen = np.isin(np.arange(len(system.capacitance)), nodes)
+        if part == "all":
+            for cell in range(len(system.wiring.cold)):
+                if system.wiring.hot[cell] != system.wiring.cold[cell]:
+                    chosen &= ~_behind(system, cell)
+        more = jnp.where(chosen, system.ambient_conductance * (factor - 1), 0.0)
+        changed = eqx.tree_at(
+            lambda s: (s.ambient_conductance, s.conductance),
+            system,
+            (system.ambient_conductance + more, system.conductance + jnp.diag(more)),
+        )
+        if system.loss is None:
+            return changed
+        of_plate = jnp.where(chosen[: system.wiring.elements], factor, 1.0)
+        parts = [system.loss.film * of_plate, system.loss.radiating * of_plate]
+        return eqx.tree_at(lambda s: [s.loss.film, s.loss.radiating], changed, parts)
+
+    return fault
+
+
+def loaded(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
+    """The heat capacity of a part is `factor` times as large, as if something was put on it or
+    in it. `part` is a node, such as a body; or "plate".
+
+    **Raises:** `SimulationError` if the rig has no such part.
+    """
+    nodes = _nodes_of(twin, part)
+
+    def fault(system: System) -> System:
+        chosen = np.isin(np.arange(len(system.capacitance)), nodes)
+        capacitance = system.capacitance * jnp.where(chosen, factor, 1.0)
+        return eqx.tree_at(lambda s: s.capacitance, system, capacitance)
 
     return fault
 
@@ -128,6 +196,59 @@ def covered_channel(twin: Twin, channel: str, share: Float[ArrayLike, ""]) -> Fa
     """A share of what a channel sees, 0 to 1, is covered by something as warm as the
     surroundings."""
     return gained_channel(twin, channel, 1 - share)
+
+
+def offset_channel(twin: Twin, channel: str, offset: Float[ArrayLike, ""]) -> Fault:
+    """A channel reads `offset` (K) too much."""
+    number = _number("channel", channel, twin.channels)
+
+    def fault(system: System) -> System:
+        added = jnp.zeros_like(system.gain) if system.offset is None else system.offset
+        return eqx.tree_at(
+            lambda s: s.offset,
+            system,
+            added.at[number].add(offset),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
+    return fault
+
+
+def swapped_channels(twin: Twin, pair: str, share: Float[ArrayLike, ""] = 1.0) -> Fault:
+    """Two channels, "T11+T12", are swapped: at a `share` of 1 each reads what the other should."""
+    one, _, two = pair.partition("+")
+    numbers = np.array([_number("channel", name, twin.channels) for name in (one, two)])
+
+    def fault(system: System) -> System:
+        weights, gain = jnp.asarray(system.channel_weights), jnp.asarray(system.gain)
+        weights, gain = (
+            table.at[numbers].set((1 - share) * table[numbers] + share * table[numbers[::-1]])
+            for table in (weights, gain)
+        )
+        return eqx.tree_at(
+            lambda s: (s.moved_weights, s.gain),
+            system,
+            (weights.astype(gain.dtype), gain),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
+    return fault
+
+
+def delayed_command(twin: Twin, part: str, seconds: Float[ArrayLike, ""]) -> Fault:
+    """Commands, `part` "command", take effect `seconds` later than they should.
+
+    **Raises:** `SimulationError` for a rig whose driver has no delay.
+    """
+    _number("part", part, ("command",))
+    if twin.rig.driver.delay is None:
+        raise SimulationError(f"{twin.rig.name}: fault: expected a driver with a delay")
+
+    def fault(system: System) -> System:
+        assert system.delay is not None
+        return eqx.tree_at(lambda s: s.delay, system, system.delay + seconds)
+
+    return fault
 
 
 def moved_camera(twin: Twin, axis: str, shift: Float[ArrayLike, ""]) -> Fault:
@@ -162,21 +283,63 @@ def moved_camera(twin: Twin, axis: str, shift: Float[ArrayLike, ""]) -> Fault:
     return fault
 
 
+def changed_parameter(twin: Twin, name: str, factor: Float[ArrayLike, ""]) -> Fault:
+    """A parameter of the rig file is `factor` times as large.
+
+    **Raises:** `SimulationError` if the rig has no such parameter.
+    """
+    _number("parameter", name, tuple(twin.rig.parameters))
+
+    def fault(system: System) -> System:
+        value = jnp.asarray(twin.values[name]) * factor
+        before, after = twin.system(), twin.with_values({name: value}).system()
+        change = {
+            keys: new - old
+            for (keys, new), (_, old) in zip(
+                *(jax.tree_util.tree_leaves_with_path(one) for one in (after, before)), strict=True
+            )
+            if eqx.is_inexact_array(new)
+        }
+        return jax.tree_util.tree_map_with_path(
+            lambda keys, leaf: leaf + change[keys] if keys in change else leaf, system
+        )
+
+    return fault
+
+
 FAULT_MODELS: Mapping[str, FaultModel] = {
     "loosen": loosened_contact,
     "fail": open_circuit,
     "age": aged_cell,
+    "fade": faded_cell,
+    "reverse": reversed_cell,
     "block": blocked_sink,
     "weaken": weak_supply,
+    "leak": leaking,
+    "load": loaded,
     "gain": gained_channel,
     "cover": covered_channel,
+    "offset": offset_channel,
+    "swap": swapped_channels,
     "move": moved_camera,
+    "delay": delayed_command,
+    "change": changed_parameter,
 }
 """The models by the words of `jaxtwin virtual-rig --faults`; a new model is entered here."""
 
 
 def _cells(rig: Rig) -> tuple[str, ...]:
     return tuple(cell.name for cell in rig.cells)
+
+
+def _nodes_of(twin: Twin, part: str) -> Int[np.ndarray, " nodes"]:
+    """The numbers of the nodes of a part: of one by its name, of the plate, or all."""
+    index, elements = twin.netlist.index, twin.wiring.elements
+    parts = ("all", *(("plate",) if elements else ()), *index)
+    _number("part", part, parts)
+    if part == "plate":
+        return np.arange(elements)
+    return np.arange(len(index)) if part == "all" else np.array([index[part]])
 
 
 def _number(kind: str, name: str, names: tuple[str, ...]) -> int:

@@ -101,7 +101,8 @@ def _timed(model: str, text: str) -> TimedFault:
         raise ValueError
     part, time, size = found.groups()
     number = 1.0 if size is None else float(size)
-    if not (-1e9 if model == "move" else 0) < number < 1e9:  # the others are factors and shares
+    is_signed = model in ("move", "offset")  # the others are factors, shares and times
+    if not (-1e9 if is_signed else 0) < number < 1e9:
         raise ValueError
     return TimedFault(model, part, _seconds(time), number)
 

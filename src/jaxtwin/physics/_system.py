@@ -71,6 +71,7 @@ class System(eqx.Module):
     - `input_values`: the parameters on which the effects of inputs depend, None without inputs.
     - `conductance_change`: the conductances of the links that inputs change, as differences from
       those in `conductance`, W/K; None where no input is stated.
+    - `offset`: what a fault adds to each reading, K; None for nothing.
     """
 
     capacitance: Float[Array, " nodes"]
@@ -91,6 +92,7 @@ class System(eqx.Module):
     wiring: Wiring = eqx.field(static=True)
     input_values: dict[str, Float[Array, ""]] | None = None
     conductance_change: Float[Array, " links"] | None = None
+    offset: Float[Array, " channels"] | None = None
 
     @classmethod
     def assemble(cls, wiring: Wiring, values_si: dict[str, Float[Array, ""]]) -> "System":
@@ -289,16 +291,17 @@ class System(eqx.Module):
         ambient_deviation: Float[Array, "*times 1"] | Float[Array, ""] | float = 0.0,
         columns: Int[Array | np.ndarray, " channels"] | slice = slice(None),
     ) -> Float[Array, "*times channels"]:
-        """The readings of the channels as deviations from the reference, ambient + gain * rise,
-        for the arguments of `rises`."""
+        """The readings of the channels as deviations from the reference, ambient + gain * rise
+        (+ offset), for the arguments of `rises`."""
         rise = self.rises(zone_deviation, ambient_deviation, columns)
-        return self.gain[columns] * rise + ambient_deviation
+        read = self.gain[columns] * rise + ambient_deviation
+        return read if self.offset is None else read + self.offset[columns]
 
     def output_matrices(
         self,
     ) -> tuple[Float[Array, "channels nodes"], Float[Array, " channels"]]:
         """$C$ and $d$ of the readings $y = C x + d a$, with the deviations $x$ of the nodes and $a$
-        of the ambient: the formula of `readings` as numbers."""
+        of the ambient: the formula of `readings` as numbers, without an offset."""
         gain = jnp.asarray(self.gain)
         return gain[:, None] * jnp.asarray(self.channel_weights), 1 - gain * self.on_plate
 

@@ -16,6 +16,7 @@ from ._convergence import plot_convergence
 from ._correlation import plot_correlation
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._design import plot_design
+from ._diagnosis import plot_diagnosis
 from ._distributions import plot_distributions
 from ._fit_difference import plot_fit_difference
 from ._frontier import plot_frontier
@@ -23,6 +24,7 @@ from ._group_values import plot_group_values
 from ._history import plot_history
 from ._index_bars import plot_index_bars
 from ._indices_over_time import plot_indices_over_time
+from ._isolability import plot_isolability
 from ._monitored import plot_monitored
 from ._morris_plane import plot_morris_plane
 from ._netlist import plot_netlist
@@ -55,6 +57,7 @@ __all__ = [
     "plot_dc_curves",
     "plot_dc_sweep",
     "plot_design",
+    "plot_diagnosis",
     "plot_distributions",
     "plot_fit_difference",
     "plot_forecast",
@@ -64,6 +67,7 @@ __all__ = [
     "plot_index_bars",
     "plot_indices_over_time",
     "plot_innovations",
+    "plot_isolability",
     "plot_monitored",
     "plot_morris_plane",
     "plot_netlist",

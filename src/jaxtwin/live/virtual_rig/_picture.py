@@ -32,7 +32,10 @@ class Picture:
         means = pixel_weights(rig).reshape(len(rig.channels), -1)
         with jax.enable_x64(True):
             wanted = np.asarray(system.output_matrices()[0])
-        self._map = plain + np.linalg.pinv(means) @ (wanted - means @ plain)
+        spread = np.linalg.pinv(means)
+        self._map = plain + spread @ (wanted - means @ plain)
+        offset = np.zeros(len(means)) if system.offset is None else np.asarray(system.offset)
+        self._offset = (spread @ offset).reshape(self._shape)
 
     def frame(
         self,
@@ -42,7 +45,8 @@ class Picture:
     ) -> UInt16[np.ndarray, "height width"]:
         """Returns a frame in units of 0.01 K, for temperatures in degC and an error of the camera
         in K."""
-        celsius = ambient + (self._map @ (nodes - ambient)).reshape(self._shape) + error
+        rise = (self._map @ (nodes - ambient)).reshape(self._shape)
+        celsius = ambient + rise + self._offset + error
         return np.clip(np.rint((celsius + ZERO_CELSIUS) * 100), 0, 65535).astype(np.uint16)
 
 

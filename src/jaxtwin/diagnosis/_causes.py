@@ -1,0 +1,165 @@
+"""The causes of what changes in an observed recording, one after the other."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from .._jax_settings import own_settings
+from ..monitoring._monitor import SETTLE
+from ..monitoring._thresholds import DAY
+from ..observers import Observed
+from ._diagnosis import HEALTHY, OTHER, Cause, Diagnosis, Explanation
+from ._likelihood_ratio import Judged, Prior, ratios
+from ._recorded import inputs_of
+from ._signatures import Suspected
+from ._survivors import Survivors, survivors
+from ._suspects import Suspect
+
+EVERY = 30 * DAY
+"""The mean time between two faults, s, as between two false alarms of a monitor."""
+
+SURE = math.log(19.0)
+"""Logarithm of the odds from which on something has changed: 95 %."""
+
+OVER = 10.0
+"""A fault is over when so much of the logarithm of its odds is lost, and a tenth of it."""
+
+AFTER = 30
+"""A fault that is over is followed for so many samples more, to see when it ended."""
+
+MOST = 8
+"""The largest number of causes in a recording."""
+
+
+@dataclass(frozen=True)
+class _Span:
+    """The samples at which something was found, at which most was known of it, and after it was
+    over; and whether it is over."""
+
+    found: int
+    best: int
+    end: int
+    is_over: bool
+
+
+def diagnosed(
+    observed: Observed, several: Sequence[Suspect], arrays: Suspected, prior: Prior
+) -> Diagnosis:
+    """Diagnoses an observed recording."""
+    time = observed.experiment.time[0] + np.cumsum(observed.samples.dt)
+    start = int(np.searchsorted(time, time[0] + SETTLE))
+    step = float(np.median(np.diff(observed.time)))
+    rate = math.log(step / EVERY / (len(several) + 1))
+    answers = np.zeros((len(time), len(several) + 2))
+    answers[:, -1] = 1.0
+    causes: list[Cause] = []
+    while start < len(time) and len(causes) < MOST:
+        with own_settings():
+            found = ratios(observed.observer, arrays, prior, inputs_of(observed, start))
+        said = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(time)], found)
+        logs = np.asarray(said.evidence) + rate
+        span = _first(logs, start)
+        end = len(time) if span is None else span.end
+        answers[start:end] = _probabilities(logs[start:end])
+        if span is None:
+            break
+        last = min(span.end + AFTER, len(time)) - 1 if span.is_over else span.best
+        alive = survivors(observed, several, prior, said, logs, span.best, last, span.is_over)
+        odds = _odds(alive, said, logs, span.best, rate)
+        posterior = _probabilities(odds)
+        answers[alive.first : alive.first + len(posterior)] = posterior
+        causes.append(_cause(several, alive, said, logs, span, posterior[-1], time))
+        start = int(np.searchsorted(time, time[min(end, len(time) - 1)] + SETTLE))
+    names = (*(one.name for one in several), OTHER, HEALTHY)
+    return Diagnosis(
+        observed, tuple(several), tuple(causes), names, answers[np.asarray(observed.is_sample)]
+    )
+
+
+def _first(logs: Float[np.ndarray, "samples faults"], start: int) -> _Span | None:
+    """The first change; None for none."""
+    total = np.logaddexp.reduce(logs, axis=1)
+    above = np.flatnonzero(total[start:] > SURE)
+    if not len(above):
+        return None
+    found = start + int(above[0])
+    peaks = np.maximum.accumulate(total[found:])
+    lost = np.flatnonzero(total[found:] < peaks - OVER - 0.1 * peaks)
+    end = found + int(lost[0]) if len(lost) else len(total)
+    best = found + int(np.argmax(total[found:end]))
+    return _Span(found, best, end, bool(len(lost)))
+
+
+def _odds(
+    alive: Survivors,
+    said: Judged,
+    logs: Float[np.ndarray, "samples faults_and_other"],
+    at: int,
+    rate: float,
+) -> Float[np.ndarray, "followed faults_and_other"]:
+    """The logarithms of the odds of the survivors, and of none of them, against no fault, from the
+    first onset on."""
+    other = logs.shape[1] - 1
+    # How many onsets there are beside the one that was followed.
+    onsets = np.asarray(said.evidence - said.ratio)[at, alive.numbers] + rate
+    count = alive.evidence.shape[1]
+    odds = np.full((count, other + 1), -math.inf)
+    odds[:, alive.numbers] = (alive.evidence / alive.excess + onsets[:, None]).T
+    of_other = logs[alive.first : alive.first + count, other]
+    odds[:, other] = (of_other - rate) / alive.excess + rate
+    return odds
+
+
+def _cause(
+    several: Sequence[Suspect],
+    alive: Survivors,
+    said: Judged,
+    logs: Float[np.ndarray, "samples faults_and_other"],
+    span: _Span,
+    probabilities: Float[np.ndarray, " answers"],
+    time: Float[np.ndarray, " samples"],
+) -> Cause:
+    other = len(several)
+    explained: dict[int, Explanation] = {}
+    for place, number in enumerate(alive.numbers.tolist()):
+        if number not in explained:
+            times = _onset(said, span.best, number, int(alive.onset[place]), time)
+            one, size = several[number], alive.size(place)
+            explained[number] = Explanation(
+                one.name, float(probabilities[number]), *size, one.none, one.unit, *times
+            )
+    first = int(np.asarray(said.onset)[span.best, other])
+    times = _onset(said, span.best, other, first, time)
+    unknown = math.nan, math.nan, math.nan
+    none = Explanation(OTHER, float(probabilities[other]), *unknown, math.nan, "", *times)
+    order = sorted([*explained.values(), none], key=lambda one: -one.probability)
+    begin = first
+    if order[0] is not none:
+        begin = int(alive.onset[np.argmax(probabilities[alive.numbers])])
+    is_sure = np.logaddexp.reduce(logs[begin : span.best + 1], axis=1) > SURE
+    found = begin + int(is_sure.argmax()) if is_sure.any() else span.found
+    until = float(time[alive.first + alive.evidence.shape[1] - 1]) if span.is_over else None
+    return Cause(tuple(order), float(time[found]), until)
+
+
+def _onset(
+    said: Judged, at: int, number: int, first: int, time: Float[np.ndarray, " samples"]
+) -> tuple[float, float, float]:
+    """The time of an onset with its band, for the number of the first sample that shows it: it was
+    after the sample before."""
+    earliest = min(int(np.asarray(said.earliest)[at, number]), first)
+    latest = max(int(np.asarray(said.latest)[at, number]), first)
+    return float(time[first] + time[first - 1]) / 2, float(time[earliest - 1]), float(time[latest])
+
+
+def _probabilities(
+    logs: Float[np.ndarray, "samples faults"],
+) -> Float[np.ndarray, "samples answers"]:
+    """The probabilities of the faults and, last, of no fault, from the logarithms of the odds
+    against no fault."""
+    both = np.concatenate([logs, np.zeros((len(logs), 1))], axis=1)
+    return np.exp(both - np.logaddexp.reduce(both, axis=1, keepdims=True))

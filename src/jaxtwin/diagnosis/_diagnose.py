@@ -1,0 +1,94 @@
+"""Diagnoses a recording: the observer runs once, and what explains its innovations is named."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._arguments import of_kind
+from .._errors import ObserverError
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ..matching import Fit
+from ..monitoring._monitor import SETTLE
+from ..observers import Observed, ProcessNoise, observe
+from ..physics import Twin
+from ._causes import diagnosed
+from ._diagnosis import Diagnosis
+from ._likelihood_ratio import Prior, healthy_squares
+from ._recorded import inputs_of
+from ._signatures import suspected
+from ._suspects import Faults, Suspect, chosen
+
+SPREAD = 1.5
+"""The standard deviation of the size of a fault beforehand, in multiples of its usual effect."""
+
+STRIDE = 12
+"""In healthy recordings every so many samples begin a candidate, so that some become old."""
+
+
+def diagnose(
+    fit: Twin | Fit,
+    experiment: Experiment,
+    faults: Faults = None,
+    noise: ProcessNoise | None = None,
+    *,
+    healthy: Sequence[Experiment] | None = None,
+) -> Diagnosis:
+    """Finds which fault explains what changes in a recording, from when on and how large it is.
+
+    `jaxtwin.diagnosis` describes how. A fault that was there in the first two minutes is part of
+    what the observer takes for the rig.
+
+    **Arguments:**
+
+    - `fit`: a fit, or a twin whose values are taken as exact.
+    - `experiment`: the recording.
+    - `faults`: what is looked for: names of `jaxtwin.diagnosis.suspects(twin)`; a `Suspect`; or
+      functions `System -> System` by their names, `{"lid": function}`, whose size is the multiple
+      of what they change. None for all usual suspects.
+    - `noise`: the levels of the noise, as for `jaxtwin.observe`.
+    - `healthy`: recordings in which nothing happened, from which follows how much more the
+      innovations say than they should. None: those of a fit that was saved with them.
+
+    **Raises:** the errors of `jaxtwin.observe`; `ObserverError` if the recording is too short, if
+    the noise is no `ProcessNoise`, for an unknown fault, or for one that changes the nodes.
+    """
+    of_kind("diagnose: experiment", experiment, Experiment, "an Experiment", ObserverError)
+    if noise is not None:
+        expected = "a ProcessNoise, as jaxtwin.estimate_noise finds it"
+        of_kind("diagnose: noise", noise, ProcessNoise, expected, ObserverError)
+    if experiment.duration < 2 * SETTLE:
+        raise ObserverError(
+            f"{experiment.name or 'experiment'}: expected a recording of at least {2 * SETTLE:g} "
+            f"s, in which an observer settles, got {experiment.duration:g} s"
+        )
+    observed = observe(fit, experiment, noise)
+    model = observed.observer.model
+    several = chosen(model.twin, faults, observed.channels)
+    arrays = suspected(model, several)
+    if healthy is None:
+        is_there = isinstance(fit, Fit) and fit.comparisons is not None
+        healthy = fit.experiments if is_there else ()  # pyright: ignore
+    prior = learned(several, [observe(fit, one, noise) for one in healthy])
+    return diagnosed(observed, several, arrays, prior)
+
+
+def learned(several: Sequence[Suspect], healthy: Sequence[Observed]) -> Prior:
+    """What is known beforehand of suspects, with the variance of their statistics in healthy
+    recordings."""
+    prior = Prior(
+        np.full(len(several), SPREAD),
+        np.array([one.is_one_sided for one in several]),
+        np.ones(len(several) + 1),
+    )
+    squares, counts = np.zeros(len(several) + 1), np.zeros(len(several) + 1)
+    for one in healthy:
+        inputs = inputs_of(one, 0)
+        is_turn = np.arange(len(inputs.begins)) % STRIDE == 0
+        inputs = inputs._replace(begins=np.asarray(inputs.begins) & is_turn)
+        with own_settings():
+            own = suspected(one.observer.model, several)
+            found = healthy_squares(one.observer, own, prior, inputs)
+        squares, counts = squares + np.asarray(found[0]), counts + np.asarray(found[1])
+    inflation = np.maximum(squares / np.maximum(counts, 1.0), 1.0)
+    return prior._replace(inflation=np.where(counts > 0, inflation, 1.0))

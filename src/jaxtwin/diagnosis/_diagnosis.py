@@ -1,0 +1,239 @@
+"""A recording that was diagnosed: the causes of what changed in it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._display import html_table, picture
+from ..io import Experiment
+from ..observers import Observed
+from ._suspects import Suspect
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+HEALTHY = "healthy"
+OTHER = "none of these"
+"""The names of the two answers that are no suspects."""
+
+TIE = 20.0
+"""What is not less likely than the likeliest by more than this factor is tied with it."""
+
+
+class Explanation(NamedTuple):
+    """A fault that may explain what changed.
+
+    - `name`: of the suspect, or "none of these", which has no size.
+    - `probability`: of it, given the recording until the cause was judged.
+    - `size`: its size, in `unit` ("1" for factors, "share"). `lower`, `upper`: a 95 % band.
+      `healthy`: the size of no fault.
+    - `onset`: when it began, s. `onset_lower`, `onset_upper`: a 95 % band.
+    """
+
+    name: str
+    probability: float
+    size: float
+    lower: float
+    upper: float
+    healthy: float
+    unit: str
+    onset: float
+    onset_lower: float
+    onset_upper: float
+
+    @property
+    def standard_error(self) -> float:
+        """A fourth of the band of the size."""
+        return (self.upper - self.lower) / 4
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        begin = f"{self.name} since {self.onset:.0f} s"
+        if not math.isfinite(self.size):
+            return f"{begin}, probability {self.probability:.2g}"
+        unit, usual = f" {self.unit}", f" in place of {self.healthy:.3g}"
+        if self.unit in ("1", "share", "multiple"):
+            unit = usual = ""
+        elif self.healthy == 0:
+            usual = ""
+        return (
+            f"{begin}, size {self.size:.3g} ({self.lower:.3g} to {self.upper:.3g}){unit}{usual}, "
+            f"probability {self.probability:.2g}"
+        )
+
+
+@final
+@dataclass(frozen=True)
+class Cause:
+    """Why something changed.
+
+    - `explanations`: the faults that may explain it, the likeliest first.
+    - `found`: when it was more likely than not to 95 % that something had changed, s. `until`: when
+      it was over, s; None if it was there at the end.
+    """
+
+    explanations: tuple[Explanation, ...]
+    found: float
+    until: float | None
+
+    @property
+    def best(self) -> Explanation:
+        """The likeliest explanation."""
+        return self.explanations[0]
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.best.name
+
+    @property
+    def size(self) -> float:
+        """Its size."""
+        return self.best.size
+
+    @property
+    def onset(self) -> float:
+        """When it began, s."""
+        return self.best.onset
+
+    @property
+    def probability(self) -> float:
+        """Its probability."""
+        return self.best.probability
+
+    @property
+    def tie(self) -> tuple[str, ...]:
+        """The names of the explanations between which the readings do not decide, the likeliest
+        first."""
+        least = self.best.probability / TIE
+        return tuple(one.name for one in self.explanations if one.probability >= least)
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis:
+    """What `jaxtwin.diagnose` found in a recording.
+
+    **Arguments:**
+
+    - `observed`: the recording and its observer.
+    - `suspects`: the faults that were looked for.
+    - `causes`: what changed and why, in the order of the onsets.
+    - `names`: the suspects' names, then "none of these" and "healthy".
+    - `probabilities`: of each of `names` after each sample, given the readings up to it.
+    """
+
+    observed: Observed
+    suspects: tuple[Suspect, ...]
+    causes: tuple[Cause, ...]
+    names: tuple[str, ...]
+    probabilities: Float[np.ndarray, "samples names"]
+
+    @property
+    def experiment(self) -> Experiment:
+        """The recording."""
+        return self.observed.experiment
+
+    @property
+    def time(self) -> Float[np.ndarray, " samples"]:
+        """The times of the samples, s."""
+        return self.observed.time
+
+    @property
+    def ties(self) -> list[tuple[str, ...]]:
+        """The names between which the readings do not decide, of each cause that has several."""
+        return [one.tie for one in self.causes if len(one.tie) > 1]
+
+    def summary(self) -> str:
+        """The causes as text, a line for each, with lines for what else explains it."""
+        name = self.experiment.name or "recording"
+        if not self.causes:
+            return f"{name}: healthy; none of {len(self.suspects)} suspects"
+        lines = [f"{name}: {len(self.causes)} cause{'s' if len(self.causes) > 1 else ''}"]
+        for cause in self.causes:
+            until = "" if cause.until is None else f", over at {cause.until:.0f} s"
+            lines.append(f"  {cause.best.text}, found at {cause.found:.0f} s{until}")
+            lines += [
+                f"    or {one.text}" for one in cause.explanations[1:] if one.name in cause.tie
+            ]
+        return "\n".join(lines)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Returns a table with a row for each explanation of each cause; a recording without causes
+        has the row "healthy"."""
+        import pandas
+
+        return pandas.DataFrame(self._rows())
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns a labelled dataset: probability (time, answer)."""
+        import xarray
+
+        return xarray.Dataset(
+            {"probability": (("time", "answer"), self.probabilities)},
+            {"time": ("time", self.time, {"units": "s"}), "answer": list(self.names)},
+            {"recording": self.experiment.name},
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns everything but the probabilities over time as plain numbers and texts, for
+        JSON."""
+        return {
+            "recording": self.experiment.name,
+            "duration_s": self.experiment.duration,
+            "suspects": [one.name for one in self.suspects],
+            "causes": [
+                {
+                    "found_s": cause.found,
+                    "until_s": cause.until,
+                    "tie": list(cause.tie),
+                    "explanations": [_plain(one) for one in cause.explanations],
+                }
+                for cause in self.causes
+            ],
+        }
+
+    def plot(self) -> "Figure":
+        """Draws the readings, and the probabilities over time.
+
+        **Returns:** the figure.
+        """
+        return picture("plot_diagnosis", self)
+
+    def __repr__(self) -> str:
+        name = self.experiment.name or "a recording"
+        return f"<Diagnosis {name}: {'; '.join(one.best.text for one in self.causes) or HEALTHY}>"
+
+    def _repr_html_(self) -> str:
+        rows: Sequence[Sequence[str]] = [
+            (one.name, f"{one.probability:.2g}", f"{one.size:.3g}", f"{one.onset:.0f}")
+            for cause in self.causes
+            for one in cause.explanations
+        ]
+        head = ("fault", "probability", "size", "onset, s")
+        return html_table(repr(self)[1:-1], head, rows or [(HEALTHY, "", "", "")])
+
+    def _rows(self) -> list[dict[str, Any]]:
+        if not self.causes:
+            return [{"cause": 0, "name": HEALTHY, "probability": float(self.probabilities[-1, -1])}]
+        return [
+            {"cause": number, **one._asdict(), "found": cause.found, "until": cause.until}
+            for number, cause in enumerate(self.causes)
+            for one in cause.explanations
+        ]
+
+
+def _plain(one: Explanation) -> dict[str, object]:
+    """An explanation for JSON, which has no NaN."""
+    keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
+    return {
+        keys.get(key, key): value if isinstance(value, str) or math.isfinite(value) else None
+        for key, value in one._asdict().items()
+    }

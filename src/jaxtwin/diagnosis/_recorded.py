@@ -1,0 +1,45 @@
+"""The samples of an observed recording as the programs of a diagnosis take them."""
+
+import math
+
+import jax
+import numpy as np
+from jaxtyping import Bool
+
+from ..observers import KalmanState, Observed
+from ..observers._filter_run import Samples
+from ._likelihood_ratio import Inputs
+
+BLOCK = 256
+"""Recordings are filled up to multiples of so many samples, so that they share programs."""
+
+
+def inputs_of(observed: Observed, start: int) -> Inputs:
+    """The samples of a recording, from one of which on faults may begin."""
+    count = len(observed.is_sample)
+    length = BLOCK * math.ceil(count / BLOCK)
+    befores, samples = filled_up(observed, 0, length)
+    begins: Bool[np.ndarray, " samples"] = np.zeros(length, bool)
+    begins[:count] = np.asarray(observed.is_sample) & (np.arange(count) >= max(start, 1))
+    return Inputs(befores, samples, begins)
+
+
+def filled_up(observed: Observed, first: int, length: int) -> tuple[KalmanState, Samples]:
+    """So many samples from one on, with the states before each, filled up with samples of no length
+    and without readings."""
+    count = len(observed.is_sample)
+    rows = np.minimum(np.arange(first, first + length), count - 1)
+    befores = jax.tree.map(
+        lambda leaf: np.asarray(leaf)[np.maximum(rows - 1, 0)], observed.filtered.states
+    )
+    is_there = np.arange(first, first + length) < count
+    samples = observed.samples
+    levels = None if samples.levels is None else np.asarray(samples.levels)[rows]
+    filled = Samples(
+        dt=np.where(is_there, np.asarray(samples.dt)[rows], 0.0),
+        duty=np.asarray(samples.duty)[rows],
+        readings=np.where(is_there[:, None], np.asarray(samples.readings)[rows], np.nan),
+        ambient=np.where(is_there, np.asarray(samples.ambient)[rows], np.nan),
+        levels=levels,
+    )
+    return befores, filled

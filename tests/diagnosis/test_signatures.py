@@ -1,0 +1,156 @@
+"""What a fault does to an observer, against the observer of a rig that has the fault."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from faulty_runs import ONSET, bench, clean, with_readings
+
+from jaxtwin import Experiment, Observed, Stepper, Twin, observe, simulate
+from jaxtwin._errors import ObserverError
+from jaxtwin._jax_settings import own_settings
+from jaxtwin.diagnosis import Suspect, suspects
+from jaxtwin.diagnosis._causes import diagnosed
+from jaxtwin.diagnosis._diagnose import learned
+from jaxtwin.diagnosis._likelihood_ratio import signature
+from jaxtwin.diagnosis._recorded import inputs_of
+from jaxtwin.diagnosis._signatures import suspected
+from jaxtwin.physics import FAULT_MODELS
+
+SMALL = 0.02
+"""The size of a fault for a finite difference, as a part of its usual one."""
+
+SAMPLES = 120
+
+
+@cache
+def healthy() -> Observed:
+    duty, readings = clean()
+    return observe(bench(), with_readings(readings, duty))
+
+
+@jax.jit
+def _seen(kalman, faults, inputs):
+    def take(carry, given):
+        error, begun = carry
+        begun = begun | given.begins
+        held = jnp.zeros((1, len(kalman.model.columns)))
+        (error, seen), _ = signature(kalman, faults, given.before, error, held, given.sample)
+        error, seen = jnp.where(begun, error, 0.0), jnp.where(begun, seen[1:, 0], 0.0)
+        return (error, begun), seen
+
+    none = jnp.zeros((kalman.model.layout.size, 1, len(faults.drift))), jnp.asarray(False)
+    return jax.lax.scan(take, none, inputs)[1]
+
+
+def signatures(observed: Observed, several: list[Suspect], onset: int) -> np.ndarray:
+    """The change of the whitened innovations, (samples, channels, faults), from an onset on."""
+    inputs = inputs_of(observed, 0)
+    begins = np.zeros(len(inputs.begins), bool)
+    begins[onset + 1] = True
+    with own_settings():
+        arrays = suspected(observed.observer.model, several)
+        return np.asarray(_seen(observed.observer, arrays, inputs._replace(begins=begins)))
+
+
+@pytest.mark.parametrize(
+    ("model", "part", "none"),
+    [
+        ("loosen", "H1", 1.0),
+        ("age", "H1", 1.0),
+        ("leak", "H2", 1.0),
+        ("load", "H1", 1.0),
+        ("gain", "T1", 1.0),
+        ("offset", "T2", 0.0),
+        ("swap", "T1+T2", 0.0),
+    ],
+)
+def test_a_signature_is_the_difference_of_two_observers(model: str, part: str, none: float):
+    """The observer of a rig with a small fault less that of the rig without it."""
+    usual = suspects(bench())[f"{model} {part}"]
+    size = usual.size_of(SMALL)
+    factor = size / usual.none if usual.unit == "W/K" else size
+    assert (factor if none else 1 + factor) != 1
+    duty, readings = clean(model, part, factor)
+    changed = observe(bench(), with_readings(readings, duty))
+    expected = (changed.standardised - healthy().standardised) / SMALL
+    found = signatures(healthy(), [usual], ONSET)[: len(expected), :, 0]
+    assert np.abs(expected[:ONSET]).max() < 1e-9
+    rows = slice(ONSET, ONSET + SAMPLES)
+    # An observer linearises at another state, and its heats are held during a step.
+    np.testing.assert_allclose(
+        found[rows], expected[rows], atol=0.05 * np.abs(expected[rows]).max()
+    )
+
+
+def test_the_signature_of_a_cell_is_the_difference_of_two_observers_with_a_lag_and_a_delay():
+    twin, onset = Twin("dual-cell"), 200
+    plan = Experiment.schedule("0:0.5/0.2,150:0.3/0.7,210:0.6/0.4", duration=280, step=1, cells=2)
+    recording = simulate(twin, plan).to_recording(noise=0.0)
+    observed = observe(twin, recording)
+    usual = suspects(twin)
+    names = ["loosen P1", "fail P1", "weaken supply", "leak plate", "delay command"]
+    found = signatures(observed, [usual[name] for name in names], onset)
+    for place, name in enumerate(names):
+        one = usual[name]
+        assert one.fault is not None
+        # A command that is late by part of a second is not late by part of the effect of a second.
+        part = 1.0 if name == "delay command" else SMALL
+        with jax.enable_x64(True):
+            stepper = Stepper(twin, 1.0, longest_delay=8.0)
+            faulty = one.fault(one.size_of(part))(stepper.system)
+            hurt = Stepper(faulty, 1.0, longest_delay=8.0)
+        both = []
+        for after in (stepper, hurt):
+            readings = _run(stepper, after, plan.duty, onset)
+            run = Experiment(plan.time, plan.duty, channels=twin.channels, temperatures=readings)
+            both.append(observe(twin, run).standardised)
+        expected = (both[1] - both[0])[onset:]
+        own = found[onset : len(plan.time), :, place]
+        if name == "fail P1":  # its size is a share of the strings, its multiple one of the heat
+            part = float((own * expected).sum() / (own**2).sum())
+            assert 0 < part < SMALL
+        np.testing.assert_allclose(
+            own, expected / part, atol=0.08 * np.abs(own).max(), err_msg=name
+        )
+
+
+def _run(stepper: Stepper, after: Stepper, duty: np.ndarray, onset: int) -> np.ndarray:
+    state = stepper.start()
+    rows = [np.asarray(stepper.channels(state))]
+    for number, command in enumerate(duty[:-1]):
+        now = after if number >= onset else stepper
+        state = now.step(state, command)
+        rows.append(np.asarray(now.channels(state)))
+    return np.array(rows)
+
+
+def test_faults_that_change_the_nodes_are_refused_in_a_sentence():
+    model = healthy().observer.model
+
+    def fewer(system):
+        import equinox as eqx
+
+        return eqx.tree_at(lambda s: s.capacitance, system, system.capacitance[:-1])
+
+    for fault, words in ((fewer, "nodes and the parts of the rig to stay"), (str, "returns str")):
+        odd = Suspect("odd", lambda _, own=fault: own)  # pyright: ignore[reportArgumentType]
+        with pytest.raises(ObserverError, match=words):
+            suspected(model, [odd])
+
+
+def test_a_fault_of_no_effect_is_never_found():
+    nothing = Suspect("nothing", lambda _: lambda system: system)
+    arrays = suspected(healthy().observer.model, [nothing])
+    found = diagnosed(healthy(), [nothing], arrays, learned([nothing], []))
+    assert found.causes == ()
+
+
+def test_the_usual_suspects_are_models_of_faults():
+    names = list(suspects(Twin("dual-cell")))
+    assert {name.split()[0] for name in names} - {"stuck", "drift"} <= FAULT_MODELS.keys()
+    assert {"loosen P1", "age P2", "fade P1", "weaken P1", "weaken supply", "block P2"} < set(names)
+    assert "swap T1+T2" in suspects(bench())
+    assert "gain T2" not in suspects(bench(), ["T1"])
