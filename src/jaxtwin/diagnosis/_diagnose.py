@@ -67,8 +67,9 @@ def diagnose(
     several = chosen(model.twin, faults, observed.channels)
     arrays = suspected(model, several)
     if healthy is None:
-        is_there = isinstance(fit, Fit) and fit.comparisons is not None
-        healthy = fit.experiments if is_there else ()  # pyright: ignore
+        healthy = ()
+        if isinstance(fit, Fit) and fit.comparisons is not None:
+            healthy = fit.experiments
     prior = learned(several, [observe(fit, one, noise) for one in healthy])
     return diagnosed(observed, several, arrays, prior)
 
