@@ -11,6 +11,7 @@ from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
 from ._errors import SafetyStop as SafetyStop
 from ._errors import SimulationError as SimulationError
+from ._errors import StoreError as StoreError
 from .c_export import export_c as export_c  # a model, a twin or a controller as C
 from .control import LinearModel as LinearModel  # a twin near an operating point
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
@@ -64,6 +65,7 @@ from .simulation import simulate_batch as simulate_batch  # many draws
 from .sweeps import Sweep as Sweep  # the state of a long sweep
 from .sweeps import open_sweep as open_sweep  # its results, as an xarray data set
 from .sweeps import sweep as sweep  # millions of draws written to a folder
+from .twin_store import TwinStore as TwinStore  # a memory of twins: versions and aliases
 from .validation import Validation as Validation  # predictions, and how good they are
 from .validation import leave_one_out as leave_one_out  # each recording from a match to the others
 from .validation import validate as validate  # recordings that the match has not seen
