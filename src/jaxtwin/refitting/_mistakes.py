@@ -1,0 +1,145 @@
+"""Mistakes of a recording that a refit would otherwise take for a change of the rig.
+
+A duty that was written in other counts looks like another cell, an open lid that the recording
+calls closed like another loss, and exchanged channels like a plate that conducts differently. Each
+mistake is a rival of the refit: the recording without it, matched from the same prior with nothing
+released. If the rival explains the recording better, there is nothing to learn.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations, pairwise
+from typing import NamedTuple, final
+
+import numpy as np
+
+from ..io import Experiment
+from ..matching import Fit
+from ._forgetting import SessionPrior
+from ._session_match import SessionMatch, descend_each, session_problem
+
+DUTY_FACTORS = (-1.0, 0.4, 0.5, 0.625, 0.8, 1.25, 1.6, 2.0, 2.5)
+"""Factors of the duty that are tried: a reversed one, and other full counts."""
+
+NEIGHBOUR = 0.15
+"""Half the distance of the logarithms of neighbouring factors, about."""
+
+MOST_CHANNELS = 8
+"""With more channels, only neighbours in the order of the rig are exchanged."""
+
+ITERATIONS = 8
+"""A rival that explains a recording is near after a few steps."""
+
+BETTER = 3.0
+"""A rival wins by this difference of the logarithm of its probability, a factor of 20."""
+
+
+@final
+class Mistake(NamedTuple):
+    """A mistake of a recording.
+
+    - `sentence`: what would be wrong, as the end of a sentence.
+    - `cost`: half the sum of squared residuals and priors without it.
+    """
+
+    sentence: str
+    cost: float
+
+
+def best_mistake(
+    fit: Fit, prior: SessionPrior, match: SessionMatch, recordings: dict[str, Experiment]
+) -> Mistake | None:
+    """The mistake that explains recordings best; None if the rig and its recordings leave none to
+    be tried."""
+    found: list[Mistake] = []
+    if any(np.any(one.duty) for one in recordings.values()):
+        found.append(_wrong_duty(fit, prior, match, recordings))
+    rivals = list(_rivals(fit, recordings))
+    if rivals:
+        costs = _costs(fit, prior, match, [corrected for _, corrected in rivals])
+        sentences = [sentence for sentence, _ in rivals]
+        found += [Mistake(*pair) for pair in zip(sentences, costs, strict=True)]
+    return min(found, key=lambda mistake: mistake.cost, default=None)
+
+
+def _wrong_duty(
+    fit: Fit, prior: SessionPrior, match: SessionMatch, recordings: dict[str, Experiment]
+) -> Mistake:
+    """The factor of the duty that explains recordings best: the nearest of a few, then others
+    around it, and the minimum of the parabola through the best three of these."""
+    lowest = np.array(fit.twin.rig.lowest_duty)
+
+    def costs(factors: Sequence[float]) -> list[float]:
+        corrected = [
+            {
+                name: replace(one, duty=np.clip(factor * one.duty, lowest, 1.0))
+                for name, one in recordings.items()
+            }
+            for factor in factors
+        ]
+        return _costs(fit, prior, match, corrected)
+
+    coarse = costs(DUTY_FACTORS)
+    nearest = DUTY_FACTORS[int(np.argmin(coarse))]
+    logarithms = np.linspace(-NEIGHBOUR, NEIGHBOUR, len(DUTY_FACTORS))
+    fine = np.array(costs([nearest * factor for factor in np.exp(logarithms)]))
+    middle = int(np.clip(np.argmin(fine), 1, len(fine) - 2))
+    left, centre, right = fine[middle - 1 : middle + 2]
+    curvature, slope = left - 2 * centre + right, (right - left) / 2
+    cost, moved = centre, 0.0
+    if np.isfinite(curvature) and curvature > 0:
+        moved = float(np.clip(-slope / curvature, -1.0, 1.0))
+        cost = centre + slope * moved + curvature * moved**2 / 2
+    factor = nearest * np.exp(logarithms[middle] + moved * (logarithms[1] - logarithms[0]))
+    what = "had the other sign" if factor < 0 else f"were {factor:.2g} times as large"
+    return Mistake(f"if its duty {what}", float(max(cost, 0.0)))
+
+
+def _costs(
+    fit: Fit,
+    prior: SessionPrior,
+    match: SessionMatch,
+    several: Sequence[dict[str, Experiment]],
+) -> list[float]:
+    """The costs of matches from a prior, infinite where there are no finite temperatures."""
+    problems = [session_problem(fit, prior, corrected) for corrected in several]
+    found = descend_each(problems, match.noise_model, match.start, ITERATIONS)
+    return [each.cost if np.isfinite(each.cost) else np.inf for each in found]
+
+
+def _rivals(
+    fit: Fit, recordings: dict[str, Experiment]
+) -> Iterator[tuple[str, dict[str, Experiment]]]:
+    """Each mistake but that of the duty, with the recordings as they would be without it."""
+    for pair in _exchanges(recordings):
+        yield (
+            f"if its channels {pair[0]} and {pair[1]} were exchanged",
+            {name: _exchanged(one, pair) for name, one in recordings.items()},
+        )
+    for row in fit.twin.rig.inputs:
+        if any(row.name in one.inputs for one in recordings.values()):
+            for state in row.states:
+                yield (
+                    f"if {row.name} were {state}",
+                    {
+                        name: one.with_inputs(**{row.name: state})
+                        for name, one in recordings.items()
+                    },
+                )
+
+
+def _exchanges(recordings: dict[str, Experiment]) -> list[tuple[str, str]]:
+    """The pairs of channels that all recordings have."""
+    first, *others = recordings.values()
+    names = [name for name in first.channels if all(name in one.channels for one in others)]
+    if len(names) <= MOST_CHANNELS:
+        return list(combinations(names, 2))
+    return list(pairwise(names))
+
+
+def _exchanged(recording: Experiment, pair: tuple[str, str]) -> Experiment:
+    places = list(range(len(recording.channels)))
+    a, b = (recording.channels.index(name) for name in pair)
+    places[a], places[b] = b, a
+    assert recording.temperatures is not None
+    return replace(recording, temperatures=np.asarray(recording.temperatures)[:, places])
