@@ -12,22 +12,26 @@ from itertools import combinations, pairwise
 from typing import NamedTuple, final
 
 import numpy as np
+from jaxtyping import Float
 
 from ..io import Experiment
 from ..matching import Fit
+from ..matching._descent_result import DescentResult
 from ._forgetting import SessionPrior
 from ._session_match import SessionMatch, descend_each, session_problem
 
-DUTY_FACTORS = (-1.0, 0.4, 0.5, 0.625, 0.8, 1.25, 1.6, 2.0, 2.5)
+Vector = Float[np.ndarray, " unknowns"]
+
+DUTY_FACTORS = (-1.0, 0.4, 0.5, 0.625, 0.8, 1.25, 1.6, 2.2)
 """Factors of the duty that are tried: a reversed one, and other full counts."""
 
-NEIGHBOUR = 0.15
-"""Half the distance of the logarithms of neighbouring factors, about."""
+NEIGHBOURS = (-0.16, -0.08, 0.0, 0.08, 0.16)
+"""The logarithms of further factors around the best of these."""
 
 MOST_CHANNELS = 8
 """With more channels, only neighbours in the order of the rig are exchanged."""
 
-ITERATIONS = 8
+ITERATIONS = 4
 """A rival that explains a recording is near after a few steps."""
 
 BETTER = 3.0
@@ -56,7 +60,8 @@ def best_mistake(
         found.append(_wrong_duty(fit, prior, match, recordings))
     rivals = list(_rivals(fit, recordings))
     if rivals:
-        costs = _costs(fit, prior, match, [corrected for _, corrected in rivals])
+        several = [corrected for _, corrected in rivals]
+        costs = _costs(_descents(fit, prior, match, several, match.start))
         sentences = [sentence for sentence, _ in rivals]
         found += [Mistake(*pair) for pair in zip(sentences, costs, strict=True)]
     return min(found, key=lambda mistake: mistake.cost, default=None)
@@ -69,7 +74,7 @@ def _wrong_duty(
     around it, and the minimum of the parabola through the best three of these."""
     lowest = np.array(fit.twin.rig.lowest_duty)
 
-    def costs(factors: Sequence[float]) -> list[float]:
+    def descents(factors: Sequence[float], start: Vector) -> list[DescentResult]:
         corrected = [
             {
                 name: replace(one, duty=np.clip(factor * one.duty, lowest, 1.0))
@@ -77,12 +82,14 @@ def _wrong_duty(
             }
             for factor in factors
         ]
-        return _costs(fit, prior, match, corrected)
+        return _descents(fit, prior, match, corrected, start)
 
-    coarse = costs(DUTY_FACTORS)
-    nearest = DUTY_FACTORS[int(np.argmin(coarse))]
-    logarithms = np.linspace(-NEIGHBOUR, NEIGHBOUR, len(DUTY_FACTORS))
-    fine = np.array(costs([nearest * factor for factor in np.exp(logarithms)]))
+    coarse = descents(DUTY_FACTORS, match.start)
+    best = int(np.argmin(_costs(coarse)))
+    nearest, start = DUTY_FACTORS[best], coarse[best].vector
+    if coarse[best].cost >= match.drift_cost:  # the duty as it is recorded is nearer
+        return Mistake(_duty_sentence(nearest), coarse[best].cost)
+    fine = np.array(_costs(descents([nearest * float(np.exp(n)) for n in NEIGHBOURS], start)))
     middle = int(np.clip(np.argmin(fine), 1, len(fine) - 2))
     left, centre, right = fine[middle - 1 : middle + 2]
     curvature, slope = left - 2 * centre + right, (right - left) / 2
@@ -90,20 +97,29 @@ def _wrong_duty(
     if np.isfinite(curvature) and curvature > 0:
         moved = float(np.clip(-slope / curvature, -1.0, 1.0))
         cost = centre + slope * moved + curvature * moved**2 / 2
-    factor = nearest * np.exp(logarithms[middle] + moved * (logarithms[1] - logarithms[0]))
+    factor = nearest * np.exp(NEIGHBOURS[middle] + moved * (NEIGHBOURS[1] - NEIGHBOURS[0]))
+    return Mistake(_duty_sentence(factor), float(max(cost, 0.0)))
+
+
+def _duty_sentence(factor: float) -> str:
     what = "had the other sign" if factor < 0 else f"were {factor:.2g} times as large"
-    return Mistake(f"if its duty {what}", float(max(cost, 0.0)))
+    return f"if its duty {what}"
 
 
-def _costs(
+def _descents(
     fit: Fit,
     prior: SessionPrior,
     match: SessionMatch,
     several: Sequence[dict[str, Experiment]],
-) -> list[float]:
-    """The costs of matches from a prior, infinite where there are no finite temperatures."""
+    start: Vector,
+) -> list[DescentResult]:
+    """Matches of several corrected recordings from a prior."""
     problems = [session_problem(fit, prior, corrected) for corrected in several]
-    found = descend_each(problems, match.noise_model, match.start, ITERATIONS)
+    return descend_each(problems, match.noise_model, start, ITERATIONS)
+
+
+def _costs(found: Sequence[DescentResult]) -> list[float]:
+    """The costs of descents, infinite where there are no finite temperatures."""
     return [each.cost if np.isfinite(each.cost) else np.inf for each in found]
 
 

@@ -51,7 +51,8 @@ TRIED = 3
 class SessionMatch(NamedTuple):
     """A match of a session.
 
-    - `fit`: the fit. `cost`: half the sum of squared residuals and priors.
+    - `fit`: the fit. `cost`: half the sum of squared residuals and priors. `drift_cost`: the same
+      before any value was released.
     - `changed`: the names of the values that have changed.
     - `distance`, `limit`: the squared distance of the others from the prior, and what drift may be.
     - `noise_model`: the noise that was assumed.
@@ -60,6 +61,7 @@ class SessionMatch(NamedTuple):
 
     fit: Fit
     cost: float
+    drift_cost: float
     changed: tuple[str, ...]
     distance: float
     limit: float
@@ -101,7 +103,7 @@ def match_session(
             f"{fit.twin.rig.name}: expected finite temperatures from the last twin, got none; look "
             "for parameters far outside their bounds"
         )
-    first = result.vector
+    first, drift_cost = result.vector, result.cost
     places: tuple[int, ...] = ()
     limit = float(chi2.isf(SURE, len(prior.mean)))
     distance = _distance(result, prior, places)
@@ -121,6 +123,7 @@ def match_session(
     return SessionMatch(
         with_spread_of(found, fit),
         result.cost,
+        drift_cost,
         tuple(prior.rows[place].name for place in places),
         distance,
         limit,
