@@ -4,12 +4,12 @@ A last fit of four healthy sessions of a rig that is simulated; then sessions wi
 each, drawn by a seed. Between sessions every free parameter takes a small random step. Seeds below
 1000 are judged; the settings of the gate were chosen on others.
 
-- poisoned, `single-cell`: a channel frozen from some time on; a duty in other counts (0.4 to 0.8 or
-  1.25 to 2.5 times what it was); another rig, all of whose parameters are drawn from the priors of
-  the rig file.
+- poisoned, `single-cell`: a channel that is frozen from some time on; a duty in other counts, 0.4
+  to 0.8 or 1.25 to 2.5 times what it was; another rig, all of whose parameters are drawn from the
+  priors of the rig file.
 - poisoned, `tclab`: the two channels exchanged.
 - poisoned, `heated-box`: the lid open for a third of the session, which the recording calls closed.
-- real, `single-cell`: a contact of three times the resistance, of the cell to the load or to the
+- real, `single-cell`: a contact of three times the resistance, of the cell to the load or the
   sink.
 - healthy, `single-cell`: nothing.
 
@@ -34,8 +34,9 @@ from benchmarks._machine import processor
 LENGTH = 900
 """The length of a session, s."""
 
-DRIFT = 0.02
-"""The step of the logarithm of a parameter from session to session."""
+DRIFT = 0.016
+"""The step of a parameter from session to session, as a part of the spread of its prior: what the
+sessions 1 to 4 of the real cell say of it."""
 
 SESSIONS = (1, 2, 3, 4)
 
@@ -58,8 +59,8 @@ def drifted(twin: jt.Twin, random: np.random.Generator) -> jt.Twin:
     for name, row in twin.rig.parameters.items():
         value = float(twin.values[name])
         if row.free and row.scope == "shared":
-            moved = DRIFT * random.normal()
-            values[name] = value * np.exp(moved) if row.is_logarithmic else value + moved
+            moved = DRIFT * (row.standard_deviation or 0.0) * random.normal()
+            values[name] = row.from_entry(row.to_entry(value) + moved)
     room = float(random.normal(18.0, 1.0))
     values |= {name: room for name in HELD if name in twin.values}
     return twin.with_values(values)
@@ -210,9 +211,9 @@ def main() -> None:
     chosen = parser.parse_args()
     print(f"{processor()}, seeds {chosen.first} to {chosen.first + chosen.seeds - 1}")
     seeds = range(chosen.first, chosen.first + chosen.seeds)
-    rows = [of_kind(kind, seeds, chosen.verbose) for kind in chosen.kinds]
     print("| session | right | decisions | first check that rejected | s |\n|---|---|---|---|---|")
-    print("\n".join(rows))
+    for kind in chosen.kinds:
+        print(of_kind(kind, seeds, chosen.verbose), flush=True)
     if chosen.recordings is not None:
         real(chosen.recordings)
 

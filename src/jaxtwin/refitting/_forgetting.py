@@ -23,6 +23,9 @@ from ..matching._group_values import group_and_shared_values, new_group_values
 from ..matching._match_group import HELD
 from ..rig import Parameter
 
+LEAST_DRIFT = 0.01
+"""A step that is allowed between sessions in any case, of a logarithm or in the value's unit."""
+
 UNKNOWN_CHANGE = 1.0
 """How far a value may change that has no prior in the rig file: a factor of e, or its unit."""
 
@@ -34,6 +37,7 @@ class SessionPrior(NamedTuple):
 
     - `rows`: the parameters, with the bounds of the fit.
     - `mean`, `covariance`: their prior.
+    - `drift`: the covariance of the step from the last session to this one alone.
     - `changes`: how far each may be after a change of the rig: the standard deviation of its own
       prior in the rig file.
     - `group`: the name of the group.
@@ -42,15 +46,23 @@ class SessionPrior(NamedTuple):
     rows: tuple[Parameter, ...]
     mean: Float[np.ndarray, " rows"]
     covariance: Float[np.ndarray, "rows rows"]
+    drift: Float[np.ndarray, "rows rows"]
     changes: Float[np.ndarray, " rows"]
     group: str
 
-    def released(self, places: tuple[int, ...]) -> Float[np.ndarray, "rows rows"]:
-        """The covariance if some values have changed, and nothing is known of them any more but
-        what the rig file says."""
+    def drift_and(self, places: tuple[int, ...]) -> Float[np.ndarray, "rows rows"]:
+        """The covariance if the rig has drifted, and some values have changed: nothing is known of
+        these any more but what the rig file says."""
+        return self.drift + self._of_changes(places)
+
+    def covariance_and(self, places: tuple[int, ...]) -> Float[np.ndarray, "rows rows"]:
+        """The same with what the last fit did not know."""
+        return self.covariance + self._of_changes(places)
+
+    def _of_changes(self, places: tuple[int, ...]) -> Float[np.ndarray, "rows rows"]:
         wider = np.zeros(len(self.mean))
         wider[list(places)] = self.changes[list(places)] ** 2
-        return self.covariance + np.diag(wider)
+        return np.diag(wider)
 
 
 def session_prior(fit: Fit, group: str, forgetting: float) -> SessionPrior:
@@ -66,13 +78,14 @@ def session_prior(fit: Fit, group: str, forgetting: float) -> SessionPrior:
     number = names.index(group) if group in names else None
     known = group_and_shared_values(unknowns, solution.vector, number)
     step = np.diag((forgetting * fit.uncertainty.between_recordings) ** 2)
+    drift = known.covariance(step) + np.diag(np.full(len(known.mean), LEAST_DRIFT**2))
     covariance = known.covariance(fit.uncertainty.vector_covariance + step)
     # A value that was held at a bound stays there.
     covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD**2))
     table = fit.twin.rig.parameters
     spreads = [table[row.name].standard_deviation for row in known.rows]
     changes = [UNKNOWN_CHANGE if spread is None else spread for spread in spreads]
-    return SessionPrior(known.rows, known.mean, covariance, np.array(changes), group)
+    return SessionPrior(known.rows, known.mean, covariance, drift, np.array(changes), group)
 
 
 def rows_with_priors(

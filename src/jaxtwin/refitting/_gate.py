@@ -16,16 +16,23 @@ from ..control.controllers._controller import AbstractController
 from ..control.loops._loop_margins import USUAL_PEAK, loop_margins
 from ..matching import Fit
 from ..monitoring import Monitored
+from ..rig._units import unit_scale
 from ..simulation import Run
 from ._held_out import Replay, block_errors
 from ._mistakes import BETTER, Mistake
-from ._session_match import MOST_CHANGES, SessionMatch
+from ._session_match import SessionMatch
 
 BROKEN = ("frozen", "gone")
 """The kinds of findings that no change of a rig explains."""
 
 RESIDUALS = 3.0
 """The error of a part of a recording, at most, in errors of the last fit."""
+
+LARGEST = 4.0
+"""The factor by which a value changes at most on a rig that is still the same."""
+
+MATTER = ("J/K", "V/K")
+"""The units of heat capacities and Seebeck coefficients: they stay while the parts are the same."""
 
 PRIORS = 3.5
 """The distance from the rig file's priors, at most, in standard deviations."""
@@ -104,17 +111,33 @@ def check_converged(match: SessionMatch) -> GateCheck:
     )
 
 
-def check_changes(match: SessionMatch) -> GateCheck:
-    """Whether few values have changed: another rig differs in many."""
-    passed = match.distance <= match.limit
-    names = ", ".join(match.changed) or "nothing"
-    text = f"{names} changed beyond the drift between sessions"
+def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
+    """Whether the session is explained by drift and by what changes on a rig that is still the
+    same: few values, none of them many times, and no constant of its matter."""
+    names = ", ".join(match.changed)
+    passed = match.error <= match.limit
+    text = f"{names or 'nothing'} changed beyond the drift between sessions"
     if not passed:
         text = (
-            f"more than {MOST_CHANGES} values would have to change ({names} and others): this "
-            "looks like another rig"
+            f"more than {names or 'drift'} would have to change, which leaves an error of "
+            f"{match.error:.3g} K: this looks like another rig, or one that changed meanwhile"
         )
-    return GateCheck("changes", passed, match.distance, match.limit, text)
+    for name in match.changed:
+        row, before = match.fit[name], last[name]
+        moved = f"{name} would have changed from {before.value:.3g} to {row.value:.3g} {row.unit}"
+        if row.is_logarithmic and abs(math.log(row.value / before.value)) > math.log(LARGEST):
+            passed, text = False, f"{moved.rstrip()}, more than {LARGEST:g} times: another rig"
+        elif any(_measures(row.unit, unit) for unit in MATTER):
+            passed, text = False, f"{moved}, which rigs do not do by themselves: another rig"
+    return GateCheck("changes", passed, match.error, match.limit, text)
+
+
+def _measures(unit: str, other: str) -> bool:
+    try:
+        unit_scale(unit, other)
+    except ValueError:
+        return False
+    return True
 
 
 def check_residuals(runs: list[Run], last: Fit) -> GateCheck:

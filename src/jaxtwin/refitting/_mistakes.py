@@ -17,6 +17,7 @@ from jaxtyping import Float
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._descent_result import DescentResult
+from ..rig import Input
 from ._forgetting import SessionPrior
 from ._session_match import SessionMatch, descend_each, session_problem
 
@@ -24,6 +25,9 @@ Vector = Float[np.ndarray, " unknowns"]
 
 DUTY_FACTORS = (-1.0, 0.4, 0.5, 0.625, 0.8, 1.25, 1.6, 2.2)
 """Factors of the duty that are tried: a reversed one, and other full counts."""
+
+BESIDE = (0.8, 1.25)
+"""Those next to 1."""
 
 NEIGHBOURS = (-0.16, -0.08, 0.0, 0.08, 0.16)
 """The logarithms of further factors around the best of these."""
@@ -84,6 +88,11 @@ def _wrong_duty(
         ]
         return _descents(fit, prior, match, corrected, start)
 
+    if not match.changed and match.error <= match.limit:
+        # The recorded duty is near: the minimum is between its neighbours if both are worse.
+        beside = _costs(descents(BESIDE, match.start))
+        if min(beside) >= match.drift_cost:
+            return Mistake(_duty_sentence(BESIDE[int(np.argmin(beside))]), min(beside))
     coarse = descents(DUTY_FACTORS, match.start)
     best = int(np.argmin(_costs(coarse)))
     nearest, start = DUTY_FACTORS[best], coarse[best].vector
@@ -134,7 +143,9 @@ def _rivals(
         )
     for row in fit.twin.rig.inputs:
         if any(row.name in one.inputs for one in recordings.values()):
-            for state in row.states:
+            for number, state in enumerate(row.states):
+                if all(np.all(_numbers(one, row) == number) for one in recordings.values()):
+                    continue  # which is what they say
                 yield (
                     f"if {row.name} were {state}",
                     {
@@ -142,6 +153,14 @@ def _rivals(
                         for name, one in recordings.items()
                     },
                 )
+
+
+def _numbers(recording: Experiment, row: Input) -> Float[np.ndarray, " times"]:
+    """The numbers of the states of an input at each time."""
+    levels = np.asarray(recording.inputs.get(row.name, row.value))
+    if levels.dtype.kind in "iuf":
+        return levels.astype(float)
+    return np.array([row.states.index(str(level)) for level in levels.ravel()], float)
 
 
 def _exchanges(recordings: dict[str, Experiment]) -> list[tuple[str, str]]:

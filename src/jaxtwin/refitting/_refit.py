@@ -160,6 +160,7 @@ def refit(
     *,
     window: float | int | None = None,
     forgetting: float | int = 1.0,
+    changes: int = 1,
     noise: ProcessNoise | None = None,
     calibration: MonitorCalibration | None = None,
     controller: AbstractController | None = None,
@@ -170,10 +171,10 @@ def refit(
     """Refits a twin to new recordings, and lets a gate decide whether it replaces the last one.
 
     The posterior of the last fit is the prior of the new one, with a step of the random walk that
-    sessions take. If the new values are further away than that, the value that explains it best is
-    released from its prior, at most two of them. The new twin sees all recordings but the last, or
-    the first two thirds of a single one. Both twins then predict what is held out, and the gate
-    compares them: `docs/refits.md` describes its checks.
+    sessions take. If the values of the last fit do not explain a session, but for that drift, the
+    value is released that explains it best, such as that of a contact. The new twin sees all
+    recordings but the last, or the first two thirds of a single one. Both twins then predict what
+    is held out, and the gate compares them: `docs/refits.md` describes its checks.
 
     **Arguments:**
 
@@ -182,6 +183,8 @@ def refit(
     - `window`: only the last so many seconds of the recordings count.
     - `forgetting`: the step between sessions, in standard deviations between the recordings of the
       fit: 1 is what these say, 0 forgets nothing.
+    - `changes`: the number of values that may have changed at once, beyond drift. After work on the
+      rig more than one.
     - `noise`: the noise of the observers, as for `observe`.
     - `calibration`: what is healthy, for the test of frozen channels; as for `monitor`.
     - `controller`: the controller that runs on the twin. Its loop must be safe on the new one too.
@@ -198,6 +201,7 @@ def refit(
     of_kind("refit: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     factor = finite_number("refit: forgetting", forgetting, MatchError)
     ahead = finite_number("refit: lead", lead, MatchError)
+    most = whole_number("refit: changes", changes, 0, MatchError)
     whole_number("refit: max_iterations", max_iterations, 1, MatchError)
     if factor < 0 or ahead <= 0:
         what, number = ("forgetting", factor) if factor < 0 else ("lead", ahead)
@@ -221,10 +225,10 @@ def refit(
         return _decided(fit, None, checks)
     prior = session_prior(fit, several[0].group, factor)
     seen = named_recordings(fit.twin, parts.seen)
-    match = match_session(fit, prior, seen, max_iterations)
+    match = match_session(fit, prior, seen, most, max_iterations)
     checks.append(check_converged(match))
     checks.append(check_mistakes(best_mistake(fit, prior, match, seen), match))
-    checks.append(check_changes(match))
+    checks.append(check_changes(match, fit))
     whole = [run_of_refit(match.fit, one, parts.seen) for one in parts.held_out]
     runs = whole + [
         simulate(match.fit.twins[name], one)

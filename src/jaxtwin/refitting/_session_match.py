@@ -1,16 +1,19 @@
 r"""Matches a session from the posterior of an earlier fit, and finds which values have changed.
 
-A prior that follows from earlier sessions is narrow, and a contact that was remounted may be many
-of its standard deviations away. The prior would then pull all other values along. Let $C$ be the
-covariance of the prior, $P = C^{-1}$ and $d$ the distance of the match from its mean. If nothing
-but the usual drift happened, $d^T P d$ is at most a $\chi^2$ with as many degrees of freedom as
-there are values. If it is beyond, the prior of a single value is released to what the rig file says
-of it: $C + s_j^2 e_j e_j^T$. By the formula of Woodbury the cost then falls by about
+A fit that is honest about the errors of its model leaves many values open, and a match from its
+posterior alone would explain nearly any session by moving all of them a little, also that of
+another rig. A rig that is still the same drifts, and from time to time a single part of it changes:
+a contact is remounted. The session is therefore first matched with all values at those of the last
+fit, but for the drift between sessions. If its error is then that of the last fit, nothing has
+changed, and the posterior is the prior of a match of all values. If not, a single value is released
+to what the rig file says of it. With the precision of the drift $P$, the distance $d$ of the match
+from the last fit, the rig file's spread $s_j$ and the Hessian $A$, the cost then falls by about
 
-$$\frac{(P d)_j^2 / 2}{P_{jj} + s_j^{-2} - (P A^{-1} P)_{jj}},$$
+$$\frac{(P d)_j^2 / 2}{P_{jj} + s_j^{-2} - (P A^{-1} P)_{jj}}$$
 
-where $A$ is the Hessian of the cost; the values for which this is largest are tried, and the best
-one is released. After `MOST_CHANGES` releases the session is not that of this rig.
+(the formula of Woodbury); the values for which this is largest are tried, and the best one is
+released. If the allowed number of releases does not explain the session, it is not that of this
+rig. Values that were not released keep what was known of them.
 """
 
 import time
@@ -20,7 +23,6 @@ from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from .._errors import MatchError
 from ..io import Experiment
@@ -37,11 +39,8 @@ from ..matching._reweighted_least_squares import Estimate
 from ..matching._unknowns import Unknowns
 from ._forgetting import SessionPrior, rows_with_priors, with_spread_of
 
-MOST_CHANGES = 2
-"""The largest number of values that change at once on a rig that is still the same."""
-
-SURE = 1e-4
-"""The probability of a distance from the prior that still counts as drift."""
+EXPLAINED = 1.5
+"""A session is explained by an error of at most so many times that of the last fit."""
 
 TRIED = 3
 """The number of values of which the release is tried."""
@@ -51,10 +50,12 @@ TRIED = 3
 class SessionMatch(NamedTuple):
     """A match of a session.
 
-    - `fit`: the fit. `cost`: half the sum of squared residuals and priors. `drift_cost`: the same
-      before any value was released.
+    - `fit`: the fit.
+    - `cost`, `drift_cost`: half the sum of squared residuals and priors, if the rig has drifted and
+      changed, or has only drifted.
     - `changed`: the names of the values that have changed.
-    - `distance`, `limit`: the squared distance of the others from the prior, and what drift may be.
+    - `error`, `limit`: the root mean square error that drift and changes leave, and what is
+      allowed, K.
     - `noise_model`: the noise that was assumed.
     - `start`: the values that the last twin expects, with the session's own ones as found.
     """
@@ -63,7 +64,7 @@ class SessionMatch(NamedTuple):
     cost: float
     drift_cost: float
     changed: tuple[str, ...]
-    distance: float
+    error: float
     limit: float
     noise_model: NoiseModel
     start: Float[np.ndarray, " unknowns"]
@@ -72,7 +73,7 @@ class SessionMatch(NamedTuple):
 def session_problem(
     fit: Fit, prior: SessionPrior, recordings: Mapping[str, Experiment]
 ) -> MatchProblem:
-    """The problem of matching recordings of a session from a prior."""
+    """The problem of matching recordings of a session if the rig has only drifted."""
     twin = fit.twin_of_group(prior.group)
     before = solution_of(fit).problem.unknowns
     own = [replace(row, value=float(twin.values[row.name])) for row in before.per_recording]
@@ -85,13 +86,21 @@ def session_problem(
     weights = problem.prior_weights.copy()
     weights[: len(shared)] = 0.0
     problem = replace(problem, prior_weights=weights)
-    return _with_covariance(problem, prior, prior.covariance)
+    return _with_covariance(problem, prior, prior.drift)
 
 
 def match_session(
-    fit: Fit, prior: SessionPrior, recordings: Mapping[str, Experiment], max_iterations: int
+    fit: Fit,
+    prior: SessionPrior,
+    recordings: Mapping[str, Experiment],
+    changes: int,
+    max_iterations: int,
 ) -> SessionMatch:
     """Matches recordings of a session, with the noise that the earlier fit found.
+
+    **Arguments:**
+
+    - `changes`: the number of values that may have changed at once.
 
     **Raises:** `MatchError` if the twin gives no finite temperatures; the errors of `match`.
     """
@@ -104,28 +113,28 @@ def match_session(
             "for parameters far outside their bounds"
         )
     first, drift_cost = result.vector, result.cost
+    limit = EXPLAINED * fit.rmse
     places: tuple[int, ...] = ()
-    limit = float(chi2.isf(SURE, len(prior.mean)))
-    distance = _distance(result, prior, places)
-    while distance > limit and len(places) < MOST_CHANGES:
+    while _error(result) > limit and len(places) < changes:
         place, result = _release(problem, noise_model, prior, result, places, max_iterations)
         places = (*places, place)
-        distance = _distance(result, prior, places)
-    covariance = prior.released(places)
+    cost, error = result.cost, _error(result)
+    covariance = prior.covariance_and(places)
+    solved = _with_covariance(problem, prior, covariance)
+    if not places:
+        (result,) = descend_each([solved], noise_model, result.vector, max_iterations)
     rows = rows_with_priors(fit, prior, covariance)
-    told = replace(problem.unknowns, shared=tuple(
-        replace(row, value=own.value)
-        for row, own in zip(rows, problem.unknowns.shared, strict=True)
-    ))  # fmt: skip
-    solved = replace(_with_covariance(problem, prior, covariance), unknowns=told)
+    pairs = zip(rows, problem.unknowns.shared, strict=True)
+    shared = tuple(replace(row, value=own.value) for row, own in pairs)
+    solved = replace(solved, unknowns=replace(problem.unknowns, shared=shared))
     optima = (make_optimum(solved, result, 0, result),)
     found = make_fit(solved, Estimate(result, noise_model), 0, optima, began)
     return SessionMatch(
         with_spread_of(found, fit),
-        result.cost,
+        cost,
         drift_cost,
         tuple(prior.rows[place].name for place in places),
-        distance,
+        error,
         limit,
         noise_model,
         np.concatenate([prior.mean, first[len(prior.mean) :]]),
@@ -160,7 +169,7 @@ def _release(
     best = np.argsort(gains)[::-1][:TRIED]
     chosen = [int(place) for place in best if gains[place] > 0] or [int(best[0])]
     problems = [
-        _with_covariance(problem, prior, prior.released((*places, place))) for place in chosen
+        _with_covariance(problem, prior, prior.drift_and((*places, place))) for place in chosen
     ]
     found = descend_each(problems, noise_model, result.vector, max_iterations)
     costs = [each.cost for each in found]
@@ -173,7 +182,7 @@ def _gains(
 ) -> Float[np.ndarray, " rows"]:
     """By how much the cost falls if a value is released, about."""
     size = len(prior.mean)
-    precision = np.linalg.inv(prior.released(places))
+    precision = np.linalg.inv(prior.drift_and(places))
     pull = precision @ (result.vector[:size] - prior.mean)
     jacobian = result.jacobian()
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)[:size, :size]
@@ -184,9 +193,8 @@ def _gains(
     return gains
 
 
-def _distance(result: DescentResult, prior: SessionPrior, places: tuple[int, ...]) -> float:
-    away = result.vector[: len(prior.mean)] - prior.mean
-    return float(away @ np.linalg.solve(prior.released(places), away))
+def _error(result: DescentResult) -> float:
+    return float(np.sqrt(result.mean_square))
 
 
 def _with_covariance(
