@@ -16,7 +16,7 @@ each, drawn by a seed. Between sessions every free parameter takes a small rando
 With a folder of recordings: the real sessions 5, 6, 15 and 27 of the single cell after a match of 1
 to 4, and the time of a refit of one with kept programs.
 
-    python -m benchmarks.refit [--seeds 100] [--first 0] [--kinds frozen duty ...] [--recordings DIR]
+    python -m benchmarks.refit [--seeds 100] [--first 0] [--kinds frozen duty] [--recordings DIR]
 """
 
 import argparse
