@@ -20,7 +20,7 @@ from ..rig._units import unit_scale
 from ..simulation import Run
 from ._held_out import Replay, block_errors
 from ._mistakes import BETTER, Mistake
-from ._session_match import SessionMatch
+from ._session_match import SessionMatch, is_explained
 
 BROKEN = ("frozen", "gone")
 """The kinds of findings that no change of a rig explains."""
@@ -71,7 +71,7 @@ def check_readings(monitored: Monitored) -> GateCheck:
     """Whether all channels are alive: a frozen one, or one that has gone to the room, is no
     change of the rig."""
     broken = [one for one in monitored.findings if one.kind in BROKEN]
-    text = "; ".join(f"{one.detail} from {one.since:.0f} s on" for one in broken)
+    text = f"{broken[0].detail} from {broken[0].since:.0f} s on" if broken else ""
     name = monitored.experiment.name or "the recording"
     return GateCheck(
         "readings",
@@ -115,11 +115,11 @@ def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
     """Whether the session is explained by drift and by what changes on a rig that is still the
     same: few values, none of them many times, and no constant of its matter."""
     names = ", ".join(match.changed)
-    passed = match.error <= match.limit
+    passed = is_explained(match)
     text = f"{names or 'nothing'} changed beyond the drift between sessions"
     if not passed:
         text = (
-            f"more than {names or 'drift'} would have to change, which leaves an error of "
+            f"{names or 'drift'} alone does not explain the session, with an error of "
             f"{match.error:.3g} K: this looks like another rig, or one that changed meanwhile"
         )
     for name in match.changed:

@@ -4,8 +4,9 @@ A fit that is honest about the errors of its model leaves many values open, and 
 posterior alone would explain nearly any session by moving all of them a little, also that of
 another rig. A rig that is still the same drifts, and from time to time a single part of it changes:
 a contact is remounted. The session is therefore first matched with all values at those of the last
-fit, but for the drift between sessions. If its error is then that of the last fit, nothing has
-changed, and the posterior is the prior of a match of all values. If not, a single value is released
+fit, but for the drift between sessions. If its error is then that of the last fit, and the values
+are as near to those as its posterior and the drift allow (a $\chi^2$), nothing has changed, and the
+posterior is the prior of a match of all values. If not, a single value is released
 to what the rig file says of it. With the precision of the drift $P$, the distance $d$ of the match
 from the last fit, the rig file's spread $s_j$ and the Hessian $A$, the cost then falls by about
 
@@ -23,6 +24,7 @@ from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from .._errors import MatchError
 from ..io import Experiment
@@ -37,10 +39,13 @@ from ..matching._objective import make_objective
 from ..matching._problem import LinearPrior, MatchProblem, make_match_problem
 from ..matching._reweighted_least_squares import Estimate
 from ..matching._unknowns import Unknowns
-from ._forgetting import SessionPrior, rows_with_priors, with_spread_of
+from ._forgetting import LEAST_DRIFT, SessionPrior, rows_with_priors, with_spread_of
 
 EXPLAINED = 1.5
 """A session is explained by an error of at most so many times that of the last fit."""
+
+SURE = 1e-4
+"""The probability of a distance from the last fit that still counts as drift."""
 
 TRIED = 3
 """The number of values of which the release is tried."""
@@ -56,6 +61,8 @@ class SessionMatch(NamedTuple):
     - `changed`: the names of the values that have changed.
     - `error`, `limit`: the root mean square error that drift and changes leave, and what is
       allowed, K.
+    - `distance`, `furthest`: the squared distance of the values that have not changed from those of
+      the last fit, in standard deviations, and what is allowed.
     - `noise_model`: the noise that was assumed.
     - `start`: the values that the last twin expects, with the session's own ones as found.
     """
@@ -66,6 +73,8 @@ class SessionMatch(NamedTuple):
     changed: tuple[str, ...]
     error: float
     limit: float
+    distance: float
+    furthest: float
     noise_model: NoiseModel
     start: Float[np.ndarray, " unknowns"]
 
@@ -115,10 +124,13 @@ def match_session(
     first, drift_cost = result.vector, result.cost
     limit = EXPLAINED * fit.rmse
     places: tuple[int, ...] = ()
-    while _error(result) > limit and len(places) < changes:
+    furthest = float(chi2.isf(SURE, len(prior.mean)))
+    while len(places) < changes and (
+        _error(result) > limit or _distance(result, prior, places) > furthest
+    ):
         place, result = _release(problem, noise_model, prior, result, places, max_iterations)
         places = (*places, place)
-    cost, error = result.cost, _error(result)
+    cost, error, distance = result.cost, _error(result), _distance(result, prior, places)
     covariance = prior.covariance_and(places)
     solved = _with_covariance(problem, prior, covariance)
     if not places:
@@ -136,9 +148,16 @@ def match_session(
         tuple(prior.rows[place].name for place in places),
         error,
         limit,
+        distance,
+        furthest,
         noise_model,
         np.concatenate([prior.mean, first[len(prior.mean) :]]),
     )
+
+
+def is_explained(match: SessionMatch) -> bool:
+    """Whether drift and the changes explain a session."""
+    return match.error <= match.limit and match.distance <= match.furthest
 
 
 def descend_each(
@@ -191,6 +210,12 @@ def _gains(
     gains = 0.5 * pull**2 / np.maximum(room, 1e-12)
     gains[list(places)] = 0.0
     return gains
+
+
+def _distance(result: DescentResult, prior: SessionPrior, places: tuple[int, ...]) -> float:
+    away = result.vector[: len(prior.mean)] - prior.mean
+    known = prior.covariance_and(places) + LEAST_DRIFT**2 * np.eye(len(away))
+    return float(away @ np.linalg.solve(known, away))
 
 
 def _error(result: DescentResult) -> float:
