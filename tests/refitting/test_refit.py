@@ -42,7 +42,7 @@ def last() -> jt.Fit:
 @cache
 def changed() -> jt.Refit:
     """After heater 1 lost much of its contact with the room."""
-    return jt.refit(last(), session(4, R_1=150.0))
+    return jt.refit(last(), session(4, R_1=85.0))
 
 
 def test_the_prior_of_a_session_is_the_posterior_and_what_is_forgotten():
@@ -90,7 +90,7 @@ def test_a_changed_resistance_is_found_by_name_and_size_and_promoted():
     assert found.changed == ("R_1",)
     assert found.fit is not None
     assert found.twin is found.fit
-    truth = 150.0 / float(jt.Twin("tclab").values["R_1"])
+    truth = 85.0 / float(jt.Twin("tclab").values["R_1"])
     assert found.fit["R_1"].value / last()["R_1"].value == pytest.approx(truth, rel=0.15)
     assert found.reason.startswith("R_1 changed from")
 
@@ -107,7 +107,7 @@ def test_a_refit_is_saved_with_its_prior_and_forgets_by_the_same_spread(tmp_path
         place = found.uncertainty.labels.index(name)
         known = last().uncertainty.between_recordings[last().uncertainty.labels.index(name)]
         assert loaded.uncertainty.between_recordings[place] == known
-    again = jt.refit(loaded, session(6, R_1=150.0))
+    again = jt.refit(loaded, session(6, R_1=85.0))
     assert again.decision in ("unchanged", "promoted")
     assert again.changed == ()
 
@@ -161,7 +161,7 @@ def test_a_poisoned_session_is_rejected_with_the_reason(
 def test_a_loop_that_the_new_twin_does_not_bear_is_asked_about():
     """A gain of 3 is beyond what the lag of the sensor allows."""
     found = jt.refit(
-        last(), session(4, R_1=150.0), controller=PID(Kp=3.0, Ki=0.1, sample_time_s=1.0)
+        last(), session(4, R_1=85.0), controller=PID(Kp=3.0, Ki=0.1, sample_time_s=1.0)
     )
     assert found.decision == "ask"
     assert [check.name for check in found.failed] == ["loop"]
@@ -188,7 +188,7 @@ def test_the_command_keeps_a_store_and_judges_each_recording_once(
     sessions.mkdir()
     assert run(["twins", "add", str(store), str(tmp_path / "fit.toml")]) == 0
     words = ["refit", str(store), "--recordings", str(sessions)]
-    jt.write_recording(session(4, R_1=150.0), sessions / "a.csv")
+    jt.write_recording(session(4, R_1=85.0), sessions / "a.csv")
     assert run(words) == 0
     assert "a.csv: promoted: R_1 changed from" in capsys.readouterr().out
     twins = jt.TwinStore(store)
