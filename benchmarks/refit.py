@@ -1,8 +1,8 @@
 """Does the gate of a refit reject poisoned recordings, and let real changes through?
 
 A last fit of four healthy sessions of a rig that is simulated; then sessions with one thing wrong
-each, drawn by a seed. Between sessions every free parameter takes a small random step. The seeds from
-100 on are judged; the settings of the gate were chosen on others.
+each, drawn by a seed. Between sessions every free parameter takes a small random step. The judged
+seeds are 100 to 119; the settings of the gate were chosen on others.
 
 - poisoned, `single-cell`: a channel that is frozen from some time on; a duty in other counts, 0.4
   to 0.8 or 1.25 to 2.5 times what it was; another rig, all of whose parameters are drawn from the
