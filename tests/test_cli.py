@@ -71,6 +71,14 @@ COMMANDS = [
     ["observe"],
     ["monitor"],
     ["diagnose"],
+    ["refit"],
+    ["twins"],
+    ["twins", "list"],
+    ["twins", "show"],
+    ["twins", "diff"],
+    ["twins", "add"],
+    ["twins", "promote"],
+    ["twins", "rollback"],
     ["conform"],
     ["backup"],
     ["export"],
@@ -115,8 +123,8 @@ def test_the_page_of_commands_has_every_command():
     assert rows is not None
     listed = re.findall(r"`([\w -]+)`", " ".join(row.split("|")[1] for row in rows[1].split("\n")))
     groups = {command[0] for command in COMMANDS if len(command) > 1}
-    known = [" ".join(each) for each in COMMANDS if each and each != ["data"]]
-    assert groups == {"data"}
+    known = [" ".join(each) for each in COMMANDS if each not in ([], *([one] for one in groups))]
+    assert groups == {"data", "twins"}
     assert sorted(listed) == sorted(known)
 
 
@@ -124,7 +132,7 @@ def test_the_page_of_commands_has_every_command():
 def test_every_command_has_help_with_an_example(command, capsys):
     assert run([*command, "--help"]) == 0
     text = printed(capsys)
-    if command not in ([], ["data"]):
+    if command not in ([], ["data"], ["twins"]):
         assert "Example:" in text
         assert f"jaxtwin {' '.join(command)}" in text
 
@@ -152,7 +160,7 @@ def test_help_comes_without_loading_jax_or_another_heavy_library():
     assert result.stdout.endswith("set()\n")
 
 
-@pytest.mark.parametrize("arguments", [[], ["data"]], ids=["jaxtwin", "data"])
+@pytest.mark.parametrize("arguments", [[], ["data"], ["twins"]], ids=["jaxtwin", "data", "twins"])
 def test_without_a_command_the_help_is_shown(arguments, capsys):
     assert run(arguments) == 0
     assert "Usage:" in printed(capsys)
@@ -574,7 +582,7 @@ def test_what_is_not_said_means_the_same_as_in_python(command, function, expecte
 
 def test_every_command_is_tested_for_help():
     names = {command.name for command in app.registered_commands}
-    assert names | {"data"} == {command[0] for command in COMMANDS if command}
+    assert names | {"data", "twins"} == {command[0] for command in COMMANDS if command}
 
 
 @pytest.mark.slow

@@ -87,6 +87,7 @@ DEFAULTS = {
     "prove": {"duty": 0.3, "silence": 3.0, "baud": 115_200},
     "observe": {"sample_time": 1.0, "speed": 1.0, "baud": 115_200},
     "record": {"silence": 10.0, "baud": 115_200},
+    "refit": {"forgetting": 1.0, "changes": 1},
     "report": {"out": Path("report"), "draws": 0},
     "schema": {"out": Path("-")},
     "sensitivity": {

@@ -33,6 +33,7 @@ from jaxtwin.control import (
 )
 from jaxtwin.matching import FittedParameters, Profile
 from jaxtwin.physics import DCSweep
+from jaxtwin.refitting import GateCheck
 from jaxtwin.simulation import Grid, GridConvergence, Reductions
 from jaxtwin.validation import Prediction
 
@@ -90,6 +91,11 @@ def two_grids() -> GridConvergence:
     return GridConvergence((Grid(0.02, 8, math.nan, 0.3), Grid(0.01, 32, 0.3, 0.0)), 0.1, "rig")
 
 
+def refitted() -> jt.Refit:
+    check = GateCheck("readings", True, 0.0, 0.0, "every channel is alive")
+    return jt.Refit("unchanged", "nothing has changed", fit(), fit(), (check,), ())
+
+
 def design() -> jt.ExperimentDesign:
     return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
@@ -119,10 +125,11 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Monitored": lambda _: jt.monitor(bench(), recording("gain", "T1", 0.8)),
     "Diagnosis": lambda _: jt.diagnose(bench(), recording("gain", "T1", 0.8)),
     "Isolability": lambda _: jt.isolability(bench(), faults=["age H1", "gain T1"]),
+    "Refit": lambda _: refitted(),
 }
 """Class -> one of it."""
 
-NUMBERS = {"OperatingPoint", "UltimatePoint", "GridConvergence"}
+NUMBERS = {"OperatingPoint", "UltimatePoint", "GridConvergence", "Refit"}
 """Of these, those that are a few numbers: they have a table and a dataset, but no picture."""
 
 LONG = {

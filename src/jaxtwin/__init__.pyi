@@ -11,6 +11,7 @@ from ._errors import RecordingError as RecordingError
 from ._errors import RigError as RigError
 from ._errors import SafetyStop as SafetyStop
 from ._errors import SimulationError as SimulationError
+from ._errors import StoreError as StoreError
 from .c_export import export_c as export_c  # a model, a twin or a controller as C
 from .control import LinearModel as LinearModel  # a twin near an operating point
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
@@ -49,6 +50,8 @@ from .physics import Twin as Twin  # a rig with values for its parameters
 from .physics import build_netlist as build_netlist  # Rig -> Netlist
 from .physics import frame_to_channels as frame_to_channels  # camera frame -> zone means
 from .physics import plate_map as plate_map  # element temperatures -> the plate as a picture
+from .refitting import Refit as Refit  # a new twin, and whether it replaces the last
+from .refitting import refit as refit  # a twin from new recordings, through a gate
 from .rig import Rig as Rig  # a rig file, read and checked
 from .rig import bundled_rigs as bundled_rigs  # names of the bundled rigs
 from .rig import load_rig as load_rig  # a bundled rig, or a .toml file of yours
@@ -68,6 +71,7 @@ from .simulation import simulate_batch as simulate_batch  # many draws
 from .sweeps import Sweep as Sweep  # the state of a long sweep
 from .sweeps import open_sweep as open_sweep  # its results, as an xarray data set
 from .sweeps import sweep as sweep  # millions of draws written to a folder
+from .twin_store import TwinStore as TwinStore  # a memory of twins: versions and aliases
 from .validation import Validation as Validation  # predictions, and how good they are
 from .validation import leave_one_out as leave_one_out  # each recording from a match to the others
 from .validation import validate as validate  # recordings that the match has not seen

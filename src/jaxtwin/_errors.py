@@ -38,6 +38,10 @@ class ObserverError(JaxtwinError):
     """An observer that cannot be made for a rig, or readings that it cannot take."""
 
 
+class StoreError(JaxtwinError):
+    """A store of twins that cannot be read or written, or that lacks a version."""
+
+
 class LinkError(JaxtwinError):
     """A link that cannot be opened, or a peer that does not use the protocol or is another rig."""
 

@@ -1,9 +1,9 @@
 """The command line: `jaxtwin --help`.
 
 Exit codes: 0 on success; 1 if a check found an error; 2 on an error, with a line on standard error
-that describes it; 3 if an interlock switched a rig off; 4 if `record` or `observe` raised an
-alarm; 5 if a device reported heat after a stop, or if `monitor` or `diagnose` found something; 130
-after Ctrl-C.
+that describes it; 3 if an interlock switched a rig off, or if `refit` rejected a recording or asks;
+4 if `record` or `observe` raised an alarm, or if `match` or `refit` did not converge; 5 if a device
+reported heat after a stop, or if `monitor`, `diagnose` or `refit` found something; 130 after Ctrl-C.
 """
 
 import atexit
@@ -42,11 +42,13 @@ from .commands import (
     _observe,
     _prove,
     _record,
+    _refit,
     _report,
     _rigs,
     _sensitivity,
     _simulate,
     _sweep,
+    _twins,
     _validate,
     _virtual_rig,
     _warm_up,
@@ -75,17 +77,22 @@ app = typer.Typer(
     epilog="Each command has an example: [bold]jaxtwin match --help[/]",
 )
 data = typer.Typer(help="List or fetch recordings.")
+twins = typer.Typer(help="Look at a store of twins, or change its champion.")
 
 
 def _example(*lines: str) -> str:
     return "\n\n".join(["[dim]Example:[/]", *(f"[bold]  {line}[/]" for line in lines)])
 
 
-def _add(name: str, panel: str, function, *example: str) -> None:
+def _text_of(function) -> str:
     # Each paragraph becomes one line, which the terminal wraps; typer would keep the line breaks of
     # the docstring.
     paragraphs = inspect.cleandoc(function.__doc__ or "").split("\n\n")
-    text = "\n\n".join(" ".join(paragraph.splitlines()) for paragraph in paragraphs)
+    return "\n\n".join(" ".join(paragraph.splitlines()) for paragraph in paragraphs)
+
+
+def _add(name: str, panel: str, function, *example: str) -> None:
+    text = _text_of(function)
     app.command(name, help=text, rich_help_panel=panel, epilog=_example(*example))(function)
 
 
@@ -163,6 +170,13 @@ _add(
     _diagnose.diagnose,
     "jaxtwin diagnose fit.toml friday.csv --noise noise.toml --healthy monday.csv --json -",
     "jaxtwin diagnose fit.toml friday.csv --fault 'loosen P1' --fault 'fail P1' --out pictures",
+)
+_add(
+    "refit",
+    TWINS,
+    _refit.refit,
+    "jaxtwin refit twins.db --recordings sessions",
+    "jaxtwin refit twins.db --recordings sessions --controller pid.toml --json refit.json",
 )
 _add("diff", TWINS, _diff.diff, "jaxtwin diff monday.toml tuesday.toml")
 _add(
@@ -242,6 +256,16 @@ _add(
 )
 _add("backup", LIVE, _backup.backup, "jaxtwin backup session.db copy.db")
 _add("export", LIVE, _export.export, "jaxtwin export session.db run.nc --start 10 --end 1000")
+app.add_typer(twins, name="twins", rich_help_panel=TWINS)
+for _name, _function, _line in (
+    ("list", _twins.list_versions, "jaxtwin twins list twins.db"),
+    ("show", _twins.show, "jaxtwin twins show twins.db champion"),
+    ("diff", _twins.diff, "jaxtwin twins diff twins.db previous champion"),
+    ("add", _twins.add, "jaxtwin twins add twins.db fit.toml --noise noise.toml"),
+    ("promote", _twins.promote, 'jaxtwin twins promote twins.db --reason "it was remounted"'),
+    ("rollback", _twins.rollback, 'jaxtwin twins rollback twins.db --reason "the loop swings"'),
+):
+    twins.command(_name, help=_text_of(_function), epilog=_example(_line))(_function)
 app.add_typer(data, name="data", rich_help_panel=MACHINE)
 data.command("list", epilog=_example("jaxtwin data list"))(_data.list_recordings)
 data.command("fetch", epilog=_example("jaxtwin data fetch --to recordings"))(_data.fetch)
@@ -298,7 +322,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     **Returns:** the exit code.
     """
     words = [_at_home(word) for word in (sys.argv[1:] if arguments is None else arguments)]
-    if words in ([], ["data"]):
+    if words in ([], ["data"], ["twins"]):
         words.append("--help")
     # A shell may close them (`>&-`), and Windows may have none.
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (until the process ends)

@@ -20,6 +20,9 @@ from ._sources import open_fit, open_recordings, open_twin
 if TYPE_CHECKING:
     from ..matching import Iteration
 
+NOT_CONVERGED = 4
+"""The exit code if the match ended before an optimum."""
+
 
 def match(
     rig: RigArgument,
@@ -66,7 +69,10 @@ def match(
     set_name: SetOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Match the free parameters of a rig to recordings; start at its own or given values."""
+    """Match the free parameters of a rig to recordings; start at its own or given values.
+
+    The exit code is 4 if the match did not converge; the file is written all the same.
+    """
     check_output(out, ".toml")
     check_json(json)
     with show_progress() as progress:
@@ -101,3 +107,5 @@ def match(
     say(fit.summary(), json)
     say_written(out, json_path=json)
     write_json(json, fit.to_dict())
+    if not fit.converged:
+        raise typer.Exit(NOT_CONVERGED)

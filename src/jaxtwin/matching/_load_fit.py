@@ -19,7 +19,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Rig, load_rig
 from ..rig._build import parse_rig
-from ..rig._bundled import read_toml
+from ..rig._bundled import parse_toml, read_toml
 from ..rig._parameter_file import parsed_values
 from ..rig._problems import refuse
 from ..simulation import simulate
@@ -43,7 +43,27 @@ def load_fit(
     experiments: Experiment | Sequence[Experiment] | None,
 ) -> Fit:
     """Implements `Fit.load`."""
-    data, source = read_toml(path, ParameterError)
+    return _fit_of_tables(*read_toml(path, ParameterError), rig, experiments)
+
+
+def fit_of_text(
+    text: str,
+    source: str,
+    rig: Rig | str | os.PathLike[str] | None = None,
+    experiments: Experiment | Sequence[Experiment] | None = None,
+) -> Fit:
+    """The fit in the text of a saved fit; `source` is its name in messages. The other arguments and
+    the errors are those of `Fit.load`."""
+    tables = parse_toml(text.encode(), source, ParameterError)
+    return _fit_of_tables(tables, source, rig, experiments)
+
+
+def _fit_of_tables(
+    data: dict[str, Any],
+    source: str,
+    rig: Rig | str | os.PathLike[str] | None,
+    experiments: Experiment | Sequence[Experiment] | None,
+) -> Fit:
     if not isinstance(data.get("fit"), dict):
         _refuse(
             source,

@@ -98,7 +98,7 @@ def match_group(
     prior = LinearPrior.normal(mean, covariance)
     problem = replace(problem, prior_weights=weights, linear_prior=prior)
     began = time.perf_counter()
-    estimate = _descend(problem, solution.noise_model, max_iterations)
+    estimate = descend_with_noise(problem, solution.noise_model, max_iterations)
     if not np.isfinite(estimate.result.cost):
         raise MatchError(
             f"{twin.rig.name}: {group}: expected finite temperatures from the twin, got none; look "
@@ -154,7 +154,9 @@ def match_first_part(fit: Fit, experiment: Experiment, given: float, group: str)
     return match_group(fit, [part], group, start)
 
 
-def _descend(problem: MatchProblem, noise_model: NoiseModel, max_iterations: int) -> Estimate:
+def descend_with_noise(
+    problem: MatchProblem, noise_model: NoiseModel, max_iterations: int
+) -> Estimate:
     """Minimises with the given noise; corrections of the camera are detected."""
     noise_model = replace(
         initial_noise_model(problem),

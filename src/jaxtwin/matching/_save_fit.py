@@ -30,8 +30,10 @@ from typing import Any, Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RigError
-from ..rig import Rig, write_parameters
+from .._errors import ParameterError, RigError
+from .._whole_file import check_ending, write_whole_file
+from ..rig import Rig
+from ..rig._parameter_file import parameter_file_text
 from ..simulation._initial import Initial
 from ._descent_result import Iteration, Optimum
 from ._fit import Fit, solution_of
@@ -148,6 +150,16 @@ class StoredFit:
 
 def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
     """Implements `Fit.save`."""
+    check_ending(path, [".toml"], ParameterError)
+    source = os.fspath(path)
+    write_whole_file(source, fit_text(fit, source).encode("utf-8", "replace"), ParameterError)
+
+
+def fit_text(fit: Fit, source: str) -> str:
+    """The text of a saved fit; `source` is the name of the file in messages.
+
+    **Raises:** `ParameterError` if a value is no finite number or outside its bounds.
+    """
     table = fit.twin.rig.parameters
     rows = [
         replace(
@@ -157,19 +169,29 @@ def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
             upper=row.upper,
             free=row.free,
             scope=row.scope,
+            **_prior(row),
         )
         for row in fit.parameters.values()
     ]
-    write_parameters(
-        path,
+    return parameter_file_text(
+        source,
         rows,
-        recordings={k: v for k, v in fit.recording_values.items() if v} or None,
-        comment=(
-            f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}\n"
-            f"mean fit {fit.mean_fit_percent:.2f} %, RMSE {fit.rmse:.4f} K\n{fit.status}"
-        ),
-        tables=_fit_tables(fit),
+        {k: v for k, v in fit.recording_values.items() if v} or None,
+        f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}\n"
+        f"mean fit {fit.mean_fit_percent:.2f} %, RMSE {fit.rmse:.4f} K\n{fit.status}",
+        _fit_tables(fit),
     )
+
+
+def _prior(row: FittedParameter) -> dict[str, float | None]:
+    """The prior with which a parameter was matched: that of a refit is not the rig's."""
+    if not row.free:
+        return {}
+    return {
+        "prior_value": row.prior_value,
+        "prior_spread": row.prior_spread,
+        "group_spread": row.group_spread,
+    }
 
 
 def _fit_tables(fit: Fit) -> str:

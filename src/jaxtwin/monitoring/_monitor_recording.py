@@ -54,7 +54,17 @@ def monitor(
             f"{experiment.name or 'experiment'}: expected a recording of at least {2 * SETTLE:g} "
             f"s, in which an observer settles, got {experiment.duration:g} s"
         )
-    observed = observe(fit, experiment, noise)
+    return monitored(observe(fit, experiment, noise), fit, calibration, seconds)
+
+
+def monitored(
+    observed: Observed,
+    fit: Twin | Fit,
+    calibration: MonitorCalibration | None,
+    seconds: float,
+) -> Monitored:
+    """Finds what changes in a recording that was observed already; the arguments are those of
+    `monitor`, with the mean time between false alarms in s."""
     if calibration is None:
         calibration = _calibration(fit, observed)
     check_calibration(calibration, observed)

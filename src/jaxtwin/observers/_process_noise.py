@@ -154,17 +154,20 @@ class ProcessNoise(eqx.Module):
             lines.append(f"drifting parameters: {', '.join(self.names)}")
         return "\n".join(lines)
 
+    def to_toml(self) -> str:
+        """The levels as TOML."""
+        lines = [f"{name} = {level!r}" for name, level in self.levels().items()]
+        names = ", ".join(f'"{name}"' for name in self.names)
+        errors = [f"{name} = {error!r}" for name, error in self.standard_errors.items()]
+        table = ["", "[standard_errors]", *errors] if errors else []
+        return "\n".join([f"names = [{names}]", *lines, *table, ""])
+
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the levels to a TOML file, which `load` reads.
 
         **Returns:** the file.
         """
-        lines = [f"{name} = {level!r}" for name, level in self.levels().items()]
-        names = ", ".join(f'"{name}"' for name in self.names)
-        errors = [f"{name} = {error!r}" for name, error in self.standard_errors.items()]
-        table = ["", "[standard_errors]", *errors] if errors else []
-        text = "\n".join([f"names = [{names}]", *lines, *table, ""])
-        write_whole_file(path, text.encode(), ObserverError)
+        write_whole_file(path, self.to_toml().encode(), ObserverError)
         return Path(path)
 
     @classmethod
@@ -175,8 +178,20 @@ class ProcessNoise(eqx.Module):
         """
         source = path_of("ProcessNoise.load: path", path, ObserverError)
         try:
-            entries = tomllib.loads(source.read_text(encoding="utf-8"))
+            text = source.read_text(encoding="utf-8")
         except (OSError, ValueError) as error:
+            raise ObserverError(f"{source}: expected levels of noise as TOML: {error}") from error
+        return cls.from_toml(text, str(source))
+
+    @classmethod
+    def from_toml(cls, text: str, source: str) -> "ProcessNoise":
+        """Reads the levels that `to_toml` gave; `source` is their name in messages.
+
+        **Raises:** `ObserverError` that names the entry that is wrong.
+        """
+        try:
+            entries = tomllib.loads(text)
+        except ValueError as error:
             raise ObserverError(f"{source}: expected levels of noise as TOML: {error}") from error
         known = cls().levels()
         errors = entries.pop("standard_errors", {})
@@ -196,7 +211,7 @@ class ProcessNoise(eqx.Module):
         return cls(**levels, names=names, standard_errors=errors)
 
 
-def _check_number(source: Path, name: str, is_known: bool, entry: object) -> None:
+def _check_number(source: str, name: str, is_known: bool, entry: object) -> None:
     is_above = isinstance(entry, int | float) and entry is not True and 0 < entry < math.inf
     if not (is_known and is_above):
         allowed = "a number above 0" if is_known else "levels of noise"

@@ -18,7 +18,9 @@ from .._celsius import ZERO_CELSIUS
 from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._name_suggestions import did_you_mean, unknown_name
 from .._pint_quantities import in_unit
+from .._twin_address import twin_address
 from ..rig import Parameter, Rig, load_rig, read_parameters
+from ..rig._load import rig_of_stored_twin
 from ..rig._units import Kind, parse_quantity
 from ._netlist import Netlist
 from ._placed import all_values
@@ -43,10 +45,11 @@ class Twin(eqx.Module):
 
     **Arguments:**
 
-    - `rig`: a `Rig`, or the argument of `load_rig`.
+    - `rig`: a `Rig`, or the argument of `load_rig`; or the address of a twin in a store, such as
+      `twins.db@champion`, which has the rig and its values.
     - `values`: values that replace those of the rig's table, name -> value in the table's unit;
       one of `rig.parameter_sets`, for example. Or the path of a parameter file, such as a saved
-      fit, which is read by `read_parameters`.
+      fit, or an address in a store; it is read by `read_parameters`.
 
     **Raises:** `ParameterError` for a name that the rig does not have, a value that is no number,
     or a file that cannot be read or is of another rig.
@@ -60,7 +63,12 @@ class Twin(eqx.Module):
         rig: Rig | str | os.PathLike[str],
         values: Mapping[str, Any] | str | os.PathLike[str] | None = None,
     ):
-        self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        address = twin_address(rig)
+        if address is not None:
+            self.rig = rig_of_stored_twin(address)
+            values = f"{address.file}@{address.name}" if values is None else values
+        else:
+            self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         table = {name: np.asarray(row.value) for name, row in self.rig.parameters.items()}
         self.values = _replaced(self.rig, table, _from_file(self.rig, values))
 
@@ -204,7 +212,8 @@ def _from_file(
 ) -> Mapping[str, Any] | None:
     if not isinstance(values, str | os.PathLike):
         return values
-    if isinstance(values, str) and not values.endswith(".toml") and not Path(values).exists():
+    is_file = str(values).endswith(".toml") or Path(values).exists()
+    if isinstance(values, str) and not is_file and twin_address(values) is None:
         near = difflib.get_close_matches(values, rig.parameter_sets, n=1)
         hint = f"; did you mean rig.parameter_sets[{near[0]!r}]?" if near else ""
         raise ParameterError(

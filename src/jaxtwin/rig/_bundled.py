@@ -8,6 +8,7 @@ from .._arguments import path_of
 from .._data_folder import data_folder
 from .._errors import JaxtwinError, RigError
 from .._name_suggestions import unknown_name
+from .._twin_address import read_stored_fit, twin_address
 from ._problems import refuse
 
 
@@ -59,10 +60,14 @@ def read_toml(
 def file_content(
     path: str | os.PathLike[str], error: type[JaxtwinError] = RigError
 ) -> tuple[bytes, str]:
-    """Returns the content of a TOML file, and its name in messages.
+    """Returns the content of a TOML file, or of a fit in a store of twins (`twins.db@champion`),
+    and its name in messages.
 
     **Raises:** the error if it cannot be read.
     """
+    address = twin_address(path)
+    if address is not None:
+        return read_stored_fit(address, error), os.fspath(path)
     place = path_of("path", path, error)
     source = os.fspath(place)
     try:

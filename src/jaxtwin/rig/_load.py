@@ -5,6 +5,7 @@ import os
 from .._arguments import path_of
 from .._errors import RigError
 from .._name_suggestions import unknown_name
+from .._twin_address import TwinAddress, read_stored_fit, twin_address
 from ._bundled import bundled_content, bundled_rigs, file_content, parse_toml
 from ._problems import refuse
 from ._rig import Rig
@@ -25,6 +26,13 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
     """
     from ._build import parse_rig  # with pydantic, which only readers of a rig should pay for
 
+    if twin_address(name_or_path) is not None:
+        refuse(
+            os.fspath(name_or_path),
+            "",
+            "expected a rig, got a twin of a store, which is a rig with values; Twin(address) and "
+            "Fit.load(address) read it, and --parameters takes its values, beside the rig",
+        )
     place = path_of("load_rig", name_or_path, RigError)
     name = os.fspath(name_or_path)
     if name in bundled_rigs():
@@ -41,3 +49,15 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
             "and Twin(rig, file) or --parameters takes its values, beside the rig that it is of",
         )
     return parse_rig(content, source)
+
+
+def rig_of_stored_twin(address: TwinAddress) -> Rig:
+    """The rig of a twin in a store, from the text of its rig file.
+
+    **Raises:** `RigError` if the store has no such twin.
+    """
+    from ._build import parse_rig
+
+    source = f"{address.file}@{address.name}"
+    data = parse_toml(read_stored_fit(address, RigError), source)
+    return parse_rig(data["fit"]["rig_text"].encode(), data["fit"]["rig_file"])

@@ -53,8 +53,21 @@ def write_parameters(
     recording has an unknown parameter, the ending is another, or the file cannot be written.
     """
     check_ending(path, [".toml"], ParameterError)
-    table = {parameter.name: parameter for parameter in parameters}
     source = os.fspath(path)
+    text = parameter_file_text(source, parameters, recordings, comment, tables)
+    write_whole_file(source, text.encode("utf-8", "replace"), ParameterError)
+
+
+def parameter_file_text(
+    source: str,
+    parameters: Iterable[Parameter],
+    recordings: Mapping[str, Mapping[str, float]] | None,
+    comment: str,
+    tables: str,
+) -> str:
+    """The text of a parameter file; `source` is the name of the file in messages. The other
+    arguments and the errors are those of `write_parameters`."""
+    table = {parameter.name: parameter for parameter in parameters}
     for name, parameter in table.items():
         _bounded(source, f"parameters.{name}", parameter.value, parameter)
     for recording, values in (recordings or {}).items():
@@ -68,8 +81,7 @@ def write_parameters(
     for recording, values in (recordings or {}).items():
         text += f"\n[recordings.{_quoted(recording)}]\n"
         text += "".join(f"{name} = {float(value)!r}\n" for name, value in values.items())
-    text += f"\n{tables}" * bool(tables)
-    write_whole_file(source, text.encode("utf-8", "replace"), ParameterError)
+    return text + f"\n{tables}" * bool(tables)
 
 
 def parameters_toml(parameters: Iterable[Parameter]) -> str:

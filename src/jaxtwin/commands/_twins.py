@@ -1,0 +1,111 @@
+"""`jaxtwin twins`: a store of twins looked at, and its champion changed by a person."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._options import JsonOption, NoiseOption
+from ._output import check_json, check_output, say, write_json
+
+if TYPE_CHECKING:
+    from ..twin_store import TwinStore
+
+StoreArgument = Annotated[Path, typer.Argument(metavar="STORE", help="A store of twins, .db.")]
+ReasonOption = Annotated[str, typer.Option(metavar="TEXT", help="Why, in a sentence; it is kept.")]
+
+
+def list_versions(store: StoreArgument, json: JsonOption = None) -> None:
+    """List the versions of a store with their aliases."""
+    check_json(json)
+    twins = _opened(store)
+    say(twins.summary(), json)
+    numbers = [one.to_dict() for one in twins.versions]
+    write_json(json, {"versions": numbers, "aliases": twins.aliases})
+
+
+def show(
+    store: StoreArgument,
+    version: Annotated[str, typer.Argument(help="An alias or a number.")] = "champion",
+    json: JsonOption = None,
+) -> None:
+    """Show what is known of a version: its parameters, recordings, reason, tags, and the moves of
+    its aliases."""
+    check_json(json)
+    twins = _opened(store)
+    found = twins.version(version)
+    moves = [move for move in twins.history() if found.number in (move.before, move.after)]
+    lines = [found.summary(), *(f"  {move}" for move in moves), found.fit().summary()]
+    say("\n".join(lines), json)
+    write_json(json, {**found.to_dict(), "fit": found.fit().to_dict()})
+
+
+def diff(
+    store: StoreArgument,
+    old: Annotated[str, typer.Argument(help="An alias or a number.")] = "previous",
+    new: Annotated[str, typer.Argument(help="An alias or a number.")] = "champion",
+    json: JsonOption = None,
+) -> None:
+    """Compare two versions: how many standard errors their parameters are apart, recordings, rig
+    file and software."""
+    check_json(json)
+    difference = _opened(store).diff(old, new)
+    say(difference.summary(), json)
+    write_json(json, difference.to_dict())
+
+
+def add(
+    store: StoreArgument,
+    fit: Annotated[Path, typer.Argument(metavar="FIT", help="A fit that match wrote, .toml.")],
+    reason: ReasonOption = "added by hand",
+    noise: NoiseOption = None,
+) -> None:
+    """Add a saved fit to a store, which is made where there is none. The first version is the
+    champion; another one is the challenger."""
+    from ..matching import Fit
+    from ..observers import ProcessNoise
+    from ..twin_store import TwinStore
+
+    check_output(store, ".db")
+    loaded = Fit.load(fit)
+    levels = None if noise is None else ProcessNoise.load(noise)
+    twins = TwinStore(store)
+    has_champion = "champion" in twins.aliases
+    added = twins.add(
+        loaded,
+        reason=reason,
+        noise=levels,
+        parent="champion" if has_champion else None,
+        aliases=["challenger" if has_champion else "champion"],
+    )
+    say(f"{store}: version {added.number} [{', '.join(added.aliases)}]")
+
+
+def promote(
+    store: StoreArgument,
+    version: Annotated[str, typer.Argument(help="An alias or a number.")] = "challenger",
+    reason: ReasonOption = "promoted by hand",
+) -> None:
+    """Make a version the champion; the champion so far is 'previous' from then on."""
+    champion = _opened(store).promote(version, reason=reason)
+    say(f"{store}: the champion is version {champion.number}")
+
+
+def rollback(store: StoreArgument, reason: ReasonOption = "rolled back by hand") -> None:
+    """Make the previous champion the champion again; a second rollback takes it back."""
+    champion = _opened(store).rollback(reason=reason)
+    say(f"{store}: the champion is version {champion.number}")
+
+
+def _opened(store: Path) -> "TwinStore":
+    """A store that is there.
+
+    **Raises:** `typer.BadParameter` for a file that is not.
+    """
+    from ..twin_store import TwinStore
+
+    if not store.is_file():
+        raise typer.BadParameter(
+            f"{store}: there is no such store; 'jaxtwin twins add' makes one from a fit"
+        )
+    return TwinStore(store)

@@ -1,0 +1,13 @@
+"""Refits that can be trusted: a new twin replaces the last one if it passes a gate.
+
+`refit` (`_refit`) takes the last fit and new recordings. The last posterior, with what is forgotten
+between sessions (`_forgetting`), is the prior of a match that also finds which values have changed
+beyond that (`_session_match`). Mistakes of the recording are its rivals (`_mistakes`). What is held
+out (`_held_out`) is replayed through both twins, and the checks of the gate (`_gate`) decide:
+promoted, unchanged, rejected, or a person is asked.
+"""
+
+from ._gate import GateCheck
+from ._refit import Refit, refit
+
+__all__ = ["GateCheck", "Refit", "refit"]

@@ -1,0 +1,231 @@
+"""The gate: checks that a refitted twin passes before it replaces the last one.
+
+Each check is a function that gives a `GateCheck`. Checks of the recording and of the match reject;
+checks of the loop may ask a person instead.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._errors import ControlError
+from ..control.controllers._controller import AbstractController
+from ..control.loops._loop_margins import USUAL_PEAK, loop_margins
+from ..matching import Fit
+from ..monitoring import Monitored
+from ..rig._units import unit_scale
+from ..simulation import Run
+from ._held_out import Replay, block_errors
+from ._mistakes import BETTER, Mistake
+from ._session_match import SessionMatch, is_explained
+
+BROKEN = ("frozen", "gone")
+"""The kinds of findings that no change of a rig explains."""
+
+RESIDUALS = 3.0
+"""The error of a part of a recording, at most, in errors of the last fit."""
+
+LARGEST = 4.0
+"""The factor by which a value changes at most on a rig that is still the same."""
+
+MATTER = ("J/K", "V/K")
+"""The units of heat capacities and Seebeck coefficients: they stay while the parts are the same."""
+
+PRIORS = 3.5
+"""The distance from the rig file's priors, at most, in standard deviations."""
+
+WORSE = 1.05
+"""An error of forecasts that is larger by this factor is worse."""
+
+COVERED = 0.7
+"""The part of the readings that bands of 95 % contain, at least, if those of the last twin do."""
+
+Verdict = Literal["reject", "ask"]
+
+
+@final
+@dataclass(frozen=True)
+class GateCheck:
+    """One check of the gate.
+
+    - `name`: its name in a word, for programs. `passed`: whether it was passed.
+    - `value`, `limit`: what was found and what is allowed, NaN where there is no number.
+    - `sentence`: what was found, for people.
+    - `verdict`: what follows if it is not passed.
+    - `is_alarm`: whether somebody should look at the rig then.
+    """
+
+    name: str
+    passed: bool
+    value: float
+    limit: float
+    sentence: str
+    verdict: Verdict = "reject"
+    is_alarm: bool = False
+
+
+def check_readings(monitored: Monitored) -> GateCheck:
+    """Whether all channels are alive: a frozen one, or one that has gone to the room, is no
+    change of the rig."""
+    broken = [one for one in monitored.findings if one.kind in BROKEN]
+    text = f"{broken[0].detail} from {broken[0].since:.0f} s on" if broken else ""
+    name = monitored.experiment.name or "the recording"
+    return GateCheck(
+        "readings",
+        not broken,
+        float(len(broken)),
+        0.0,
+        f"{name}: {text or 'every channel is alive'}",
+        is_alarm=True,
+    )
+
+
+def check_mistakes(mistake: Mistake | None, match: SessionMatch) -> GateCheck:
+    """Whether a change of the rig explains the recording better than a mistake of the recording."""
+    if mistake is None:
+        return GateCheck("mistakes", True, math.nan, BETTER, "no mistake could be tried")
+    gain = match.cost - mistake.cost
+    if gain > BETTER:
+        text = f"the last twin explains the recording {mistake.sentence}"
+    elif gain > -BETTER and match.changed:
+        return GateCheck(
+            "mistakes",
+            False,
+            gain,
+            BETTER,
+            f"the last twin explains the recording about as well {mistake.sentence}",
+            "ask",
+        )
+    else:
+        text = "no mistake of the recording explains it as well"
+    return GateCheck("mistakes", gain <= BETTER, gain, BETTER, text)
+
+
+def check_converged(match: SessionMatch) -> GateCheck:
+    """Whether the match ended at an optimum."""
+    return GateCheck(
+        "converged", match.fit.converged, math.nan, math.nan, f"the match: {match.fit.status}"
+    )
+
+
+def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
+    """Whether the session is explained by drift and by what changes on a rig that is still the
+    same: few values, none of them many times, and no constant of its matter."""
+    names = ", ".join(match.changed)
+    passed = is_explained(match)
+    text = f"{names or 'nothing'} changed beyond the drift between sessions"
+    if not passed:
+        text = (
+            f"{names or 'drift'} alone does not explain the session, with an error of "
+            f"{match.error:.3g} K: this looks like another rig, or one that changed meanwhile"
+        )
+    for name in match.changed:
+        row, before = match.fit[name], last[name]
+        moved = f"{name} would have changed from {before.value:.3g} to {row.value:.3g} {row.unit}"
+        if row.is_logarithmic and abs(math.log(row.value / before.value)) > math.log(LARGEST):
+            passed, text = False, f"{moved.rstrip()}, more than {LARGEST:g} times: another rig"
+        elif any(_measures(row.unit, unit) for unit in MATTER):
+            passed, text = False, f"{moved}, which rigs do not do by themselves: another rig"
+    return GateCheck("changes", passed, match.error, match.limit, text)
+
+
+def _measures(unit: str, other: str) -> bool:
+    try:
+        unit_scale(unit, other)
+    except ValueError:
+        return False
+    return True
+
+
+def check_residuals(runs: list[Run], last: Fit) -> GateCheck:
+    """Whether the new twin follows every part of the recordings about as well as the last twin
+    followed those of its match."""
+    errors = np.concatenate([block_errors(run).ravel() for run in runs])
+    worst, limit = float(np.nanmax(errors)), RESIDUALS * last.rmse
+    return GateCheck(
+        "residuals",
+        worst <= limit,
+        worst,
+        limit,
+        f"in the worst part of the recordings the new twin is {worst:.3g} K off, with at most "
+        f"{limit:.3g} K allowed",
+    )
+
+
+def check_plausible(match: SessionMatch, last: Fit) -> GateCheck:
+    """Whether the values are inside their bounds, and near what the rig file expects."""
+    table, held, worst, name = last.twin.rig.parameters, [], 0.0, ""
+    for row in match.fit.parameters.values():
+        if not row.free:
+            continue
+        if row.at_bound and not last[row.name].at_bound:
+            held.append(row.name)
+        own = table[row.name]
+        if row.scope != "recording" and own.standard_deviation is not None:
+            centre = own.prior_value if own.prior_value is not None else own.value
+            distance = (own.to_entry(row.value) - own.to_entry(centre)) / own.standard_deviation
+            if abs(distance) > abs(worst):
+                worst, name = distance, row.name
+    if held:
+        text = f"{', '.join(held)} ended at a bound"
+        return GateCheck("plausible", False, abs(worst), PRIORS, text)
+    text = f"{name} is {abs(worst):.1f} standard deviations from the rig file's prior"
+    return GateCheck("plausible", abs(worst) <= PRIORS, abs(worst), PRIORS, text)
+
+
+def check_limits(runs: list[Run]) -> GateCheck:
+    """Whether the new twin stays below the limits of the rig in the recordings: a twin whose cells
+    melt in a session that went well is wrong."""
+    found = [text for run in runs for text in run.beyond_limits]
+    hottest = max(float(np.max(run.states)) for run in runs)
+    text = found[0] if found else f"the hottest node of the new twin reaches {hottest:.1f} degC"
+    return GateCheck("limits", not found, hottest, math.nan, text)
+
+
+def check_likelihood(last: Replay, new: Replay) -> GateCheck:
+    """Whether readings that the new twin has not seen are at least as probable as for the last."""
+    gain = new.log_likelihood - last.log_likelihood
+    factor, more = math.exp(min(abs(gain), 50)), "more" if gain >= 0 else "less"
+    times = f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.2g} %"
+    text = f"each held-out reading is {times} {more} probable"
+    return GateCheck("likelihood", gain >= 0, gain, 0.0, text)
+
+
+def check_forecast(last: Replay, new: Replay) -> GateCheck:
+    """Whether the new twin forecasts them as well."""
+    limit = WORSE * last.forecast.rmse
+    text = (
+        f"held-out readings were forecast {new.forecast.lead:g} s ahead to "
+        f"{new.forecast.rmse:.3g} K, by the last twin to {last.forecast.rmse:.3g} K"
+    )
+    return GateCheck("forecast", new.forecast.rmse <= limit, new.forecast.rmse, limit, text)
+
+
+def check_coverage(last: Replay, new: Replay) -> GateCheck:
+    """Whether the bands contain as many readings as they promise, or as those of the last twin."""
+    limit = min(COVERED, last.forecast.coverage)
+    found = new.forecast.coverage
+    text = f"bands of 95 % contain {100 * found:.0f} % of the held-out readings"
+    return GateCheck("coverage", found >= limit, found, limit, text)
+
+
+def check_loop(
+    last: Fit, new: Fit, controller: AbstractController, reference: ArrayLike | float
+) -> GateCheck:
+    """Whether the loop of a controller is as safe on the new twin as it should be."""
+    try:
+        found = loop_margins(new, controller, reference)
+        before = loop_margins(last, controller, reference)
+    except ControlError as problem:
+        text = f"the loop of the controller cannot be judged: {problem}"
+        return GateCheck("loop", False, math.nan, USUAL_PEAK, text, "ask")
+    peak = found.sensitivity_peak
+    if not found.is_stable:
+        text = "the loop of the controller is not stable on the new twin"
+        return GateCheck("loop", False, math.inf, USUAL_PEAK, text, "ask", is_alarm=True)
+    limit = max(USUAL_PEAK, before.sensitivity_peak if before.is_stable else 0.0)
+    text = f"the loop of the controller: {found.summary()}"
+    return GateCheck("loop", peak <= limit, peak, limit, text, "ask")

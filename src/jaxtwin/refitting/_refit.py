@@ -1,0 +1,327 @@
+"""Refits a twin, and decides whether the new one replaces the last."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arguments import finite_number, of_kind, whole_number
+from .._display import html_table
+from .._errors import MatchError
+from .._waiting import announced
+from ..control.controllers._controller import AbstractController
+from ..io import Experiment
+from ..io._experiment import Recordings, as_experiments
+from ..matching import Fit, named_recordings
+from ..monitoring import MonitorCalibration
+from ..monitoring._monitor_recording import monitored
+from ..monitoring._thresholds import DAY
+from ..observers import ProcessNoise
+from ..simulation import simulate
+from ._forgetting import session_prior
+from ._gate import (
+    GateCheck,
+    check_changes,
+    check_converged,
+    check_coverage,
+    check_forecast,
+    check_likelihood,
+    check_limits,
+    check_loop,
+    check_mistakes,
+    check_plausible,
+    check_readings,
+    check_residuals,
+)
+from ._held_out import replay, run_of_refit, split
+from ._mistakes import best_mistake
+from ._session_match import SessionMatch, match_session
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+Decision = Literal["promoted", "unchanged", "rejected", "ask"]
+
+LEAD = 60.0
+"""The time ahead of the forecasts that are compared, s."""
+
+GAIN = 0.01
+"""Without a change beyond drift, a twin is replaced if the logarithm of the probability of each
+held-out reading grows by this."""
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class Refit:
+    """A refitted twin, and whether it replaces the last one.
+
+    **Arguments:**
+
+    - `decision`: `promoted` if the new twin passed the gate, `unchanged` if the last one is as good
+      and nothing has changed, `rejected` if a check failed, and `ask` if a person should decide.
+    - `reason`: why, in a sentence.
+    - `fit`: the new fit, whatever the decision; None if the recordings were not fit to be matched.
+    - `last`: the fit before.
+    - `checks`: the checks of the gate, in their order.
+    - `changed`: the parameters that changed beyond the drift between sessions.
+    """
+
+    decision: Decision
+    reason: str
+    fit: Fit | None
+    last: Fit
+    checks: tuple[GateCheck, ...]
+    changed: tuple[str, ...]
+
+    @property
+    def twin(self) -> Fit:
+        """The fit to use from now on: the new one if it was promoted, otherwise the last."""
+        return self.fit if self.decision == "promoted" and self.fit is not None else self.last
+
+    @property
+    def failed(self) -> tuple[GateCheck, ...]:
+        """The checks that were not passed."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    @property
+    def is_alarm(self) -> bool:
+        """Whether somebody should look at the rig."""
+        return any(check.is_alarm for check in self.failed)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the match converged; true if nothing was matched."""
+        return self.fit is None or self.fit.converged
+
+    def summary(self) -> str:
+        """The decision, and a line for each check."""
+        lines = [f"{self.decision}: {self.reason}"]
+        lines += [
+            f"  {'ok ' if check.passed else 'NOT'} {check.name}: {check.sentence}"
+            for check in self.checks
+        ]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain types for JSON; numbers that are not finite become None."""
+        return {
+            "rig": self.last.twin.rig.name,
+            "decision": self.decision,
+            "reason": self.reason,
+            "changed": list(self.changed),
+            "is_alarm": self.is_alarm,
+            "converged": self.converged,
+            "checks": [
+                {key: _plain(value) for key, value in asdict(check).items()}
+                for check in self.checks
+            ],
+            "fit": None if self.fit is None else self.fit.to_dict(),
+        }
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A table with a row for each check, its name as index."""
+        import pandas
+
+        return pandas.DataFrame([asdict(check) for check in self.checks]).set_index("name")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Returns the numbers of the checks: passed, value and limit (check)."""
+        import xarray
+
+        columns = {
+            "passed": [check.passed for check in self.checks],
+            "value": [check.value for check in self.checks],
+            "limit": [check.limit for check in self.checks],
+        }
+        return xarray.Dataset(
+            {name: ("check", values) for name, values in columns.items()},
+            {"check": [check.name for check in self.checks]},
+            {"decision": self.decision, "reason": self.reason},
+        )
+
+    def __repr__(self) -> str:
+        return f"<Refit of {self.last.twin.rig.name}: {self.decision}: {self.reason}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (check.name, "passed" if check.passed else "not passed", check.sentence)
+            for check in self.checks
+        ]
+        return html_table(repr(self), ("check", "", "what was found"), rows)
+
+
+@announced("refit")
+def refit(
+    fit: Fit,
+    recordings: Recordings,
+    *,
+    window: float | int | None = None,
+    forgetting: float | int = 1.0,
+    changes: int = 1,
+    noise: ProcessNoise | None = None,
+    calibration: MonitorCalibration | None = None,
+    controller: AbstractController | None = None,
+    reference: ArrayLike | float | int | None = None,
+    lead: float | int = LEAD,
+    max_iterations: int = 60,
+) -> Refit:
+    """Refits a twin to new recordings, and lets a gate decide whether it replaces the last one.
+
+    The posterior of the last fit is the prior of the new one, with a step of the random walk that
+    sessions take. If the values of the last fit do not explain a session, but for that drift, the
+    value is released that explains it best, such as that of a contact. The new twin sees all
+    recordings but the last, or the first two thirds of a single one. Both twins then predict what
+    is held out, and the gate compares them: `docs/refits.md` describes its checks.
+
+    **Arguments:**
+
+    - `fit`: the last fit; its recordings are not needed.
+    - `recordings`: recordings of one session or several, in the order of time, all of one group.
+    - `window`: only the last so many seconds of the recordings count.
+    - `forgetting`: the step between sessions, in standard deviations between the recordings of the
+      fit: 1 is what these say, 0 forgets nothing.
+    - `changes`: the number of values that may have changed at once, beyond drift. After work on the
+      rig more than one.
+    - `noise`: the noise of the observers, as for `observe`.
+    - `calibration`: what is healthy, for the test of frozen channels; as for `monitor`.
+    - `controller`: the controller that runs on the twin. Its loop must be safe on the new one too.
+    - `reference`: the reference at which its loop is judged, degC; by default the mean reading of
+      what is held out.
+    - `lead`: the time ahead of the forecasts that are compared, s.
+    - `max_iterations`: the limit of each descent.
+
+    **Returns:** a `Refit`. Nothing is written: `TwinStore` and `jaxtwin refit` do that.
+
+    **Raises:** `MatchError` if a recording was already matched, if recordings are of several
+    groups, or too short; the errors of `match` and `observe`.
+    """
+    of_kind("refit: fit", fit, Fit, "a Fit, as match gives it", MatchError)
+    factor = finite_number("refit: forgetting", forgetting, MatchError)
+    ahead = finite_number("refit: lead", lead, MatchError)
+    most = whole_number("refit: changes", changes, 0, MatchError)
+    whole_number("refit: max_iterations", max_iterations, 1, MatchError)
+    if factor < 0 or ahead <= 0:
+        what, number = ("forgetting", factor) if factor < 0 else ("lead", ahead)
+        raise MatchError(f"refit: {what}: expected a number above 0, got {number:g}")
+    if controller is not None:
+        of_kind("refit: controller", controller, AbstractController, "a controller", MatchError)
+    several = as_experiments("refit: recordings", recordings, MatchError, fit.twin.rig)
+    several = _in_window(several, window)
+    _check_new(fit, several)
+    parts = split(several, ahead)
+    last = [
+        replay(fit, one, since, noise, ahead)
+        for one, since in zip(parts.held_out, parts.since, strict=True)
+    ]
+    checks: list[GateCheck] = []
+    for one in several:
+        known = [each.observed for each in last if each.observed.experiment is one]
+        observed = known[0] if known else replay(fit, one, one.time[0], noise, ahead).observed
+        checks.append(check_readings(monitored(observed, fit, calibration, 30 * DAY)))
+    if any(not check.passed for check in checks):
+        return _decided(fit, None, checks)
+    prior = session_prior(fit, several[0].group, factor)
+    seen = named_recordings(fit.twin, parts.seen)
+    match = match_session(fit, prior, seen, most, max_iterations)
+    checks.append(check_converged(match))
+    checks.append(check_mistakes(best_mistake(fit, prior, match, seen), match))
+    checks.append(check_changes(match, fit))
+    whole = [run_of_refit(match.fit, one, parts.seen) for one in parts.held_out]
+    runs = whole + [
+        simulate(match.fit.twins[name], one)
+        for name, one in seen.items()
+        if len(parts.seen) > 1 or len(several) > 1
+    ]
+    checks.append(check_residuals(runs, fit))
+    checks.append(check_plausible(match, fit))
+    checks.append(check_limits(runs))
+    for before, one, since in zip(last, parts.held_out, parts.since, strict=True):
+        after = replay(match.fit, one, since, noise, ahead)
+        checks += [check_likelihood(before, after), check_forecast(before, after)]
+        checks.append(check_coverage(before, after))
+    if controller is not None:
+        at = _mean_reading(parts.held_out[-1]) if reference is None else reference
+        checks.append(check_loop(fit, match.fit, controller, at))
+    return _decided(fit, match, checks)
+
+
+def _decided(last: Fit, match: SessionMatch | None, checks: list[GateCheck]) -> Refit:
+    """The decision that follows from the checks."""
+    new = None if match is None else match.fit
+    changed = () if match is None else match.changed
+    failed = [check for check in checks if not check.passed]
+    rejecting = [check for check in failed if check.verdict == "reject"]
+    of_predictions = {"likelihood", "forecast", "coverage"}
+
+    def made(decision: Decision, reason: str) -> Refit:
+        return Refit(decision, reason, new, last, tuple(checks), changed)
+
+    gain = next((check.value for check in checks if check.name == "likelihood"), 0.0)
+    only_predictions = {check.name for check in rejecting} <= of_predictions
+    if not changed and only_predictions and (rejecting or gain < GAIN):
+        return made(
+            "unchanged",
+            "nothing has changed beyond the drift between sessions, and the last twin predicts "
+            "what was held out as well",
+        )
+    if rejecting:
+        return made("rejected", rejecting[0].sentence)
+    if failed:
+        return made("ask", failed[0].sentence)
+    assert new is not None
+    better = next(check.sentence for check in checks if check.name == "likelihood")
+    if not changed:
+        return made("promoted", f"nothing has changed beyond drift, and {better}")
+    moved = ", ".join(_moved(last, new, name) for name in changed)
+    return made("promoted", f"{moved}, and {better}")
+
+
+def _moved(last: Fit, new: Fit, name: str) -> str:
+    before, after = last[name].value, new[name].value
+    unit = new[name].unit
+    return f"{name} changed from {before:.3g} to {after:.3g} {unit}".rstrip()
+
+
+def _in_window(recordings: Sequence[Experiment], window: float | int | None) -> list[Experiment]:
+    """The end of the recordings: their last so many seconds, all of them together."""
+    if window is None:
+        return list(recordings)
+    left = finite_number("refit: window", window, MatchError)
+    if left <= 0:
+        raise MatchError(f"refit: window: expected a number of seconds above 0, got {left:g}")
+    kept: list[Experiment] = []
+    for one in reversed(recordings):
+        if left <= 0:
+            break
+        kept.append(one if one.duration <= left else one.between(one.time[-1] - left, None))
+        left -= one.duration
+    return kept[::-1]
+
+
+def _check_new(fit: Fit, recordings: Sequence[Experiment]) -> None:
+    """Refuses recordings that the fit has seen, and those of several groups."""
+    for one in recordings:
+        if one.fingerprint in fit.fingerprints:
+            raise MatchError(
+                f"refit: expected recordings that the fit has not seen, got {one.name!r}, which it "
+                "was matched to"
+            )
+    groups = sorted({one.group for one in recordings})
+    if len(groups) > 1:
+        raise MatchError(
+            f"refit: expected recordings of one group, got {', '.join(map(repr, groups))}; refit "
+            "one group after the other"
+        )
+
+
+def _mean_reading(recording: Experiment) -> float:
+    return float(np.nanmean(np.asarray(recording.temperatures)))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return bool(value) if isinstance(value, np.bool_) else value

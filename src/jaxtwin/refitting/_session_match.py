@@ -1,0 +1,230 @@
+r"""Matches a session from the posterior of an earlier fit, and finds which values have changed.
+
+A fit that is honest about the errors of its model leaves many values open, and a match from its
+posterior alone would explain nearly any session by moving all of them a little, also that of
+another rig. A rig that is still the same drifts, and from time to time a single part of it changes:
+a contact is remounted. The session is therefore first matched with all values at those of the last
+fit, but for the drift between sessions. If its error is then that of the last fit, and the values
+are as near to those as its posterior and the drift allow (a $\chi^2$), nothing has changed, and the
+posterior is the prior of a match of all values. If not, a single value is released
+to what the rig file says of it. With the precision of the drift $P$, the distance $d$ of the match
+from the last fit, the rig file's spread $s_j$ and the Hessian $A$, the cost then falls by about
+
+$$\frac{(P d)_j^2 / 2}{P_{jj} + s_j^{-2} - (P A^{-1} P)_{jj}}$$
+
+(the formula of Woodbury); the values for which this is largest are tried, and the best one is
+released. If the allowed number of releases does not explain the session, it is not that of this
+rig. Values that were not released keep what was known of them.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from .._errors import MatchError
+from ..io import Experiment
+from ..matching import Fit
+from ..matching._descent import descend
+from ..matching._descent_result import DescentResult, make_optimum
+from ..matching._fit import solution_of
+from ..matching._match import default_solver, make_fit
+from ..matching._match_group import descend_with_noise
+from ..matching._noise_model import NoiseModel
+from ..matching._objective import make_objective
+from ..matching._problem import LinearPrior, MatchProblem, make_match_problem
+from ..matching._reweighted_least_squares import Estimate
+from ..matching._unknowns import Unknowns
+from ._forgetting import LEAST_DRIFT, SessionPrior, rows_with_priors, with_spread_of
+
+EXPLAINED = 1.5
+"""A session is explained by an error of at most so many times that of the last fit."""
+
+SURE = 1e-4
+"""The probability of a distance from the last fit that still counts as drift."""
+
+TRIED = 3
+"""The number of values of which the release is tried."""
+
+
+@final
+class SessionMatch(NamedTuple):
+    """A match of a session.
+
+    - `fit`: the fit.
+    - `cost`, `drift_cost`: half the sum of squared residuals and priors, if the rig has drifted and
+      changed, or has only drifted.
+    - `changed`: the names of the values that have changed.
+    - `error`, `limit`: the root mean square error that drift and changes leave, and what is
+      allowed, K.
+    - `distance`, `furthest`: the squared distance of the values that have not changed from those of
+      the last fit, in standard deviations, and what is allowed.
+    - `noise_model`: the noise that was assumed.
+    - `start`: the values that the last twin expects, with the session's own ones as found.
+    """
+
+    fit: Fit
+    cost: float
+    drift_cost: float
+    changed: tuple[str, ...]
+    error: float
+    limit: float
+    distance: float
+    furthest: float
+    noise_model: NoiseModel
+    start: Float[np.ndarray, " unknowns"]
+
+
+def session_problem(
+    fit: Fit, prior: SessionPrior, recordings: Mapping[str, Experiment]
+) -> MatchProblem:
+    """The problem of matching recordings of a session if the rig has only drifted."""
+    twin = fit.twin_of_group(prior.group)
+    before = solution_of(fit).problem.unknowns
+    own = [replace(row, value=float(twin.values[row.name])) for row in before.per_recording]
+    shared = [
+        replace(row, value=float(np.clip(row.from_entry(mean), row.lower, row.upper)))
+        for row, mean in zip(prior.rows, prior.mean, strict=True)
+    ]
+    unknowns = Unknowns(tuple(shared), (), tuple(own), (0,) * len(recordings))
+    problem = make_match_problem(twin, recordings, unknowns, group_names=(prior.group,))
+    weights = problem.prior_weights.copy()
+    weights[: len(shared)] = 0.0
+    problem = replace(problem, prior_weights=weights)
+    return _with_covariance(problem, prior, prior.drift)
+
+
+def match_session(
+    fit: Fit,
+    prior: SessionPrior,
+    recordings: Mapping[str, Experiment],
+    changes: int,
+    max_iterations: int,
+) -> SessionMatch:
+    """Matches recordings of a session, with the noise that the earlier fit found.
+
+    **Arguments:**
+
+    - `changes`: the number of values that may have changed at once.
+
+    **Raises:** `MatchError` if the twin gives no finite temperatures; the errors of `match`.
+    """
+    began = time.perf_counter()
+    problem = session_problem(fit, prior, recordings)
+    result, noise_model = descend_with_noise(problem, solution_of(fit).noise_model, max_iterations)
+    if not np.isfinite(result.cost):
+        raise MatchError(
+            f"{fit.twin.rig.name}: expected finite temperatures from the last twin, got none; look "
+            "for parameters far outside their bounds"
+        )
+    first, drift_cost = result.vector, result.cost
+    limit = EXPLAINED * fit.rmse
+    places: tuple[int, ...] = ()
+    furthest = float(chi2.isf(SURE, len(prior.mean)))
+    while len(places) < changes and (
+        _error(result) > limit or _distance(result, prior, places) > furthest
+    ):
+        place, result = _release(problem, noise_model, prior, result, places, max_iterations)
+        places = (*places, place)
+    cost, error, distance = result.cost, _error(result), _distance(result, prior, places)
+    covariance = prior.covariance_and(places)
+    solved = _with_covariance(problem, prior, covariance)
+    if not places:
+        (result,) = descend_each([solved], noise_model, result.vector, max_iterations)
+    rows = rows_with_priors(fit, prior, covariance)
+    pairs = zip(rows, problem.unknowns.shared, strict=True)
+    shared = tuple(replace(row, value=own.value) for row, own in pairs)
+    solved = replace(solved, unknowns=replace(problem.unknowns, shared=shared))
+    optima = (make_optimum(solved, result, 0, result),)
+    found = make_fit(solved, Estimate(result, noise_model), 0, optima, began)
+    return SessionMatch(
+        with_spread_of(found, fit),
+        cost,
+        drift_cost,
+        tuple(prior.rows[place].name for place in places),
+        error,
+        limit,
+        distance,
+        furthest,
+        noise_model,
+        np.concatenate([prior.mean, first[len(prior.mean) :]]),
+    )
+
+
+def is_explained(match: SessionMatch) -> bool:
+    """Whether drift and the changes explain a session."""
+    return match.error <= match.limit and match.distance <= match.furthest
+
+
+def descend_each(
+    problems: Sequence[MatchProblem],
+    noise_model: NoiseModel,
+    vector: Float[np.ndarray, " unknowns"],
+    max_iterations: int,
+) -> list[DescentResult]:
+    """Solves problems from the same start, one after the other: with the program of the match,
+    which is there, whatever their number and the lengths of their time grids."""
+    solver, space = default_solver(problems[0]), problems[0].unknowns.search_space()
+    return [
+        descend([make_objective(problem, noise_model)], solver, [vector], space, max_iterations)[0]
+        for problem in problems
+    ]
+
+
+def _release(
+    problem: MatchProblem,
+    noise_model: NoiseModel,
+    prior: SessionPrior,
+    result: DescentResult,
+    places: tuple[int, ...],
+    max_iterations: int,
+) -> tuple[int, DescentResult]:
+    """Releases the value that explains the session best; returns its place and the descent."""
+    gains = _gains(prior, result, places)
+    best = np.argsort(gains)[::-1][:TRIED]
+    chosen = [int(place) for place in best if gains[place] > 0] or [int(best[0])]
+    problems = [
+        _with_covariance(problem, prior, prior.drift_and((*places, place))) for place in chosen
+    ]
+    found = descend_each(problems, noise_model, result.vector, max_iterations)
+    costs = [each.cost for each in found]
+    number = int(np.nanargmin(costs))
+    return chosen[number], found[number]
+
+
+def _gains(
+    prior: SessionPrior, result: DescentResult, places: tuple[int, ...]
+) -> Float[np.ndarray, " rows"]:
+    """By how much the cost falls if a value is released, about."""
+    size = len(prior.mean)
+    precision = np.linalg.inv(prior.drift_and(places))
+    pull = precision @ (result.vector[:size] - prior.mean)
+    jacobian = result.jacobian()
+    inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)[:size, :size]
+    room = np.diag(precision) + 1 / prior.changes**2
+    room = room - np.diag(precision @ inverse @ precision)
+    gains = 0.5 * pull**2 / np.maximum(room, 1e-12)
+    gains[list(places)] = 0.0
+    return gains
+
+
+def _distance(result: DescentResult, prior: SessionPrior, places: tuple[int, ...]) -> float:
+    away = result.vector[: len(prior.mean)] - prior.mean
+    known = prior.covariance_and(places) + LEAST_DRIFT**2 * np.eye(len(away))
+    return float(away @ np.linalg.solve(known, away))
+
+
+def _error(result: DescentResult) -> float:
+    return float(np.sqrt(result.mean_square))
+
+
+def _with_covariance(
+    problem: MatchProblem, prior: SessionPrior, covariance: Float[np.ndarray, "rows rows"]
+) -> MatchProblem:
+    means = problem.unknowns.prior_means()
+    means[: len(prior.mean)] = prior.mean
+    return replace(problem, linear_prior=LinearPrior.normal(means, covariance))
