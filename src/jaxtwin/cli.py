@@ -3,7 +3,8 @@
 Exit codes: 0 on success; 1 if a check found an error; 2 on an error, with a line on standard error
 that describes it; 3 if an interlock switched a rig off, or if `refit` rejected a recording or asks;
 4 if `record` or `observe` raised an alarm, or if `match` or `refit` did not converge; 5 if a device
-reported heat after a stop, or if `monitor`, `diagnose` or `refit` found something; 130 after Ctrl-C.
+reported heat after a stop, or if `monitor`, `diagnose` or `refit` found something; 130 after
+Ctrl-C.
 """
 
 import atexit

@@ -159,8 +159,10 @@ def test_swapped_channels_read_each_other_and_an_offset_is_added(twin: Twin):
 
 
 def test_a_delayed_command_is_one_of_a_longer_delay(twin: Twin):
-    late = changed(twin, fault(twin, "delay"))
-    np.testing.assert_allclose(late.delay, float(system_of(twin).delay) + 1.0)
+    late, usual = changed(twin, fault(twin, "delay")).delay, system_of(twin).delay
+    assert late is not None
+    assert usual is not None
+    np.testing.assert_allclose(late, float(usual) + 1.0)
 
 
 def test_a_blocked_sink_is_one_of_a_higher_resistance_to_the_room():

@@ -102,7 +102,7 @@ def control(
         set_name=set_name,
         baud=baud,
     )
-    for limit in loops[0].exceeded:
+    for limit in (limit for loop in loops for limit in loop.exceeded):
         say(str(limit))
     if decisions:
         say(_oscillation(decisions))
