@@ -139,7 +139,9 @@ def _completed(system: System) -> System:
     """The same equations with an array in each place that a fault may change."""
     cells, dtype = len(system.wiring.cold), system.capacitance.dtype
     parts = (
-        jnp.broadcast_to(jnp.asarray(system.bridge.supply_share, dtype), cells),
+        jnp.ones(cells, dtype)
+        if system.bridge.supply_share is None
+        else system.bridge.supply_share,
         jnp.asarray(system.channel_weights, dtype),
         jnp.zeros_like(system.gain) if system.offset is None else system.offset,
     )

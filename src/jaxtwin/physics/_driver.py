@@ -59,8 +59,8 @@ class Bridge(eqx.Module):
     - `own_supply`: for each cell whether it is a heater of a given power, which a supply of its own
       without a resistance feeds, switched on and off whatever the averaging; empty if none is.
     - `own_voltage`: the voltage of these supplies, V.
-    - `supply_share`: the share of the supply's voltage that reaches each bridge; 1 for a rig
-      without a fault.
+    - `supply_share`: the share of the supply's voltage that reaches each bridge; None for all of
+      it, as in a rig without a fault.
     """
 
     supply_voltage: Float[ArrayLike, ""]
@@ -72,7 +72,7 @@ class Bridge(eqx.Module):
     heaters: tuple[bool, ...] = eqx.field(static=True, default=())
     own_supply: tuple[bool, ...] = eqx.field(static=True, default=())
     own_voltage: Float[ArrayLike, ""] = OWN_VOLTAGE.factor
-    supply_share: Float[ArrayLike, "*cells"] = 1.0
+    supply_share: Float[Array, " cells"] | None = None
 
     def heat(
         self,
@@ -92,7 +92,7 @@ class Bridge(eqx.Module):
         loop = module.electrical_resistance + self.on_resistance
         emf = module.emf(hot_temperature - cold_temperature)
         share, sign = self._share_and_sign(duty)
-        voltage = self.supply_voltage * self.supply_share
+        voltage = self._reaching(self.supply_voltage)
         if self.averaging == "voltage":
             drive = -duty * voltage
             current = self._limited((drive - emf) / (loop + share * self.supply_resistance))
@@ -105,7 +105,7 @@ class Bridge(eqx.Module):
             square = share * on**2 + (1 - share) * off**2
         if self.own_supply:
             own = np.array(self.own_supply)
-            alone = self._own_voltage / module.electrical_resistance
+            alone = self._reaching(self.own_voltage) / module.electrical_resistance
             current = jnp.where(own, -share * alone, current)
             square = jnp.where(own, share * alone**2, square)
         cold, hot = module.mean_heat_flows(current, square, cold_temperature, hot_temperature)
@@ -129,7 +129,7 @@ class Bridge(eqx.Module):
         loop = module.electrical_resistance + self.on_resistance
         emf = module.emf(hot_temperature - cold_temperature)
         share, sign = self._share_and_sign(duty)
-        voltage = self.supply_voltage * self.supply_share
+        voltage = self._reaching(self.supply_voltage)
         if self.averaging == "voltage":
             drive = -duty * voltage
             power = self._power(drive, emf, loop + share * self.supply_resistance)
@@ -137,14 +137,14 @@ class Bridge(eqx.Module):
             drive = -sign * voltage
             power = share * self._power(drive, emf, loop + self.supply_resistance)
         if self.own_supply:
-            alone = share * self._own_voltage**2 / module.electrical_resistance
+            alone = share * self._reaching(self.own_voltage) ** 2 / module.electrical_resistance
             power = jnp.where(np.array(self.own_supply), alone, power)
         return power
 
-    @property
-    def _own_voltage(self) -> Float[Array, "*cells"]:
-        """The voltage at the heaters of a given power, V."""
-        return jnp.asarray(self.own_voltage) * self.supply_share
+    def _reaching(self, voltage: Float[ArrayLike, ""]) -> Float[Array, "*cells"]:
+        """The part of a supply's voltage that reaches each bridge, V."""
+        whole = jnp.asarray(voltage)
+        return whole if self.supply_share is None else whole * self.supply_share
 
     def _share_and_sign(
         self, duty: Float[Array, "*times cells"]

@@ -128,9 +128,12 @@ def weak_supply(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
     which = slice(None) if number < 0 else number
 
     def fault(system: System) -> System:
-        share = jnp.asarray(system.bridge.supply_share, system.capacitance.dtype)
-        share = jnp.broadcast_to(share, len(driven)).at[which].multiply(factor)
-        return eqx.tree_at(lambda s: s.bridge.supply_share, system, share)
+        before = system.bridge.supply_share
+        whole = jnp.ones(len(driven), system.capacitance.dtype) if before is None else before
+        share = whole.at[which].multiply(factor)
+        return eqx.tree_at(
+            lambda s: s.bridge.supply_share, system, share, is_leaf=lambda leaf: leaf is None
+        )
 
     return fault
 
