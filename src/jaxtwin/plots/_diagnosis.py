@@ -46,11 +46,9 @@ def _readings(axes: Axes, diagnosis: Diagnosis) -> None:
     readings = np.asarray(diagnosis.experiment.temperatures)
     for number, channel in enumerate(observed.channels[:LARGEST]):
         color = palette().cycle[number % len(palette().cycle)]
-        axes.plot(
-            *joined_samples(diagnosis.time, readings[:, number]), ".", ms=1.5, color=color,
-            label=channel,
-        )  # fmt: skip
-        axes.plot(diagnosis.time, observed.expected.mean[:, number], color=color, lw=0.8)
+        axes.plot(*joined_samples(diagnosis.time, readings[:, number]), ".", ms=1.5, color=color)
+        expected = observed.expected.mean[:, number]
+        axes.plot(diagnosis.time, expected, color=color, lw=0.8, label=channel)
     axes.set(ylabel="channel, °C")
     axes.set_title(diagnosis.experiment.name or "recording")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ..diagnosis import Isolability
 from ._style import palette, points, styled
 
-FEW = 16
+FEW = 24
 """The largest number of faults whose times are written into the matrix."""
 
 
@@ -29,7 +29,7 @@ def plot_isolability(isolability: Isolability) -> Figure:
     names = isolability.names
     count = len(names)
     side = max(3.0, 0.34 * count if count <= FEW else 0.2 * count)
-    figure = pyplot.figure(figsize=(side + 3.2, side + 1.2), layout="constrained")
+    figure = pyplot.figure(figsize=(side + 3.6, side + 1.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, max(count, 2)))
     norm = LogNorm(1.0, max(isolability.duration, 2.0))
     colors = pyplot.get_cmap("viridis_r").with_extremes(bad=palette().faint)
@@ -54,7 +54,7 @@ def plot_isolability(isolability: Isolability) -> Figure:
     left.set_xticks([0], ["found"], rotation=90, fontsize=size)
     right.set_xticks(range(count), names, rotation=90, fontsize=size)
     title = f"{isolability.rig}, {len(isolability.channels)} channels"
-    right.set_title(f"{title}: told apart after, s")
+    figure.suptitle(f"{title}: found, and told apart, after so many seconds")
     assert image is not None
     bar = figure.colorbar(image, ax=right, fraction=0.03, pad=0.01)
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
