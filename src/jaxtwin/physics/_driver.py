@@ -141,7 +141,7 @@ class Bridge(eqx.Module):
             power = jnp.where(np.array(self.own_supply), alone, power)
         return power
 
-    def _reaching(self, voltage: Float[ArrayLike, ""]) -> Float[Array, "*cells"]:
+    def _reaching(self, voltage: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
         """The part of a supply's voltage that reaches each bridge, V."""
         whole = jnp.asarray(voltage)
         return whole if self.supply_share is None else whole * self.supply_share
