@@ -1,11 +1,12 @@
 """Runs of the small linear rig `tclab`, with a fault from some time on."""
 
 from functools import cache
+from pathlib import Path
 
 import jax
 import numpy as np
 
-from jaxtwin import Experiment, Stepper, Twin
+from jaxtwin import Experiment, Stepper, Twin, match, write_recording
 from jaxtwin.physics import FAULT_MODELS
 
 LENGTH, ONSET = 900, 500
@@ -57,3 +58,12 @@ def _path(stepper, state, duty):
         return after, stepper.channels(after)
 
     return jax.lax.scan(take, state, duty)
+
+
+def write_sessions(folder: Path) -> Path:
+    """Writes a fit, two healthy recordings and one with a fault into a folder."""
+    runs = [recording(seed=seed, name=f"day{seed}") for seed in (1, 2)]
+    match(bench(), runs[0], free=["P_1", "P_2"], max_iterations=3).save(folder / "fit.toml")
+    for one in (*runs, recording("gain", "T1", 0.8, name="hurt")):
+        write_recording(one, folder / f"{one.name}.csv")
+    return folder

@@ -6,14 +6,16 @@ below that package.
 
 import os
 import re
-import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, final
+from typing import TYPE_CHECKING, NamedTuple, final
 
 from ._errors import JaxtwinError
 from ._name_suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    import sqlite3
 
 APPLICATION = 0x6A747331
 """SQLite's `application_id` of a store, "jts1", which `file` and SQLite tools show."""
@@ -61,7 +63,7 @@ def read_stored_fit(address: TwinAddress, error: type[JaxtwinError]) -> bytes:
 
 
 @contextmanager
-def opened_store(file: Path, error: type[JaxtwinError]) -> Iterator[sqlite3.Connection]:
+def opened_store(file: Path, error: type[JaxtwinError]) -> "Iterator[sqlite3.Connection]":
     """An existing store, which is closed when the block ends. Transactions begin where they are
     written down.
 
@@ -76,11 +78,13 @@ def opened_store(file: Path, error: type[JaxtwinError]) -> Iterator[sqlite3.Conn
 
 
 @contextmanager
-def connected(file: Path, error: type[JaxtwinError]) -> Iterator[sqlite3.Connection]:
+def connected(file: Path, error: type[JaxtwinError]) -> "Iterator[sqlite3.Connection]":
     """A connection whose errors name the file; SQLite makes an empty file where there is none.
 
     **Raises:** `error` for errors of SQLite inside the block.
     """
+    import sqlite3  # which every twin would load at the top
+
     connection = None
     try:
         # The journal of a killed process is rolled back by the next one that opens the file.
@@ -95,7 +99,7 @@ def connected(file: Path, error: type[JaxtwinError]) -> Iterator[sqlite3.Connect
             connection.close()
 
 
-def check_store(connection: sqlite3.Connection, file: Path, error: type[JaxtwinError]) -> None:
+def check_store(connection: "sqlite3.Connection", file: Path, error: type[JaxtwinError]) -> None:
     """Refuses what is no store, and a store of a newer version of the package.
 
     **Raises:** `error` that names the file.
@@ -112,7 +116,7 @@ def check_store(connection: sqlite3.Connection, file: Path, error: type[JaxtwinE
 
 
 def version_number(
-    connection: sqlite3.Connection, file: Path, name: str | int, error: type[JaxtwinError]
+    connection: "sqlite3.Connection", file: Path, name: str | int, error: type[JaxtwinError]
 ) -> int:
     """The number of a version, by itself or by an alias.
 

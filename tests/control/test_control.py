@@ -23,6 +23,7 @@ from jaxtwin.control import (
     PID,
     AbstractController,
     DecoupledPI,
+    ExceededLimit,
     FunctionController,
     LiveLoop,
     Relay,
@@ -275,6 +276,18 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
     assert np.max(duty["rest"]) < 0.05
     assert np.min(np.max(duty["before"], axis=0)) > 0.1
     assert {d["reference"][0] for d in decisions if d["time"] < 39.5} == {16.0}
+
+
+def test_a_limit_that_readings_exceed_is_kept_with_its_largest_excess_and_its_times(twin: Twin):
+    model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
+    limits: Any = {"T11": (0, 25)}
+    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), temperature_limits=limits)
+    loop = LiveLoop(twin, mpc, 30, duration=60)
+    readings, new, off = np.full(15, 24.0), np.zeros(15), np.zeros(2)
+    for time, T11 in enumerate([24.0, 26.0, 28.0, 26.5, 24.0]):
+        readings[twin.channels.index("T11")] = T11
+        loop(Moment(float(time), readings.copy(), new, off, None))
+    assert loop.exceeded == (ExceededLimit("T11", 25.0, 3.0, 1.0, 3.0),)
 
 
 def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(twin: Twin, pid: PID):

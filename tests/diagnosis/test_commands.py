@@ -4,21 +4,15 @@ import json
 from pathlib import Path
 
 import pytest
-from faulty_runs import bench, recording
+from faulty_runs import write_sessions
 
-import jaxtwin as jt
 from jaxtwin.cli import run
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a fit, a healthy recording and one with a fault."""
-    folder = tmp_path_factory.mktemp("diagnose")
-    runs = [recording(seed=seed, name=f"day{seed}") for seed in (1, 2)]
-    jt.match(bench(), runs[0], free=["P_1", "P_2"], max_iterations=3).save(folder / "fit.toml")
-    for one in (*runs, recording("gain", "T1", 0.8, name="hurt")):
-        jt.write_recording(one, folder / f"{one.name}.csv")
-    return folder
+    return write_sessions(tmp_path_factory.mktemp("diagnose"))
 
 
 @pytest.fixture(autouse=True)

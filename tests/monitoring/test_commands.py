@@ -4,10 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from faulty_runs import bench, recording
+from faulty_runs import bench, recording, write_sessions
 from hand_clock import START, HandClock
 
-import jaxtwin as jt
 from jaxtwin.cli import run
 from jaxtwin.live import Greeting, Hello, Reading, Recorder, Sample
 from jaxtwin.monitoring import MonitorCalibration
@@ -16,12 +15,7 @@ from jaxtwin.monitoring import MonitorCalibration
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a fit, healthy recordings and one with a fault."""
-    folder = tmp_path_factory.mktemp("monitor")
-    runs = [recording(seed=seed, name=f"day{seed}") for seed in (1, 2)]
-    jt.match(bench(), runs[0], free=["P_1", "P_2"], max_iterations=3).save(folder / "fit.toml")
-    for one in (*runs, recording("gain", "T1", 0.8, name="hurt")):
-        jt.write_recording(one, folder / f"{one.name}.csv")
-    return folder
+    return write_sessions(tmp_path_factory.mktemp("monitor"))
 
 
 @pytest.fixture(autouse=True)

@@ -5,10 +5,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .._errors import JaxtwinError
-from .._whole_file import write_whole_file
 from ._options import JsonOption
-from ._output import aligned, check_json, say, say_written, write_json
+from ._output import (
+    aligned,
+    check_folder,
+    check_json,
+    make_folder,
+    say,
+    say_written,
+    write_json,
+    write_pictures,
+)
 from ._show_progress import show_progress
 
 if TYPE_CHECKING:
@@ -31,8 +38,7 @@ def dc_sweep(
     from ..rig import load_module
 
     check_json(json)
-    if out is not None and out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"--out {out}: expected a folder, got a file")
+    check_folder(out)
     sheet = load_module(module)
     T_hot = sheet.hot_side_temperature
     constants = ThermoelectricModule.from_datasheet(module)
@@ -80,15 +86,12 @@ def _save(module: "ThermoelectricModule", sheet: "Datasheet", folder: Path) -> N
     import numpy as np
 
     from ..io._write import save_dataset
-    from ..plots import plot_dc_sweep, to_png
+    from ..plots import plot_dc_sweep
 
     name, T_hot = sheet.name, sheet.hot_side_temperature
-    picture = to_png(plot_dc_sweep(module, T_hot=T_hot, datasheet=sheet, title=name))
+    picture = plot_dc_sweep(module, T_hot=T_hot, datasheet=sheet, title=name)
     currents = np.linspace(0.0, 1.12 * module.optimum_current(T_hot), 200)
     sweep = module.dc_sweep(currents, np.arange(0.0, 80.0, 10.0), T_hot)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
+    make_folder(folder)
     save_dataset(sweep.to_xarray(), folder / f"{name}.nc")
-    write_whole_file(folder / f"{name}.png", picture, JaxtwinError)
+    write_pictures(folder, [(name, picture)])

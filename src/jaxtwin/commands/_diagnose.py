@@ -5,10 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .._errors import JaxtwinError
-from .._whole_file import write_whole_file
 from ._options import JsonOption, NoiseOption, RecordingsArgument
-from ._output import check_json, say, say_written, write_json
+from ._output import check_folder, check_json, say, say_written, write_json, write_pictures
 from ._show_progress import show_progress
 from ._sources import open_recordings
 
@@ -53,8 +51,7 @@ def diagnose(
     from ..matching import Fit
     from ..observers import ProcessNoise
 
-    if out is not None and out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"--out {out}: expected a folder, got a file")
+    check_folder(out)
     check_json(json)
     with show_progress() as progress:
         progress.step("reading")
@@ -69,21 +66,11 @@ def diagnose(
             found.append(diagnosed(loaded, one, fault or None, levels, healthy=known))
         if out is not None:
             progress.step(f"drawing into {out}")
-            _draw(out, found)
+            names = [one.name or number for number, one in enumerate(experiments, 1)]
+            plots = (one.plot() for one in found)
+            write_pictures(out, zip(map(str, names), plots, strict=True))
     say("\n".join(one.summary() for one in found), json)
     say_written(out, json_path=json)
     write_json(json, {"recordings": [one.to_dict() for one in found]})
     if any(one.causes for one in found):
         raise typer.Exit(CHANGED)
-
-
-def _draw(folder: Path, found: "list[Diagnosis]") -> None:
-    from ..plots import to_png
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
-    for number, one in enumerate(found, 1):
-        name = f"{one.experiment.name or number}.png".replace("/", "-")
-        write_whole_file(folder / name, to_png(one.plot()), JaxtwinError)

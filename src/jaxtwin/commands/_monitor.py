@@ -6,15 +6,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .._errors import JaxtwinError
-from .._whole_file import write_whole_file
 from ._options import JsonOption, NoiseOption, RecordingsArgument
-from ._output import check_json, check_output, say, say_written, write_json
+from ._output import (
+    check_folder,
+    check_json,
+    check_output,
+    say,
+    say_written,
+    write_json,
+    write_pictures,
+)
 from ._show_progress import show_progress
 from ._sources import open_recordings
 
 if TYPE_CHECKING:
-    from ..io import Experiment
     from ..monitoring import Monitored
 
 ALARMED = 5
@@ -67,8 +72,7 @@ def monitor(
         raise typer.BadParameter("--save keeps what --healthy finds; give both")
     if not math.isfinite(days):
         raise typer.BadParameter(f"--days: expected a finite number, got {days:g}")
-    if out is not None and out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"--out {out}: expected a folder, got a file")
+    check_folder(out)
     check_output(save, ".toml", option="--save")
     check_json(json)
     with show_progress() as progress:
@@ -91,21 +95,11 @@ def monitor(
             )
         if out is not None:
             progress.step(f"drawing into {out}")
-            _draw(out, found, experiments)
+            names = [one.name or number for number, one in enumerate(experiments, 1)]
+            plots = (one.plot() for one in found)
+            write_pictures(out, zip(map(str, names), plots, strict=True))
     say("\n".join(one.summary() for one in found), json)
     say_written(save, out, json_path=json)
     write_json(json, {"recordings": [one.to_dict() for one in found]})
     if any(one.alarms for one in found):
         raise typer.Exit(ALARMED)
-
-
-def _draw(folder: Path, found: "list[Monitored]", experiments: "list[Experiment]") -> None:
-    from ..plots import to_png
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
-    for number, (one, experiment) in enumerate(zip(found, experiments, strict=True), 1):
-        name = f"{experiment.name or number}.png".replace("/", "-")
-        write_whole_file(folder / name, to_png(one.plot()), JaxtwinError)

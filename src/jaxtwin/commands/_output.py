@@ -3,13 +3,18 @@
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 STDOUT = Path("-")
 
@@ -51,6 +56,37 @@ def check_new_output(path: Path, overwrite: bool, *endings: str) -> None:
         raise typer.BadParameter(
             f"{path}: expected a new file, got an existing one; name another, or add --overwrite"
         )
+
+
+def check_folder(path: Path | None) -> None:
+    """Refuses a folder for `--out` that is a file.
+
+    **Raises:** `typer.BadParameter`.
+    """
+    if path is not None and path.exists() and not path.is_dir():
+        raise typer.BadParameter(f"--out {path}: expected a folder, got a file")
+
+
+def make_folder(path: Path) -> None:
+    """Makes the folder of `--out` where there is none.
+
+    **Raises:** `typer.BadParameter` with the reason why it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise typer.BadParameter(f"--out {path}: {error.strerror}") from None
+
+
+def write_pictures(folder: Path, pictures: "Iterable[tuple[str, Figure | Axes]]") -> None:
+    """Writes pictures, each a name without its ending and a figure, as PNG into the folder of
+    `--out`. A name that is a path becomes the name of a file."""
+    from ..plots import to_png
+
+    make_folder(folder)
+    for name, picture in pictures:
+        file = folder / f"{name}.png".replace("/", "-")
+        write_whole_file(file, to_png(picture), JaxtwinError)
 
 
 def check_json(path: Path | None) -> None:

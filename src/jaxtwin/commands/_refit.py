@@ -9,6 +9,7 @@ from .._errors import JaxtwinError
 from ._options import JsonOption, NoiseOption
 from ._output import check_json, say, write_json
 from ._show_progress import show_progress
+from ._sources import open_store
 
 if TYPE_CHECKING:
     from ..io import Experiment
@@ -71,22 +72,18 @@ def refit(
     from ..monitoring import MonitorCalibration
     from ..observers import ProcessNoise
     from ..refitting import refit as refitted
-    from ..twin_store import TwinStore
 
     check_json(json)
     if not recordings.is_dir():
         raise typer.BadParameter(f"--recordings {recordings}: expected a folder")
-    if not store.is_file():
-        raise typer.BadParameter(
-            f"{store}: there is no such store; 'jaxtwin twins add' makes one from a fit"
-        )
+    twins = open_store(store)
     results: list[dict[str, Any]] = []
     code = 0
     with show_progress() as progress:
         progress.step("reading")
-        twins = TwinStore(store)
         champion = twins.version("champion")
-        rig = champion.fit().twin.rig
+        last = champion.fit()
+        rig = last.twin.rig
         known = None if calibration is None else MonitorCalibration.load(calibration)
         levels = None if noise is None else ProcessNoise.load(noise)
         loop = None if controller is None else read_controller(controller, rig)
@@ -99,7 +96,7 @@ def refit(
                     continue
                 progress.step(f"refitting to {name}")
                 found = refitted(
-                    champion.fit(),
+                    last,
                     one,
                     window=window,
                     forgetting=forgetting,
@@ -116,6 +113,8 @@ def refit(
                 code = max(code, REJECTED)
                 continue
             champion = _kept(twins, champion, one, found)
+            if found.decision == "promoted":
+                last = champion.fit()
             say(f"{name}: {found.summary()}", json)
             results.append({"file": name, "champion": champion.number, **found.to_dict()})
             code = max(code, _code(found))

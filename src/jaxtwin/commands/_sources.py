@@ -4,11 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 if TYPE_CHECKING:
     from ..io import Experiment
     from ..matching import Fit
     from ..physics import Twin
     from ..rig import Rig
+    from ..twin_store import TwinStore
 
 
 def open_twin(
@@ -123,3 +126,17 @@ def find_recording(name: str) -> Path:
         f"{name}: expected a file or a known recording, got neither; 'jaxtwin data list' lists the "
         "known ones"
     )
+
+
+def open_store(path: Path) -> "TwinStore":
+    """A store of twins that is there.
+
+    **Raises:** `typer.BadParameter` for a file that is not; `StoreError` for one that is no store.
+    """
+    from ..twin_store import TwinStore
+
+    if not path.is_file():
+        raise typer.BadParameter(
+            f"{path}: there is no such store; 'jaxtwin twins add' makes one from a fit"
+        )
+    return TwinStore(path)

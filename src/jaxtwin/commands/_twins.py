@@ -1,15 +1,13 @@
 """`jaxtwin twins`: a store of twins looked at, and its champion changed by a person."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from ._options import JsonOption, NoiseOption
 from ._output import check_json, check_output, say, write_json
-
-if TYPE_CHECKING:
-    from ..twin_store import TwinStore
+from ._sources import open_store
 
 StoreArgument = Annotated[Path, typer.Argument(metavar="STORE", help="A store of twins, .db.")]
 ReasonOption = Annotated[str, typer.Option(metavar="TEXT", help="Why, in a sentence; it is kept.")]
@@ -18,7 +16,7 @@ ReasonOption = Annotated[str, typer.Option(metavar="TEXT", help="Why, in a sente
 def list_versions(store: StoreArgument, json: JsonOption = None) -> None:
     """List the versions of a store with their aliases."""
     check_json(json)
-    twins = _opened(store)
+    twins = open_store(store)
     say(twins.summary(), json)
     numbers = [one.to_dict() for one in twins.versions]
     write_json(json, {"versions": numbers, "aliases": twins.aliases})
@@ -32,7 +30,7 @@ def show(
     """Show what is known of a version: its parameters, recordings, reason, tags, and the moves of
     its aliases."""
     check_json(json)
-    twins = _opened(store)
+    twins = open_store(store)
     found = twins.version(version)
     moves = [move for move in twins.history() if found.number in (move.before, move.after)]
     lines = [found.summary(), *(f"  {move}" for move in moves), found.fit().summary()]
@@ -49,7 +47,7 @@ def diff(
     """Compare two versions: how many standard errors their parameters are apart, recordings, rig
     file and software."""
     check_json(json)
-    difference = _opened(store).diff(old, new)
+    difference = open_store(store).diff(old, new)
     say(difference.summary(), json)
     write_json(json, difference.to_dict())
 
@@ -87,25 +85,11 @@ def promote(
     reason: ReasonOption = "promoted by hand",
 ) -> None:
     """Make a version the champion; the champion so far is 'previous' from then on."""
-    champion = _opened(store).promote(version, reason=reason)
+    champion = open_store(store).promote(version, reason=reason)
     say(f"{store}: the champion is version {champion.number}")
 
 
 def rollback(store: StoreArgument, reason: ReasonOption = "rolled back by hand") -> None:
     """Make the previous champion the champion again; a second rollback takes it back."""
-    champion = _opened(store).rollback(reason=reason)
+    champion = open_store(store).rollback(reason=reason)
     say(f"{store}: the champion is version {champion.number}")
-
-
-def _opened(store: Path) -> "TwinStore":
-    """A store that is there.
-
-    **Raises:** `typer.BadParameter` for a file that is not.
-    """
-    from ..twin_store import TwinStore
-
-    if not store.is_file():
-        raise typer.BadParameter(
-            f"{store}: there is no such store; 'jaxtwin twins add' makes one from a fit"
-        )
-    return TwinStore(store)

@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .._errors import JaxtwinError
 from .._progress import Progress
-from .._whole_file import write_whole_file
 from ._options import JsonOption, NoiseOption, RecordingsArgument, RigArgument, SetOption
-from ._output import check_json, say, say_written, write_json
+from ._output import check_folder, check_json, say, say_written, write_json, write_pictures
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
@@ -103,8 +101,7 @@ def validate(
     for option, value in (("--split", split), ("--warm-up", warm_up)):
         if value is not None and not math.isfinite(value):
             raise typer.BadParameter(f"{option}: expected a finite number, got {value:g}")
-    if out is not None and out.exists() and not out.is_dir():
-        raise typer.BadParameter(f"--out {out}: expected a folder, got a file")
+    check_folder(out)
     check_json(json)
     with show_progress() as progress:
         progress.step("reading")
@@ -199,16 +196,8 @@ class _ValidationProgress:
 
 
 def _draw(result: "Validation", folder: Path) -> None:
-    from ..plots import plot_comparison, plot_residual_tests, to_png
+    from ..plots import plot_comparison, plot_residual_tests
 
     runs = list(result.runs.values())
-    pictures = {
-        "response.png": to_png(plot_comparison(runs)),
-        "residuals.png": to_png(plot_residual_tests(runs)),
-    }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise typer.BadParameter(f"--out {folder}: {error.strerror}") from None
-    for name, picture in pictures.items():
-        write_whole_file(folder / name, picture, JaxtwinError)
+    pictures = {"response": plot_comparison(runs), "residuals": plot_residual_tests(runs)}
+    write_pictures(folder, pictures.items())

@@ -36,7 +36,6 @@ from .loops._control import LiveLoop as LiveLoop
 from .loops._control import control as control  # a controller on a live rig
 from .loops._disturbances import Draught as Draught  # air upon the plate
 from .loops._disturbances import HeatInput as HeatInput  # a hand upon the plate
-from .loops._exceeded_limits import ExceededLimit as ExceededLimit  # that no duty kept
 from .loops._loop_margins import LoopMargins as LoopMargins  # how far a loop is from instability
 from .loops._loop_margins import loop_margins as loop_margins  # of a controller on a twin
 from .loops._loop_signals import ClosedLoop as ClosedLoop  # what happened in a closed loop
@@ -45,6 +44,7 @@ from .loops._scenario import Scenario as Scenario  # what a closed loop goes thr
 from .loops._scenario import scenario as scenario
 from .loops._simulate_closed_loop import simulate_closed_loop as simulate_closed_loop
 from .loops._simulate_closed_loops import simulate_closed_loops as simulate_closed_loops
+from .loops._soft_limits import ExceededLimit as ExceededLimit  # that no duty kept
 from .tuning._frontier import Frontier as Frontier  # the trade between two aims
 from .tuning._frontier import frontier as frontier  # controllers tuned by several weights
 from .tuning._most_even_point import most_even_point as most_even_point  # the least range at rest

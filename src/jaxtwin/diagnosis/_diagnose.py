@@ -9,7 +9,7 @@ from .._errors import ObserverError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..matching import Fit
-from ..monitoring._monitor import SETTLE
+from ..monitoring._monitor_recording import check_settles
 from ..observers import Observed, ProcessNoise, observe
 from ..physics import Twin
 from ._causes import diagnosed
@@ -57,11 +57,7 @@ def diagnose(
     if noise is not None:
         expected = "a ProcessNoise, as jaxtwin.estimate_noise finds it"
         of_kind("diagnose: noise", noise, ProcessNoise, expected, ObserverError)
-    if experiment.duration < 2 * SETTLE:
-        raise ObserverError(
-            f"{experiment.name or 'experiment'}: expected a recording of at least {2 * SETTLE:g} "
-            f"s, in which an observer settles, got {experiment.duration:g} s"
-        )
+    check_settles(experiment)
     observed = observe(fit, experiment, noise)
     model = observed.observer.model
     several = chosen(model.twin, faults, observed.channels)

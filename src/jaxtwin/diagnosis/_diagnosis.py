@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._display import html_table, picture
+from .._json_values import json_value
 from ..io import Experiment
 from ..observers import Observed
 from ._suspects import Suspect
@@ -233,7 +234,4 @@ class Diagnosis:
 def _plain(one: Explanation) -> dict[str, object]:
     """An explanation for JSON, which has no NaN."""
     keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
-    return {
-        keys.get(key, key): value if isinstance(value, str) or math.isfinite(value) else None
-        for key, value in one._asdict().items()
-    }
+    return {keys.get(key, key): json_value(value) for key, value in one._asdict().items()}

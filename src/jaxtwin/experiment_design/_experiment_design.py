@@ -1,6 +1,5 @@
 """The result of a design of experiments."""
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from .._display import html_table, picture
+from .._json_values import json_value
 from ..io import Experiment, write_recording
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ class ExperimentDesign:
                 for planned in (self.best, *self.references.values())
             },
             "standard_errors": {
-                name: {key: value if math.isfinite(value) else None for key, value in of.items()}
+                name: {key: json_value(value) for key, value in of.items()}
                 for name, of in self._all_errors().items()
             },
         }

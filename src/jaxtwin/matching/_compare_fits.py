@@ -9,6 +9,7 @@ import numpy as np
 from .._arguments import of_kind
 from .._display import html_table, picture
 from .._errors import MatchError
+from .._json_values import json_value
 from .._number_text import short_number
 from ._fit import Fit
 from ._fitted_parameters import FittedParameter
@@ -89,7 +90,7 @@ class FitDifference:
                     "unit": row.unit,
                     "old": row.old,
                     "new": row.new,
-                    "standard_errors": _plain(row.standard_errors),
+                    "standard_errors": json_value(row.standard_errors),
                     "notes": list(row.notes),
                 }
                 for row in self.rows
@@ -189,7 +190,3 @@ def _notes(old: FittedParameter, new: FittedParameter) -> list[str]:
     if (old.prior_value, old.prior_spread) != (new.prior_value, new.prior_spread):
         notes.append("another prior")
     return notes
-
-
-def _plain(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -1,6 +1,5 @@
 """The result of a match."""
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,6 +13,7 @@ from .._by_recording import ByRecording
 from .._display import html_table, picture, report
 from .._errors import MatchError
 from .._goodness_of_fit import mean_fit_percent
+from .._json_values import json_value
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Rig
@@ -257,15 +257,18 @@ class Fit:
     def to_dict(self) -> dict[str, Any]:
         """The result as plain types for JSON; infinite and missing numbers become None."""
         rows = [
-            {field: _plain(getattr(row, field)) for field in FittedParameter.__dataclass_fields__}
+            {
+                field: json_value(getattr(row, field))
+                for field in FittedParameter.__dataclass_fields__
+            }
             for row in self.parameters.values()
         ]
         fits: dict[str, dict[str, float | None]] = {name: {} for name in self.recordings}
         for (recording, channel), value in self.fit_percent.items():
-            fits[recording][channel] = _plain(value)
+            fits[recording][channel] = json_value(value)
         return {
             "rig": self.twin.rig.name,
-            "mean_fit_percent": _plain(self.mean_fit_percent),
+            "mean_fit_percent": json_value(self.mean_fit_percent),
             "rmse_K": self.rmse,
             "status": self.status,
             "converged": self.converged,
@@ -277,13 +280,13 @@ class Fit:
             "optima": [
                 {
                     "start": optimum.start,
-                    "cost": _plain(optimum.cost),
-                    "apart_K": _plain(optimum.apart),
-                    "rmse_K": _plain(optimum.rmse),
+                    "cost": json_value(optimum.cost),
+                    "apart_K": json_value(optimum.apart),
+                    "rmse_K": json_value(optimum.rmse),
                     "iterations": optimum.iterations,
                     "status": optimum.status,
                     "converged": optimum.converged,
-                    "values": {name: _plain(v) for name, v in optimum.values.items()},
+                    "values": {name: json_value(v) for name, v in optimum.values.items()},
                 }
                 for optimum in self.optima
             ],
@@ -411,11 +414,3 @@ def solution_of(fit: Fit) -> Solution:
     """The solved problem behind a fit, for the other modules of the package. Users have the
     properties of `Fit`."""
     return fit._solution
-
-
-def _plain(value: object) -> Any:
-    if isinstance(value, tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

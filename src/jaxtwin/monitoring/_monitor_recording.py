@@ -49,12 +49,20 @@ def monitor(
             f"which no tail is known, got {seconds:g}"
         )
     of_kind("monitor: experiment", experiment, Experiment, "an Experiment", ObserverError)
+    check_settles(experiment)
+    return monitored(observe(fit, experiment, noise), fit, calibration, seconds)
+
+
+def check_settles(experiment: Experiment) -> None:
+    """Refuses a recording in which an observer does not settle.
+
+    **Raises:** `ObserverError`.
+    """
     if experiment.duration < 2 * SETTLE:
         raise ObserverError(
             f"{experiment.name or 'experiment'}: expected a recording of at least {2 * SETTLE:g} "
             f"s, in which an observer settles, got {experiment.duration:g} s"
         )
-    return monitored(observe(fit, experiment, noise), fit, calibration, seconds)
 
 
 def monitored(

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._display import html_table, picture
+from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
 from ..io import Experiment
 from ..live.safety._finding import Finding
@@ -113,11 +114,11 @@ class Monitored:
             "false_alarm_days": self.false_alarm_time / DAY,
             "alarms": len(self.alarms),
             "findings": [
-                {key: _plain(one) for key, one in zip(COLUMNS, row, strict=True)}
+                {key: json_value(one) for key, one in zip(COLUMNS, row, strict=True)}
                 for row in self._rows()
             ],
             "thresholds": [
-                {key: _plain(one) for key, one in row.items()} for row in self._thresholds()
+                {key: json_value(one) for key, one in row.items()} for row in self._thresholds()
             ],
         }
 
@@ -178,11 +179,3 @@ class Monitored:
 
 def _count(alarms: int) -> str:
     return "1 alarm" if alarms == 1 else f"{alarms or 'no'} alarms"
-
-
-def _plain(value: object) -> object:
-    """A number or text of JSON, which has no NaN."""
-    if isinstance(value, str) or value is None:
-        return value
-    number = float(value)  # pyright: ignore[reportArgumentType]
-    return number if math.isfinite(number) else None

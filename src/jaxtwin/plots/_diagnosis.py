@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ..diagnosis import Diagnosis
 from ..diagnosis._diagnosis import HEALTHY, OTHER
-from ._samples import joined_samples
+from ._readings import draw_readings
 from ._style import palette, points, styled
 
 LARGEST = 8
@@ -32,26 +32,13 @@ def plot_diagnosis(diagnosis: Diagnosis) -> Figure:
     """
     figure = pyplot.figure(figsize=(9.6, 5.4), layout="constrained")
     grid = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
-    _readings(grid[0], diagnosis)
+    draw_readings(grid[0], diagnosis.observed)
     _probabilities(grid[1], diagnosis)
     for axes in grid:
         for cause in diagnosis.causes:
             axes.axvline(cause.onset, color=palette().ink, lw=0.8, ls=(0, (4, 3)))
     grid[1].set(xlabel="time, s", xlim=(diagnosis.time[0], diagnosis.time[-1]))
     return figure
-
-
-def _readings(axes: Axes, diagnosis: Diagnosis) -> None:
-    observed = diagnosis.observed
-    readings = np.asarray(diagnosis.experiment.temperatures)
-    for number, channel in enumerate(observed.channels[:LARGEST]):
-        color = palette().cycle[number % len(palette().cycle)]
-        axes.plot(*joined_samples(diagnosis.time, readings[:, number]), ".", ms=1.5, color=color)
-        expected = observed.expected.mean[:, number]
-        axes.plot(diagnosis.time, expected, color=color, lw=0.8, label=channel)
-    axes.set(ylabel="channel, °C")
-    axes.set_title(diagnosis.experiment.name or "recording")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
 
 
 def _probabilities(axes: Axes, diagnosis: Diagnosis) -> None:

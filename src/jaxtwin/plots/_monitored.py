@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..monitoring import Monitored
-from ._samples import joined_samples
+from ._readings import draw_readings
 from ._style import palette, points, styled
 
 LARGEST = 8
@@ -43,26 +43,11 @@ def plot_monitored(monitored: Monitored) -> Figure:
     height = 0.6 + 0.3 * max(len(rows), 1)
     figure = pyplot.figure(figsize=(9.6, 4.8 + height), layout="constrained")
     grid = figure.subplots(3, 1, sharex=True, height_ratios=(2.6, height, 1.6))
-    _readings(grid[0], monitored)
+    draw_readings(grid[0], monitored.observed)
     _timeline(grid[1], monitored, rows)
     _scores(grid[2], monitored)
     grid[2].set(xlabel="time, s", xlim=(monitored.time[0], monitored.time[-1]))
     return figure
-
-
-def _readings(axes: Axes, monitored: Monitored) -> None:
-    observed = monitored.observed
-    readings = np.asarray(monitored.experiment.temperatures)
-    for number, channel in enumerate(observed.channels[:LARGEST]):
-        color = palette().cycle[number % len(palette().cycle)]
-        axes.plot(
-            *joined_samples(monitored.time, readings[:, number]), ".", ms=1.5, color=color,
-            label=channel,
-        )  # fmt: skip
-        axes.plot(monitored.time, observed.expected.mean[:, number], color=color, lw=0.8)
-    axes.set(ylabel="channel, °C")
-    axes.set_title(monitored.experiment.name or "recording")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
 
 
 def _timeline(axes: Axes, monitored: Monitored, rows: list[tuple[str, str]]) -> None:

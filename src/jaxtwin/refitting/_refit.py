@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number, of_kind, whole_number
 from .._display import html_table
 from .._errors import MatchError
+from .._json_values import json_value
 from .._waiting import announced
 from ..control.controllers._controller import AbstractController
 from ..io import Experiment
@@ -18,7 +19,7 @@ from ..matching import Fit, named_recordings
 from ..monitoring import MonitorCalibration
 from ..monitoring._monitor_recording import monitored
 from ..monitoring._thresholds import DAY
-from ..observers import ProcessNoise
+from ..observers import ProcessNoise, observe
 from ..simulation import simulate
 from ._forgetting import session_prior
 from ._gate import (
@@ -115,7 +116,7 @@ class Refit:
             "is_alarm": self.is_alarm,
             "converged": self.converged,
             "checks": [
-                {key: _plain(value) for key, value in asdict(check).items()}
+                {key: json_value(value) for key, value in asdict(check).items()}
                 for check in self.checks
             ],
             "fit": None if self.fit is None else self.fit.to_dict(),
@@ -219,7 +220,7 @@ def refit(
     checks: list[GateCheck] = []
     for one in several:
         known = [each.observed for each in last if each.observed.experiment is one]
-        observed = known[0] if known else replay(fit, one, one.time[0], noise, ahead).observed
+        observed = known[0] if known else observe(fit, one, noise)
         checks.append(check_readings(monitored(observed, fit, calibration, 30 * DAY)))
     if any(not check.passed for check in checks):
         return _decided(fit, None, checks)
@@ -319,9 +320,3 @@ def _check_new(fit: Fit, recordings: Sequence[Experiment]) -> None:
 
 def _mean_reading(recording: Experiment) -> float:
     return float(np.nanmean(np.asarray(recording.temperatures)))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return bool(value) if isinstance(value, np.bool_) else value

@@ -1,6 +1,5 @@
 """The report of a fit: any rig, any recordings."""
 
-import math
 import os
 import time
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 from .. import __version__
 from .._arguments import of_kind, path_of, whole_number
 from .._errors import JaxtwinError
+from .._json_values import json_value
 from .._progress import NullProgress, Progress
 from ..matching import Fit
 from ..rig import bundled_rigs
@@ -77,7 +77,7 @@ def write_report(
             even, evenness = uniformity_section(fit)
             sections.append(even)
             numbers["uniformity"] = {
-                name: {key: _plain(value) for key, value in row.items()}
+                name: {key: json_value(value) for key, value in row.items()}
                 for name, row in evenness.items()
             }
         files = FILES
@@ -133,7 +133,3 @@ def _files(fit: Fit, files: dict[str, str]) -> Section:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'s' * (number != 1)}"
-
-
-def _plain(value: float) -> float | None:
-    return value if math.isfinite(value) else None

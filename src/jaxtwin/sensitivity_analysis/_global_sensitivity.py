@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from .._display import html_table, picture
 from .._errors import ParameterError
+from .._json_values import json_value
 from .._name_suggestions import did_you_mean
 from ._method import AbstractMethod, Design
 from ._outputs import Output, labels_of
@@ -248,7 +249,9 @@ class GlobalSensitivity:
             "wall_time_s": self.wall_time,
             "parameters": list(self.names),
             "indices": {
-                name: {label: _plain(row) for label, row in zip(self.labels, values, strict=True)}
+                name: {
+                    label: json_value(row) for label, row in zip(self.labels, values, strict=True)
+                }
                 for name, values in self.indices.items()
             },
             "ranking": list(self.ranking()),
@@ -281,10 +284,3 @@ class GlobalSensitivity:
             f"<GlobalSensitivity of {self.rig} by {self.method.name}: {len(self.failed)} runs"
             f"{lost}, {len(self.outputs)} outputs, {strongest}>"
         )
-
-
-def _plain(values: Any) -> Any:
-    """Numbers and lists of them, None if they are not finite."""
-    if np.ndim(values):
-        return [_plain(value) for value in values]
-    return float(values) if np.isfinite(values) else None

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from .._by_recording import ByRecording
 from .._display import html_table, picture
 from .._goodness_of_fit import fit_text, mean_fit_percent
+from .._json_values import json_value
 from ..matching import Band, Fit
 from ..physics import Twin
 from ..simulation import Run
@@ -238,10 +239,10 @@ class Validation:
         return {
             "rig": self.rig,
             "kind": self.kind,
-            "mean_fit_percent": _plain(self.mean_fit_percent),
-            "rmse_K": _plain(self.rmse),
-            "coverage_of_95_percent_bands": _plain(self.coverage),
-            "band_width_K": _plain(self.band_width),
+            "mean_fit_percent": json_value(self.mean_fit_percent),
+            "rmse_K": json_value(self.rmse),
+            "coverage_of_95_percent_bands": json_value(self.coverage),
+            "band_width_K": json_value(self.band_width),
             "recordings": {
                 prediction.name: _prediction(prediction) for prediction in self.predictions
             },
@@ -308,11 +309,11 @@ def _prediction(prediction: Prediction) -> dict[str, Any]:
     for column, (channel, fit) in enumerate(prediction.run.fit_percent.items()):
         error, test = prediction.residuals[:, column], prediction.whiteness[channel]
         channels[channel] = {
-            "fit_percent": _plain(fit),
+            "fit_percent": json_value(fit),
             "rmse_K": float(np.sqrt(np.nanmean(error**2))),
             "mean_error_K": float(np.nanmean(error)),
-            "coverage_of_95_percent_band": _plain(bands[column][0]),
-            "band_width_K": _plain(bands[column][1]),
+            "coverage_of_95_percent_band": json_value(bands[column][0]),
+            "band_width_K": json_value(bands[column][1]),
             "ljung_box": test.statistic,
             "lags": test.lags,
             "p_value": test.p_value,
@@ -327,7 +328,3 @@ def _prediction(prediction: Prediction) -> dict[str, Any]:
         "warnings": list(prediction.warnings),
         "channels": channels,
     }
-
-
-def _plain(value: float) -> float | None:
-    return value if math.isfinite(value) else None

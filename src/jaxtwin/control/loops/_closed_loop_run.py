@@ -17,9 +17,9 @@ from ...io import Experiment
 from ...physics import Twin
 from ...simulation import Run
 from ..controllers._controller import TemperatureLimit
-from ._exceeded_limits import ExceededLimit, exceeded_limits
 from ._loop_signals import ClosedLoop
 from ._measures import measures_of
+from ._soft_limits import ExceededLimit, exceeded_soft_limits
 
 if TYPE_CHECKING:
     import pandas
@@ -127,7 +127,9 @@ class ClosedLoopRun:
         """The temperature limits that the true temperatures exceed by more than the controller
         accepts: no duty kept them, heat came that the model did not foresee, or the run began
         beyond them."""
-        return exceeded_limits(self.limits, self.run.channels, self.time, self.run.temperatures)
+        return exceeded_soft_limits(
+            self.limits, self.run.channels, self.time, self.run.temperatures
+        )
 
     def measures(self) -> "pandas.DataFrame":
         """A table with a row for each measure: its name as index, value and unit."""

@@ -15,10 +15,10 @@ from ..._jax_settings import own_settings
 from ...live import Document, Finding, Guard, Moment, RecordConsumer, RigConnection, operate
 from ...physics import Twin
 from ..controllers._controller import AbstractController
-from ._exceeded_limits import ExceededLimit, exceeded_limits
 from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._loop_margins import LoopMargins, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
+from ._soft_limits import ExceededLimit, exceeded_soft_limits
 from ._stability import check_stability
 
 SAMPLE_TOLERANCE = 1e-6
@@ -186,7 +186,8 @@ class LiveLoop:
         self._sample: int | None = None
         self._duty = np.zeros(len(twin.rig.driven))
         self._lowest = np.array(twin.rig.lowest_duty)
-        self._watched: list[tuple[float, np.ndarray]] = []
+        self._limits = controller.channel_limits()
+        self._exceeded: dict[tuple[str, float], ExceededLimit] = {}
 
     def margins(self) -> LoopMargins | None:
         """Computes the margins of the loop at the last references; None for a controller that is
@@ -198,11 +199,7 @@ class LiveLoop:
     @property
     def exceeded(self) -> tuple[ExceededLimit, ...]:
         """The temperature limits of the controller that the readings exceeded until now."""
-        limits = self._controller.channel_limits()
-        if not limits or not self._watched:
-            return ()
-        times, readings = zip(*self._watched, strict=True)
-        return exceeded_limits(limits, tuple(limits), np.array(times), np.array(readings))
+        return tuple(self._exceeded.values())
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
         """Returns the duty at a moment; None at the end of the run."""
@@ -226,7 +223,12 @@ class LiveLoop:
         self._sample, self._duty = sample, np.clip(duty, self._lowest, 1.0)
         reference = self._references[sample]
         outputs = measurement[: len(reference)]
-        self._watched.append((moment.time, measurement[len(reference) :]))
+        watched = measurement[None, len(reference) :]
+        for one in exceeded_soft_limits(
+            self._limits, [*self._limits], np.array([moment.time]), watched
+        ):
+            key = one.channel, one.limit
+            self._exceeded[key] = one.after(self._exceeded.get(key))
         self.decision = Decision(moment.time, reference, outputs, self._duty)
         return self._duty
 

@@ -1,4 +1,4 @@
-"""The temperature limits that a controller could not keep."""
+"""The soft temperature limits that a controller could not keep."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -23,6 +23,13 @@ class ExceededLimit(NamedTuple):
     since: float
     until: float
 
+    def after(self, before: "ExceededLimit | None") -> "ExceededLimit":
+        """What is known of a limit that was exceeded before too; None for the first time."""
+        if before is None:
+            return self
+        worst = max(self.excess, before.excess, key=abs)
+        return before._replace(excess=worst, until=self.until)
+
     def __str__(self) -> str:
         side = "above" if self.excess > 0 else "below"
         return (
@@ -31,7 +38,7 @@ class ExceededLimit(NamedTuple):
         )
 
 
-def exceeded_limits(
+def exceeded_soft_limits(
     limits: Mapping[str, TemperatureLimit],
     channels: Sequence[str],
     time: Float[np.ndarray, " times"],
