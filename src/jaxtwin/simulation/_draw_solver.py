@@ -27,12 +27,13 @@ from ._chunk_programs import (
 from ._compressed import CompressedRecording, compress
 from ._delay import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
+from ._native_chunk import NATIVE_CHUNK, NativeRun, Samples, native_run
 from ._numbered_chunk import NUMBERED_CHUNK, numbered_grid, prepare_numbered, step_numbered
-from ._padding import padded, padded_time_grid
+from ._padding import padded, padded_count, padded_time_grid
 from ._reductions import Readings, Reduction, reduce_readings
-from ._refinement import Results
+from ._refinement import Results, needs_shorter_steps
 from ._time_grid import TimeGrid
-from ._workers import is_accelerated, usual_chunk_size, work_in_chunks
+from ._workers import fill_in_chunks, is_accelerated, usual_chunk_size, work_in_chunks
 
 if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
@@ -74,6 +75,7 @@ class DrawSolver:
         refinement: int,
         on_progress: Callable[[int], None] | None = None,
         total: int | None = None,
+        out: Float[np.ndarray, "draws times channels"] | None = None,
     ) -> Results:
         """Solves draws by the default solver.
 
@@ -82,8 +84,12 @@ class DrawSolver:
         - `refinement`: the number of times that the steps are halved; see `solve_refined`.
         - `on_progress`: called with the number of draws in each finished chunk.
         - `total`: the number of all draws if `draws` is a part of them; see `work_in_chunks`.
+        - `out`: an array into which temperatures may be written; they are among the results in any
+          case.
         """
         own_delays = draws_change_delay(self.twin, draws)
+        if not is_accelerated() and (native := self._native(refinement, own_delays)) is not None:
+            return self._solve_native(native, draws, on_progress, total, out)
         count = total or len(next(iter(draws.values())))
         numbered = None
         if refinement == 0 and not own_delays and is_accelerated():
@@ -113,13 +119,11 @@ class DrawSolver:
                 reduced = self._reduced(prepared, stepped, grid, compressed)
             # Neither shorter steps nor another solver help an invalid draw. NumPy needs no
             # compilation.
+            refused = needs_shorter_steps(
+                prepared.stability_number, stepped.channels.error_estimate, refinement
+            )
             is_valid = np.asarray(prepared.system.is_valid)
-            return {
-                "stability_number": np.where(is_valid, prepared.stability_number, 0.0),
-                "error_estimate": np.where(is_valid, stepped.channels.error_estimate, 0.0),
-                "failed": stepped.failed,
-                **reduced,
-            }
+            return {"refused": refused & is_valid, "failed": stepped.failed, **reduced}
 
         # The next chunk is brought in and the last one out while one is computed.
         overlapped = None if numbered is None else 2 * jax.local_device_count()
@@ -175,6 +179,95 @@ class DrawSolver:
             on_progress=on_progress,
             total=total,
         )
+
+    def _native(self, refinement: int, own_delays: bool) -> NativeRun | None:
+        """The run of `rodas5p.c`, None where it cannot give what is wanted."""
+        reads = {r.reads for name, r in (self.reductions or {}).items() if name != "cost"}
+        if reads & {"energy", "peak_power"}:
+            return None
+        samples: Samples = "none"
+        if self.reductions is None:
+            samples = "all"
+        elif reads & {"trajectory", "padded_trajectory"}:
+            samples = "all"
+        elif "end" in reads:
+            samples = "last"
+        return native_run(
+            self.twin,
+            self.experiment,
+            self.initial,
+            self.columns,
+            # A method of fifth order does with half as many halvings.
+            -(-refinement // 2),
+            own_delays=own_delays,
+            samples=samples,
+            with_cost="cost" in (self.reductions or {}),
+            with_plate="plate_end" in reads,
+        )
+
+    def _solve_native(
+        self,
+        run: NativeRun,
+        draws: Draws,
+        on_progress: Callable[[int], None] | None,
+        total: int | None,
+        out: Float[np.ndarray, "draws times channels"] | None,
+    ) -> Results:
+        count, dtype = len(next(iter(draws.values()))), np.dtype(self.precision)
+        if self.reductions is None and (out is None or out.dtype != dtype):
+            out = np.empty((count, run.samples, len(self.columns)), dtype)
+
+        def work(chunk: Draws, part: slice) -> dict[str, Array | np.ndarray]:
+            number = part.stop - part.start
+            if self.reductions is None:
+                assert out is not None
+                return run.solve(chunk, number, out[part])
+            size, read = len(next(iter(chunk.values()))), None
+            if run.samples:
+                # Copies of the last sample follow, see `padded_trajectory`.
+                rows = padded_count(run.samples) if run.samples > 1 else 1
+                read = np.empty((size, rows, len(self.columns)), dtype)
+            found = run.solve(chunk, number, read)
+            if read is not None:
+                read[:, run.samples :] = read[:, run.samples - 1, None]
+            reduced = self._native_reduced(found, read)
+            return {**found, **reduced}
+
+        few = run.samples <= 1 or self.reductions is None
+        results = fill_in_chunks(
+            draws,
+            work,
+            chunk_size=self.chunk_size or (NATIVE_CHUNK if few else usual_chunk_size()),
+            workers=self.workers,
+            on_progress=on_progress,
+            total=total,
+        )
+        if out is not None:
+            results["temperatures"] = out
+        return results
+
+    def _native_reduced(
+        self,
+        found: dict[str, np.ndarray],
+        read: Float[np.ndarray, "chunk rows channels"] | None,
+    ) -> dict[str, Array | np.ndarray]:
+        """The reductions of what `NativeRun.solve` found and read of a chunk."""
+        dtype = np.dtype(self.precision)
+        results: dict[str, Array | np.ndarray] = {}
+        reductions = dict(self.reductions or {})
+        if "cost" in reductions:
+            del reductions["cost"]
+            results["cost"] = found.pop("cost").astype(dtype)
+        plate = found.pop("plate_end").astype(dtype) if "plate_end" in found else None
+        count = len(self.experiment.time)
+        end = trajectory = None
+        if read is not None:
+            end, trajectory = read[:, min(count, read.shape[1]) - 1], read[:, :count]
+        with own_settings(float64=self.precision == "float64"):
+            return {
+                **results,
+                **reduce_readings(reductions, Readings(trajectory, read, end, plate), None),
+            }
 
     def _usual_chunk_size(self, numbered: TimeGrid | None, is_compressed: bool) -> int:
         """The default chunk size; larger for Rodas5P, unless whole trajectories fill the memory."""

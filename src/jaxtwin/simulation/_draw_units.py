@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 
 from .._errors import SimulationError
 from .._executor import Executor, work_in_units
@@ -38,16 +39,18 @@ def solve_draws(
     executor: Executor | None,
     on_progress: Callable[[int], None] | None = None,
     least: int = 0,
+    out: Float[np.ndarray, "draws times channels"] | None = None,
 ) -> Results:
     """Solves draws in this process, or by the workers of an executor, each with one thread unless
-    the solver has a number of threads. Chunks are at least as large as those of `least` draws.
+    the solver has a number of threads. Chunks are at least as large as those of `least` draws, and
+    temperatures may be written into `out`.
 
     **Raises:** `SimulationError` if the executor fails.
     """
     total = len(next(iter(draws.values())))
     chunked_as = max(total, least)
     if executor is None:
-        return _solve(solver, draws, way, on_progress, chunked_as)
+        return _solve(solver, draws, way, on_progress, chunked_as, out)
     size = _unit_size(solver)
     alone = replace(solver, workers=solver.workers or 1)
     parts = [slice(first, min(first + size, total)) for first in range(0, total, size)]
@@ -78,9 +81,10 @@ def _solve(
     way: Way,
     on_progress: Callable[[int], None] | None,
     total: int,
+    out: Float[np.ndarray, "draws times channels"] | None = None,
 ) -> Results:
     if isinstance(way, int):
-        return solver.solve(draws, way, on_progress, total)
+        return solver.solve(draws, way, on_progress, total, out)
     return solver.solve_with_diffrax(draws, way, on_progress, total)
 
 

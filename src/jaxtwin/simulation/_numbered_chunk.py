@@ -71,7 +71,8 @@ def _padded_grid(experiment: Experiment, lags: bool) -> TimeGrid:
     duty = experiment.duty
     # A lagging duty has a kink where it passes 0 after a reversal.
     settling = SETTLING if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
-    grid = build_time_grid(experiment, FIRST_STEP, GROWTH, LARGEST_STEP, settling, geometric=True)
+    ramp = (FIRST_STEP,)
+    grid = build_time_grid(experiment, FIRST_STEP, GROWTH, LARGEST_STEP, settling, ramp=ramp)
     count = padded_count(len(grid.sizes) + 1, SIZES)
     sizes = np.append(grid.sizes, np.zeros(count - len(grid.sizes)))
     return with_padding(replace(grid, sizes=sizes), 0)

@@ -127,19 +127,19 @@ def solve_refined(
 
     - `draws`: the number of draws.
     - `solve`: (indices of draws, number of halvings) -> results of the default solver, with
-      "stability_number" and "error_estimate".
+      "refused": whether the steps of a draw were too long.
     - `rescue`: indices of draws -> results of a stiff solver.
 
     **Returns:** the results of all draws.
     """
     chosen = np.arange(draws)
     results = solve(chosen, 0)
-    chosen = chosen[_pop_refused(results, 0)]
+    chosen = chosen[results.pop("refused")]
     for refinement in REFINEMENTS:
         if chosen.size == 0:
             return results
         finer = solve(chosen, refinement)
-        refused = _pop_refused(finer, refinement)
+        refused = finer.pop("refused")
         for name, values in finer.items():
             results[name][chosen] = values
         chosen = chosen[refused]
@@ -147,9 +147,3 @@ def solve_refined(
         for name, values in rescue(chosen).items():
             results[name][chosen] = values
     return results
-
-
-def _pop_refused(results: Results, refinement: int) -> Bool[np.ndarray, " draws"]:
-    return needs_shorter_steps(
-        results.pop("stability_number"), results.pop("error_estimate"), refinement
-    )

@@ -126,6 +126,20 @@ $$y(t_0 + s h) = (1 - s) y_0 + s y_1 + s (1 - s) (p_2 + s (p_3 + s p_4)).$$
 """
 
 
+CORRECTION = (
+    0.0,
+    7.560298092921883,
+    -66.33677970337487,
+    177.50113060685334,
+    -186.00271158389666,
+    67.27806258749634,
+)
+r"""The weights of the powers of $s$ in a polynomial $c$ with which $y(t_0 + s h) + c(s) k_8$ is a
+continuous output of fifth order for linear equations. Of $\dot y = \lambda y$ both $k_8$ and the error
+of the output of fourth order begin with $(h \lambda)^5$, and $c$ is the ratio of the two. It is 0 at
+both ends of the step."""
+
+
 def _table(rows: Sequence[Sequence[float]]) -> Float[np.ndarray, "8 8"]:
     """Rows of weights of the stages, filled up with zeros."""
     table = np.zeros((len(NODES), len(NODES)))

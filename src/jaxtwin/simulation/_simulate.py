@@ -31,7 +31,7 @@ from ._initial import (
 from ._integrate import integrate
 from ._modes import run_modes
 from ._padding import padded_time_grid
-from ._refinement import Results, solve_refined, stability_number
+from ._refinement import Results, needs_shorter_steps, solve_refined, stability_number
 from ._resolution import unresolved_network
 from ._run import Run
 from ._time_grid import TimeGrid
@@ -111,8 +111,7 @@ def simulate(
         return {
             "states": np.array(states)[None, samples],
             "readings": np.array(readings)[None, samples],
-            "stability_number": np.asarray(number)[None],
-            "error_estimate": np.asarray(error)[None],
+            "refused": needs_shorter_steps(number, error, refinement)[None],
         }
 
     def solve_by(method: "DiffraxMethod") -> Results:

@@ -63,6 +63,7 @@ def simulate_batch(
     workers: int | None = None,
     executor: Executor | None = None,
     on_progress: Callable[[int], None] | None = None,
+    out: Float[np.ndarray, "draws times channels"] | None = None,
 ) -> Float[np.ndarray, "draws times channels"]:
     """Runs a twin through an experiment for many draws of its parameters.
 
@@ -96,9 +97,11 @@ def simulate_batch(
       another.
     - `on_progress`: called with the number of draws in each chunk when it is solved for the first
       time. Draws that are solved again follow after the last call.
+    - `out`: an array for the temperatures, in the precision of the call and contiguous, such as
+      that of an earlier call: the system fills a new one with zeros first, page by page.
 
     **Returns:** temperatures `(draws, times, channels)`, degC, for the channels that the experiment
-    names, else all. `reduce_batch` keeps less.
+    names, else all: `out` if it is given. `reduce_batch` keeps less.
 
     **Raises:** `ParameterError` for unknown names, for draws that are missing, not one-dimensional,
     not finite or of different numbers, and for a twin with several values of another parameter;
@@ -110,6 +113,7 @@ def simulate_batch(
         experiment,
         draws,
         None,
+        out=out,
         initial=initial,
         precision=precision,
         solver=solver,
@@ -121,7 +125,11 @@ def simulate_batch(
         executor=executor,
         on_progress=on_progress,
     )
-    return results["temperatures"]
+    temperatures = results["temperatures"]
+    if out is None or temperatures is out:
+        return temperatures
+    out[...] = temperatures
+    return out
 
 
 @announced("simulation of many draws")
@@ -167,6 +175,7 @@ def _solve_batch(
     draws: Mapping[str, ArrayLike],
     reductions: ReductionChoice | None,
     *,
+    out: Float[np.ndarray, "draws times channels"] | None = None,
     initial: Initial = None,
     precision: Precision = "float64",
     solver: "diffrax.AbstractSolver | None" = None,
@@ -207,6 +216,8 @@ def _solve_batch(
         workers=workers,
     )
     total = len(next(iter(arrays.values())))
+    if out is not None:
+        _check_out(out, (total, len(experiment.time), len(names)), precision)
     # A caller that counts for itself reports the progress of a larger work.
     report = counting(total, None) if on_progress is None else on_progress
 
@@ -214,8 +225,9 @@ def _solve_batch(
         return {name: values[chosen] for name, values in arrays.items()}
 
     def solve(chosen: Int[np.ndarray, " some"], refinement: int) -> Results:
-        first = None if refinement else report
-        return solve_draws(batch, some(chosen), refinement, executor, first, total // LEAST_PART)
+        first, into = (None, None) if refinement else (report, out)
+        least = total // LEAST_PART
+        return solve_draws(batch, some(chosen), refinement, executor, first, least, into)
 
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
         from ._diffeqsolve import stiff_method
@@ -285,6 +297,25 @@ def checked_draws(
             f"{rig.name}: draws: expected the same number of draws for each, got {found}"
         )
     return checked
+
+
+def _check_out(out: np.ndarray, shape: tuple[int, ...], precision: Precision) -> None:
+    """Checks the array of the caller.
+
+    **Raises:** `SimulationError` if it cannot hold the temperatures.
+    """
+    is_array = isinstance(out, np.ndarray)
+    if not is_array or out.shape != shape or out.dtype != precision:
+        got = f"shape {out.shape}, {out.dtype}" if is_array else repr(type(out).__name__)
+        raise SimulationError(
+            f"out: expected an array of shape {shape} (draws, times, channels), {precision}, got "
+            f"{got}"
+        )
+    if not (out.flags.c_contiguous and out.flags.writeable):
+        raise SimulationError(
+            "out: expected an array that is contiguous and can be written to, got one that is not; "
+            f"numpy.empty({shape}) makes one"
+        )
 
 
 def checked_precision(

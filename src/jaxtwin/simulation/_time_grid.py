@@ -178,7 +178,7 @@ def build_time_grid(
     settling: float = 0.0,
     parts: int = 1,
     inputs: tuple[tuple[Input, bool], ...] = (),
-    geometric: bool = False,
+    ramp: tuple[float, ...] = (),
 ) -> TimeGrid:
     """Builds the time grid of an experiment.
 
@@ -191,9 +191,9 @@ def build_time_grid(
     - `settling`: the time after an input change during which steps do not grow, s.
     - `parts`: the number of steps of a span that is too short for growing steps.
     - `inputs`: the inputs of the rig besides the duty, each with whether it changes a resistance.
-    - `geometric`: whether steps grow by their ratio to the time since the last change, for a solver
-      that does without the exponentials of few sizes, and each longer span ends with a step of no
-      length.
+    - `ramp`: the first steps after an input change, s, for a solver that does without the
+      exponentials of few sizes: the others grow by their ratio to the time since the change, and
+      each longer span ends with a step of no length. `first_step` then has no effect.
 
     **Raises:** `SimulationError` if a run has more steps than fit into memory, or if a recording
     lacks an input.
@@ -218,7 +218,7 @@ def build_time_grid(
     few = parts * np.where(since < settling, REVERSED_PARTS, 1)
     spans = [
         _span_steps(
-            time[start : stop + 1], first_step, growth, largest_step, settling, int(n), geometric
+            time[start : stop + 1], first_step, growth, largest_step, settling, int(n), ramp
         )
         for (start, stop), n in zip(pairwise(marks), few, strict=True)
     ]
@@ -254,7 +254,7 @@ def _span_steps(
     largest: float,
     settling: float,
     parts: int,
-    geometric: bool,
+    ramp: tuple[float, ...],
 ) -> list[float]:
     """The steps of a span between two input changes, whose samples include both ends.
 
@@ -266,8 +266,8 @@ def _span_steps(
     duration = float(time[-1] - time[0])
     if duration <= SHORT_SPAN and len(time) == 2:
         return [duration / parts] * parts
-    if geometric:
-        return [*_geometric(duration, min(first, duration), growth, largest, settling), 0.0]
+    if ramp:
+        return [*_geometric(duration, ramp, growth, largest, settling), 0.0]
     steps = _graded(duration, min(first, duration), growth, largest, settling)
     contains_samples = time[-2] - time[0] > duration - steps[-1] + 1e-9
     return [*steps, 0.0] if contains_samples and duration <= SETTLED else steps
@@ -294,14 +294,17 @@ def _graded(
 
 
 def _geometric(
-    duration: float, first: float, growth: float, largest: float, settling: float
+    duration: float, ramp: tuple[float, ...], growth: float, largest: float, settling: float
 ) -> list[float]:
-    """Steps which grow in proportion to the time since an input change. The last two share what is
-    left, because a last step much shorter than the one before it is as much work."""
-    steps, elapsed = [first], first
+    """Steps which grow in proportion to the time since an input change, after those of the ramp.
+    The last two share what is left, because a last step much shorter than the one before it is as
+    much work."""
+    steps, elapsed = [], 0.0
     while duration - elapsed > 1e-9:
         left = duration - elapsed
-        size = min(max(first, growth * elapsed) if elapsed >= settling else first, largest, left)
+        grown = max(ramp[-1], growth * elapsed) if elapsed >= settling else ramp[-1]
+        wanted = ramp[len(steps)] if len(steps) < len(ramp) else grown
+        size = min(wanted, largest, left)
         if size < left < 1.5 * size:
             size = left / 2
         steps.append(float(size))

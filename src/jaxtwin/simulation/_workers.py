@@ -42,8 +42,45 @@ def work_in_chunks(
 
     **Returns:** the results of all draws, in order.
     """
-    _keep_freed_memory()
     devices = jax.local_devices()
+
+    def work_on_device(
+        chunk: Mapping[str, Float[np.ndarray, " chunk"]], part: slice
+    ) -> Mapping[str, Array | np.ndarray]:
+        number = part.start // len(next(iter(chunk.values())))
+        with jax.default_device(devices[number % len(devices)]):
+            return jax.tree.map(np.asarray, dict(work(chunk)))
+
+    return fill_in_chunks(
+        draws,
+        work_on_device,
+        chunk_size=chunk_size,
+        workers=workers or (len(devices) if is_accelerated() else None),
+        on_progress=on_progress,
+        total=total,
+    )
+
+
+def fill_in_chunks(
+    draws: Mapping[str, Float[np.ndarray, " draws"]],
+    work: Callable[
+        [Mapping[str, Float[np.ndarray, " chunk"]], slice], Mapping[str, Array | np.ndarray]
+    ],
+    *,
+    chunk_size: int,
+    workers: int | None = None,
+    on_progress: Callable[[int], None] | None = None,
+    total: int | None = None,
+) -> dict[str, Shaped[np.ndarray, "draws ..."]]:
+    """Processes all draws as `work_in_chunks` does, with a `work` that may write into an array of
+    all draws itself.
+
+    **Arguments:**
+
+    - `work`: draws of a chunk, and their part of all draws -> further results by name. The last
+      chunk may have more draws than its part, which it ends with copies of the last draw.
+    """
+    _keep_freed_memory()
     count = len(next(iter(draws.values())))
     # Draws that are solved again come in any number: few sizes, few compilations.
     size = min(chunk_size, _power_of_four(total or count))
@@ -53,19 +90,19 @@ def work_in_chunks(
     def work_on(number: int) -> None:
         first = number * size
         chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
-        with jax.default_device(devices[number % len(devices)]):
-            found = jax.tree.map(np.asarray, dict(work(chunk)))
+        part = slice(first, min(first + size, count))
+        found = {name: np.asarray(values) for name, values in work(chunk, part).items()}
         with one_at_a_time:
             for name, values in found.items():
                 if name not in result:
                     result[name] = np.empty((count, *values.shape[1:]), values.dtype)
         for name, values in found.items():
-            result[name][first : first + size] = values[: count - first]
+            result[name][part] = values[: part.stop - first]
         if on_progress is not None:
             with one_at_a_time:
-                on_progress(min(size, count - first))
+                on_progress(part.stop - first)
 
-    threads = workers or (len(devices) if is_accelerated() else _cores())
+    threads = workers or _cores()
     pool = ThreadPoolExecutor(max_workers=threads)
     try:
         # Reading the results raises the exceptions of the workers.

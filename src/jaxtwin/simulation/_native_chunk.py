@@ -1,0 +1,289 @@
+"""Chunks of draws solved by `rodas5p.c`, a draw in each lane of the processor's vectors.
+
+It takes the steps of Rodas5P, as `_numbered_chunk` does on an accelerator, and writes what is wanted
+of the draws into the arrays of the caller: temperatures at samples, mean squared errors, the plate
+at the end. A draw whose error estimate is too large is solved again with steps half as long.
+"""
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Literal, TypeAlias, final
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ..physics import Twin
+from ..physics._wiring import wiring_of
+from ._compressed import compress
+from ._initial import CheckedInitial, keeps_symmetry
+from ._native_library import native_library
+from ._native_network import Outputs, native_network, pack_draws
+from ._native_steps import POWERS, NativeSteps, commanded_steps, shared_delay
+from ._resolution import LARGEST_SPAN
+from ._time_grid import TimeGrid
+
+ERROR_TOLERANCE = 4.5e-4
+"""The largest error estimate of a solution that is accepted, K. Around the bundled rigs all are
+smaller; of draws between all bounds none with a smaller estimate had an error above 1e-3 K."""
+
+MOST_NODES = 400
+"""The largest network. The code for a larger one takes long to compile, and its factors as long as
+the modes of a draw."""
+
+NATIVE_CHUNK = 256
+"""The number of draws in a chunk."""
+
+Samples: TypeAlias = Literal["all", "last", "none"]
+"""Whether the temperatures of the channels are read at all samples, at the last one or at none."""
+
+WIDEST = 8
+"""The largest number of lanes of a vector."""
+
+POINTER = ctypes.c_void_p
+
+
+@final
+class Recording(ctypes.Structure):
+    """`struct recording` of `rodas5p.c`."""
+
+    _fields_ = [
+        ("rows", ctypes.c_int),
+        *((name, POINTER) for name in ("step", "weight", "ambient", "time")),
+        *((name, POINTER) for name in ("target", "counted", "number", "beyond")),
+    ]
+
+
+@final
+class Run(ctypes.Structure):
+    """`struct run`."""
+
+    _fields_ = [
+        *(
+            (name, ctypes.c_int)
+            for name in ("steps", "waiting", "times", "channels", "outputs", "weights")
+        ),
+        ("duration", ctypes.c_double),
+        ("largest_span", ctypes.c_double),
+        *((name, POINTER) for name in ("size", "ambient", "duty", "first_duty", "time")),
+        *((name, POINTER) for name in ("ambient_at", "output_row", "output_node")),
+        ("first_read", ctypes.c_int),
+        ("recording", Recording),
+    ]
+
+
+@final
+class Results(ctypes.Structure):
+    """`struct results`."""
+
+    _fields_ = [
+        ("rows", ctypes.c_size_t),
+        *((name, POINTER) for name in ("temperatures", "temperatures_32", "cost", "others")),
+        *((name, POINTER) for name in ("error_estimates", "failed")),
+    ]
+
+
+@final
+class NativeRun:
+    """A run of a twin for many draws.
+
+    **Arguments:**
+
+    - `library`: that of the network.
+    - `twin`, `initial`, `columns`: as in `DrawSolver`.
+    - `grid`, `steps`: the steps before and after the driver's delay.
+    - `recorded`: the recorded temperatures to which draws are compared, degC; None for no cost.
+    - `samples`: which temperatures are written.
+    - `with_plate`: whether the plate's elements are read at the end.
+    """
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        twin: Twin,
+        initial: CheckedInitial,
+        columns: Int[np.ndarray, " channels"],
+        grid: TimeGrid,
+        steps: NativeSteps,
+        recorded: Float[np.ndarray, "times channels"] | None,
+        samples: Samples,
+        with_plate: bool,
+    ) -> None:
+        wiring = wiring_of(twin.rig, keeps_symmetry(initial))
+        self.library, self.twin, self.initial = library, twin, initial
+        self.columns, self.with_plate = tuple(columns.tolist()), with_plate
+        self.inputs = grid.summary()
+        self._kept: list[np.ndarray] = []
+        outputs = Outputs(wiring, self.columns, with_plate)
+        time = np.asarray(grid.times)
+        ambient = np.zeros(len(time))
+        if grid.ambient_at is not None:
+            ambient = np.asarray(grid.ambient_at) - grid.ambient_at[0]
+        has_cost = recorded is not None
+        self.elements = len(outputs.others)
+        first_read = {"all": 0, "last": len(time) - 1, "none": len(time)}[samples]
+        if with_plate:  # it is read at the last sample
+            first_read = min(first_read, len(time) - 1)
+        self.samples = len(time) - first_read if samples != "none" else 0
+        recording = Recording()
+        if recorded is not None:
+            recording = self._recording(grid, recorded, *steps.places(time), ambient, time)
+        first = steps.duty[0] if grid.steady_start else np.zeros_like(steps.duty[0])
+        position = native_network(wiring).position
+        self.structure = Run(
+            steps=len(steps.size),
+            waiting=steps.waiting,
+            times=len(time),
+            channels=len(columns),
+            outputs=outputs.count,
+            weights=len(outputs.nodes),
+            duration=float(self.inputs.duration),
+            largest_span=LARGEST_SPAN,
+            size=self._double(steps.size),
+            ambient=self._double(steps.ambient),
+            duty=self._double(steps.duty),
+            first_duty=self._double(first),
+            time=self._double(time),
+            ambient_at=self._double(ambient),
+            output_row=self._int(outputs.row),
+            output_node=self._int(position[outputs.nodes]),
+            first_read=first_read,
+            recording=recording,
+        )
+        self.has_cost = has_cost
+
+    def solve(
+        self,
+        draws: Mapping[str, Float[np.ndarray, " chunk"]],
+        count: int,
+        temperatures: Float[np.ndarray, "draws rows channels"] | None,
+    ) -> dict[str, Shaped[np.ndarray, "draws ..."]]:
+        """Solves the first draws of a chunk.
+
+        **Arguments:**
+
+        - `draws`: name -> values; each chunk has the same number.
+        - `count`: the number of draws to solve.
+        - `temperatures`: where the temperatures of the channels are written, degC, in float64 or
+          float32, from the first row of each draw on; None for nowhere.
+
+        **Returns:** "failed"; "refused", whether a draw needs shorter steps; "cost", K^2, and
+        "plate_end", K above the reference, if they are wanted.
+        """
+        with own_settings():
+            numbers = np.ascontiguousarray(
+                pack_draws(
+                    self.twin, draws, self.inputs, self.initial, self.columns, self.with_plate
+                )
+            )
+        found: dict[str, np.ndarray] = {
+            "error_estimate": np.empty(count),
+            "failed": np.empty(count, np.uint8),
+        }
+        if self.has_cost:
+            found["cost"] = np.empty((count, len(self.columns)))
+        if self.with_plate:
+            found["plate_end"] = np.empty((count, self.elements))
+        is_single = temperatures is not None and temperatures.dtype == np.float32
+        to = Results(
+            rows=0 if temperatures is None else temperatures.shape[1],
+            temperatures=None if temperatures is None or is_single else temperatures.ctypes.data,
+            temperatures_32=temperatures.ctypes.data if is_single else None,
+            cost=_address(found.get("cost")),
+            others=_address(found.get("plate_end")),
+            error_estimates=_address(found["error_estimate"]),
+            failed=_address(found["failed"]),
+        )
+        columns, wanted = ctypes.c_size_t(numbers.shape[1]), ctypes.c_size_t(count)
+        code = self.library.jaxtwin_solve(
+            ctypes.byref(self.structure), POINTER(numbers.ctypes.data), columns, wanted,
+            ctypes.byref(to),
+        )  # fmt: skip
+        if code:
+            raise MemoryError("the draws of a chunk do not fit into memory")
+        found["failed"] = found["failed"] != 0
+        found["refused"] = ~(found.pop("error_estimate") <= ERROR_TOLERANCE)
+        return found
+
+    def _recording(
+        self,
+        grid: TimeGrid,
+        recorded: Float[np.ndarray, "times channels"],
+        step: Int[np.ndarray, " times"],
+        part: Float[np.ndarray, " times"],
+        ambient: Float[np.ndarray, " times"],
+        time: Float[np.ndarray, " times"],
+    ) -> Recording:
+        """The recording, in a few rows for each step unless the ambient temperature changes."""
+        there, weight = ~np.isnan(recorded), part[:, None] ** np.arange(POWERS)
+        target, counted = np.nan_to_num(recorded), there.astype(float)
+        number, beyond = there.sum(axis=0), np.zeros(recorded.shape[1])
+        if not np.any(ambient) and self.twin.wiring.ambient_drift is None:
+            few = compress(replace(grid, step_of=step, weights=weight), recorded)
+            number, beyond = few.samples, few.beyond
+            order = np.argsort(few.grid.step_of, kind="stable")
+            step, weight, target, counted = (
+                np.asarray(table)[order]
+                for table in (few.grid.step_of, few.grid.weights, few.target, few.counted)
+            )
+            ambient = time = np.zeros(len(target))
+        # Whole vectors are read, beyond the last channel of the last row too.
+        target, counted = (np.append(table, np.zeros(WIDEST)) for table in (target, counted))
+        doubles = (weight, ambient, time, target, counted, number, beyond)
+        return Recording(len(step), self._int(step), *map(self._double, doubles))
+
+    def _double(self, values: Any) -> int:
+        return self._keep(np.ascontiguousarray(values, float))
+
+    def _int(self, values: Any) -> int:
+        return self._keep(np.ascontiguousarray(values, np.int32))
+
+    def _keep(self, array: np.ndarray) -> int:
+        """The address of an array, which is kept for as long as this run."""
+        self._kept.append(array)
+        return array.ctypes.data
+
+
+def native_run(
+    twin: Twin,
+    experiment: Experiment,
+    initial: CheckedInitial,
+    columns: Int[np.ndarray, " channels"],
+    refinement: int,
+    *,
+    own_delays: bool,
+    samples: Samples,
+    with_cost: bool,
+    with_plate: bool,
+) -> NativeRun | None:
+    """The run of a twin for many draws; None where the programs of JAX solve them: for a rig with
+    inputs besides the duty or a very large network, or without a C compiler.
+
+    **Arguments:**
+
+    - `refinement`: the number of times that the steps are halved.
+    - `own_delays`: whether the draws differ in the driver's delay.
+    - The others are as in `NativeRun`.
+    """
+    wiring = wiring_of(twin.rig, keeps_symmetry(initial))
+    if wiring.inputs or len(wiring.netlist.nodes) > MOST_NODES or (own_delays and with_cost):
+        return None
+    grid = commanded_steps(experiment, wiring.lag is not None, refinement)
+    grid = replace(grid, steady_start=isinstance(initial, str))
+    delay = None if own_delays else shared_delay(twin)
+    steps = NativeSteps.of(grid, delay, own_delays=own_delays)
+    if steps is None:
+        return None
+    library = native_library(native_network(wiring).header)
+    if library is None:
+        return None
+    recorded = experiment.temperatures if with_cost else None
+    return NativeRun(
+        library, twin, initial, columns, grid, steps, recorded, samples, with_plate
+    )
+
+
+def _address(array: np.ndarray | None) -> int | None:
+    return None if array is None else array.ctypes.data

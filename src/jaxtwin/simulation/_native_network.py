@@ -1,0 +1,291 @@
+"""A network as the tables and numbers that `rodas5p.c` takes.
+
+The tables (which nodes are connected, in which order they are eliminated) are the same for all
+draws of a twin and made once. The numbers of a draw are one column of an array.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Any, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .._celsius import ZERO_CELSIUS
+from .._compilation import persistent_jit
+from .._sparse_lu import SparseLU
+from ..physics import System, Twin
+from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
+from ..physics._wiring import Wiring
+from ..rig._plate import FILM_REFERENCE
+from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
+from ._numbered_network import network_pattern
+from ._rosenbrock_step import (
+    CORRECTION,
+    DENSE,
+    GAMMA,
+    NODES,
+    SLOPE_TABLE,
+    STATE_TABLE,
+    TIME,
+)
+from ._time_grid import InputSummary, reference_temperature
+
+NO_LIMIT = 1e300
+"""The current limit of a driver without one, A."""
+
+
+@final
+class Elimination:
+    """A sparsity pattern and its factors by rows, with the nodes in the order of elimination.
+
+    - `order` (nodes,): the node that is eliminated first, second, and so on.
+    - `row`, `column`: where each row of the matrix begins, and the column of each entry.
+    - `factor_row`, `factor_column`, `diagonal`: the same for the factors $L$ and $U$ together, and
+      the place of the diagonal of each row.
+    - `place` (nodes, nodes): the place of each entry among the factors, -1 for none.
+    - `changed`: the places that elimination changes, in its order.
+    """
+
+    def __init__(self, pattern: Bool[np.ndarray, "nodes nodes"]):
+        steps = SparseLU(pattern).elimination
+        self.order = np.array([pivot for pivot, *_ in steps], np.int32)
+        filled = np.array(pattern, bool) | np.eye(len(pattern), dtype=bool)
+        ordered = filled[np.ix_(self.order, self.order)]
+        for pivot, rows, columns in steps:
+            filled[np.ix_(rows, columns)] = True
+            filled[pivot, pivot] = True
+        factors = filled[np.ix_(self.order, self.order)]
+        self.row, self.column = _by_rows(ordered)
+        self.factor_row, self.factor_column = _by_rows(factors)
+        self.place = np.full(factors.shape, -1, np.int32)
+        self.place[factors] = np.arange(np.count_nonzero(factors))
+        self.diagonal = np.diag(self.place).astype(np.int32)
+        self.changed = np.array(
+            [
+                self.place[i, j]
+                for i in range(len(factors))
+                for k in np.flatnonzero(factors[i, :i])
+                for j in k + 1 + np.flatnonzero(factors[k, k + 1 :])
+            ],
+            np.int32,
+        )
+
+
+@final
+class NativeNetwork:
+    """The tables of a network, which are equal for all draws of a twin.
+
+    - `header`: `network.h`, with the patterns of the network and the coefficients of the method.
+    """
+
+    def __init__(self, wiring: Wiring) -> None:
+        self.elimination = Elimination(network_pattern(wiring))
+        self.position = np.argsort(self.elimination.order).astype(np.int32)
+        self.header = self._header(wiring)
+
+    def _header(self, wiring: Wiring) -> str:
+        table, at = self.elimination, self.position
+        cold, hot = at[wiring.cold], at[wiring.hot]
+        cells = len(cold)
+        losses = at[: wiring.elements] if wiring.film_sums is not None else at[:0]
+        # The program takes two at a time.
+        losses = np.append(losses, losses[-1:]) if len(losses) % 2 else losses
+        rows = np.repeat(np.arange(len(table.order)), np.diff(table.row))
+        sizes: dict[str, float] = {
+            "NODES": len(table.order),
+            "ENTRIES": len(table.column),
+            "FACTORS": len(table.factor_column),
+            "CELLS": cells,
+            "LOSSES": len(losses),
+            "ON_OFF": wiring.averaging == "on-off",
+            "BRAKE": wiring.off_phase == "brake",
+            "HAS_LAG": wiring.lag is not None,
+            "HAS_DRIFT": wiring.ambient_drift is not None,
+            "CALM_SQUARE": CALM**2,
+            "FILM_SCALE": 1 / (FILM_REFERENCE**2 + CALM**2),
+            "METHOD_GAMMA": GAMMA,
+        }
+        integers = {
+            "network_row": table.row,
+            "network_column": table.column,
+            "network_factor_of": table.place[rows, table.column],
+            "network_factor_row": table.factor_row,
+            "network_diagonal": table.diagonal,
+            "network_factor_column": table.factor_column,
+            "network_changed": table.changed,
+            "network_cold": cold,
+            "network_hot": hot,
+            "network_cell_factors": [
+                table.place[a, b] for k in range(cells) for a in (cold[k], hot[k])
+                for b in (cold[k], hot[k])
+            ],
+            "network_is_heater": wiring.heaters or [False] * cells,
+            "network_has_own_supply": wiring.own_supply or [False] * cells,
+            "network_loss_node": losses,
+        }  # fmt: skip
+        numbers = {
+            "method_node": NODES,
+            "method_time": TIME,
+            "method_state": STATE_TABLE,
+            "method_slope": SLOPE_TABLE,
+            "method_dense": DENSE,
+            "method_correction": CORRECTION,
+        }
+        lines = [f"#define {name} {number + 0!r}" for name, number in sizes.items()]
+        for kind, tables in (("int", integers), ("double", numbers)):
+            lines += [_table(kind, name, np.asarray(values)) for name, values in tables.items()]
+        return "\n".join(lines) + "\n"
+
+
+@final
+class Outputs:
+    """The sums of node temperatures that are computed of each draw: the readings of channels, then
+    the temperatures of the plate's elements, if they are wanted.
+
+    **Arguments:**
+
+    - `wiring`: that of the systems.
+    - `columns`: the positions of the requested channels among those of the rig.
+    - `with_plate`: whether the elements are wanted.
+
+    `readers` are the nodes that each channel may read, `others` the elements. `row` (outputs + 1,)
+    is where the weights of each output begin, and `nodes` the node of each weight.
+    """
+
+    def __init__(self, wiring: Wiring, columns: Sequence[int], with_plate: bool) -> None:
+        self.columns = np.array(columns, np.int32)
+        # Where a camera's place is a parameter, a zone may read any element of the plate.
+        reads = np.asarray(wiring.channel_weights)[self.columns] != 0
+        if wiring.zones is not None:
+            reads[:, : wiring.elements] = True
+        self.readers = [np.flatnonzero(row).astype(np.int32) for row in reads]
+        # All elements are read, also where one node of the lumped network stands for two.
+        self.others = np.asarray(wiring.rig_elements if with_plate else [], np.int32)
+        self.count = len(self.columns) + len(self.others)
+        lengths = [len(nodes) for nodes in self.readers] + [1] * len(self.others)
+        self.row = np.cumsum([0, *lengths]).astype(np.int32)
+        self.nodes = np.concatenate([*self.readers, self.others])
+
+
+@lru_cache(maxsize=32)
+def native_network(wiring: Wiring) -> NativeNetwork:
+    """The tables of a network, made once."""
+    return NativeNetwork(wiring)
+
+
+@persistent_jit
+def pack_draws(
+    twin: Twin,
+    draws: Mapping[str, Float[Array | np.ndarray, " draws"]],
+    inputs: InputSummary,
+    initial: CheckedInitial,
+    columns: tuple[int, ...],
+    with_plate: bool,
+) -> Float[Array, "numbers draws"]:
+    """Computes the numbers of draws for `rodas5p.c`, in the order of its `struct numbers`.
+
+    **Arguments:** `twin` to `initial` are as in `prepare_chunk`, the others as in `Outputs`.
+    """
+
+    def pack(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Float[Array, " numbers"]:
+        system = twin.with_values(values).system(lumped=keeps_symmetry(initial))
+        network = native_network(system.wiring)
+        outputs = Outputs(system.wiring, columns, with_plate)
+        reference = reference_temperature(system, inputs)
+        start = initial_temperatures(system, initial, inputs.first, reference)
+        drift = system.ambient_drift if inputs.ambient is None else None
+        return _numbers(network, outputs, system, reference, start - reference, drift)
+
+    return jax.vmap(pack, out_axes=1)(draws)
+
+
+def _numbers(
+    network: NativeNetwork,
+    outputs: Outputs,
+    system: System,
+    reference: Float[Array, ""],
+    start: Float[Array, " nodes"],
+    drift: Float[Array, ""] | None,
+) -> Float[Array, " numbers"]:
+    wiring, module, bridge, loss = system.wiring, system.module, system.bridge, system.loss
+    table, columns = network.elimination, outputs.columns
+    order, cells = table.order, len(wiring.cold)
+    rows = np.repeat(np.arange(len(order)), np.diff(table.row))
+    held = system.reservoirs
+    heat = jnp.zeros_like(start) if held is None else held.heat(reference)
+    limit = NO_LIMIT if bridge.current_limit is None else bridge.current_limit
+    share = 1.0 if bridge.supply_share is None else bridge.supply_share
+    gain = system.gain[columns]
+    on_plate = jnp.broadcast_to(system.on_plate, system.gain.shape)[columns]
+    offset = 0.0 if system.offset is None else system.offset[columns]
+    weights = jnp.asarray(system.channel_weights)[columns]
+    lists: list[Any] = [
+        [system.is_valid, reference],
+        [0.0 if one is None else one for one in (system.lag, system.delay, drift)],
+        system.conductance[order[rows], order[table.column]],
+        system.capacitance[order],
+        system.ambient_conductance[order],
+        heat[order],
+        start[order],
+        *(
+            jnp.broadcast_to(jnp.asarray(one), (cells,))
+            for one in (
+                module.seebeck_coefficient,
+                module.electrical_resistance,
+                bridge.supply_voltage * jnp.asarray(share),
+                bridge.supply_resistance,
+                bridge.on_resistance,
+                limit,
+                bridge.own_voltage * jnp.asarray(share),
+            )
+        ),
+        *(
+            []
+            if loss is None
+            else [
+                _even(one)
+                for one in (
+                    loss.film,
+                    jnp.broadcast_to(loss.exponent, loss.film.shape),
+                    STEFAN_BOLTZMANN * loss.radiating,
+                )
+            ]
+        ),
+        gain,
+        jnp.broadcast_to(reference - ZERO_CELSIUS + offset, gain.shape),
+        1 - gain * on_plate,
+        *(weights[row, read] for row, read in enumerate(outputs.readers)),
+        jnp.ones(len(outputs.others)),
+    ]
+    dtype = reference.dtype
+    return jnp.concatenate([jnp.atleast_1d(jnp.asarray(row, dtype)) for row in _flat(lists)])
+
+
+def _even(numbers: Float[Array, " elements"]) -> Float[Array, " even"]:
+    """The numbers of the losses, filled up to an even number."""
+    return jnp.pad(numbers, (0, numbers.size % 2))
+
+
+def _flat(lists: Sequence[Any]) -> list[Any]:
+    return [row for part in lists for row in (part if isinstance(part, list) else [part])]
+
+
+def _table(kind: str, name: str, values: np.ndarray) -> str:
+    """A constant table of one or two dimensions in C."""
+    sizes = "".join(f"[{max(size, 1)}]" for size in values.shape)
+    inner = ", ".join(
+        "{" + ", ".join(repr(number) for number in row) + "}" if values.ndim == 2 else repr(row)
+        for row in (values.astype(int) if kind == "int" else values).tolist()
+    )
+    return f"static const {kind} {name}{sizes} = {{{inner or 0}}};"
+
+
+def _by_rows(
+    pattern: Bool[np.ndarray, "rows columns"],
+) -> tuple[Int[np.ndarray, " begins"], Int[np.ndarray, " entries"]]:
+    """Where each row of a pattern begins, and the column of each entry."""
+    begins = np.append(0, np.cumsum(pattern.sum(axis=1)))
+    return begins.astype(np.int32), np.nonzero(pattern)[1].astype(np.int32)

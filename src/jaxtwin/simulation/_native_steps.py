@@ -1,0 +1,132 @@
+"""The steps of `rodas5p.c` for an experiment.
+
+Right after an input changes, steps are short and grow fast, because the sides of a cell may settle
+within milliseconds; from then on they are in proportion to the time since the change.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._jax_settings import own_settings
+from ..io import Experiment
+from ..physics import Twin
+from ._time_grid import SETTLING, TimeGrid, build_time_grid
+
+RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
+"""The steps right after an input change, s: up to a quarter of a second, each ends four times as
+late as the one before."""
+
+GROWTH, LARGEST_STEP = 0.36, 256.0
+"""The ratio of a step to the time since that change, and the longest step, s."""
+
+WAITING = np.array([1, 1, 2, 4, 8, 16]) / 32
+"""The steps before the first command arrives, as fractions of the driver's delay."""
+
+POWERS = 6
+"""The number of coefficients of a temperature within a step, as in `rodas5p.c`."""
+
+
+@lru_cache(maxsize=64)
+def commanded_steps(experiment: Experiment, lags: bool, refinement: int) -> TimeGrid:
+    """The steps before any delay.
+
+    **Arguments:**
+
+    - `lags`: whether the driver has a lag.
+    - `refinement`: the number of times that steps are halved.
+    """
+    duty, part = experiment.duty, 0.5**refinement
+    # A lagging duty has a kink where it passes 0 after a reversal.
+    settling = SETTLING if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
+    return build_time_grid(
+        experiment,
+        growth=part * GROWTH,
+        largest_step=part * LARGEST_STEP,
+        settling=settling,
+        parts=2**refinement,
+        ramp=RAMP,
+    )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NativeSteps:
+    """The steps of a run after the driver's delay.
+
+    - `size`: of each step, s; of the first `waiting`, as fractions of the delay.
+    - `duty`: the command that is held during each, -1 to 1.
+    - `ambient`: the ambient's deviation from the reference during each, K.
+    - `ends`: when each step ends, s; None if that depends on the draw.
+    """
+
+    size: Float[np.ndarray, " steps"]
+    duty: Float[np.ndarray, "steps cells"]
+    ambient: Float[np.ndarray, " steps"]
+    waiting: int
+    ends: Float[np.ndarray, " steps"] | None
+
+    @classmethod
+    def of(cls, grid: TimeGrid, delay: float | None, *, own_delays: bool) -> "NativeSteps | None":
+        """Applies a delay to commanded steps; None if a recorded ambient temperature changes and
+        the draws differ in the delay.
+
+        **Arguments:**
+
+        - `delay`: that of all draws, s; None without one.
+        - `own_delays`: whether the draws differ in it.
+        """
+        lengths = np.asarray(grid.sizes)[np.asarray(grid.size)]
+        moves = lengths > 0
+        size, duty = lengths[moves], np.asarray(grid.duty)[moves]
+        at = None if grid.ambient_at is None else np.asarray(grid.ambient_at)
+        ambient = np.zeros(len(size)) if at is None else np.asarray(grid.ambient)[moves] - at[0]
+        if delay is None and not own_delays:
+            return cls(size, duty, ambient, 0, np.cumsum(size))
+        first = duty[:1] if grid.steady_start else np.zeros_like(duty[:1])
+        duty = np.concatenate([np.repeat(first, len(WAITING), axis=0), duty])
+        whole = np.concatenate([WAITING, size])
+        changes = at is not None and bool(np.any(at != at[0]))
+        if own_delays or delay is None:
+            none = np.zeros(len(whole))
+            return None if changes else cls(whole, duty, none, len(WAITING), None)
+        ends = np.cumsum(np.concatenate([WAITING * delay, size]))
+        ambient = np.zeros(len(whole))
+        if changes and at is not None:
+            ambient = _means(np.asarray(grid.times), at - at[0], ends)
+        return cls(whole, duty, ambient, len(WAITING), ends)
+
+    def places(
+        self, times: Float[np.ndarray, " times"]
+    ) -> tuple[Int[np.ndarray, " times"], Float[np.ndarray, " times"]]:
+        """The step that each sample is in, and the part of it that has passed."""
+        assert self.ends is not None
+        begins = np.append(0.0, self.ends[:-1])
+        step = np.minimum(np.searchsorted(self.ends, times - 1e-7), len(self.ends) - 1)
+        part = (times - begins[step]) / (self.ends[step] - begins[step])
+        return step.astype(np.int32), np.clip(part, 0, 1)
+
+
+def shared_delay(twin: Twin) -> float | None:
+    """The driver's delay, s; None without one."""
+    delay = twin.wiring.delay
+    if delay is None:
+        return None
+    with own_settings():
+        return float(delay(twin.values_si)[0])
+
+
+def _means(
+    times: Float[np.ndarray, " times"],
+    held: Float[np.ndarray, " times"],
+    ends: Float[np.ndarray, " steps"],
+) -> Float[np.ndarray, " steps"]:
+    """The mean over each step of an input that is held between samples."""
+    summed = np.append(0.0, np.cumsum(held[:-1] * np.diff(times)))
+    begins = np.append(0.0, ends[:-1])
+    total = np.interp(ends, times, summed) - np.interp(begins, times, summed)
+    # The last steps end behind the last sample.
+    return np.where(ends > times[-1], held[-1], total / (ends - begins))
