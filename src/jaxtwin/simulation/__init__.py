@@ -15,6 +15,9 @@ what:
 - one run: `_simulate`, `_run` (its result), `_power`, `_uniformity`, `_exceeded_limits`
 - many draws: `_simulate_batch`, `_draw_solver`, `_chunk_programs`, `_compressed`, `_reductions`
   (what is kept), `_draw_units` and `_workers` (cores, accelerators, clusters)
+- many draws on a CPU with a C compiler: `rodas5p.c`, a draw in each lane of a vector;
+  `_native_library` (compiled and loaded), `_native_network` (a network as its tables and numbers),
+  `_native_steps` (its time grid), `_native_chunk` (a call)
 - one step at a time, for observers and controllers: `_stepper`, `_step_preparation`,
   `_reduced_stepper`
 - diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver),

@@ -185,13 +185,9 @@ class DrawSolver:
         reads = {r.reads for name, r in (self.reductions or {}).items() if name != "cost"}
         if reads & {"energy", "peak_power"}:
             return None
-        samples: Samples = "none"
-        if self.reductions is None:
+        samples: Samples = "last" if "end" in reads else "none"
+        if self.reductions is None or reads & {"trajectory", "padded_trajectory"}:
             samples = "all"
-        elif reads & {"trajectory", "padded_trajectory"}:
-            samples = "all"
-        elif "end" in reads:
-            samples = "last"
         return native_run(
             self.twin,
             self.experiment,
@@ -221,7 +217,7 @@ class DrawSolver:
             number = part.stop - part.start
             if self.reductions is None:
                 assert out is not None
-                return run.solve(chunk, number, out[part])
+                return dict(run.solve(chunk, number, out[part]))
             size, read = len(next(iter(chunk.values()))), None
             if run.samples:
                 # Copies of the last sample follow, see `padded_trajectory`.

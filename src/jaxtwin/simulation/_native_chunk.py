@@ -1,8 +1,8 @@
 """Chunks of draws solved by `rodas5p.c`, a draw in each lane of the processor's vectors.
 
-It takes the steps of Rodas5P, as `_numbered_chunk` does on an accelerator, and writes what is wanted
-of the draws into the arrays of the caller: temperatures at samples, mean squared errors, the plate
-at the end. A draw whose error estimate is too large is solved again with steps half as long.
+It takes steps of Rodas5P, as `_numbered_chunk` does on an accelerator, and writes what is wanted of
+the draws into the arrays of the caller: temperatures at samples, mean squared errors, the plate at
+the end. A draw whose error estimate is too large is solved again with steps half as long.
 """
 
 import ctypes
@@ -112,7 +112,8 @@ class NativeRun:
         with_plate: bool,
     ) -> None:
         wiring = wiring_of(twin.rig, keeps_symmetry(initial))
-        self.library, self.twin, self.initial = library, twin, initial
+        self.library, self.twin = library, twin
+        self.initial: CheckedInitial = initial
         self.columns, self.with_plate = tuple(columns.tolist()), with_plate
         self.inputs = grid.summary()
         self._kept: list[np.ndarray] = []
@@ -159,7 +160,7 @@ class NativeRun:
         draws: Mapping[str, Float[np.ndarray, " chunk"]],
         count: int,
         temperatures: Float[np.ndarray, "draws rows channels"] | None,
-    ) -> dict[str, Shaped[np.ndarray, "draws ..."]]:
+    ) -> dict[str, Shaped[np.ndarray, "solved ..."]]:
         """Solves the first draws of a chunk.
 
         **Arguments:**
@@ -189,8 +190,8 @@ class NativeRun:
         is_single = temperatures is not None and temperatures.dtype == np.float32
         to = Results(
             rows=0 if temperatures is None else temperatures.shape[1],
-            temperatures=None if temperatures is None or is_single else temperatures.ctypes.data,
-            temperatures_32=temperatures.ctypes.data if is_single else None,
+            temperatures=None if is_single else _address(temperatures),
+            temperatures_32=_address(temperatures) if is_single else None,
             cost=_address(found.get("cost")),
             others=_address(found.get("plate_end")),
             error_estimates=_address(found["error_estimate"]),
@@ -280,9 +281,7 @@ def native_run(
     if library is None:
         return None
     recorded = experiment.temperatures if with_cost else None
-    return NativeRun(
-        library, twin, initial, columns, grid, steps, recorded, samples, with_plate
-    )
+    return NativeRun(library, twin, initial, columns, grid, steps, recorded, samples, with_plate)
 
 
 def _address(array: np.ndarray | None) -> int | None:

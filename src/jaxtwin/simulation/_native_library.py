@@ -1,8 +1,8 @@
 """`rodas5p.c`, compiled for a network by the machine's own C compiler when it is first needed.
 
-The libraries are kept beside the compiled programs, under the same rules (`_compilation/_store.py`):
-what is loaded from there is run. A machine without a compiler, or with JAXTWIN_NATIVE=off, solves
-draws by the programs of JAX.
+The libraries are kept beside the compiled programs, under the same rules as those
+(`_compilation/_store.py`): what is loaded from there is run. A machine without a compiler, or with
+JAXTWIN_NATIVE=off, solves draws by the programs of JAX.
 """
 
 import ctypes
@@ -49,12 +49,12 @@ def native_state() -> NativeState:
     """Whether this process solves draws by native libraries, as far as that is known before one is
     compiled."""
     if os.environ.get(VARIABLE, "").lower() in OFF:
-        return NativeState(None, f"off by {VARIABLE}")
+        return NativeState(None, f"by JAX; C is off by {VARIABLE}")
     name = os.environ.get("CC", "cc")
     compiler = shutil.which(name)
     if compiler is None:
-        return NativeState(None, f"off, there is no C compiler {name!r}; CC names another")
-    return NativeState(compiler, f"compiled by {compiler}; {VARIABLE}=off turns it off")
+        return NativeState(None, f"by JAX; there is no C compiler {name!r}, CC names another")
+    return NativeState(compiler, f"in C, compiled by {compiler}; {VARIABLE}=off turns it off")
 
 
 def native_library(header: str) -> ctypes.CDLL | None:
@@ -87,7 +87,7 @@ def _library(compiler: str, header: str) -> ctypes.CDLL | None:
 def _name(compiler: str, header: str) -> str:
     """The name of a kept library. It differs for other sources, compilers and processors, for whose
     instructions a library is compiled."""
-    about = os.stat(compiler)
+    about = Path(compiler).stat()
     parts = [
         SOURCE.read_text(),
         header,

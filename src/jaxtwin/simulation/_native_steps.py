@@ -48,7 +48,7 @@ def commanded_steps(experiment: Experiment, lags: bool, refinement: int) -> Time
         largest_step=part * LARGEST_STEP,
         settling=settling,
         parts=2**refinement,
-        ramp=RAMP,
+        ramp=tuple(part * step for step in RAMP),
     )
 
 

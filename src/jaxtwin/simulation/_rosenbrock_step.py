@@ -135,9 +135,9 @@ CORRECTION = (
     67.27806258749634,
 )
 r"""The weights of the powers of $s$ in a polynomial $c$ with which $y(t_0 + s h) + c(s) k_8$ is a
-continuous output of fifth order for linear equations. Of $\dot y = \lambda y$ both $k_8$ and the error
-of the output of fourth order begin with $(h \lambda)^5$, and $c$ is the ratio of the two. It is 0 at
-both ends of the step."""
+continuous output of fifth order for linear equations. Of $\dot y = \lambda y$ both $k_8$ and the
+error of the output of fourth order begin with $(h \lambda)^5$, and $c$ is the ratio of the two. It
+is 0 at both ends of the step."""
 
 
 def _table(rows: Sequence[Sequence[float]]) -> Float[np.ndarray, "8 8"]:

@@ -27,7 +27,7 @@
 #define POWERS 6 /* a temperature within a step is a polynomial of fifth order */
 
 /* The loops over a small network become straight code. */
-#if NODES <= 64
+#if NODES <= 64 && !defined(__SANITIZE_ADDRESS__)
 #define UNROLLED _Pragma("GCC unroll 1024")
 #else
 #define UNROLLED
