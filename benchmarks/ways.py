@@ -18,9 +18,11 @@ import numpy as np
 from jaxtyping import Float
 
 import jaxtwin as jt
+from jaxtwin.simulation._native_library import VARIABLE
 
 from ._casadi import HAS_COMPILER, CvodesSetting, cvodes, cvodes_cost
 from ._measure import median_ratio, on_all_cores, rounds, run_alone
+from ._pydiffsol import DiffsolSetting, diffsol
 from ._reference import reference_readings
 from ._scipy import lsoda
 from ._stock_diffrax import stock_diffrax
@@ -47,6 +49,16 @@ CVODES = {
     for setting in [CvodesSetting(*tolerances, linear, compiled)]
 }
 
+DIFFSOL = {
+    str(setting): setting
+    for solver, matrix, tolerances in product(
+        ["esdirk34", "bdf"],
+        ["faer_sparse", "nalgebra_dense"],
+        [(1e-5, 1e-4), (5e-6, 5e-5), (1e-6, 1e-5)],
+    )
+    for setting in [DiffsolSetting(solver, matrix, *tolerances)]
+}
+
 SOLVERS: tuple[diffrax.AbstractSolver, ...] = (
     diffrax.Kvaerno3(),
     diffrax.Kvaerno4(),
@@ -56,8 +68,9 @@ SOLVERS: tuple[diffrax.AbstractSolver, ...] = (
 Kvaerno3, and Tsit5 70 times."""
 
 
-def _candidates(quick: bool) -> dict[str, tuple[Candidates, int, int]]:
+def _candidates(task: Task, quick: bool) -> dict[str, tuple[Candidates, int, int]]:
     """Tool -> its settings, how many draws the search takes, and how many are timed."""
+    rust: Candidates = {name: partial(diffsol, setting=one) for name, one in DIFFSOL.items()}
     casadi: Candidates = {
         name: partial(cvodes, setting=setting) for name, setting in CVODES.items()
     }
@@ -72,9 +85,14 @@ def _candidates(quick: bool) -> dict[str, tuple[Candidates, int, int]]:
         for tolerance in (1e-5, 3e-6, 1e-6)
     }
     if quick:
-        casadi, stock, odeint = (dict(list(c.items())[-1:]) for c in (casadi, stock, odeint))
+        casadi, stock, odeint, rust = (
+            dict(list(c.items())[-1:]) for c in (casadi, stock, odeint, rust)
+        )
+    # pydiffsol's model has no lag, no on/off drive and no losses that are not linear.
+    one_thread = {"pydiffsol": (rust, 16, 128)} if task.rig == "paper-2024" else {}
     return {
         "CasADi CVODES": (casadi, 32, 512),
+        **one_thread,
         "diffrax, vmapped": (stock, 16, 64),
         "scipy LSODA": (odeint, 8, 8),
     }
@@ -109,19 +127,30 @@ def _cpu_seconds(run: Run) -> float:
 
 def fastest(task: Task, tool: str, quick: bool) -> tuple[str, Callable[[Task, int], Run]]:
     """A tool's best setting for a task, and what makes it."""
-    candidates, few, _ = _candidates(quick)[tool]
+    candidates, few, _ = _candidates(task, quick)[tool]
     truth = np.stack(on_all_cores(_truth, [(task, number) for number in range(2)]))
     best, _ = search(task, candidates, few, truth)
     return best, candidates[best]
 
 
-def ours(task: Task, count: int, reductions: Any = None, **options: Any) -> Callable[[], Any]:
-    """The batch engine."""
+def ours(
+    task: Task,
+    count: int,
+    reductions: Any = None,
+    native: bool = True,
+    into: bool = False,
+    **options: Any,
+) -> Callable[[], Any]:
+    """The batch engine: in C or by the programs of JAX, into a new array or into the same."""
     experiment, draws = task.experiment, task.draws(count)
 
+    shape = (count, len(experiment.time), len(task.twin.channels))
+    out = np.empty(shape) if into else None
+
     def run() -> Any:
+        os.environ[VARIABLE] = "on" if native else "off"
         if reductions is None:
-            return jt.simulate_batch(task.twin, experiment, draws, **options)
+            return jt.simulate_batch(task.twin, experiment, draws, out=out, **options)
         return jt.reduce_batch(task.twin, experiment, draws, reductions, **options)
 
     run()
@@ -130,7 +159,11 @@ def ours(task: Task, count: int, reductions: Any = None, **options: Any) -> Call
 
 OWN: dict[str, dict[str, Any]] = {
     OURS: {},
+    "jaxtwin, float64, into an array of the caller": {"into": True},
+    "jaxtwin, float64, one thread": {"workers": 1},
     "jaxtwin, float64, cost and final": {"reductions": ["cost", "final"]},
+    "jaxtwin, float64, final, one thread": {"reductions": ["final"], "workers": 1},
+    "jaxtwin, float64, by JAX alone": {"native": False},
     "jaxtwin, float32": {"precision": "float32"},
     "jaxtwin, float32, cost and final": {"precision": "float32", "reductions": ["cost", "final"]},
 }
@@ -156,7 +189,7 @@ def _truth(job: tuple[Task, int]) -> Float[np.ndarray, "t c"]:
 def _around(task: Task, truth: Float[np.ndarray, "d t c"], quick: bool) -> dict[str, Any]:
     searched: dict[str, Any] = {}
     ways: dict[str, tuple[Callable[[], Any], int]] = {}
-    for tool, (candidates, few, many) in _candidates(quick).items():
+    for tool, (candidates, few, many) in _candidates(task, quick).items():
         best, searched[tool] = search(task, candidates, max(few, len(truth)), truth)
         count = max(len(truth), many // 16) if quick else many
         ways[f"{tool}, {best}"] = candidates[best](task, count), count
