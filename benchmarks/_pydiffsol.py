@@ -1,5 +1,5 @@
-"""pydiffsol, a Rust library: equations in its own language, compiled as they are read, one draw at a
-time.
+"""pydiffsol, a Rust library: equations in its own language, compiled as they are read, one draw at
+a time.
 
 At its best: single numbers in place of vectors and matrices, each link once, gains inside the
 equations, and a solve for each stretch between two changes of the input, as no step should straddle

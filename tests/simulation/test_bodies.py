@@ -100,7 +100,7 @@ def test_draws_have_a_coolant_each():
     water = np.array([5.0, 9.0, 30.0])
     drawn = simulate_batch(twin_on_unknown_water(), EXPERIMENT, {"T_water": water})
     for readings, temperature in zip(drawn, water, strict=True):
-        assert readings[70, 0] == pytest.approx(by_hand(70, temperature)[1], abs=1e-6)
+        assert readings[70, 0] == pytest.approx(by_hand(70, temperature)[1], abs=1e-4)
 
 
 @pytest.mark.slow

@@ -27,8 +27,11 @@ OFF = ("off", "0", "no", "false")
 
 SOURCE = Path(__file__).with_name("rodas5p.c")
 
-FLAGS = ("-std=gnu11", "-O3", "-march=native", "-fno-math-errno", "-fPIC", "-shared")
+FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared")
 """Not -ffast-math: draws that fail are recognised by their NaN."""
+
+OWN_PROCESSOR = ("-march=native",)
+"""For all instructions of this processor; left out where the compiler does not know the flag."""
 
 PATIENCE = 60.0
 """The longest time that a compilation may take, s."""
@@ -91,7 +94,9 @@ def _name(compiler: str, header: str) -> str:
     parts = [
         SOURCE.read_text(),
         header,
-        repr((FLAGS, compiler, about.st_size, about.st_mtime_ns, platform.machine())),
+        repr(
+            (FLAGS, OWN_PROCESSOR, compiler, about.st_size, about.st_mtime_ns, platform.machine())
+        ),
         _processor(),
     ]
     return "rodas5p-" + hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -112,13 +117,15 @@ def _compiled(compiler: str, header: str) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "network.h").write_text(header)
         target = Path(folder) / "rodas5p.so"
-        subprocess.run(
-            [compiler, *FLAGS, "-I", folder, str(SOURCE), "-o", str(target), "-lm"],
-            check=True,
-            capture_output=True,
-            timeout=PATIENCE,
-        )
-        return target.read_bytes()
+        last = ["-I", folder, str(SOURCE), "-o", str(target), "-lm"]
+        done = None
+        for flags in (OWN_PROCESSOR, ()):
+            command = [compiler, *FLAGS, *flags, *last]
+            done = subprocess.run(command, check=False, capture_output=True, timeout=PATIENCE)
+            if done.returncode == 0:
+                return target.read_bytes()
+        assert done is not None
+        raise OSError(done.stderr.decode(errors="replace").strip() or "it failed without a word")
 
 
 def _loaded(built: bytes) -> ctypes.CDLL:
