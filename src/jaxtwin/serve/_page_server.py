@@ -1,0 +1,117 @@
+"""A page with its loop and its web server, assembled."""
+
+import contextlib
+import socket
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, final
+
+from .._celsius import ZERO_CELSIUS
+from ..live import Alarms, Event, Finding, RecordConsumer, Replay, RigConnection
+from ..live._stop_request import StopRequest
+from ._access import Access
+from ._app import web_app
+from ._champion import Champion
+from ._desk import Desk
+from ._frame_ring import FrameRing
+from ._live_diagnosis import LiveDiagnosis
+from ._page import Page
+from ._rig_loop import RigLoop
+from ._twin_beside import TwinBeside
+from ._web_server import WebServer
+
+
+@final
+class PageServer:
+    """Serves the page of a rig while the block runs.
+
+    **Arguments:**
+
+    - `source`: the connection, started, or the replay.
+    - `beside`: the twin that follows the rig.
+    - `stop`: the event by which signals end the program.
+    - `access`: who may ask for what.
+    - `opened`: the open port.
+    - `name`: the name of the source, for people.
+    - `recording`: the file that is recorded into; None: none is.
+    - `silence`: the time without data after which there is an alarm, s.
+    - `champion`: the store whose champion is followed; None: there is no store.
+    - `about`: what a recording keeps of each run.
+    - `raised`: called with each new finding.
+    """
+
+    def __init__(
+        self,
+        source: RigConnection | Replay,
+        beside: TwinBeside,
+        stop: StopRequest,
+        access: Access,
+        opened: socket.socket,
+        *,
+        name: str,
+        recording: Path | None = None,
+        silence: float | int = 10.0,
+        champion: Champion | None = None,
+        about: Mapping[str, Any] | None = None,
+        raised: Callable[[Finding], object] = lambda _: None,
+    ):
+        is_live = isinstance(source, RigConnection)
+        ring, rig = FrameRing(), beside.twin.rig
+        self._source, self._raised = source, raised
+        self._records = recording is not None
+        self.page = Page(
+            ring,
+            source,
+            beside,
+            {
+                "source": name,
+                "is_live": is_live,
+                "recording": "" if recording is None else recording.name,
+                "control": access.allow_control,
+            },
+            self._on_finding,
+        )
+        self._diagnosis = LiveDiagnosis(
+            beside.twin, lambda found: ring.append("diagnosis", found), beside.noise
+        )
+        consumers: tuple[RecordConsumer, ...] = ()
+        if is_live:
+            limit = rig.maximum_temperature
+            hottest = None if limit is None else limit - ZERO_CELSIUS
+            names = [channel.name for channel in rig.channels]
+            now = source.clock.now()
+            disk = recording or Path.cwd() / "-"
+            consumers = (Alarms(names, hottest, silence, disk, now, self.page.on_finding),)
+        self.desk = Desk(stop)
+        self.loop = RigLoop(
+            source,
+            self.page,
+            self.desk,
+            consumers=consumers,
+            diagnosis=self._diagnosis,
+            champion=champion,
+            about=about,
+        )
+        self._web = WebServer(web_app(self.page, self.desk, access), opened)
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> "PageServer":
+        self._stack.callback(self._diagnosis.close)
+        self._stack.enter_context(self._web)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+
+    def _on_finding(self, finding: Finding) -> None:
+        self._diagnosis.on_finding(finding)
+        self._raised(finding)
+        if self._records and finding.is_alarm and isinstance(self._source, RigConnection):
+            detail = f"{finding.kind}: {finding.detail} ({finding.severity})"
+            self._source.note(Event("", self._source.clock.now(), "alarm", detail))
