@@ -28,7 +28,6 @@ from ._sources import open_store, open_twin
 
 if TYPE_CHECKING:
     from ..live import Recorder, Replay, RigConnection
-    from ..physics import Twin
     from ..rig import Rig
     from ..serve import Champion, TwinBeside
     from ..twin_store import TwinVersion
@@ -102,8 +101,9 @@ def serve(
     _check_extra()
     from ..live import Finding, Guard, Recorder
     from ..live.protocol._mqtt_address import without_password
+    from ..physics import Faults, Twin
     from ..rig import load_rig
-    from ..serve import Access, PageServer, listening
+    from ..serve import Access, PageServer, VirtualLink, listening
 
     if [bool(link), virtual, replay is not None].count(True) != 1:
         raise typer.BadParameter("give one of --link, --virtual and --replay")
@@ -119,9 +119,11 @@ def serve(
         loaded = load_rig(rig)
         opened = stack.enter_context(contextlib.closing(listening(host, port)))
         address = f"{f'[{host}]' if ':' in host else host}:{opened.getsockname()[1]}"
-        champion, beside = _twin_beside(
-            loaded, store, parameter_file, set_name, noise, calibration, stack
-        )
+        device = None
+        if virtual:
+            known = Faults.parse(faults)
+            device = stack.enter_context(VirtualLink(Twin(loaded), speed=speed, faults=known))
+        champion, beside = _twin_beside(loaded, store, parameter_file, set_name, noise, calibration)
         if allow_control:
             Guard.of(beside.twin)  # refuses a rig without a limit, and compiles
         recorder = None
@@ -132,8 +134,8 @@ def serve(
             source, what = _replay(replay, loaded, speed, stack), f"replay of {replay.name}"
         else:
             links, what = list(link or ()), ", ".join(map(without_password, link or ()))
-            if virtual:
-                links, what = [_virtual_rig(beside.twin, speed, faults, stack)], "virtual rig"
+            if device is not None:
+                links, what = [device.url()], "virtual rig"
             source = _connected(loaded, links, recorder, baud, stack)
         command = stack.enter_context(AlarmCommand(alarm))
 
@@ -187,7 +189,6 @@ def _twin_beside(
     set_name: str | None,
     noise: Path | None,
     calibration: Path | None,
-    stack: contextlib.ExitStack,
 ) -> "tuple[Champion | None, TwinBeside]":
     """The twin that follows the rig, and the store whose champion it is, if there is one."""
     from ..monitoring import MonitorCalibration
@@ -208,7 +209,6 @@ def _twin_beside(
         return TwinBeside(twin, label, noise=known, calibration=healthy)
 
     champion = Champion(open_store(store), of_version)
-    stack.callback(champion.close)
     return champion, of_version(champion.store.version(champion.number))
 
 
@@ -227,16 +227,6 @@ def _replay(file: Path, rig: "Rig", speed: float, stack: contextlib.ExitStack) -
             f"{file}: rig: expected a recording of {rig.name!r}, got one of {recorded.name!r}"
         )
     return source
-
-
-def _virtual_rig(twin: "Twin", speed: float, faults: str, stack: contextlib.ExitStack) -> str:
-    """Starts a virtual rig. Returns the address of its link."""
-    from ..live import VirtualRig
-    from ..physics import Faults
-    from ..serve import VirtualLink
-
-    device = VirtualRig(twin, speed=speed, faults=Faults.parse(faults))
-    return stack.enter_context(VirtualLink(device)).url
 
 
 def _connected(

@@ -217,7 +217,7 @@ def _degrees(value: float | None) -> str:
 
 def _assets() -> Iterator[tuple[str, tuple[bytes, str, str]]]:
     """Name -> content, type and tag of the files of the page."""
-    folder = files(__package__) / "assets"
+    folder = files("jaxtwin.serve") / "assets"
     for prefix, place in (("", folder), ("uplot/", folder / "uplot")):
         for entry in place.iterdir():
             if entry.is_file():

@@ -1,7 +1,6 @@
 """The champion of a store as the twin beside a rig, also after another one was promoted."""
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, final
 
 from ..twin_store import TwinStore, TwinVersion
@@ -26,13 +25,10 @@ class Champion:
         self.number = store.version("champion").number
         """The version that is followed."""
         self._made = made
-        # Compiling in a thread of its own, the loop around the rig goes on.
-        self._maker = ThreadPoolExecutor(1, thread_name_prefix="next twin")
-        self._next: Future[TwinBeside] | None = None
         self._looked = 0
 
     def next(self, now: int) -> TwinBeside | None:
-        """Returns the twin of a new champion, once it is ready; None if there is no other.
+        """Returns the twin of a new champion; None if there is no other.
 
         **Arguments:**
 
@@ -40,19 +36,15 @@ class Champion:
 
         **Raises:** `StoreError` if the store cannot be read, and the errors of making the twin.
         """
-        if self._next is not None:
-            if not self._next.done():
-                return None
-            ready, self._next = self._next, None
-            return ready.result()
         if now - self._looked < LOOK_SECONDS * 1e9:
             return None
         self._looked = now
-        if self.store.aliases.get("champion", self.number) != self.number:
-            version = self.store.version("champion")
-            self.number = version.number
-            self._next = self._maker.submit(self._made, version)
-        return None
+        if self.store.aliases.get("champion", self.number) == self.number:
+            return None
+        version = self.store.version("champion")
+        beside = self._made(version)
+        self.number = version.number
+        return beside
 
     def look_at_once(self) -> None:
         """Makes `next` look at the store, whenever it looked last."""
@@ -74,7 +66,3 @@ class Champion:
                 for one in reversed(self.store.versions[-20:])
             ],
         }
-
-    def close(self) -> None:
-        """Ends the thread."""
-        self._maker.shutdown(wait=True, cancel_futures=True)

@@ -23,7 +23,8 @@ def sample_content(
     duty: Float[np.ndarray, " cells"],
     ambient: float | None,
 ) -> dict[str, Any]:
-    """A reading beside what was expected of it. `time`: s since 1970; the others: degC, `band`: K."""
+    """A reading beside what was expected of it. `time` is in s since 1970, `band` in K, all others
+    in degC."""
     return {
         "t": round(time, DIGITS),
         "measured": rounded(measured),

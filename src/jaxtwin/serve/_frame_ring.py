@@ -1,7 +1,8 @@
 """One ring of encoded frames, in which each client is a cursor.
 
 A frame is encoded once, however many clients there are. There is no queue for a client: one that is
-too slow finds that its next frame has been overwritten, and goes on with the newest. Memory is flat.
+too slow finds that its next frame has been overwritten, and goes on with the newest. The memory is
+the same at all times.
 """
 
 import json

@@ -7,6 +7,8 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float
 
+from .._json_values import json_value
+
 LEVELS = ((1.0, 3600), (10.0, 8640), (60.0, 10_080))
 """The lengths of the intervals, s, and their numbers: an hour, a day and a week."""
 
@@ -140,6 +142,4 @@ class _Level:
 
 def _columns(values: np.ndarray, digits: int) -> list[list[float | None]]:
     """A list for each column; JSON has no NaN."""
-    rounded = np.round(values.astype(float), digits)
-    found = np.where(np.isfinite(rounded), rounded, None)
-    return found.T.tolist()
+    return json_value(np.round(values.astype(float), digits).T)

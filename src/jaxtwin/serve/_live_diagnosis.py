@@ -1,15 +1,24 @@
-"""Diagnoses a rig that has changed, in a thread of its own, from the last minutes of its records."""
+"""Diagnoses a rig that has changed, from the last minutes of its records, in a process of its
+own.
 
-import logging
+In a thread of this process a diagnosis would keep the loop around the rig waiting for many seconds,
+while its functions are traced: longer than the watchdog of a device waits.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import signal
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from .._errors import JaxtwinError
-from ..diagnosis import Diagnosis, diagnose
+from ..diagnosis import diagnose
 from ..io import Experiment
 from ..live import Finding, Reading, Record, RigState
 from ..live.protocol._clock import seconds
@@ -29,7 +38,8 @@ DELAYS = (60.0, 300.0)
 LEAST = 180
 """The smallest number of samples of a diagnosis: an observer needs two minutes to find the rig."""
 
-log = logging.getLogger("jaxtwin.serve")
+NICE = 10
+"""The niceness of the process: the loop around the rig goes first."""
 
 
 class _Row(NamedTuple):
@@ -61,8 +71,7 @@ class LiveDiagnosis:
         self._twin, self._show, self._noise = twin, show, noise
         self._rows: deque[_Row] = deque(maxlen=KEPT)
         self._due: list[float] = []
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="diagnosis")
-        self._running: Future[Diagnosis] | None = None
+        self._running: tuple[SpawnProcess, Connection] | None = None
         self._moments: tuple[int, float] = (0, 0.0)  # host time, ns, and that of the rig, s
         self._origin = 0.0  # s since 1970 at the beginning of the rig's time
         self._rate = 1.0
@@ -97,21 +106,48 @@ class LiveDiagnosis:
     def on_time(self, state: RigState, now: int) -> None:
         """Begins a diagnosis that is due, and shows one that is ready."""
         if self._running is not None:
-            if self._running.done():
-                self._finish(self._running)
-                self._running = None
-            return
-        if self._due and self._rows and self._rows[-1].time >= self._due[0]:
+            self._look(*self._running)
+        elif self._due and self._rows and self._rows[-1].time >= self._due[0]:
             del self._due[0]
             if len(self._rows) >= LEAST:
-                self._show({"state": "running", "causes": []})
-                self._running = self._worker.submit(
-                    diagnose, self._twin, self._recorded(), None, self._noise
-                )
+                self._begin()
 
     def close(self) -> None:
-        """Ends the thread, after a diagnosis that runs."""
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        """Ends a diagnosis that runs."""
+        if self._running is not None:
+            process, answer = self._running
+            process.terminate()
+            process.join()
+            answer.close()
+
+    def _begin(self) -> None:
+        self._show({"state": "running", "causes": []})
+        context = multiprocessing.get_context("spawn")
+        answer, theirs = context.Pipe(duplex=False)
+        arguments = (theirs, self._twin, self._recorded(), self._noise)
+        process = context.Process(target=_diagnose, args=arguments, daemon=True)
+        process.start()
+        theirs.close()
+        self._running = process, answer
+
+    def _look(self, process: SpawnProcess, answer: Connection) -> None:
+        """Shows what the process has found, once it has."""
+        if not answer.poll():
+            return
+        try:
+            causes, problem = answer.recv()
+        except EOFError:
+            causes, problem = [], "its process has died"
+        process.join()
+        answer.close()
+        self._running = None
+        if problem:
+            self._show({"state": "failed", "text": problem, "causes": []})
+            return
+        for cause in causes:
+            for one in cause["explanations"]:
+                one["onset"] = self._origin + one["onset_s"] / self._rate
+        self._show({"state": "done", "causes": causes})
 
     def _recorded(self) -> Experiment:
         rows = list(self._rows)
@@ -125,15 +161,18 @@ class LiveDiagnosis:
             name="live",
         )
 
-    def _finish(self, ready: "Future[Diagnosis]") -> None:
-        try:
-            found = ready.result()
-        except JaxtwinError as error:
-            log.warning("not diagnosed: %s", error)
-            self._show({"state": "failed", "text": str(error), "causes": []})
-            return
-        causes = found.to_dict()["causes"]
-        for cause in causes:
-            for one in cause["explanations"]:
-                one["onset"] = self._origin + one["onset_s"] / self._rate
-        self._show({"state": "done", "causes": causes})
+
+def _diagnose(
+    answer: Connection, twin: Twin, recorded: Experiment, noise: ProcessNoise | None
+) -> None:
+    """Diagnoses, and sends causes and problem."""
+    # Ctrl-C reaches all processes of a terminal; the loop ends this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(AttributeError, OSError):  # Windows has no niceness
+        os.nice(NICE)
+    try:
+        found = diagnose(twin, recorded, None, noise)
+    except JaxtwinError as error:
+        answer.send(([], str(error)))
+    else:
+        answer.send((found.to_dict()["causes"], ""))

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol, final
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 
@@ -35,6 +35,7 @@ _COUNTED = frozenset({"garbage", "nonsense", "duplicate"})  # events that the st
 _MEMORY = 60.0  # s of the rig over which errors are averaged
 
 
+@runtime_checkable
 class LinkStates(Protocol):
     """What a page asks a source for, beside its records."""
 
@@ -75,6 +76,8 @@ class Page:
         self.ring = ring
         self.problem = ""
         """What keeps the server from its work, such as a full disk; `""`: nothing."""
+        self.cause = ""
+        """What explains the findings most likely; `""`: nobody has said."""
         self.records = 0
         """The number of records that were consumed."""
         self.turned = time.monotonic()
@@ -103,6 +106,7 @@ class Page:
         self._follower = beside.monitor.follower
         self._observed = self._error = self._surprise = self._time = 0.0
         self._outlook = None
+        self.cause = ""
         self.ring.append(
             "layout",
             {
@@ -118,6 +122,16 @@ class Page:
         """Adds a line to the log of the page; `at` is its time, s since 1970."""
         self._lines.append({"t": time.time() if at is None else at, "level": level, "text": text})
         self.ring.append("log", list(self._lines))
+
+    def show_diagnosis(self, found: dict[str, Any]) -> None:
+        """Shows a diagnosis, as `LiveDiagnosis` gives it."""
+        self.ring.append("diagnosis", found)
+        if found["causes"]:
+            best = found["causes"][-1]["explanations"][0]
+            self.cause = f"{best['name']}, {100 * best['probability']:.0f} %"
+            self.say("notice", f"most likely (estimate): {self.cause}")
+        elif found["state"] == "done":
+            self.cause = ""
 
     def on_finding(self, finding: Finding) -> None:
         """Takes a new finding of an alarm or of the monitor."""
@@ -179,7 +193,7 @@ class Page:
         def gauge(name: str, about: str, label: str, names: Any, values: Any) -> Metric:
             return Metric(f"jaxtwin_{name}", "gauge", about, label, _named(names, values))
 
-        def single(name: str, kind: str, about: str, value: float) -> Metric:
+        def single(name: str, kind: str, about: str, value: float | int) -> Metric:
             return Metric(f"jaxtwin_{name}", kind, about, "", {"": float(value)})
 
         return [
@@ -269,6 +283,7 @@ class Page:
             trip=state.trip,
             limit=None if limit is None else limit - ZERO_CELSIUS,
             findings=self._beside.monitor.present,
+            cause=self.cause,
             problem=self.problem,
             ended=self._source.ended,
             observed=self._observed,

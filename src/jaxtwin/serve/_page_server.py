@@ -72,9 +72,7 @@ class PageServer:
             },
             self._on_finding,
         )
-        self._diagnosis = LiveDiagnosis(
-            beside.twin, lambda found: ring.append("diagnosis", found), beside.noise
-        )
+        self._diagnosis = LiveDiagnosis(beside.twin, self.page.show_diagnosis, beside.noise)
         consumers: tuple[RecordConsumer, ...] = ()
         if is_live:
             limit = rig.maximum_temperature

@@ -20,7 +20,7 @@ from ..live import (
 )
 from ..live._switch_off import switch_off
 from ._champion import Champion
-from ._desk import Answer, Desk, DriveOrder, Order, PromoteOrder
+from ._desk import Answer, Desk, DriveOrder, Order, PromoteOrder, RollbackOrder
 from ._live_diagnosis import LiveDiagnosis
 from ._page import Page
 
@@ -103,7 +103,6 @@ class RigLoop:
     def look(self) -> None:
         """Looks at the desk during a run."""
         self._service.take([])
-        self._follow_champion()
         taken = self._desk.next()
         if taken is None:
             return
@@ -172,7 +171,7 @@ class RigLoop:
         self._page.say("notice" if ending.off else "critical", str(ending))
         self._show_run("idle", str(ending))
 
-    def _move(self, order: Order) -> Answer:
+    def _move(self, order: PromoteOrder | RollbackOrder) -> Answer:
         """Moves the champion."""
         if self._champion is None:
             return Answer(False, "there is no store")
@@ -190,6 +189,7 @@ class RigLoop:
         return Answer(True, f"the champion is version {champion.number}")
 
     def _follow_champion(self) -> None:
+        """Goes on with a new champion. A run is guarded by the twin with which it began."""
         if self._champion is None:
             return
         try:

@@ -27,7 +27,7 @@ Level = Literal["good", "unknown", "notice", "warning", "critical"]
 
 @final
 class Sentence(NamedTuple):
-    """An answer: `level` for its colour and sign, `head` in a few words, `text` with the numbers."""
+    """An answer: `level` for its colour and sign, `head` in a few words, `text` with numbers."""
 
     level: Level
     head: str
@@ -44,7 +44,8 @@ class Situation(NamedTuple):
     - `faults`: the channels that have failed, with the reason.
     - `trip`: why the device has switched off; `""` if it has not.
     - `limit`: the temperature at which the cells are switched off, degC; None: not stated.
-    - `findings`: the findings that are there.
+    - `findings`: the findings that are there. `cause`: what explains them most likely; `""`: nobody
+      has said.
     - `problem`: what keeps the server from its work, such as a full disk.
     - `ended`: whether the source has ended, as a replay does.
     - `observed`: for how long the rig has been observed, s of the rig.
@@ -62,6 +63,7 @@ class Situation(NamedTuple):
     trip: str
     limit: float | None
     findings: Sequence[Finding]
+    cause: str
     problem: str
     ended: bool
     observed: float
@@ -85,8 +87,14 @@ def is_rig_well(now: Situation) -> Sentence:
         return Sentence("warning", "The device has switched off", text)
     alarms = [finding for finding in now.findings if finding.is_alarm]
     if alarms:
-        more = f" ({len(alarms) - 1} more)" if len(alarms) > 1 else ""
-        return Sentence("warning", "Something has changed", f"{_capital(alarms[0].detail)}.{more}")
+        # What is said of a single part says more than what is said of all together.
+        first = max(alarms, key=lambda one: (bool(one.channel), abs(one.size or 0.0)))
+        text = f"{_capital(first.detail)}."
+        if len(alarms) > 1:
+            text = f"{text} {len(alarms) - 1} more findings."
+        if now.cause:
+            text = f"Most likely (estimate): {now.cause}. {text}"
+        return Sentence("warning", "Something has changed", text)
     if now.faults:
         names = ", ".join(now.faults)
         return Sentence("warning", "A channel has failed", f"No reading from {names}.")
@@ -100,7 +108,7 @@ def is_rig_well(now: Situation) -> Sentence:
 
 def is_twin_right(now: Situation) -> Sentence:
     """Whether the twin is right: whether it expects the readings as well as it says."""
-    if now.age is None:
+    if now.age is None or now.age > OLD_SECONDS:
         return Sentence("unknown", "The twin waits", "There is no reading to compare it with.")
     if now.observed < SETTLE:
         left = SETTLE - now.observed
@@ -143,9 +151,9 @@ def _forecast(now: Situation, place: int) -> str:
 
 def _silent(now: Situation) -> Sentence:
     """What is known where no readings arrive."""
-    links = "; ".join(f"{name} is {state}" for name, state in now.links.items())
-    refused = "; ".join(f"{name} was refused: {why}" for name, why in now.refusals.items())
-    text = f"{_capital(refused or links or 'there is no link')}."
+    links = "; ".join(f"The link {name} is {state}" for name, state in now.links.items())
+    refused = "; ".join(f"The link {name} was refused: {why}" for name, why in now.refusals.items())
+    text = f"{refused or links or 'There is no link'}."
     if now.age is None:
         return Sentence("unknown", "Waiting for the rig", text)
     return Sentence("critical", "No readings", f"The last is {now.age:.0f} s old. {text}")

@@ -1,34 +1,44 @@
-"""A virtual rig in this process, behind a port of its own."""
+"""A virtual rig in a process of its own, as a device is: it goes on whatever this program does."""
 
-import threading
+import contextlib
+import multiprocessing
+import signal
+from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import final
 
+from .._errors import JaxtwinError, LinkError
 from ..live import SystemClock, TcpServer, VirtualRig
 from ..live import serve as serve_device
+from ..physics import Faults, Twin
+
+START_SECONDS = 120.0
+"""The longest time until it is ready, s: it compiles its twin."""
 
 
 @final
 class VirtualLink:
-    """Runs a virtual rig in a thread while the block runs.
+    """Runs a virtual rig while the block runs.
 
     **Arguments:**
 
-    - `device`: the virtual rig.
+    - `twin`: the twin that it simulates.
+    - `speed`: the seconds of the rig in a second.
+    - `faults`: the faults that it simulates.
+    - `seed`: the seed of noise and faults.
     """
 
-    def __init__(self, device: VirtualRig):
-        self._server = TcpServer("127.0.0.1:0")
-        self.url = self._server.url
-        """The address of its link."""
-        self._stop = threading.Event()
-        arguments = (device, self._server, SystemClock(), self._stop)
-        self._thread = threading.Thread(
-            target=serve_device, args=arguments, name="virtual rig", daemon=True
+    def __init__(self, twin: Twin, *, speed: float | int = 1.0, faults: Faults, seed: int = 0):
+        context = multiprocessing.get_context("spawn")
+        self._answer, theirs = context.Pipe(duplex=False)
+        self._process = context.Process(
+            target=_run, args=(theirs, twin, speed, faults, seed), name="virtual rig", daemon=True
         )
+        # It compiles while this process does other things.
+        self._process.start()
+        theirs.close()
 
     def __enter__(self) -> "VirtualLink":
-        self._thread.start()
         return self
 
     def __exit__(
@@ -37,6 +47,33 @@ class VirtualLink:
         error: BaseException | None,
         where: TracebackType | None,
     ) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._server.close()
+        self._process.terminate()
+        self._process.join()
+        self._answer.close()
+
+    def url(self) -> str:
+        """Waits until it is ready, and returns the address of its link.
+
+        **Raises:** `LinkError` if it cannot be started, such as for a fault of a part that the rig
+        does not have.
+        """
+        with contextlib.suppress(EOFError):
+            if self._answer.poll(START_SECONDS):
+                url, problem = self._answer.recv()
+                if problem:
+                    raise LinkError(f"virtual rig: {problem}")
+                return url
+        raise LinkError("virtual rig: expected a process that starts, got one that has ended")
+
+
+def _run(answer: Connection, twin: Twin, speed: float, faults: Faults, seed: int) -> None:
+    # Ctrl-C reaches all processes of a terminal; the server switches its cells off first.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        device = VirtualRig(twin, speed=speed, faults=faults, seed=seed)
+        server = TcpServer("127.0.0.1:0")
+    except JaxtwinError as error:
+        answer.send(("", str(error)))
+        return
+    answer.send((server.url, ""))
+    serve_device(device, server, SystemClock())

@@ -82,7 +82,7 @@ export class Charts {
       make("figcaption", {}, head, value), box));
     const faint = { stroke: "transparent", width: 0, points: { show: false } };
     const chart = new this.uPlot({
-      ...this.#common(box, 110),
+      ...this.#common(box),
       series: [
         {}, { ...faint }, { ...faint }, { ...faint }, { ...faint },
         { stroke: () => colour("--estimate"), width: 1.5, dash: [5, 3], points: { show: false } },
@@ -103,7 +103,7 @@ export class Charts {
     const box = make("div", { class: "plot" });
     root.append(box);
     return new this.uPlot({
-      ...this.#common(box, 130),
+      ...this.#common(box),
       series: [{}, ...this.layout.driven.map((part, k) => ({
         label: part.name, stroke: DRIVEN[k % DRIVEN.length], width: 2, dash: DASHES[k % DASHES.length],
         paths: this.uPlot.paths.stepped({ align: 1 }), points: { show: false },
@@ -117,18 +117,20 @@ export class Charts {
     return { time: true, range: () => this.range?.x ?? [0, 1] };
   }
 
-  #common(box, height) {
+  #common(box) {
+    const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
+    const height = Math.round(8.2 * rem);
     const axis = {
       stroke: () => colour("--quiet"), grid: { stroke: () => colour("--grid"), width: 1 },
-      ticks: { show: false }, font: "11px system-ui, sans-serif",
+      ticks: { show: false }, font: `${Math.round(0.72 * rem)}px system-ui, sans-serif`,
     };
     return {
       width: Math.max(box.clientWidth, 100), height,
       legend: { show: false },
       cursor: { y: false, sync: { key: "jaxtwin" }, points: { show: false }, drag: { x: false, y: false } },
       axes: [
-        { ...axis, size: 22, space: 70, values: (_, splits) => splits.map((one) => this.#tick(one)) },
-        { ...axis, size: 38, space: 28 },
+        { ...axis, size: 1.5 * rem, space: 5 * rem, values: (_, splits) => splits.map((one) => this.#tick(one)) },
+        { ...axis, size: 2.5 * rem, space: 1.9 * rem },
       ],
     };
   }

@@ -102,6 +102,13 @@ function buildControl(layout) {
 }
 
 function run({ state: now, duty, text }) {
+  // What is driven already, unless somebody has moved a slider.
+  if (now === "driving" && sliders.every((slider) => slider.value === "0")) {
+    sliders.forEach((slider, k) => {
+      slider.value = String(Math.round(100 * duty[k]));
+      slider.dispatchEvent(new Event("input"));
+    });
+  }
   setText(start, now === "driving" ? "Change the duty" : "Start");
   const held = duty.map((part) => `${numberText(100 * part, 0)} %`).join(", ");
   setText(state, now === "driving" ? `The rig is driven: ${held}.` : text ? `Not driven: ${text}.` : "Not driven.");

@@ -93,7 +93,7 @@ class View {
     const [values, valueRows] = table("Table of values",
       ["Channel", "Measured", "Expected (estimate)", "Difference", "In a minute (estimate)"]);
     const [unseen, unseenRows] = table("Estimates of what nothing measures",
-      ["Estimate", "Now", "± 95 %", "In a minute"]);
+      ["Estimate", "Now", "±", "Later"]);
     const [findings, findingRows] = table("Table of findings", ["Since", "What", "Size", "Sure"]);
     const [twins, twinRows] = table("Table of twins", ["Version", "Made", "Why", "Role"]);
     Object.assign(this, { valueRows, unseenRows, findingRows, twinRows });
@@ -112,13 +112,11 @@ class View {
         ),
         make("div", { class: "column wide" },
           part("channels", "Channels", this.spanChoice, legend, this.chartBox),
+          part("values", "Values, °C", values),
+          part("unseen", "What nothing measures: estimates now, with 95 % band, and in a minute", unseen),
         ),
-        part("values", "Values, °C", values),
-        part("unseen", "What nothing measures", unseen),
-        make("div", { class: "column" },
-          this.twinsPart,
-          part("log", "Log", this.lines),
-        ),
+        this.twinsPart,
+        part("log", "Log", this.lines),
       ),
     );
     this.twinsPart.hidden = true;
@@ -227,7 +225,7 @@ class View {
       return;
     }
     const causes = found.causes.map((cause) => make("div", { class: "cause" },
-      ...cause.explanations.slice(0, 5).map((one) => {
+      ...cause.explanations.filter((one, k) => k === 0 || one.probability >= 0.005).slice(0, 5).map((one) => {
         const percent = Math.round(100 * one.probability);
         const size = one.size === null || one.unit === "multiple" ? "" :
           `, size ${numberText(one.size, 2)}${one.unit === "1" || one.unit === "share" ? "" : ` ${one.unit}`} (${numberText(one.lower, 2)} to ${numberText(one.upper, 2)})`;
