@@ -93,6 +93,10 @@ DEFAULTS = {
     "sensitivity": {
         "method": "correlations", "spread": 0.25, "inputs": "normal", "output": ["cost"], "seed": 0,
     },
+    "serve": {
+        "speed": 1.0, "faults": "", "host": "127.0.0.1", "port": 8000, "silence": 10.0,
+        "baud": 115_200,
+    },
     "simulate": {"duration": 1000.0},
     "sweep": {
         "duration": 1000.0, "spread": 0.25, "precision": "float64", "chunk": 65_536, "seed": 0,

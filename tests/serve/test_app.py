@@ -6,6 +6,7 @@ import re
 from collections.abc import AsyncIterator
 from html.parser import HTMLParser
 from importlib.resources import files
+from pathlib import Path
 
 import pytest
 from asgi import ask
@@ -227,3 +228,11 @@ def test_the_log_and_the_ring_do_not_grow() -> None:
     lines = shown.ring.newest_of("log")
     assert len(lines) == 60
     assert lines[-1]["text"] == "line 299"
+
+
+def test_the_dashboard_of_grafana_asks_for_metrics_that_are_there() -> None:
+    file = Path(__file__).parents[2] / "docs/operations/grafana-jaxtwin.json"
+    asked = set(re.findall(r"jaxtwin_[a-z_]+", file.read_text(encoding="utf-8")))
+    text = ask(bench().app, "/metrics").body.decode()
+    assert asked <= set(re.findall(r"# TYPE (\S+)", text))
+    assert len(asked) >= 8

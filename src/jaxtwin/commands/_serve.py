@@ -99,7 +99,7 @@ def serve(
     always stop the rig. The exit code is 4 if there was an alarm.
     """
     _check_extra()
-    from ..live import Finding, Guard, Recorder
+    from ..live import Finding, Guard, Recorder, opener
     from ..live.protocol._mqtt_address import without_password
     from ..physics import Faults, Twin
     from ..rig import load_rig
@@ -119,6 +119,9 @@ def serve(
         loaded = load_rig(rig)
         opened = stack.enter_context(contextlib.closing(listening(host, port)))
         address = f"{f'[{host}]' if ':' in host else host}:{opened.getsockname()[1]}"
+        for url in link or ():  # what is invalid is refused before the twin is compiled
+            opener(url, loaded, baud=baud)
+        replayed = None if replay is None else _replay(replay, loaded, speed, stack)
         device = None
         if virtual:
             known = Faults.parse(faults)
@@ -130,8 +133,8 @@ def serve(
         if out is not None:
             recorder = stack.enter_context(Recorder(out, loaded, append=out.exists()))
         source: RigConnection | Replay
-        if replay is not None:
-            source, what = _replay(replay, loaded, speed, stack), f"replay of {replay.name}"
+        if replayed is not None:
+            source, what = replayed, f"replay of {replayed.session.file.name}"
         else:
             links, what = list(link or ()), ", ".join(map(without_password, link or ()))
             if device is not None:

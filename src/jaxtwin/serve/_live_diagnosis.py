@@ -8,9 +8,9 @@ while its functions are traced: longer than the watchdog of a device waits.
 import contextlib
 import multiprocessing
 import os
-import signal
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, final
@@ -25,6 +25,7 @@ from ..live.protocol._clock import seconds
 from ..monitoring._finding_log import KINDS
 from ..observers import ProcessNoise
 from ..physics import Twin
+from ._child_process import end_with_parent
 
 SPACING = 1.0
 """The time between two samples that are kept, s of the rig."""
@@ -51,6 +52,13 @@ class _Row(NamedTuple):
     ambient: float
 
 
+class _Found(NamedTuple):
+    """The causes as `Diagnosis.to_dict` gives them, and why there are none."""
+
+    causes: list[dict[str, Any]]
+    problem: str
+
+
 @final
 class LiveDiagnosis:
     """Says which fault explains what a monitor has found. It consumes the records of a source.
@@ -71,7 +79,9 @@ class LiveDiagnosis:
         self._twin, self._show, self._noise = twin, show, noise
         self._rows: deque[_Row] = deque(maxlen=KEPT)
         self._due: list[float] = []
-        self._running: tuple[SpawnProcess, Connection] | None = None
+        self._waiter = ThreadPoolExecutor(1, thread_name_prefix="diagnosis")
+        self._running: Future[_Found] | None = None
+        self._process: SpawnProcess | None = None
         self._moments: tuple[int, float] = (0, 0.0)  # host time, ns, and that of the rig, s
         self._origin = 0.0  # s since 1970 at the beginning of the rig's time
         self._rate = 1.0
@@ -106,48 +116,46 @@ class LiveDiagnosis:
     def on_time(self, state: RigState, now: int) -> None:
         """Begins a diagnosis that is due, and shows one that is ready."""
         if self._running is not None:
-            self._look(*self._running)
+            if self._running.done():
+                self._finish(self._running.result())
+                self._running = None
         elif self._due and self._rows and self._rows[-1].time >= self._due[0]:
             del self._due[0]
             if len(self._rows) >= LEAST:
-                self._begin()
+                self._show({"state": "running", "causes": []})
+                # Starting a process waits for it, which the loop must not.
+                self._running = self._waiter.submit(self._in_process, self._recorded())
 
     def close(self) -> None:
         """Ends a diagnosis that runs."""
-        if self._running is not None:
-            process, answer = self._running
-            process.terminate()
-            process.join()
-            answer.close()
+        if self._process is not None:
+            self._process.terminate()
+        self._waiter.shutdown(wait=True, cancel_futures=True)
 
-    def _begin(self) -> None:
-        self._show({"state": "running", "causes": []})
+    def _in_process(self, recorded: Experiment) -> "_Found":
         context = multiprocessing.get_context("spawn")
         answer, theirs = context.Pipe(duplex=False)
-        arguments = (theirs, self._twin, self._recorded(), self._noise)
-        process = context.Process(target=_diagnose, args=arguments, daemon=True)
+        arguments = (theirs, self._twin, recorded, self._noise)
+        self._process = process = context.Process(target=_diagnose, args=arguments, daemon=True)
         process.start()
         theirs.close()
-        self._running = process, answer
-
-    def _look(self, process: SpawnProcess, answer: Connection) -> None:
-        """Shows what the process has found, once it has."""
-        if not answer.poll():
-            return
         try:
-            causes, problem = answer.recv()
+            return answer.recv()
         except EOFError:
-            causes, problem = [], "its process has died"
-        process.join()
-        answer.close()
-        self._running = None
-        if problem:
-            self._show({"state": "failed", "text": problem, "causes": []})
+            return _Found([], "its process has ended")
+        finally:
+            process.join()
+            answer.close()
+            self._process = None
+
+    def _finish(self, found: "_Found") -> None:
+        if found.problem:
+            self._show({"state": "failed", "text": found.problem, "causes": []})
             return
-        for cause in causes:
+        for cause in found.causes:
             for one in cause["explanations"]:
                 one["onset"] = self._origin + one["onset_s"] / self._rate
-        self._show({"state": "done", "causes": causes})
+        self._show({"state": "done", "causes": found.causes})
 
     def _recorded(self) -> Experiment:
         rows = list(self._rows)
@@ -166,13 +174,12 @@ def _diagnose(
     answer: Connection, twin: Twin, recorded: Experiment, noise: ProcessNoise | None
 ) -> None:
     """Diagnoses, and sends causes and problem."""
-    # Ctrl-C reaches all processes of a terminal; the loop ends this one.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     with contextlib.suppress(AttributeError, OSError):  # Windows has no niceness
         os.nice(NICE)
     try:
         found = diagnose(twin, recorded, None, noise)
     except JaxtwinError as error:
-        answer.send(([], str(error)))
+        answer.send(_Found([], str(error)))
     else:
-        answer.send((found.to_dict()["causes"], ""))
+        answer.send(_Found(found.to_dict()["causes"], ""))

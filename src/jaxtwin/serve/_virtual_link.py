@@ -2,7 +2,6 @@
 
 import contextlib
 import multiprocessing
-import signal
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import final
@@ -11,6 +10,7 @@ from .._errors import JaxtwinError, LinkError
 from ..live import SystemClock, TcpServer, VirtualRig
 from ..live import serve as serve_device
 from ..physics import Faults, Twin
+from ._child_process import end_with_parent
 
 START_SECONDS = 120.0
 """The longest time until it is ready, s: it compiles its twin."""
@@ -67,8 +67,7 @@ class VirtualLink:
 
 
 def _run(answer: Connection, twin: Twin, speed: float, faults: Faults, seed: int) -> None:
-    # Ctrl-C reaches all processes of a terminal; the server switches its cells off first.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     try:
         device = VirtualRig(twin, speed=speed, faults=faults, seed=seed)
         server = TcpServer("127.0.0.1:0")

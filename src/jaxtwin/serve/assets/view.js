@@ -93,7 +93,7 @@ class View {
     const [values, valueRows] = table("Table of values",
       ["Channel", "Measured", "Expected (estimate)", "Difference", "In a minute (estimate)"]);
     const [unseen, unseenRows] = table("Estimates of what nothing measures",
-      ["Estimate", "Now", "±", "Later"]);
+      ["", "Now", "± 95 %", "In a minute"]);
     const [findings, findingRows] = table("Table of findings", ["Since", "What", "Size", "Sure"]);
     const [twins, twinRows] = table("Table of twins", ["Version", "Made", "Why", "Role"]);
     Object.assign(this, { valueRows, unseenRows, findingRows, twinRows });
@@ -113,7 +113,7 @@ class View {
         make("div", { class: "column wide" },
           part("channels", "Channels", this.spanChoice, legend, this.chartBox),
           part("values", "Values, °C", values),
-          part("unseen", "What nothing measures: estimates now, with 95 % band, and in a minute", unseen),
+          part("unseen", "What nothing measures (estimates)", unseen),
         ),
         this.twinsPart,
         part("log", "Log", this.lines),
@@ -173,7 +173,7 @@ class View {
       ...layout.nodes.map((name, k) => [`${name}, °C`, numberText(outlook.nodes[k]),
         numberText(outlook.nodes_band[k]), numberText(outlook.nodes_later[k])]),
       ["room, °C", numberText(outlook.room), numberText(outlook.room_band), ""],
-      ...layout.driven.map((part, k) => [`unexplained heat at ${part.name}, W`,
+      ...layout.driven.map((part, k) => [`heat at ${part.name} that is unexplained, W`,
         signedText(outlook.heats[k], 2), numberText(outlook.heats_band[k], 2), ""]),
     ]);
   }
