@@ -98,7 +98,7 @@ def _add(name: str, panel: str, function, *example: str) -> None:
     app.command(name, help=text, rich_help_panel=panel, epilog=_example(*example))(function)
 
 
-_add("demo", START, _demo.demo, "jaxtwin demo --out report")
+_add("demo", START, _demo.demo, "jaxtwin demo --out report", "jaxtwin demo --live")
 _add("rigs", RIGS, _rigs.rigs, "jaxtwin rigs")
 _add("check", RIGS, _rigs.check, "jaxtwin check my-rig.toml")
 _add(

@@ -1,19 +1,30 @@
 """The loop around a virtual rig: the page follows it, orders are obeyed behind the interlocks, and
 a stop reaches it whatever it does. A clock that tests turn; no waiting."""
 
+import time
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from asgi import HOST, ask
-from hand_clock import HandClock, virtual_bench
+from faulty_runs import ONSET, recording
+from hand_clock import START, HandClock, virtual_bench
 from small_page import TOKEN, twin
 from small_results import fit
 
-from jaxtwin import TwinStore
-from jaxtwin.live import Record, Recorder, RigConnection, RigState, Sample, VirtualRig
+from jaxtwin import RecordingError, TwinStore
+from jaxtwin.live import (
+    Finding,
+    Reading,
+    Record,
+    Recorder,
+    RigConnection,
+    RigState,
+    Sample,
+    VirtualRig,
+)
 from jaxtwin.live._stop_request import StopRequest
 from jaxtwin.serve import (
     Access,
@@ -21,12 +32,14 @@ from jaxtwin.serve import (
     Desk,
     FrameRing,
     LiveDiagnosis,
+    LiveRefit,
     Page,
+    RecentSamples,
     RigLoop,
     TwinBeside,
     web_app,
 )
-from jaxtwin.serve._desk import DriveOrder, PromoteOrder, RollbackOrder
+from jaxtwin.serve._desk import DriveOrder, PromoteOrder, RefitOrder, RollbackOrder
 
 
 class Bench:
@@ -286,15 +299,60 @@ def test_a_stop_through_the_application_reaches_a_run() -> None:
     assert not any(bench.device.pwm)
 
 
-def test_a_diagnosis_waits_until_an_observer_has_found_the_rig() -> None:
-    shown: list[dict[str, Any]] = []
-    diagnosis = LiveDiagnosis(twin(), shown.append)
-    bench = Bench(diagnosis=diagnosis)
+def test_the_last_minutes_are_a_recording_of_a_sample_in_each_second() -> None:
+    recent = RecentSamples(twin())
+    bench = Bench(consumers=(recent,))
+    with pytest.raises(RecordingError, match="expected readings and duty"):
+        recent.recorded()
     bench.turn(20.0)
-    rows = list(diagnosis._rows)
-    assert len(rows) == pytest.approx(20, abs=2)
-    assert all(1.0 <= b.time - a.time < 1.3 for a, b in pairwise(rows))
-    recorded = diagnosis._recorded()
+    recorded = recent.recorded()
     assert recorded.channels == twin().channels
-    assert shown == []
+    assert len(recorded.time) == pytest.approx(20, abs=2)
+    assert 1.0 <= min(np.diff(recorded.time)) <= max(np.diff(recorded.time)) < 1.3
+    assert recent.recorded(5.0).duration == pytest.approx(5.0, abs=1.3)
+    assert recent.host_time(recent.now) == pytest.approx(bench.clock.now() * 1e-9, abs=1.5)
+
+
+def test_a_refit_needs_a_store_and_readings(store: TwinStore) -> None:
+    bench = Bench()
+    answer = bench.desk.ask(RefitOrder(600.0))
+    bench.loop.turn()
+    assert "no store" in answer.result(0).text
+    recent = RecentSamples(twin())
+    bench = Bench(refit=LiveRefit(store, recent, print))
+    answer = bench.desk.ask(RefitOrder(600.0))
+    bench.loop.turn()
+    assert answer.result(0) == (
+        False,
+        "the last minutes: expected readings and duty, got none yet",
+    )
+
+
+@pytest.mark.slow
+def test_a_change_is_diagnosed_beside_the_loop() -> None:
+    """Half of the strings of a heater fail, and the diagnosis says so, in a process of its own."""
+    shown: list[dict[str, Any]] = []
+    recent = RecentSamples(twin())
+    diagnosis = LiveDiagnosis(twin(), recent, shown.append)
+    run = recording("fail", "H1", 1.0)
+    state = RigState()
+    for number, (duty, row) in enumerate(zip(run.duty, np.asarray(run.temperatures), strict=True)):
+        at = START + number * 10**9
+        counts = tuple(round(255 * float(part)) for part in duty)
+        for record in (
+            Sample("rig", "b", at, number * 10**6, number, counts, None),
+            Reading("rig", "b", at, number * 10**6, number, row, False, None),
+        ):
+            state = state.after(record)
+            recent.on_record(record, state)
+        if number == ONSET + 30:
+            diagnosis.on_finding(Finding("sudden", "T1 is off", "T1"))
+    diagnosis.on_time(state, START)
+    while len(shown) < 2:
+        time.sleep(0.1)
+        diagnosis.on_time(state, START)
     diagnosis.close()
+    assert [one["state"] for one in shown] == ["running", "done"]
+    best = shown[1]["causes"][0]["explanations"][0]
+    assert best["name"] == "fail H1"
+    assert best["onset"] == pytest.approx(START * 1e-9 + ONSET, abs=10.0)

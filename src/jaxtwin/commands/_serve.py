@@ -4,9 +4,10 @@ import contextlib
 import getpass
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -27,10 +28,14 @@ from ._signals import stop_signals
 from ._sources import open_store, open_twin
 
 if TYPE_CHECKING:
-    from ..live import Recorder, Replay, RigConnection
+    from collections.abc import Callable
+
+    from ..live import Record, Recorder, Replay, RigConnection
+    from ..observers import ProcessNoise
+    from ..physics import Twin
     from ..rig import Rig
-    from ..serve import Champion, TwinBeside
-    from ..twin_store import TwinVersion
+    from ..serve import TwinBeside
+    from ..twin_store import TwinStore, TwinVersion
 
 
 def serve(
@@ -98,12 +103,14 @@ def serve(
     set a duty, behind all interlocks, and change the champion of the store. Who has the token may
     always stop the rig. The exit code is 4 if there was an alarm.
     """
-    _check_extra()
-    from ..live import Finding, Guard, Recorder, opener
+    check_extra()
+    from ..live import Finding, Guard, OperatingLimits, Record, Recorder, opener
     from ..live.protocol._mqtt_address import without_password
+    from ..monitoring import MonitorCalibration
+    from ..observers import ProcessNoise
     from ..physics import Faults, Twin
     from ..rig import load_rig
-    from ..serve import Access, PageServer, VirtualLink, listening
+    from ..serve import Access, Champion, PageServer, TwinBeside, VirtualLink, listening
 
     if [bool(link), virtual, replay is not None].count(True) != 1:
         raise typer.BadParameter("give one of --link, --virtual and --replay")
@@ -126,20 +133,39 @@ def serve(
         if virtual:
             known = Faults.parse(faults)
             device = stack.enter_context(VirtualLink(Twin(loaded), speed=speed, faults=known))
-        champion, beside = _twin_beside(loaded, store, parameter_file, set_name, noise, calibration)
+        chosen, twins = _chosen_twin(loaded, store, parameter_file, set_name)
+        levels = None if noise is None else ProcessNoise.load(noise)
+        healthy = None if calibration is None else MonitorCalibration.load(calibration)
         if allow_control:
-            Guard.of(beside.twin)  # refuses a rig without a limit, and compiles
+            OperatingLimits.of(chosen.twin)  # refuses a rig without a limit
+
+        def beside_of(one: _ChosenTwin) -> TwinBeside:
+            known = one.noise if levels is None else levels
+            return TwinBeside(one.twin, one.label, noise=known, calibration=healthy)
+
+        def made() -> TwinBeside:
+            if allow_control:
+                Guard.of(chosen.twin)  # compiles
+            return beside_of(chosen)
+
         recorder = None
         if out is not None:
             recorder = stack.enter_context(Recorder(out, loaded, append=out.exists()))
         source: RigConnection | Replay
+        early: list[Record] = []
         if replayed is not None:
             source, what = replayed, f"replay of {replayed.session.file.name}"
+            beside = made()
+        elif device is not None:
+            beside, what = made(), "virtual rig"
+            source = _connected(loaded, [device.url()], recorder, baud, stack)
         else:
-            links, what = list(link or ()), ", ".join(map(without_password, link or ()))
-            if device is not None:
-                links, what = [device.url()], "virtual rig"
-            source = _connected(loaded, links, recorder, baud, stack)
+            what = ", ".join(map(without_password, link or ()))
+            source = _connected(loaded, link or [], recorder, baud, stack)
+            beside, early = _polled_meanwhile(source, made)
+        champion = None
+        if twins is not None:
+            champion = Champion(twins, lambda version: beside_of(_of_version(loaded, version)))
         command = stack.enter_context(AlarmCommand(alarm))
 
         def raised(finding: Finding) -> None:
@@ -163,17 +189,17 @@ def serve(
             raised=raised,
         )
         with server:
-            _announce(address, access.token, token_file)
+            announce(address, access.token, token_file)
             if duration is not None:
                 timer = threading.Timer(duration, stop.set)
                 timer.daemon = True
                 timer.start()
-            server.loop.run()
+            server.loop.run(early)
     if command.rung:
         raise typer.Exit(ALARMED)
 
 
-def _check_extra() -> None:
+def check_extra() -> None:
     """Refuses to go on without the web server.
 
     **Raises:** `JaxtwinError` that says how to install it.
@@ -185,34 +211,43 @@ def _check_extra() -> None:
         )
 
 
-def _twin_beside(
-    rig: "Rig",
-    store: Path | None,
-    parameter_file: Path | None,
-    set_name: str | None,
-    noise: Path | None,
-    calibration: Path | None,
-) -> "tuple[Champion | None, TwinBeside]":
+class _ChosenTwin(NamedTuple):
+    """A twin, what it is for people, and the noise that is stored with it."""
+
+    twin: "Twin"
+    label: str
+    noise: "ProcessNoise | None"
+
+
+def _chosen_twin(
+    rig: "Rig", store: Path | None, parameter_file: Path | None, set_name: str | None
+) -> "tuple[_ChosenTwin, TwinStore | None]":
     """The twin that follows the rig, and the store whose champion it is, if there is one."""
-    from ..monitoring import MonitorCalibration
-    from ..observers import ProcessNoise
-    from ..serve import Champion, TwinBeside
+    if store is not None:
+        twins = open_store(store)
+        return _of_version(rig, twins.version("champion")), twins
+    label = f"values of {parameter_file.name}" if parameter_file else "values of the rig file"
+    return _ChosenTwin(open_twin(rig, set_name, parameter_file), label, None), None
 
-    levels = None if noise is None else ProcessNoise.load(noise)
-    healthy = None if calibration is None else MonitorCalibration.load(calibration)
-    if store is None:
-        twin = open_twin(rig, set_name, parameter_file)
-        label = f"values of {parameter_file.name}" if parameter_file else "values of the rig file"
-        return None, TwinBeside(twin, label, noise=levels, calibration=healthy)
 
-    def of_version(version: "TwinVersion") -> "TwinBeside":
-        twin = open_twin(rig, None, Path(version.address))
-        label = f"version {version.number} of {store.name}"
-        known = version.noise if levels is None else levels
-        return TwinBeside(twin, label, noise=known, calibration=healthy)
+def _of_version(rig: "Rig", version: "TwinVersion") -> _ChosenTwin:
+    twin = open_twin(rig, None, Path(version.address))
+    return _ChosenTwin(
+        twin, f"version {version.number} of {Path(version.store).name}", version.noise
+    )
 
-    champion = Champion(open_store(store), of_version)
-    return champion, of_version(champion.store.version(champion.number))
+
+def _polled_meanwhile(
+    source: "RigConnection", made: "Callable[[], TwinBeside]"
+) -> "tuple[TwinBeside, list[Record]]":
+    """Makes a twin, which compiles for seconds, while the source is polled: its journal has what
+    arrives meanwhile. Returns these records too."""
+    records: list[Record] = []
+    with ThreadPoolExecutor(1, thread_name_prefix="first twin") as maker:
+        ready = maker.submit(made)
+        while not ready.done():
+            records += source.poll()
+        return ready.result(), records
 
 
 def _replay(file: Path, rig: "Rig", speed: float, stack: contextlib.ExitStack) -> "Replay":
@@ -244,7 +279,7 @@ def _connected(
     return stack.enter_context(connect(rig, *links, journal=recorder, baud=baud))
 
 
-def _announce(address: str, token: str, file: Path | None) -> None:
+def announce(address: str, token: str, file: Path | None) -> None:
     """Says where the page is. The token stands behind a #, which browsers do not send."""
     if file is None:
         say(f"http://{address}/\nto command, or to stop the rig: http://{address}/#{token}")

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._celsius import ZERO_CELSIUS
+from .._compilation import persistent_jit
 from ..observers import AbstractObserver, OpenLoop
 from ..physics import Twin
 from .protocol._clock import seconds
@@ -109,7 +110,7 @@ class Follower:
         self._state = jax.tree.map(np.asarray, state)
 
 
-@jax.jit
+@persistent_jit
 def _predicted(
     observer: AbstractObserver[Any], state: Any, duty: Array, room: Array, dt: Array
 ) -> tuple[Any, Float[Array, " channels"]]:
@@ -117,7 +118,7 @@ def _predicted(
     return state, observer.readings(state, room)
 
 
-@jax.jit
+@persistent_jit
 def _corrected(
     observer: AbstractObserver[Any], state: Any, readings: Array, mask: Array, room: Array
 ) -> Any:

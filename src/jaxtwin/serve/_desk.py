@@ -40,7 +40,15 @@ class RollbackOrder:
     reason: str
 
 
-Order = DriveOrder | PromoteOrder | RollbackOrder
+@final
+@dataclass(frozen=True)
+class RefitOrder:
+    """Refit the champion of the store to the last seconds of the rig."""
+
+    seconds: float
+
+
+Order = RefitOrder | DriveOrder | PromoteOrder | RollbackOrder
 
 
 @final

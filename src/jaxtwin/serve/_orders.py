@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from .._errors import JaxtwinError
-from ._desk import DriveOrder, Order, PromoteOrder, RollbackOrder
+from ._desk import DriveOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
+from ._recent_samples import KEPT, SPACING
 
 LONGEST = 86_400.0
 """The longest time for which a duty is held, s of the rig."""
@@ -14,7 +15,7 @@ LONGEST = 86_400.0
 LONGEST_TEXT = 300
 """The longest reason, letters."""
 
-KINDS = ("drive", "promote", "rollback")
+KINDS = ("drive", "promote", "rollback", "refit")
 """The kinds of orders, which are the ends of their addresses."""
 
 
@@ -44,6 +45,9 @@ def order_of(kind: str, body: bytes, lowest: Sequence[float]) -> Order:
             if not isinstance(version, int | str) or isinstance(version, bool):
                 raise JaxtwinError(f"version: expected a number or an alias, got {version!r}")
             return PromoteOrder(str(version)[:LONGEST_TEXT], _reason(fields))
+        case "refit":
+            check_names(fields, {"seconds"})
+            return RefitOrder(_number("seconds", fields.get("seconds"), 300.0, KEPT * SPACING))
         case "rollback":
             check_names(fields, {"reason"})
             return RollbackOrder(_reason(fields))

@@ -2,7 +2,8 @@
 
 import contextlib
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, final
@@ -16,7 +17,9 @@ from ._champion import Champion
 from ._desk import Desk
 from ._frame_ring import FrameRing
 from ._live_diagnosis import LiveDiagnosis
+from ._live_refit import LiveRefit
 from ._page import Page
+from ._recent_samples import RecentSamples
 from ._rig_loop import RigLoop
 from ._twin_beside import TwinBeside
 from ._web_server import WebServer
@@ -37,6 +40,7 @@ class PageServer:
     - `recording`: the file that is recorded into; None: none is.
     - `silence`: the time without data after which there is an alarm, s.
     - `champion`: the store whose champion is followed; None: there is no store.
+    - `consumers`: makes those who get the records too, from the page and its desk.
     - `about`: what a recording keeps of each run.
     - `raised`: called with each new finding.
     """
@@ -53,6 +57,7 @@ class PageServer:
         recording: Path | None = None,
         silence: float | int = 10.0,
         champion: Champion | None = None,
+        consumers: Callable[[Page, Desk], Sequence[RecordConsumer]] = lambda page, desk: (),
         about: Mapping[str, Any] | None = None,
         raised: Callable[[Finding], object] = lambda _: None,
     ):
@@ -72,22 +77,29 @@ class PageServer:
             },
             self._on_finding,
         )
-        self._diagnosis = LiveDiagnosis(beside.twin, self.page.show_diagnosis, beside.noise)
-        consumers: tuple[RecordConsumer, ...] = ()
+        recent = RecentSamples(beside.twin)
+        self._diagnosis = LiveDiagnosis(beside.twin, recent, self.page.show_diagnosis, beside.noise)
+        self._refit = None
+        if champion is not None:
+            say = partial(self.page.say, "notice")
+            self._refit = LiveRefit(champion.store, recent, say)
+        self.desk = Desk(stop)
+        watching: list[RecordConsumer] = [recent, *consumers(self.page, self.desk)]
         if is_live:
             limit = rig.maximum_temperature
             hottest = None if limit is None else limit - ZERO_CELSIUS
             names = [channel.name for channel in rig.channels]
             now = source.clock.now()
             disk = recording or Path.cwd() / "-"
-            consumers = (Alarms(names, hottest, silence, disk, now, self.page.on_finding),)
-        self.desk = Desk(stop)
+            alarms = Alarms(names, hottest, silence, disk, now, self.page.on_finding)
+            watching.append(alarms)
         self.loop = RigLoop(
             source,
             self.page,
             self.desk,
-            consumers=consumers,
+            consumers=tuple(watching),
             diagnosis=self._diagnosis,
+            refit=self._refit,
             champion=champion,
             about=about,
         )
@@ -96,6 +108,8 @@ class PageServer:
 
     def __enter__(self) -> "PageServer":
         self._stack.callback(self._diagnosis.close)
+        if self._refit is not None:
+            self._stack.callback(self._refit.close)
         self._stack.enter_context(self._web)
         return self
 

@@ -1,7 +1,7 @@
 """The loop around the rig that a page shows: it polls, and obeys the orders of the desk."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any, Literal, final
 
@@ -20,8 +20,9 @@ from ..live import (
 )
 from ..live._switch_off import switch_off
 from ._champion import Champion
-from ._desk import Answer, Desk, DriveOrder, Order, PromoteOrder, RollbackOrder
+from ._desk import Answer, Desk, DriveOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
 from ._live_diagnosis import LiveDiagnosis
+from ._live_refit import LiveRefit
 from ._page import Page
 
 IDLE_SECONDS = 0.2
@@ -47,6 +48,7 @@ class RigLoop:
     - `consumers`: who else gets the records.
     - `diagnosis`: says why the rig has changed; None: nobody does.
     - `champion`: the store whose champion is followed; None: there is no store.
+    - `refit`: refits that champion when it is asked; None: nobody does.
     - `about`: what a recording keeps of each run, such as who started the server.
     """
 
@@ -59,23 +61,29 @@ class RigLoop:
         consumers: tuple[RecordConsumer, ...] = (),
         diagnosis: LiveDiagnosis | None = None,
         champion: Champion | None = None,
+        refit: LiveRefit | None = None,
         about: Mapping[str, Any] | None = None,
     ):
         self._source, self._page, self._desk, self._champion = source, page, desk, champion
-        self._diagnosis = diagnosis
-        of_diagnosis = () if diagnosis is None else (diagnosis,)
-        self._service = Service(source, [*of_diagnosis, *consumers, page])
+        self._diagnosis, self._refit = diagnosis, refit
+        beside = [one for one in (diagnosis, refit) if one is not None]
+        self._service = Service(source, [*consumers, *beside, page])
         self._about = about or {}
         self._held: tuple[float, ...] = ()
         self._ends = self._elapsed = 0.0
         self._show_run("idle", "")
         self._show_twins()
 
-    def run(self) -> None:
+    def run(self, early: Sequence[Record] = ()) -> None:
         """Runs until the program is to end. The cells are off afterwards if a run commanded them.
+
+        **Arguments:**
+
+        - `early`: records that were polled before.
 
         **Raises:** the errors of consumers, and of a replay that is damaged.
         """
+        self._service.take(early)
         while not self._desk.is_over:
             if self._desk.take_stop():
                 self._stop()
@@ -117,6 +125,9 @@ class RigLoop:
     def _obey(self, order: Order, answer: "Future[Answer]") -> None:
         if isinstance(order, DriveOrder):
             self._drive(order, answer)
+            return
+        if isinstance(order, RefitOrder):
+            answer.set_result(self._begin_refit(order))
             return
         answer.set_result(self._move(order))
 
@@ -170,6 +181,18 @@ class RigLoop:
         ending = switch_off(self._source, trip=True, insist=False)
         self._page.say("notice" if ending.off else "critical", str(ending))
         self._show_run("idle", str(ending))
+
+    def _begin_refit(self, order: RefitOrder) -> Answer:
+        if self._refit is None:
+            return Answer(False, "there is no store whose champion could be refitted")
+        if self._refit.is_running:
+            return Answer(False, "a refit goes on already")
+        try:
+            self._refit.begin(order.seconds)
+        except RecordingError as error:
+            return Answer(False, str(error))
+        self._page.say("notice", f"refit to the last {order.seconds:.0f} s of the rig")
+        return Answer(True, "the champion is being refitted")
 
     def _move(self, order: PromoteOrder | RollbackOrder) -> Answer:
         """Moves the champion."""

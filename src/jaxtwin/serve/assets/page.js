@@ -38,8 +38,11 @@ const view = createView(main, {
   uPlot: window.uPlot,
   aside: controlBox,
   history: loadHistory,
-  twinAction: (kind, version) => command(kind, kind === "promote"
-    ? { version, reason: "promoted on the page" } : { reason: "rolled back on the page" }),
+  twinAction: (kind, version) => command(kind, {
+    promote: { version, reason: "promoted on the page" },
+    rollback: { reason: "rolled back on the page" },
+    refit: { seconds: 900 },
+  }[kind]),
 });
 
 // Commands.

@@ -18,7 +18,7 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
  *
  * - `uPlot`: the class of the library that draws charts.
  * - `history`: a function that promises the history of so many seconds.
- * - `twinAction`: called with "promote" and a version, or "rollback"; null where nobody may.
+ * - `twinAction`: called with "promote" and a version, "rollback" or "refit"; null where nobody may.
  * - `aside`: an element that stands beside the charts, such as one with commands.
  */
 export function createView(root, { uPlot, history, twinAction = null, aside = "" }) {
@@ -99,7 +99,10 @@ class View {
     Object.assign(this, { valueRows, unseenRows, findingRows, twinRows });
     this.causes = make("div", { class: "causes" });
     this.lines = make("ol", { class: "log", tabindex: "0", "aria-label": "Log, the newest first" });
-    this.twinsPart = part("twins", "Twins of the store", twins);
+    this.refit = make("button", {
+      type: "button", class: "refit", hidden: true, click: () => this.twinAction("refit"),
+    }, "Refit to the last 15 minutes");
+    this.twinsPart = part("twins", "Twins of the store", twins, this.refit);
     this.platePart = part("plate", "Plate", this.plateBox);
     this.root.replaceChildren(
       story, this.spokenText,
@@ -240,6 +243,7 @@ class View {
   #twins(twins) {
     this.twinsPart.hidden = false;
     const isAllowed = this.twinAction && this.layout?.control;
+    this.refit.hidden = !isAllowed;
     setRows(this.twinRows, twins.versions.map((one) => {
       const roles = make("span", {}, one.aliases.join(", "));
       if (isAllowed && one.number !== twins.followed) {
