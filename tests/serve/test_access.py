@@ -124,6 +124,13 @@ def test_an_order_that_is_none_names_the_field(case: str) -> None:
     assert bench().desk.next() is None
 
 
+@pytest.mark.parametrize("seconds", [0, 299, 1501, "900", None, True])
+def test_a_refit_to_too_little_or_to_more_than_is_kept_is_refused(seconds: object) -> None:
+    answer = refused("/control/refit", body=[json.dumps({"seconds": seconds}).encode()])
+    assert answer.status == 400
+    assert "300 to 1500" in answer.json["error"]
+
+
 @pytest.mark.parametrize("text", ["NaN", "Infinity", "-Infinity", "1e999"])
 def test_a_duty_that_is_no_number_is_refused(text: str) -> None:
     """Python's reader of JSON takes them."""
@@ -137,7 +144,7 @@ def test_a_body_that_does_not_end_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     assert not bench().desk.stop.is_set()
 
 
-@pytest.mark.parametrize("kind", ["drive", "promote", "rollback"])
+@pytest.mark.parametrize("kind", ["drive", "promote", "rollback", "refit"])
 def test_a_page_that_only_shows_takes_no_order_even_with_the_token(kind: str) -> None:
     shown = bench(allow_control=False)
     answer = ask(shown.app, f"/control/{kind}", method="POST", headers=GOOD, body=[DRIVE])

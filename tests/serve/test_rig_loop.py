@@ -167,7 +167,7 @@ def test_a_stop_ends_a_run_at_once_and_the_program_goes_on() -> None:
     assert bench.device.stage.trip_reason == ""
     assert not bench.desk.is_over
     assert not bench.desk.stop.is_set()
-    assert "stopped; the cells are off" in bench.lines()
+    assert "stopped by hand; the cells are off" in bench.lines()
 
 
 def test_a_signal_ends_a_run_and_the_program_and_leaves_a_trip() -> None:

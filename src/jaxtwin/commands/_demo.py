@@ -34,7 +34,7 @@ def demo(
     ] = False,
     speed: Annotated[
         float, typer.Option(min=0.5, max=20, help="With --live: seconds of the rig in one.")
-    ] = 10.0,
+    ] = 8.0,
     port: Annotated[
         int, typer.Option(min=0, max=65_535, help="With --live: of the page; 0 takes a free one.")
     ] = 8000,
@@ -76,7 +76,7 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
 
     with show_progress() as progress:
         progress.step("matching a first twin to four simulated sessions")
-        store = demo_store(folder)
+        store = demo_store(folder, speed)
         progress.step("starting the observer")
         champion = Champion(store, made)
         beside = made(store.version("champion"))

@@ -1,6 +1,7 @@
 """A scripted story on a virtual rig: steps, a contact that comes loose, the finding, the diagnosis,
 the refit and the promotion."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import final
 
@@ -10,11 +11,13 @@ from ..io import Experiment
 from ..live import Reading, Record, RigState
 from ..live.protocol._clock import seconds
 from ..matching import match
+from ..observers._observe import usual_noise
 from ..physics import Faults, Twin
 from ..simulation import simulate
 from ..twin_store import TwinStore
 from ._desk import Desk, DriveOrder, RefitOrder
 from ._page import Page
+from ._rig_loop import STOPPED
 
 RIG = "single-cell"
 
@@ -30,6 +33,9 @@ LOOSE_AT = 360.0
 REFIT_AFTER = 600.0
 """The time after that at which the twin is refitted to it, s of the rig."""
 
+LATE = 0.1
+"""How late a command may reach the rig, s of the host."""
+
 DUTY = (-0.3, 0.7)
 """The lowest and the highest duty of the steps."""
 
@@ -39,12 +45,13 @@ def demo_faults() -> Faults:
     return Faults.parse(f"loosen=P1@{LOOSE_AT:g}/3")
 
 
-def demo_store(folder: Path, seed: int = 0) -> TwinStore:
+def demo_store(folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
     """Makes a store whose champion is matched to simulated sessions of the rig.
 
     **Arguments:**
 
     - `folder`: where the file of the store is made.
+    - `speed`: the seconds of the virtual rig in a second.
     - `seed`: the seed of duty and noise.
     """
     twin, random = Twin(RIG), np.random.default_rng(seed)
@@ -56,7 +63,12 @@ def demo_store(folder: Path, seed: int = 0) -> TwinStore:
         run = simulate(twin, plan)
         sessions.append(run.to_recording(seed=seed + number, name=f"session {number + 1}"))
     store = TwinStore(folder / "demo.db")
-    store.add(match(twin, sessions), reason="matched to four sessions", aliases=["champion"])
+    fit = match(twin, sessions)
+    noise = usual_noise(fit, sessions)
+    # The faster a rig runs, the later in its own time a command reaches it.
+    late = max(noise.command_time, LATE * speed)
+    noise = replace(noise, command_time=late)
+    store.add(fit, reason="matched to four sessions", noise=noise, aliases=["champion"])
     return store
 
 
@@ -93,7 +105,8 @@ class DemoScript:
         if self._time >= STEP * self._steps:
             self._steps += 1
             duty = round(float(self._random.uniform(*DUTY)), 2)
-            self._desk.ask(DriveOrder((duty,), 86_400.0))
+            # An interlock may have ended the run, on a machine that was busy with other things.
+            self._desk.ask(DriveOrder((duty,), 86_400.0, reset=self._steps > 1))
         if self._time >= LOOSE_AT:
             self._tell("the contact of the cell comes loose now; see who notices")
         if self._time >= LOOSE_AT + REFIT_AFTER and self._tell("the twin learns the loose contact"):
@@ -108,5 +121,4 @@ class DemoScript:
         return True
 
     def _is_stopped(self) -> bool:
-        run = self._page.ring.newest_of("run")
-        return self._steps > 0 and run["state"] == "idle" and bool(run["text"])
+        return self._page.ring.newest_of("run")["text"].startswith(STOPPED)

@@ -28,6 +28,9 @@ from ._page import Page
 IDLE_SECONDS = 0.2
 """The time between two turns after a replay has ended, s."""
 
+STOPPED = "stopped by hand"
+"""How a run has ended that somebody stopped."""
+
 log = logging.getLogger("jaxtwin.serve")
 
 RunState = Literal["idle", "driving"]
@@ -158,7 +161,7 @@ class RigLoop:
                 consumers=[_DuringRun(self)],
                 on_alarm=self._page.on_finding,
             )
-            text = "the time is over" if outcome == "completed" else "stopped"
+            text = "the time is over" if outcome == "completed" else STOPPED
             text = f"{text}; the cells are off"
         except SafetyStop as error:
             level, text = "critical", str(error)

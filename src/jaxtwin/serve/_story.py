@@ -100,9 +100,12 @@ def is_rig_well(now: Situation) -> Sentence:
         return Sentence("warning", "A channel has failed", f"No reading from {names}.")
     if now.problem:
         return Sentence("warning", "The rig is well, the server is not", now.problem)
-    text = f"{len(now.channels)} channels read."
+    text = "Nothing reads a temperature."
     if hottest is not None:
-        text = f"The hottest of {len(now.channels)} is {hottest[0]} at {hottest[1]:.1f} °C."
+        name, value = hottest
+        count = len(now.channels)
+        text = f"The hottest of {count} is {name}, " if count > 1 else f"{name} is "
+        text = f"{text}at {value:.1f} °C."
     return Sentence("good", "The rig is well", text)
 
 

@@ -30,7 +30,7 @@ class VirtualLink:
 
     def __init__(self, twin: Twin, *, speed: float | int = 1.0, faults: Faults, seed: int = 0):
         context = multiprocessing.get_context("spawn")
-        self._answer, theirs = context.Pipe(duplex=False)
+        self._answer, theirs = context.Pipe()
         self._process = context.Process(
             target=_run, args=(theirs, twin, speed, faults, seed), name="virtual rig", daemon=True
         )
@@ -52,16 +52,17 @@ class VirtualLink:
         self._answer.close()
 
     def url(self) -> str:
-        """Waits until it is ready, and returns the address of its link.
+        """Waits until it is ready, and returns the address of its link. Its time begins now.
 
         **Raises:** `LinkError` if it cannot be started, such as for a fault of a part that the rig
         does not have.
         """
-        with contextlib.suppress(EOFError):
+        with contextlib.suppress(EOFError, BrokenPipeError):
             if self._answer.poll(START_SECONDS):
                 url, problem = self._answer.recv()
                 if problem:
                     raise LinkError(f"virtual rig: {problem}")
+                self._answer.send("begin")
                 return url
         raise LinkError("virtual rig: expected a process that starts, got one that has ended")
 
@@ -75,4 +76,5 @@ def _run(answer: Connection, twin: Twin, speed: float, faults: Faults, seed: int
         answer.send(("", str(error)))
         return
     answer.send((server.url, ""))
+    answer.recv()
     serve_device(device, server, SystemClock())
