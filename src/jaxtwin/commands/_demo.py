@@ -63,16 +63,19 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
     from ..serve._live_demo import RIG, DemoScript, demo_faults, demo_store
     from ..twin_store import TwinVersion
     from ._serve import announce, check_extra
+    from ._sources import open_twin
 
     check_extra()
     opened = stack.enter_context(contextlib.closing(listening("127.0.0.1", port)))
     at_port = opened.getsockname()[1]
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     twin = Twin(RIG)
+    rig = twin.rig
     device = stack.enter_context(VirtualLink(twin, speed=speed, faults=demo_faults()))
 
     def made(version: TwinVersion) -> TwinBeside:
-        return TwinBeside(version.fit().twin, f"version {version.number}", noise=version.noise)
+        twin = open_twin(rig, None, Path(version.address))
+        return TwinBeside(twin, f"version {version.number}", noise=version.noise)
 
     with show_progress() as progress:
         progress.step("matching a first twin to four simulated sessions")
@@ -81,7 +84,7 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
         champion = Champion(store, made)
         beside = made(store.version("champion"))
         Guard.of(beside.twin)  # compiles
-        source = stack.enter_context(connect(twin.rig, device.url()))
+        source = stack.enter_context(connect(rig, device.url()))
     access = Access.of("127.0.0.1", at_port, allow_control=True)
     server = PageServer(
         source,

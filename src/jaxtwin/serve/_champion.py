@@ -22,17 +22,21 @@ class Champion:
 
     def __init__(self, store: TwinStore, made: Callable[[TwinVersion], TwinBeside]):
         self.store = store
-        self.number = store.version("champion").number
+        champion = store.version("champion")
+        self.number = champion.number
         """The version that is followed."""
         self._made = made
+        self._uncertain = _uncertain(champion)
         self._looked = 0
 
-    def next(self, now: int) -> TwinBeside | None:
+    def next(self, now: int, *, is_driven: bool = False) -> TwinBeside | None:
         """Returns the twin of a new champion; None if there is no other.
 
         **Arguments:**
 
         - `now`: host time, ns.
+        - `is_driven`: whether the rig is driven now. A twin whose observer has other states, which
+          compiles for seconds, then waits.
 
         **Raises:** `StoreError` if the store cannot be read, and the errors of making the twin.
         """
@@ -42,8 +46,10 @@ class Champion:
         if self.store.aliases.get("champion", self.number) == self.number:
             return None
         version = self.store.version("champion")
+        if is_driven and _uncertain(version) != self._uncertain:
+            return None
         beside = self._made(version)
-        self.number = version.number
+        self.number, self._uncertain = version.number, _uncertain(version)
         return beside
 
     def look_at_once(self) -> None:
@@ -66,3 +72,9 @@ class Champion:
                 for one in reversed(self.store.versions[-20:])
             ],
         }
+
+
+def _uncertain(version: TwinVersion) -> tuple[str, ...]:
+    """The names of the values that its observer estimates."""
+    noise = version.noise
+    return () if noise is None else noise.names

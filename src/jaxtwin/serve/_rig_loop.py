@@ -114,6 +114,7 @@ class RigLoop:
     def look(self) -> None:
         """Looks at the desk during a run."""
         self._service.take([])
+        self._follow_champion(is_driven=True)
         taken = self._desk.next()
         if taken is None:
             return
@@ -214,12 +215,12 @@ class RigLoop:
         self._show_twins()
         return Answer(True, f"the champion is version {champion.number}")
 
-    def _follow_champion(self) -> None:
+    def _follow_champion(self, *, is_driven: bool = False) -> None:
         """Goes on with a new champion. A run is guarded by the twin with which it began."""
         if self._champion is None:
             return
         try:
-            beside = self._champion.next(self._source.clock.now())
+            beside = self._champion.next(self._source.clock.now(), is_driven=is_driven)
         except JaxtwinError as error:
             self._page.say("warning", f"the champion is not followed: {error}")
             return

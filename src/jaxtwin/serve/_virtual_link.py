@@ -16,6 +16,13 @@ START_SECONDS = 120.0
 """The longest time until it is ready, s: it compiles its twin."""
 
 
+RATE = 10.0
+"""The frames and the samples in a second of the host: a page shows no more pictures."""
+
+SLOWEST = 0.5
+"""The smallest number of them in a second of the rig, which an observer needs."""
+
+
 @final
 class VirtualLink:
     """Runs a virtual rig while the block runs.
@@ -70,7 +77,10 @@ class VirtualLink:
 def _run(answer: Connection, twin: Twin, speed: float, faults: Faults, seed: int) -> None:
     end_with_parent()
     try:
-        device = VirtualRig(twin, speed=speed, faults=faults, seed=seed)
+        rate = min(max(RATE / speed, SLOWEST), RATE)
+        device = VirtualRig(
+            twin, speed=speed, seed=seed, camera_rate=rate, controller_rate=rate, faults=faults
+        )
         server = TcpServer("127.0.0.1:0")
     except JaxtwinError as error:
         answer.send(("", str(error)))

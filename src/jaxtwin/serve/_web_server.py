@@ -1,6 +1,7 @@
 """The web server, in a thread of its own beside the loop around the rig."""
 
 import contextlib
+import os
 import socket
 import threading
 from types import TracebackType
@@ -24,7 +25,8 @@ def listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except (OSError, OverflowError) as error:
-        why = getattr(error, "strerror", None) or str(error)
+        number = getattr(error, "errno", None)
+        why = os.strerror(number).lower() if number else str(error)
         raise LinkError(
             f"--port {port}: expected a free port of {host}, got {why}; is another server running?"
         ) from None
