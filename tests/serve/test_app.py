@@ -8,11 +8,14 @@ from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 import pytest
 from asgi import ask
-from small_page import bench, page, read
+from hand_clock import START
+from small_page import SECOND, bench, page, read, twin
 
-from jaxtwin.serve import FrameRing
+from jaxtwin.live import Reading
+from jaxtwin.serve import FrameRing, TwinBeside
 from jaxtwin.serve._metrics import Metric, metrics_text
 from jaxtwin.serve._stream import QUIET, stream
 
@@ -219,6 +222,20 @@ def test_a_loop_that_hangs_is_not_healthy(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(shown.page, "turned", shown.page.turned - 60.0)
     answer = ask(shown.app, "/healthz")
     assert (answer.status, answer.json["status"]) == (503, "stuck")
+
+
+def test_a_reading_that_another_twin_has_not_expected_is_not_shown_beside_it() -> None:
+    shown = page()
+    state = read(shown, [30.0, 30.0], 1)
+    at = START + SECOND + SECOND // 50  # too early for another picture
+    late = Reading("rig", "b", at, 1_020_000, 2, np.array([31.0, 31.0]), False, None)
+    shown.on_record(late, state.after(late))
+    shown.on_time(state.after(late), at)
+    shown.follow(TwinBeside(twin(), "another"))
+    shown.on_time(state.after(late), at + SECOND)
+    assert shown.ring.newest_of("sample")["measured"] == [30.0, 30.0]
+    read(shown, [32.0, 32.0], 3, state)
+    assert shown.ring.newest_of("sample")["measured"] == [32.0, 32.0]
 
 
 def test_the_log_and_the_ring_do_not_grow() -> None:

@@ -89,10 +89,7 @@ class Page:
         self._energy = 0.0
         self._state = RigState()
         self._shown = self._looked = 0
-        self._reading: Reading | None = None
         self._findings: tuple[Finding, ...] = ()
-        self._outlook: Outlook | None = None
-        self._counts: Mapping[str, int] = {}
         self.follow(beside)
 
     @property
@@ -105,7 +102,8 @@ class Page:
         self._beside = beside
         self._follower = beside.monitor.follower
         self._observed = self._error = self._surprise = self._time = 0.0
-        self._outlook = None
+        self._outlook: Outlook | None = None
+        self._reading: Reading | None = None  # which is not shown yet
         self.cause = ""
         self.ring.append(
             "layout",
@@ -188,7 +186,7 @@ class Page:
         applied = None if state.sample is None else self.twin.rig.driver.duty(state.sample.pwm)
         power = None if outlook is None else outlook.power
         live = {name: float(link == "live") for name, link in self._source.states.items()}
-        alarms = sum(one.is_alarm for one in self._beside.monitor.present)
+        alarms = sum(one.is_alarm and one.until is None for one in self._findings)
 
         def gauge(name: str, about: str, label: str, names: Any, values: Any) -> Metric:
             return Metric(f"jaxtwin_{name}", "gauge", about, label, _named(names, values))

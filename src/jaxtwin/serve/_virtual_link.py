@@ -16,8 +16,8 @@ START_SECONDS = 120.0
 """The longest time until it is ready, s: it compiles its twin."""
 
 
-RATE = 10.0
-"""The frames and the samples in a second of the host: a page shows no more pictures."""
+FRAMES = 10.0
+"""The frames of its camera in a second of the host: a page shows no more pictures."""
 
 SLOWEST = 0.5
 """The smallest number of them in a second of the rig, which an observer needs."""
@@ -77,10 +77,8 @@ class VirtualLink:
 def _run(answer: Connection, twin: Twin, speed: float, faults: Faults, seed: int) -> None:
     end_with_parent()
     try:
-        rate = min(max(RATE / speed, SLOWEST), RATE)
-        device = VirtualRig(
-            twin, speed=speed, seed=seed, camera_rate=rate, controller_rate=rate, faults=faults
-        )
+        frames = min(max(FRAMES / speed, SLOWEST), FRAMES)
+        device = VirtualRig(twin, speed=speed, seed=seed, camera_rate=frames, faults=faults)
         server = TcpServer("127.0.0.1:0")
     except JaxtwinError as error:
         answer.send(("", str(error)))
