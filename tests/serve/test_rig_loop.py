@@ -309,8 +309,29 @@ def test_the_last_minutes_are_a_recording_of_a_sample_in_each_second() -> None:
     assert recorded.channels == twin().channels
     assert len(recorded.time) == pytest.approx(20, abs=2)
     assert 1.0 <= min(np.diff(recorded.time)) <= max(np.diff(recorded.time)) < 1.3
+    assert not np.asarray(recorded.duty).any()
     assert recent.recorded(5.0).duration == pytest.approx(5.0, abs=1.3)
     assert recent.host_time(recent.now) == pytest.approx(bench.clock.now() * 1e-9, abs=1.5)
+
+
+def test_a_duty_counts_from_the_sample_in_whose_first_half_it_came() -> None:
+    """The duty of a sample of an experiment is held until the next one."""
+    recent, state = RecentSamples(twin()), RigState()
+    changes = {2: 3.4, 5: 6.6}  # the sample before, and the time of the change
+    for tenth in range(100):
+        at, now = START + tenth * 10**8, tenth / 10
+        duty = 255 * sum(now >= change for change in changes.values())
+        records: list[Record] = [
+            Sample("rig", "b", at, tenth * 10**5, tenth, (min(duty, 255), 0), None)
+        ]
+        if tenth % 10 == 0:
+            row = np.array([30.0, 30.0])
+            records.append(Reading("rig", "b", at, tenth * 10**5, tenth, row, False, None))
+        for record in records:
+            state = state.after(record)
+            recent.on_record(record, state)
+    duty = np.asarray(recent.recorded().duty)[:, 0]
+    np.testing.assert_array_equal(duty, [0, 0, 0, 1, 1, 1, 1, 1, 1, 1])
 
 
 def test_a_refit_needs_a_store_and_readings(store: TwinStore) -> None:

@@ -36,7 +36,7 @@ REFIT_AFTER = 600.0
 LATE = 0.1
 """How late a command may reach the rig, s of the host."""
 
-DUTY = (-0.3, 0.7)
+DUTY = (0.0, 0.5)
 """The lowest and the highest duty of the steps."""
 
 

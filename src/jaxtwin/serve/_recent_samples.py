@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import RecordingError
 from ..io import Experiment
-from ..live import Reading, Record, RigState
+from ..live import Reading, Record, RigState, Sample
 from ..live.protocol._clock import seconds
 from ..physics import Twin
 
@@ -39,7 +39,7 @@ class RecentSamples:
     def __init__(self, twin: Twin):
         self._twin = twin
         self._rows: deque[_Row] = deque(maxlen=KEPT)
-        self._last: tuple[int, float] = (0, 0.0)  # host time, ns, and that of the rig, s
+        self._last: tuple[int, float] | None = None  # host time, ns, and that of the rig, s
         self._origin = 0.0
         self._rate = 1.0
 
@@ -52,15 +52,20 @@ class RecentSamples:
         return len(self._rows)
 
     def on_record(self, record: Record, state: RigState) -> None:
-        """Keeps readings, one in each second of the rig."""
+        """Keeps readings, one in each second of the rig, with the duty in the middle between them:
+        that of a sample is held until the next one."""
+        if isinstance(record, Sample) and record.pwm and self._rows:
+            last = self._rows[-1]
+            if self._rig_time(state.time_of(record), state.rate) <= last.time + SPACING / 2:
+                duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
+                self._rows[-1] = last._replace(duty=duty)
         if not isinstance(record, Reading) or record.recalibrating or state.sample is None:
             return
         at = state.time_of(record)
-        before, elapsed = self._last
-        if not before:
-            self._origin = seconds(at)
-        elapsed += max(seconds(at - before), 0.0) * state.rate if before else 0.0
-        self._last, self._rate = (max(at, before), elapsed), state.rate
+        if self._last is None:
+            self._origin, self._last = seconds(at), (at, 0.0)
+        elapsed = self._rig_time(at, state.rate)
+        self._last, self._rate = (max(at, self._last[0]), elapsed), state.rate
         if self._rows and elapsed - self._rows[-1].time < SPACING:
             return
         duty = np.asarray(self._twin.rig.driver.duty(state.sample.pwm), float)
@@ -91,3 +96,9 @@ class RecentSamples:
             ambient=ambient if np.isfinite(ambient).any() else None,
             name=f"live at {self.now:.0f} s",
         )
+
+    def _rig_time(self, at: int, rate: float) -> float:
+        """The time of the rig at a host time that is not before the last reading."""
+        assert self._last is not None
+        before, elapsed = self._last
+        return elapsed + max(seconds(at - before), 0.0) * rate

@@ -119,7 +119,7 @@ export class Charts {
 
   #common(box) {
     const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
-    const height = Math.round(8.2 * rem);
+    const height = Math.round((this.layout.channels.length > 3 ? 8.2 : 14) * rem);
     const axis = {
       stroke: () => colour("--quiet"), grid: { stroke: () => colour("--grid"), width: 1 },
       ticks: { show: false }, font: `${Math.round(0.72 * rem)}px system-ui, sans-serif`,

@@ -44,6 +44,8 @@ export class Plate {
       make("div", { class: "scale-row" }, this.low, this.scale, this.high),
       this.readout,
     );
+    // A square plate must not fill the whole column.
+    this.canvas.style.maxWidth = `${(22 * this.width) / this.height}rem`;
     this.fine = document.createElement("canvas");
     this.fine.width = FINE;
     this.fine.height = Math.max(2, Math.round((FINE * this.height) / this.width));

@@ -93,7 +93,7 @@ class View {
     const [values, valueRows] = table("Table of values",
       ["Channel", "Measured", "Expected (estimate)", "Difference", "In a minute (estimate)"]);
     const [unseen, unseenRows] = table("Estimates of what nothing measures",
-      ["", "Now", "± 95 %", "In a minute"]);
+      ["Estimate of", "Now", "± 95 %", "In a minute"]);
     const [findings, findingRows] = table("Table of findings", ["Since", "What", "Size", "Sure"]);
     const [twins, twinRows] = table("Table of twins", ["Version", "Made", "Why", "Role"]);
     Object.assign(this, { valueRows, unseenRows, findingRows, twinRows });
@@ -234,7 +234,7 @@ class View {
           `, size ${numberText(one.size, 2)}${one.unit === "1" || one.unit === "share" ? "" : ` ${one.unit}`} (${numberText(one.lower, 2)} to ${numberText(one.upper, 2)})`;
         return make("div", { class: "bar-row" },
           make("span", { class: "name" }, `${one.name}${size}, since ${timeText(one.onset)}`),
-          make("meter", { min: "0", max: "100", value: String(percent), "aria-label": one.name }),
+          make("progress", { max: "100", value: String(percent), "aria-label": one.name }),
           make("span", { class: "number" }, `${percent} %`));
       })));
     this.causes.replaceChildren(heading, ...(causes.length ? causes : [make("p", {}, "No fault explains it better than a healthy rig.")]));
