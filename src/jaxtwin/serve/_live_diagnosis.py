@@ -40,12 +40,13 @@ class LiveDiagnosis:
     ):
         self._twin, self._recent, self._show, self._noise = twin, recent, show, noise
         self._due: list[float] = []
+        self._causes: list[dict[str, Any]] = []  # as they were shown last
         self._process = ChildProcess()
 
     def use(self, twin: Twin, noise: ProcessNoise | None) -> None:
         """Diagnoses with another twin from now on."""
         self._twin, self._noise = twin, noise
-        self._due = []
+        self._due, self._causes = [], []
 
     def on_finding(self, finding: Finding) -> None:
         """Plans diagnoses after an alarm of the monitor."""
@@ -63,7 +64,7 @@ class LiveDiagnosis:
         if not self._process.is_running and self._due and self._recent.now >= self._due[0]:
             del self._due[0]
             if len(self._recent) >= LEAST:
-                self._show({"state": "running", "causes": []})
+                self._show({"state": "running", "causes": self._causes})
                 recorded = self._recent.recorded()
                 self._process.begin(causes_of, self._twin, recorded, self._noise)
 
@@ -78,7 +79,8 @@ class LiveDiagnosis:
         for cause in outcome.value:
             for one in cause["explanations"]:
                 one["onset"] = self._recent.host_time(one["onset_s"])
-        self._show({"state": "done", "causes": outcome.value})
+        self._causes = outcome.value
+        self._show({"state": "done", "causes": self._causes})
 
 
 def causes_of(twin: Twin, recorded: Experiment, noise: ProcessNoise | None) -> list[dict[str, Any]]:

@@ -124,12 +124,13 @@ class Page:
     def show_diagnosis(self, found: dict[str, Any]) -> None:
         """Shows a diagnosis, as `LiveDiagnosis` gives it."""
         self.ring.append("diagnosis", found)
+        if found["state"] != "done":
+            return
+        self.cause = ""
         if found["causes"]:
             best = found["causes"][-1]["explanations"][0]
             self.cause = f"{best['name']}, {100 * best['probability']:.0f} %"
             self.say("notice", f"most likely (estimate): {self.cause}")
-        elif found["state"] == "done":
-            self.cause = ""
 
     def on_finding(self, finding: Finding) -> None:
         """Takes a new finding of an alarm or of the monitor."""

@@ -222,11 +222,9 @@ class View {
 
   #diagnosis(found) {
     const heading = make("h3", {}, "Why (estimate)");
-    if (found.state !== "done") {
-      const text = found.state === "running" ? "The last minutes are being diagnosed …" : `Not diagnosed: ${found.text}`;
-      this.causes.replaceChildren(heading, make("p", {}, text));
-      return;
-    }
+    const notes = [];
+    if (found.state === "running") notes.push(make("p", {}, "The last minutes are being diagnosed …"));
+    if (found.state === "failed") notes.push(make("p", {}, `Not diagnosed: ${found.text}`));
     const causes = found.causes.map((cause) => make("div", { class: "cause" },
       ...cause.explanations.filter((one, k) => k === 0 || one.probability >= 0.005).slice(0, 5).map((one) => {
         const percent = Math.round(100 * one.probability);
@@ -237,7 +235,10 @@ class View {
           make("progress", { max: "100", value: String(percent), "aria-label": one.name }),
           make("span", { class: "number" }, `${percent} %`));
       })));
-    this.causes.replaceChildren(heading, ...(causes.length ? causes : [make("p", {}, "No fault explains it better than a healthy rig.")]));
+    if (found.state === "done" && !causes.length) {
+      notes.push(make("p", {}, "No fault explains it better than a healthy rig."));
+    }
+    this.causes.replaceChildren(heading, ...causes, ...notes);
   }
 
   #twins(twins) {
