@@ -11,10 +11,10 @@ from jaxtwin.serve import Desk
 from jaxtwin.serve._desk import DriveOrder, RefitOrder
 from jaxtwin.serve._live_demo import LOOSE_AT, REFIT_AFTER, RIG, STEP, DemoScript, demo_faults
 
+Orders = list[tuple[int, object]]
 
-def told(
-    until: int, stopped_at: float = float("inf")
-) -> tuple[list[tuple[int, object]], list[str]]:
+
+def told(until: int, stopped_at: float = float("inf")) -> tuple[Orders, list[str]]:
     """The orders of the script with their times, and the lines of its story."""
     shown, desk = page(), Desk(StopRequest())
     shown.ring.append("run", {"state": "idle", "duty": [], "text": ""})

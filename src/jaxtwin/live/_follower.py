@@ -5,7 +5,7 @@ from typing import Any, final
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
@@ -112,7 +112,11 @@ class Follower:
 
 @persistent_jit
 def _predicted(
-    observer: AbstractObserver[Any], state: Any, duty: Array, room: Array, dt: Array
+    observer: AbstractObserver[Any],
+    state: Any,
+    duty: Float[ArrayLike, " cells"],
+    room: Float[ArrayLike, ""],
+    dt: Float[ArrayLike, ""],
 ) -> tuple[Any, Float[Array, " channels"]]:
     state = observer.predict(state, duty, room, dt)
     return state, observer.readings(state, room)
@@ -120,6 +124,10 @@ def _predicted(
 
 @persistent_jit
 def _corrected(
-    observer: AbstractObserver[Any], state: Any, readings: Array, mask: Array, room: Array
+    observer: AbstractObserver[Any],
+    state: Any,
+    readings: Float[ArrayLike, " channels"],
+    mask: Bool[ArrayLike, " channels"],
+    room: Float[ArrayLike, ""],
 ) -> Any:
     return observer.correct(state, readings, mask, room)

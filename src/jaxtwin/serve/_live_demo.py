@@ -66,7 +66,7 @@ def demo_store(folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
     fit = match(twin, sessions)
     noise = usual_noise(fit, sessions)
     # The faster a rig runs, the later in its own time a command reaches it.
-    late = max(noise.command_time, LATE * speed)
+    late = max(float(np.asarray(noise.command_time)), LATE * speed)
     noise = replace(noise, command_time=late)
     store.add(fit, reason="matched to four sessions", noise=noise, aliases=["champion"])
     return store
