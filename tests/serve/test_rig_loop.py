@@ -317,13 +317,13 @@ def test_the_last_minutes_are_a_recording_of_a_sample_in_each_second() -> None:
 def test_a_duty_counts_from_the_sample_in_whose_first_half_it_came() -> None:
     """The duty of a sample of an experiment is held until the next one."""
     recent, state = RecentSamples(twin()), RigState()
-    changes = {2: 3.4, 5: 6.6}  # the sample before, and the time of the change
+    changes = (3.4, 6.6)  # before and after the middle between two samples
+    part = round(0.3 * twin().rig.driver.counts)
     for tenth in range(100):
         at, now = START + tenth * 10**8, tenth / 10
-        duty = 255 * sum(now >= change for change in changes.values())
-        records: list[Record] = [
-            Sample("rig", "b", at, tenth * 10**5, tenth, (min(duty, 255), 0), None)
-        ]
+        counts = part * sum(now >= change for change in changes)
+        sample = Sample("rig", "b", at, tenth * 10**5, tenth, (counts, 0), None)
+        records: list[Record] = [sample]
         if tenth % 10 == 0:
             row = np.array([30.0, 30.0])
             records.append(Reading("rig", "b", at, tenth * 10**5, tenth, row, False, None))
@@ -331,7 +331,7 @@ def test_a_duty_counts_from_the_sample_in_whose_first_half_it_came() -> None:
             state = state.after(record)
             recent.on_record(record, state)
     duty = np.asarray(recent.recorded().duty)[:, 0]
-    np.testing.assert_array_equal(duty, [0, 0, 0, 1, 1, 1, 1, 1, 1, 1])
+    np.testing.assert_allclose(duty, [0, 0, 0, 0.3, 0.3, 0.3, 0.3, 0.6, 0.6, 0.6])
 
 
 def test_a_refit_needs_a_store_and_readings(store: TwinStore) -> None:
