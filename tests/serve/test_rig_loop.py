@@ -359,7 +359,7 @@ def test_a_change_is_diagnosed_beside_the_loop() -> None:
     state = RigState()
     for number, (duty, row) in enumerate(zip(run.duty, np.asarray(run.temperatures), strict=True)):
         at = START + number * 10**9
-        counts = tuple(round(255 * float(part)) for part in duty)
+        counts = tuple(round(1000 * float(part)) for part in duty)
         for record in (
             Sample("rig", "b", at, number * 10**6, number, counts, None),
             Reading("rig", "b", at, number * 10**6, number, row, False, None),

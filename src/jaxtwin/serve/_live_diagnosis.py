@@ -61,8 +61,9 @@ class LiveDiagnosis:
         outcome = self._process.take()
         if outcome is not None:
             self._finish(outcome)
-        if not self._process.is_running and self._due and self._recent.now >= self._due[0]:
-            del self._due[0]
+        is_due = bool(self._due) and self._recent.now >= self._due[0]
+        if is_due and not self._process.is_running:
+            self._due = [time for time in self._due if time > self._recent.now]
             if len(self._recent) >= LEAST:
                 self._show({"state": "running", "causes": self._causes})
                 recorded = self._recent.recorded()
