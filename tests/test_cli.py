@@ -69,6 +69,7 @@ COMMANDS = [
     ["prove"],
     ["watch"],
     ["observe"],
+    ["serve"],
     ["monitor"],
     ["diagnose"],
     ["refit"],

@@ -73,7 +73,7 @@ DEFAULTS = {
     "check": {"duty": "0:0.5", "duration": 600.0},
     "conform": {"baud": 115_200},
     "control": {"duration": 1000.0, "silence": 3.0, "baud": 115_200},
-    "demo": {"out": Path("report"), "draws": 10_000},
+    "demo": {"out": Path("report"), "draws": 10_000, "speed": 8.0, "port": 8000},
     "design": {
         "duration": 1200.0, "hold": 60.0, "levels": 5, "criterion": "D", "margin": 5.0,
         "starts": 1, "seed": 0,
@@ -92,6 +92,10 @@ DEFAULTS = {
     "schema": {"out": Path("-")},
     "sensitivity": {
         "method": "correlations", "spread": 0.25, "inputs": "normal", "output": ["cost"], "seed": 0,
+    },
+    "serve": {
+        "speed": 1.0, "faults": "", "host": "127.0.0.1", "port": 8000, "silence": 10.0,
+        "baud": 115_200,
     },
     "simulate": {"duration": 1000.0},
     "sweep": {

@@ -141,6 +141,14 @@ DEFAULTS = {
         "Driver": {"off_phase": "brake"},
         "Parameter": {"scope": "shared", "scale": 1.0, "offset": 0.0},
     },
+    "jaxtwin.serve": {
+        "Access.of": {"names": (), "allow_control": False},
+        "FrameRing": {"size": 1200},
+        "History.over": {"points": 600},
+        "PageServer": {"silence": 10.0},
+        "TwinBeside": {"sample_time": 1.0},
+        "VirtualLink": {"speed": 1.0, "seed": 0},
+    },
     "jaxtwin.sensitivity_analysis": {
         "Morris": {"levels": 4},
         "indices_of": {"seed": 0},

@@ -47,6 +47,7 @@ from .commands import (
     _report,
     _rigs,
     _sensitivity,
+    _serve,
     _simulate,
     _sweep,
     _twins,
@@ -97,7 +98,7 @@ def _add(name: str, panel: str, function, *example: str) -> None:
     app.command(name, help=text, rich_help_panel=panel, epilog=_example(*example))(function)
 
 
-_add("demo", START, _demo.demo, "jaxtwin demo --out report")
+_add("demo", START, _demo.demo, "jaxtwin demo --out report", "jaxtwin demo --live")
 _add("rigs", RIGS, _rigs.rigs, "jaxtwin rigs")
 _add("check", RIGS, _rigs.check, "jaxtwin check my-rig.toml")
 _add(
@@ -242,6 +243,14 @@ _add(
     _watch.watch,
     "jaxtwin watch dual-cell --link socket://127.0.0.1:7000",
     "jaxtwin watch session.db --speed 10",
+)
+_add(
+    "serve",
+    LIVE,
+    _serve.serve,
+    "jaxtwin serve dual-cell --link socket://127.0.0.1:7000 --out session.db",
+    "jaxtwin serve dual-cell --virtual --speed 10 --allow-control",
+    "jaxtwin serve dual-cell --replay session.db --speed 10",
 )
 _add(
     "conform",

@@ -12,17 +12,13 @@ from ._show_progress import show_progress
 from ._sources import open_store
 
 if TYPE_CHECKING:
-    from ..io import Experiment
     from ..refitting import Refit
-    from ..twin_store import TwinStore, TwinVersion
+    from ..twin_store import TwinStore
 
 REJECTED, NOT_CONVERGED, ALARMED = 3, 4, 5
 """Exit codes, for the worst that happened; the last one is the worst."""
 
 ENDINGS = (".mat", ".csv", ".nc", ".db")
-
-TAG = "refit"
-"""Tags of the version that judged a recording: `refit` and the beginning of its fingerprint."""
 
 
 def refit(
@@ -71,6 +67,7 @@ def refit(
     from ..io import read_recording
     from ..monitoring import MonitorCalibration
     from ..observers import ProcessNoise
+    from ..refitting import keep_refit
     from ..refitting import refit as refitted
 
     check_json(json)
@@ -112,7 +109,7 @@ def refit(
                 results.append({"file": name, "decision": "rejected", "reason": str(problem)})
                 code = max(code, REJECTED)
                 continue
-            champion = _kept(twins, champion, one, found)
+            champion = keep_refit(twins, champion, one, found)
             if found.decision == "promoted":
                 last = champion.fit()
             say(f"{name}: {found.summary()}", json)
@@ -123,27 +120,6 @@ def refit(
     write_json(json, {"champion": champion.number, "recordings": results})
     if code:
         raise typer.Exit(code)
-
-
-def _kept(
-    twins: "TwinStore", champion: "TwinVersion", one: "Experiment", found: "Refit"
-) -> "TwinVersion":
-    """Writes down what was decided; returns the champion from now on."""
-    twins.set_tag(
-        champion.number, f"{TAG} {one.fingerprint[:12]}", f"{found.decision}: {found.reason}"
-    )
-    if found.fit is None or found.decision not in ("promoted", "ask"):
-        return champion
-    added = twins.add(
-        found.fit,
-        reason=found.reason,
-        parent=champion.number,
-        noise=champion.noise,
-        aliases=["challenger"],
-    )
-    if found.decision == "ask":
-        return champion
-    return twins.promote(added.number, reason=found.reason)
 
 
 def _code(found: "Refit") -> int:
@@ -157,6 +133,8 @@ def _code(found: "Refit") -> int:
 def _judged(twins: "TwinStore") -> set[str]:
     """The beginnings of the fingerprints of all recordings that a version was matched to, or that
     one has judged."""
+    from ..refitting._keep_refit import TAG
+
     judged: set[str] = set()
     for version in twins.versions:
         judged |= {digest[:12] for digest in version.recordings.values()}

@@ -5,9 +5,10 @@ from typing import Any, final
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._celsius import ZERO_CELSIUS
+from .._compilation import persistent_jit
 from ..observers import AbstractObserver, OpenLoop
 from ..physics import Twin
 from .protocol._clock import seconds
@@ -109,16 +110,24 @@ class Follower:
         self._state = jax.tree.map(np.asarray, state)
 
 
-@jax.jit
+@persistent_jit
 def _predicted(
-    observer: AbstractObserver[Any], state: Any, duty: Array, room: Array, dt: Array
+    observer: AbstractObserver[Any],
+    state: Any,
+    duty: Float[ArrayLike, " cells"],
+    room: Float[ArrayLike, ""],
+    dt: Float[ArrayLike, ""],
 ) -> tuple[Any, Float[Array, " channels"]]:
     state = observer.predict(state, duty, room, dt)
     return state, observer.readings(state, room)
 
 
-@jax.jit
+@persistent_jit
 def _corrected(
-    observer: AbstractObserver[Any], state: Any, readings: Array, mask: Array, room: Array
+    observer: AbstractObserver[Any],
+    state: Any,
+    readings: Float[ArrayLike, " channels"],
+    mask: Bool[ArrayLike, " channels"],
+    room: Float[ArrayLike, ""],
 ) -> Any:
     return observer.correct(state, readings, mask, room)

@@ -6,6 +6,7 @@ from typing import Any, final
 import jax
 import numpy as np
 
+from .._compilation import persistent_jit
 from ..live import Follower, Reading, Record, RigState
 from ..live.protocol._clock import seconds
 from ..live.safety._finding import Finding
@@ -97,6 +98,6 @@ class LiveMonitor:
         return jax.tree.map(np.asarray, evidences)
 
 
-@jax.jit
+@persistent_jit
 def _stepped(monitor: Monitor, state: Any, sample: Any) -> tuple[Any, Evidences]:
     return monitor.step(state, sample)

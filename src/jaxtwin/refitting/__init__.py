@@ -4,10 +4,12 @@
 between sessions (`_forgetting`), is the prior of a match that also finds which values have changed
 beyond that (`_session_match`). Mistakes of the recording are its rivals (`_mistakes`). What is held
 out (`_held_out`) is replayed through both twins, and the checks of the gate (`_gate`) decide:
-promoted, unchanged, rejected, or a person is asked.
+promoted, unchanged, rejected, or a person is asked. `keep_refit` (`_keep_refit`) writes it into a
+store of twins.
 """
 
 from ._gate import GateCheck
+from ._keep_refit import keep_refit
 from ._refit import Refit, refit
 
-__all__ = ["GateCheck", "Refit", "refit"]
+__all__ = ["GateCheck", "Refit", "keep_refit", "refit"]

@@ -84,6 +84,9 @@ class VirtualRig:
             len(rig.driven), rig.driver.counts, float(watchdog), relay, len(rig.heaters)
         )
         self.twin = Plant(twin)
+        with jax.enable_x64(True):
+            for _, fault in self._to_come:
+                fault(self.twin.system)  # compiles: nobody waits for messages yet
         self._driver = rig.driver
         self._random = np.random.default_rng(seed)
         self._noise = rig.noise

@@ -1,0 +1,39 @@
+"""Writes down in a store of twins what a refit has decided."""
+
+from ..io import Experiment
+from ..twin_store import TwinStore, TwinVersion
+from ._refit import Refit
+
+TAG = "refit"
+"""Tags of the version that judged a recording: `refit` and the beginning of its fingerprint."""
+
+
+def keep_refit(
+    store: TwinStore, champion: TwinVersion, recording: Experiment, found: Refit
+) -> TwinVersion:
+    """Writes down what was decided: a promoted twin becomes the champion, and one of which a person
+    is asked the challenger. The champion so far gets a tag that says what was decided.
+
+    **Arguments:**
+
+    - `store`: the store. `champion`: the version that was refitted.
+    - `recording`: the recording to which it was refitted.
+    - `found`: the refit.
+
+    **Returns:** the champion from now on.
+    """
+    store.set_tag(
+        champion.number, f"{TAG} {recording.fingerprint[:12]}", f"{found.decision}: {found.reason}"
+    )
+    if found.fit is None or found.decision not in ("promoted", "ask"):
+        return champion
+    added = store.add(
+        found.fit,
+        reason=found.reason,
+        parent=champion.number,
+        noise=champion.noise,
+        aliases=["challenger"],
+    )
+    if found.decision == "ask":
+        return champion
+    return store.promote(added.number, reason=found.reason)

@@ -1,0 +1,235 @@
+"""The web application: the page and its files, the stream, the history, commands, metrics."""
+
+import asyncio
+import hashlib
+import html
+import mimetypes
+import re
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from importlib.resources import files
+from typing import Any, final
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from .._errors import JaxtwinError
+from ._access import BODY_SECONDS, LARGEST_BODY, Access, Refusal
+from ._desk import Desk
+from ._metrics import CONTENT_TYPE, metrics_text
+from ._orders import KINDS, check_names, fields_of, order_of
+from ._page import Page
+from ._stream import stream
+
+MOST_STREAMS = 200
+"""The largest number of clients at a time."""
+
+ANSWER_SECONDS = 10.0
+"""The longest time until the loop takes an order, s."""
+
+LONGEST_SPAN = 8 * 86_400.0
+"""The longest history, s."""
+
+STUCK_SECONDS = 10.0
+"""The time without a turn of the loop after which the server is not healthy, s."""
+
+HEADERS = {
+    # Everything comes from this server, and nothing may be embedded.
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+}
+
+Wait = Callable[[float], Awaitable[object]]
+
+
+def web_app(page: Page, desk: Desk, access: Access, wait: Wait = asyncio.sleep) -> Starlette:
+    """Makes the ASGI application of a page.
+
+    **Arguments:**
+
+    - `page`: the page.
+    - `desk`: where commands are left.
+    - `access`: who may ask for what.
+    - `wait`: waits so many seconds; tests pass their own.
+    """
+    web = _Web(page, desk, access, wait)
+    routes = [
+        Route("/", web.index, methods=["GET"]),
+        Route("/assets/{name:path}", web.asset, methods=["GET"]),
+        Route("/events", web.events, methods=["GET"]),
+        Route("/history", web.history, methods=["GET"]),
+        Route("/metrics", web.metrics, methods=["GET"]),
+        Route("/healthz", web.health, methods=["GET"]),
+        Route("/control/stop", web.stop, methods=["POST"]),
+        Route("/control/{kind}", web.order, methods=["POST"]),
+    ]
+    app = Starlette(routes=routes)
+    app.state.close = web.close
+    return app
+
+
+@final
+class _Web:
+    """The answers to requests."""
+
+    def __init__(self, page: Page, desk: Desk, access: Access, wait: Wait):
+        self._page, self._desk, self._access, self._wait = page, desk, access, wait
+        self._assets = dict(_assets())
+        self._streams = 0
+        self._closing = False
+
+    def close(self) -> None:
+        """Ends all streams."""
+        self._closing = True
+
+    async def index(self, request: Request) -> Response:
+        if refusal := self._access.refuse_read(request.headers):
+            return _refused(refusal)
+        text = self._assets["index.html"][0].decode()
+        content = text.replace("<!-- values -->", self._table()).encode()
+        return Response(content, 200, {**HEADERS, "cache-control": "no-store"}, "text/html")
+
+    async def asset(self, request: Request) -> Response:
+        if refusal := self._access.refuse_read(request.headers):
+            return _refused(refusal)
+        name = request.path_params["name"]
+        if name not in self._assets or name == "index.html":
+            return _refused(Refusal(404, "there is no such file"))
+        content, kind, tag = self._assets[name]
+        headers = {**HEADERS, "cache-control": "no-cache", "etag": tag}
+        if request.headers.get("if-none-match") == tag:
+            return Response(status_code=304, headers=headers)
+        return Response(content, 200, headers, kind)
+
+    async def events(self, request: Request) -> Response:
+        if refusal := self._access.refuse_read(request.headers):
+            return _refused(refusal)
+        if self._streams >= MOST_STREAMS:
+            return _refused(Refusal(503, f"there are {MOST_STREAMS} clients already"))
+        last = request.headers.get("last-event-id") or request.query_params.get("after", "")
+        headers = {**HEADERS, "cache-control": "no-store", "x-accel-buffering": "no"}
+        return StreamingResponse(self._counted(last), 200, headers, "text/event-stream")
+
+    async def history(self, request: Request) -> Response:
+        if refusal := self._access.refuse_read(request.headers):
+            return _refused(refusal)
+        text = request.query_params.get("span", "300")
+        if not re.fullmatch(r"[0-9]{1,6}", text) or not 1 <= int(text) <= LONGEST_SPAN:
+            return _refused(Refusal(400, f"span: expected 1 to {LONGEST_SPAN:.0f} s"))
+        found = await asyncio.to_thread(self._page.history.over, float(text))
+        return JSONResponse(found, headers={**HEADERS, "cache-control": "no-store"})
+
+    async def metrics(self, request: Request) -> Response:
+        if refusal := self._access.refuse_read(request.headers):
+            return _refused(refusal)
+        text = metrics_text(self._page.metrics, self._page.twin.rig.name)
+        return Response(text, 200, {**HEADERS, "content-type": CONTENT_TYPE})
+
+    async def health(self, request: Request) -> Response:
+        if refusal := self._access.refuse_read(request.headers):
+            return _refused(refusal)
+        waited = time.monotonic() - self._page.turned
+        is_well = waited < STUCK_SECONDS
+        content = {"status": "ok" if is_well else "stuck", "loop_age_s": round(waited, 3)}
+        headers = {**HEADERS, "cache-control": "no-store"}
+        return JSONResponse(content, 200 if is_well else 503, headers)
+
+    async def stop(self, request: Request) -> Response:
+        body = await self._body(request, is_stop=True)
+        if isinstance(body, Refusal):
+            return _refused(body)
+        try:
+            check_names(fields_of(body), set())
+        except JaxtwinError as error:
+            return _refused(Refusal(400, str(error)))
+        self._desk.press_stop()
+        return JSONResponse({"text": "stopping"}, 202, HEADERS)
+
+    async def order(self, request: Request) -> Response:
+        kind = request.path_params["kind"]
+        if kind not in KINDS:
+            return _refused(Refusal(404, f"expected one of {', '.join(KINDS)}"))
+        body = await self._body(request, is_stop=False)
+        if isinstance(body, Refusal):
+            return _refused(body)
+        try:
+            order = order_of(kind, body, self._page.twin.rig.lowest_duty)
+        except JaxtwinError as error:
+            return _refused(Refusal(400, str(error)))
+        try:
+            asked = asyncio.wrap_future(self._desk.ask(order))
+            answer = await asyncio.wait_for(asked, ANSWER_SECONDS)
+        except TimeoutError:
+            return _refused(Refusal(504, "the loop around the rig does not answer"))
+        return JSONResponse({"text": answer.text}, 200 if answer.obeyed else 409, HEADERS)
+
+    async def _body(self, request: Request, *, is_stop: bool) -> bytes | Refusal:
+        """The body of a command, if it is allowed, small and fast enough."""
+        if refusal := self._access.refuse_command(request.headers, is_stop=is_stop):
+            return refusal
+
+        async def read() -> bytes | Refusal:
+            body = b""
+            async for part in request.stream():
+                body += part
+                if len(body) > LARGEST_BODY:
+                    return Refusal(413, f"expected at most {LARGEST_BODY} bytes")
+            return body
+
+        try:
+            return await asyncio.wait_for(read(), BODY_SECONDS)
+        except TimeoutError:
+            return Refusal(408, f"expected the body within {BODY_SECONDS:g} s")
+
+    async def _counted(self, last: str):
+        self._streams += 1
+        try:
+            async for part in stream(self._page.ring, last, self._wait, lambda: self._closing):
+                yield part
+        finally:
+            self._streams -= 1
+
+    def _table(self) -> str:
+        """The readings as rows of a table, for a browser without JavaScript."""
+        layout, sample = (self._page.ring.newest_of(kind) for kind in ("layout", "sample"))
+        if sample is None:
+            return "<tr><td>no reading yet</td><td></td><td></td></tr>"
+        names = [channel["name"] for channel in layout["channels"]]
+        rows = zip(names, sample["measured"], sample["expected"], strict=True)
+        return "".join(
+            f"<tr><th scope=row>{html.escape(name)}</th><td>{_degrees(measured)}</td>"
+            f"<td>{_degrees(expected)}</td></tr>"
+            for name, measured, expected in rows
+        )
+
+
+def _degrees(value: float | None) -> str:
+    return "failed" if value is None else f"{value:.1f}"
+
+
+def _assets() -> Iterator[tuple[str, tuple[bytes, str, str]]]:
+    """Name -> content, type and tag of the files of the page."""
+    folder = files("jaxtwin.serve") / "assets"
+    for prefix, place in (("", folder), ("uplot/", folder / "uplot")):
+        for entry in place.iterdir():
+            if entry.is_file():
+                content = entry.read_bytes()
+                kind = mimetypes.guess_type(entry.name)[0] or "text/plain"
+                kind = "text/javascript" if entry.name.endswith(".js") else kind
+                tag = f'"{hashlib.sha256(content).hexdigest()[:16]}"'
+                yield f"{prefix}{entry.name}", (content, kind, tag)
+
+
+def _refused(refusal: Refusal) -> Response:
+    headers: dict[str, Any] = {**HEADERS, "cache-control": "no-store"}
+    if refusal.status == 401:
+        headers["www-authenticate"] = "Bearer"
+    return JSONResponse({"error": refusal.text}, refusal.status, headers)

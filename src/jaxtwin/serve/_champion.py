@@ -1,0 +1,80 @@
+"""The champion of a store as the twin beside a rig, also after another one was promoted."""
+
+from collections.abc import Callable
+from typing import Any, final
+
+from ..twin_store import TwinStore, TwinVersion
+from ._twin_beside import TwinBeside
+
+LOOK_SECONDS = 5.0
+"""The time between two looks at the store, s, which another process may change."""
+
+
+@final
+class Champion:
+    """Follows the champion of a store.
+
+    **Arguments:**
+
+    - `store`: the store, whose champion is a twin of the rig.
+    - `made`: makes the twin beside the rig from a version.
+    """
+
+    def __init__(self, store: TwinStore, made: Callable[[TwinVersion], TwinBeside]):
+        self.store = store
+        champion = store.version("champion")
+        self.number = champion.number
+        """The version that is followed."""
+        self._made = made
+        self._uncertain = _uncertain(champion)
+        self._looked = 0
+
+    def next(self, now: int, *, is_driven: bool = False) -> TwinBeside | None:
+        """Returns the twin of a new champion; None if there is no other.
+
+        **Arguments:**
+
+        - `now`: host time, ns.
+        - `is_driven`: whether the rig is driven now. A twin whose observer has other states, which
+          compiles for seconds, then waits.
+
+        **Raises:** `StoreError` if the store cannot be read, and the errors of making the twin.
+        """
+        if now - self._looked < LOOK_SECONDS * 1e9:
+            return None
+        self._looked = now
+        if self.store.aliases.get("champion", self.number) == self.number:
+            return None
+        version = self.store.version("champion")
+        if is_driven and _uncertain(version) != self._uncertain:
+            return None
+        beside = self._made(version)
+        self.number, self._uncertain = version.number, _uncertain(version)
+        return beside
+
+    def look_at_once(self) -> None:
+        """Makes `next` look at the store, whenever it looked last."""
+        self._looked = 0
+
+    def content(self) -> dict[str, Any]:
+        """The versions of the store, the newest first, for a page."""
+        return {
+            "store": self.store.path.name,
+            "followed": self.number,
+            "versions": [
+                {
+                    "number": one.number,
+                    "made": one.made,
+                    "parent": one.parent,
+                    "reason": one.reason,
+                    "aliases": list(one.aliases),
+                }
+                for one in reversed(self.store.versions[-20:])
+            ],
+        }
+
+
+def _uncertain(version: TwinVersion) -> tuple[str, ...]:
+    """The names of the values that its observer estimates."""
+    noise = version.noise
+    return () if noise is None else noise.names

@@ -1,0 +1,124 @@
+"""A scripted story on a virtual rig: steps, a contact that comes loose, the finding, the diagnosis,
+the refit and the promotion."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from ..io import Experiment
+from ..live import Reading, Record, RigState
+from ..live.protocol._clock import seconds
+from ..matching import match
+from ..observers._observe import usual_noise
+from ..physics import Faults, Twin
+from ..simulation import simulate
+from ..twin_store import TwinStore
+from ._desk import Desk, DriveOrder, RefitOrder
+from ._page import Page
+from ._rig_loop import STOPPED
+
+RIG = "single-cell"
+
+SESSION, SESSIONS = 900, 4
+"""The length of a session from which the first twin is matched, s, and their number."""
+
+STEP = 60.0
+"""The time between two steps of the duty, s of the rig."""
+
+LOOSE_AT = 360.0
+"""When the contact comes loose, s of the rig."""
+
+REFIT_AFTER = 600.0
+"""The time after that at which the twin is refitted to it, s of the rig."""
+
+LATE = 0.1
+"""How late a command may reach the rig, s of the host."""
+
+DUTY = (0.0, 0.5)
+"""The lowest and the highest duty of the steps."""
+
+
+def demo_faults() -> Faults:
+    """The fault of the story: the resistance of the cell's contact is three times what it was."""
+    return Faults.parse(f"loosen=P1@{LOOSE_AT:g}/3")
+
+
+def demo_store(folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
+    """Makes a store whose champion is matched to simulated sessions of the rig.
+
+    **Arguments:**
+
+    - `folder`: where the file of the store is made.
+    - `speed`: the seconds of the virtual rig in a second.
+    - `seed`: the seed of duty and noise.
+    """
+    twin, random = Twin(RIG), np.random.default_rng(seed)
+    sessions = []
+    for number in range(SESSIONS):
+        steps = random.uniform(*DUTY, SESSION // int(STEP) + 1)
+        duty = np.repeat(steps, int(STEP))[: SESSION + 1, None]
+        plan = Experiment(np.arange(SESSION + 1.0), duty, channels=twin.channels)
+        run = simulate(twin, plan)
+        sessions.append(run.to_recording(seed=seed + number, name=f"session {number + 1}"))
+    store = TwinStore(folder / "demo.db")
+    fit = match(twin, sessions)
+    noise = usual_noise(fit, sessions)
+    # The faster a rig runs, the later in its own time a command reaches it.
+    late = max(float(np.asarray(noise.command_time)), LATE * speed)
+    noise = replace(noise, command_time=late)
+    store.add(fit, reason="matched to four sessions", noise=noise, aliases=["champion"])
+    return store
+
+
+@final
+class DemoScript:
+    """Drives the rig by steps and has the twin refitted, at the times of the rig. It consumes the
+    records of a source. Once somebody has stopped the rig, it leaves it alone.
+
+    **Arguments:**
+
+    - `desk`: where it leaves its orders, as clients do.
+    - `page`: the page, whose log tells the story.
+    - `seed`: the seed of the duty.
+    """
+
+    def __init__(self, desk: Desk, page: Page, seed: int = 1):
+        self._desk, self._page = desk, page
+        self._random = np.random.default_rng(seed)
+        self._first: int | None = None
+        self._time, self._steps = 0.0, 0
+        self._told: set[str] = set()
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Follows the time of the rig."""
+        if isinstance(record, Reading):
+            now = state.time_of(record)
+            self._first = now if self._first is None else self._first
+            self._time = seconds(now - self._first) * state.rate
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Leaves the orders that are due."""
+        if self._first is None or self._is_stopped():
+            return
+        if self._time >= STEP * self._steps:
+            self._steps += 1
+            duty = round(float(self._random.uniform(*DUTY)), 2)
+            # An interlock may have ended the run, on a machine that was busy with other things.
+            self._desk.ask(DriveOrder((duty,), 86_400.0, reset=self._steps > 1))
+        if self._time >= LOOSE_AT:
+            self._tell("the contact of the cell comes loose now; see who notices")
+        if self._time >= LOOSE_AT + REFIT_AFTER and self._tell("the twin learns the loose contact"):
+            self._desk.ask(RefitOrder(REFIT_AFTER))
+
+    def _tell(self, text: str) -> bool:
+        """Says something once. Returns whether it was said now."""
+        if text in self._told:
+            return False
+        self._told.add(text)
+        self._page.say("notice", f"demo: {text}")
+        return True
+
+    def _is_stopped(self) -> bool:
+        return self._page.ring.newest_of("run")["text"].startswith(STOPPED)

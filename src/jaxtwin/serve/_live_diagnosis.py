@@ -1,0 +1,92 @@
+"""Diagnoses a rig that has changed, from the last minutes of its records."""
+
+from collections.abc import Callable
+from typing import Any, final
+
+from ..diagnosis import diagnose
+from ..io import Experiment
+from ..live import Finding, Record, RigState
+from ..monitoring._finding_log import KINDS
+from ..observers import ProcessNoise
+from ..physics import Twin
+from ._child_process import ChildProcess, Outcome
+from ._recent_samples import RecentSamples
+
+DELAYS = (60.0, 300.0)
+"""The times after a finding at which is diagnosed, s of the rig: later, more is known."""
+
+LEAST = 180
+"""The smallest number of samples of a diagnosis: an observer needs two minutes to find the rig."""
+
+
+@final
+class LiveDiagnosis:
+    """Says which fault explains what a monitor has found. It consumes the records of a source.
+
+    **Arguments:**
+
+    - `twin`: the twin.
+    - `recent`: the last samples, which another consumer before this one keeps.
+    - `show`: called, in the thread of the loop, with what a page shows of a diagnosis.
+    - `noise`: the levels of the noise, as for `jaxtwin.diagnose`.
+    """
+
+    def __init__(
+        self,
+        twin: Twin,
+        recent: RecentSamples,
+        show: Callable[[dict[str, Any]], object],
+        noise: ProcessNoise | None = None,
+    ):
+        self._twin, self._recent, self._show, self._noise = twin, recent, show, noise
+        self._due: list[float] = []
+        self._causes: list[dict[str, Any]] = []  # as they were shown last
+        self._process = ChildProcess()
+
+    def use(self, twin: Twin, noise: ProcessNoise | None) -> None:
+        """Diagnoses with another twin from now on."""
+        self._twin, self._noise = twin, noise
+        self._due, self._causes = [], []
+
+    def on_finding(self, finding: Finding) -> None:
+        """Plans diagnoses after an alarm of the monitor."""
+        if finding.is_alarm and finding.kind in KINDS.values() and not self._due:
+            self._due = [self._recent.now + delay for delay in DELAYS]
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Does nothing: the samples are kept elsewhere."""
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Begins a diagnosis that is due, and shows one that is ready."""
+        outcome = self._process.take()
+        if outcome is not None:
+            self._finish(outcome)
+        is_due = bool(self._due) and self._recent.now >= self._due[0]
+        if is_due and not self._process.is_running:
+            self._due = [time for time in self._due if time > self._recent.now]
+            if len(self._recent) >= LEAST:
+                self._show({"state": "running", "causes": self._causes})
+                recorded = self._recent.recorded()
+                self._process.begin(causes_of, self._twin, recorded, self._noise)
+
+    def close(self) -> None:
+        """Ends a diagnosis that runs."""
+        self._process.close()
+
+    def _finish(self, outcome: Outcome) -> None:
+        if outcome.problem:
+            self._show({"state": "failed", "text": outcome.problem, "causes": []})
+            return
+        for cause in outcome.value:
+            for one in cause["explanations"]:
+                one["onset"] = self._recent.host_time(one["onset_s"])
+        self._causes = outcome.value
+        self._show({"state": "done", "causes": self._causes})
+
+
+def causes_of(twin: Twin, recorded: Experiment, noise: ProcessNoise | None) -> list[dict[str, Any]]:
+    """The causes of what changed, as `Diagnosis.to_dict` gives them.
+
+    **Raises:** the errors of `jaxtwin.diagnose`.
+    """
+    return diagnose(twin, recorded, None, noise).to_dict()["causes"]

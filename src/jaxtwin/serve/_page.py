@@ -1,0 +1,312 @@
+"""The contents of the page: a consumer that turns the records of a rig into frames."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, final, runtime_checkable
+
+import numpy as np
+
+from .._celsius import ZERO_CELSIUS
+from .._normal_distribution import QUANTILE_975
+from ..live import Event, Finding, Gap, LinkChange, Reading, Record, RigState
+from ..live.protocol._clock import seconds
+from ..observers._moments import Moment
+from ..physics import Twin
+from ._contents import finding_content, outlook_content, sample_content
+from ._frame_ring import FrameRing
+from ._history import History
+from ._metrics import Metric
+from ._outlook import HORIZON, STEPS, Outlook, look_ahead
+from ._rig_layout import rig_layout
+from ._story import Situation, is_rig_well, is_twin_right, what_comes
+from ._twin_beside import TwinBeside
+
+SAMPLE_NS = 100_000_000
+"""The shortest time between two pictures of the readings, ns of the host."""
+
+OUTLOOK_NS = 1_000_000_000
+"""The time between two pictures of what the twin says, ns of the host."""
+
+LINES = 60
+"""The number of lines of the log that the page shows."""
+
+_COUNTED = frozenset({"garbage", "nonsense", "duplicate"})  # events that the state counts
+_MEMORY = 60.0  # s of the rig over which errors are averaged
+
+
+@runtime_checkable
+class LinkStates(Protocol):
+    """What a page asks a source for, beside its records."""
+
+    @property
+    def states(self) -> Mapping[str, Any]:
+        """The state of each link."""
+        ...
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more records will come."""
+        ...
+
+
+@final
+class Page:
+    """What clients are shown of a rig. It consumes the records of a source, and puts frames into a
+    ring: readings ten times a second, what the twin says once a second, and each finding.
+
+    **Arguments:**
+
+    - `ring`: the ring, from which clients read.
+    - `source`: the connection or the replay.
+    - `beside`: the twin that follows the rig.
+    - `about`: what else the page says of its source: `source`, its name; `is_live`, whether its
+      records are of now; `recording`, the file; `control`, whether commands are allowed.
+    - `raised`: called with each new finding.
+    """
+
+    def __init__(
+        self,
+        ring: FrameRing,
+        source: LinkStates,
+        beside: TwinBeside,
+        about: Mapping[str, Any],
+        raised: Callable[[Finding], object] = lambda _: None,
+    ):
+        self.ring = ring
+        self.problem = ""
+        """What keeps the server from its work, such as a full disk; `""`: nothing."""
+        self.cause = ""
+        """What explains the findings most likely; `""`: nobody has said."""
+        self.records = 0
+        """The number of records that were consumed."""
+        self.turned = time.monotonic()
+        """When the loop turned last, s of the monotonic clock."""
+        rig = beside.twin.rig
+        self.history = History(len(rig.channels), len(rig.driven))
+        self._source, self._about, self._raised = source, about, raised
+        self._lines: deque[dict[str, Any]] = deque(maxlen=LINES)
+        self._energy = 0.0
+        self._state = RigState()
+        self._shown = self._looked = 0
+        self._findings: tuple[Finding, ...] = ()
+        self.follow(beside)
+
+    @property
+    def twin(self) -> Twin:
+        """The twin that follows the rig."""
+        return self._beside.twin
+
+    def follow(self, beside: TwinBeside) -> None:
+        """Goes on with another twin, which begins to find the rig."""
+        self._beside = beside
+        self._follower = beside.monitor.follower
+        self._observed = self._error = self._surprise = self._time = 0.0
+        self._outlook: Outlook | None = None
+        self._reading: Reading | None = None  # which is not shown yet
+        self.cause = ""
+        self.ring.append(
+            "layout",
+            {
+                **rig_layout(beside.twin),
+                **self._about,
+                "twin": beside.label,
+                "horizon": HORIZON,
+                "server": self.ring.name,
+            },
+        )
+
+    def say(self, level: str, text: str, at: float | None = None) -> None:
+        """Adds a line to the log of the page; `at` is its time, s since 1970."""
+        self._lines.append({"t": time.time() if at is None else at, "level": level, "text": text})
+        self.ring.append("log", list(self._lines))
+
+    def show_diagnosis(self, found: dict[str, Any]) -> None:
+        """Shows a diagnosis, as `LiveDiagnosis` gives it."""
+        self.ring.append("diagnosis", found)
+        if found["state"] != "done":
+            return
+        self.cause = ""
+        if found["causes"]:
+            best = found["causes"][-1]["explanations"][0]
+            self.cause = f"{best['name']}, {100 * best['probability']:.0f} %"
+            self.say("notice", f"most likely (estimate): {self.cause}")
+
+    def on_finding(self, finding: Finding) -> None:
+        """Takes a new finding of an alarm or of the monitor."""
+        level = "notice" if not finding.is_alarm else finding.severity
+        since = None if finding.since is None else seconds(finding.since)
+        self.say(level, f"{finding.kind}: {finding.detail}", since)
+        self._raised(finding)
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Takes the next record, and what is known of the rig after it."""
+        self.records += 1
+        self._state = state
+        self._beside.monitor.on_record(record, state)
+        for finding in self._beside.take_news():
+            self.on_finding(finding)
+        match record:
+            case Reading() if not record.recalibrating:
+                self._reading = record
+                self._judge(record, state)
+            case LinkChange():
+                detail = f": {record.detail}" if record.detail else ""
+                text = f"{record.link} is {record.state}{detail}"
+                self.say(
+                    "notice" if record.state == "down" else "plain", text, seconds(record.arrival)
+                )
+            case Gap():
+                text = f"{record.count} messages ({record.stream}) were lost"
+                self.say("plain", text, seconds(record.arrival))
+            case Event() if record.kind not in _COUNTED and record.kind != "alarm":
+                self.say("plain", f"{record.kind} {record.detail}".strip(), seconds(record.arrival))
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Makes the frames that are due at host time `now`, ns."""
+        self.turned = time.monotonic()
+        reading = self._reading
+        if reading is not None and now - self._shown >= SAMPLE_NS:
+            self._reading, self._shown = None, now
+            time_s, follower = seconds(state.time_of(reading)), self._follower
+            assert follower.predicted is not None
+            values = reading.temperatures, follower.predicted, self._band(), follower.duty
+            self.ring.append("sample", sample_content(time_s, *values, state.ambient))
+        if now - self._looked >= OUTLOOK_NS:
+            self._looked = now
+            if self._follower.measured is not None and not self._source.ended:
+                self._look(state)
+            self._show_findings()
+            self._show_story(state, now)
+
+    @property
+    def metrics(self) -> list[Metric]:
+        """The numbers of the page for a program that watches it. Another thread may ask."""
+        follower, state, outlook = self._follower, self._state, self._outlook
+        channels, driven = self.twin.channels, self.twin.rig.driven
+        applied = None if state.sample is None else self.twin.rig.driver.duty(state.sample.pwm)
+        power = None if outlook is None else outlook.power
+        live = {name: float(link == "live") for name, link in self._source.states.items()}
+        alarms = sum(one.is_alarm and one.until is None for one in self._findings)
+
+        def gauge(name: str, about: str, label: str, names: Any, values: Any) -> Metric:
+            return Metric(f"jaxtwin_{name}", "gauge", about, label, _named(names, values))
+
+        def single(name: str, kind: str, about: str, value: float | int) -> Metric:
+            return Metric(f"jaxtwin_{name}", kind, about, "", {"": float(value)})
+
+        return [
+            gauge("temperature_celsius", "What a channel reads.", "channel", channels,
+                  follower.measured),
+            gauge("expected_celsius", "What the twin expected of a channel.", "channel", channels,
+                  follower.predicted),
+            gauge("duty_ratio", "The duty of a cell, -1 to 1.", "cell", driven, applied),
+            gauge("estimated_power_watts", "The power of a cell by the twin.", "cell", driven,
+                  power),
+            Metric("jaxtwin_link_live", "gauge", "Whether a link is live.", "link", live),
+            single("estimated_energy_joules_total", "counter",
+                   "The energy that the cells have drawn, by the twin.", self._energy),
+            single("expectation_error_kelvin", "gauge",
+                   "Readings minus expected readings, root mean square of a minute.", self._error),
+            single("surprise_ratio", "gauge",
+                   "The mean normalised innovation squared of a minute.", self._surprise),
+            single("alarms", "gauge", "The alarms of the monitor that are there.", alarms),
+            single("tripped", "gauge", "Whether the device has switched off.", bool(state.trip)),
+            single("records_total", "counter", "The records since the start.", self.records),
+            Metric("jaxtwin_messages_bad_total", "counter",
+                   "Messages that were lost, damaged, repeated or without sense.", "how",
+                   dict(state.counts)),
+        ]  # fmt: skip
+
+    def _judge(self, reading: Reading, state: RigState) -> None:
+        """Averages how well the reading was expected, and adds it to the history."""
+        follower = self._follower
+        assert follower.predicted is not None
+        now = seconds(state.time_of(reading))
+        step = max(now - self._time, 0.0) * state.rate if self._time else 0.0
+        self._time = max(now, self._time)
+        self._observed += step
+        errors = reading.temperatures - follower.predicted
+        valid = np.isfinite(errors)
+        if valid.any():
+            weight = 1.0 - np.exp(-step / _MEMORY)
+            square = float(np.mean(errors[valid] ** 2))
+            self._error = float(np.sqrt(self._error**2 + weight * (square - self._error**2)))
+            whitened = float(np.mean(np.asarray(follower.state.whitened)[valid] ** 2))
+            self._surprise += weight * (whitened - self._surprise)
+        if self._outlook is not None:
+            self._energy += float(np.sum(self._outlook.power)) * step
+        self.history.add(now, reading.temperatures, follower.predicted, self._band(), follower.duty)
+
+    def _band(self) -> np.ndarray:
+        """Half the width of the 95 % band of what is expected."""
+        if self._outlook is None:
+            return np.full(len(self.twin.channels), np.nan)
+        return QUANTILE_975 * np.asarray(self._outlook.expected_spread)
+
+    def _look(self, state: RigState) -> None:
+        follower, elements = self._follower, self.twin.wiring.elements
+        self._outlook = look_ahead(self._beside.observer, follower.state, follower.duty)
+        step = HORIZON / STEPS / state.rate
+        times = [self._time + step * (number + 1) for number in range(STEPS)]
+        content = outlook_content(self._outlook, elements, self._time, times, self._energy)
+        self.ring.append("outlook", content)
+
+    def _show_findings(self) -> None:
+        found = self._beside.monitor.findings
+        if found == self._findings:
+            return
+        self._findings = found
+        self.ring.append("findings", [finding_content(one) for one in reversed(found[-LINES:])])
+
+    def _show_story(self, state: RigState, now: int) -> None:
+        rig, follower = self.twin.rig, self._follower
+        names = [channel.name for channel in rig.channels]
+        limit = rig.maximum_temperature
+        measured = follower.measured
+        newest = int(state.measured.max()) if len(state.measured) else 0
+        links = {name: str(link) for name, link in self._source.states.items()}
+        # A replay shows the time of its records, which are old by themselves.
+        age = None if not newest else seconds(now - newest) if self._about["is_live"] else 0.0
+        later = None
+        if self._outlook is not None:
+            ahead = self._outlook.readings
+            later = Moment(ahead.mean[-1], ahead.spread[-1])
+        situation = Situation(
+            channels=names,
+            readings=np.full(len(names), np.nan) if measured is None else measured,
+            links=links,
+            refusals=getattr(self._source, "refusals", {}),
+            age=age,
+            faults={names[place]: why for place, why in state.faults.items()},
+            trip=state.trip,
+            limit=None if limit is None else limit - ZERO_CELSIUS,
+            findings=self._beside.monitor.present,
+            cause=self.cause,
+            problem=self.problem,
+            ended=self._source.ended,
+            observed=self._observed,
+            error=self._error,
+            surprise=self._surprise,
+            later=later,
+        )
+        self.ring.append(
+            "story",
+            {
+                "t": round(seconds(now), 1),
+                "rig": is_rig_well(situation)._asdict(),
+                "twin": is_twin_right(situation)._asdict(),
+                "minute": what_comes(situation)._asdict(),
+                "links": links,
+                "counts": dict(state.counts),
+                "trip": state.trip,
+            },
+        )
+
+
+def _named(names: Any, values: Any) -> dict[str, float]:
+    """Numbers by names, without those that are missing."""
+    if values is None:
+        return {}
+    pairs = zip(names, np.asarray(values, float).tolist(), strict=False)
+    return {name: value for name, value in pairs if np.isfinite(value)}

@@ -1,0 +1,129 @@
+"""A page with its loop and its web server, assembled."""
+
+import contextlib
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, final
+
+from .._celsius import ZERO_CELSIUS
+from ..live import Alarms, Event, Finding, RecordConsumer, Replay, RigConnection
+from ..live._stop_request import StopRequest
+from ._access import Access
+from ._app import web_app
+from ._champion import Champion
+from ._desk import Desk
+from ._frame_ring import FrameRing
+from ._live_diagnosis import LiveDiagnosis
+from ._live_refit import LiveRefit
+from ._page import Page
+from ._recent_samples import RecentSamples
+from ._rig_loop import RigLoop
+from ._twin_beside import TwinBeside
+from ._web_server import WebServer
+
+
+@final
+class PageServer:
+    """Serves the page of a rig while the block runs.
+
+    **Arguments:**
+
+    - `source`: the connection, started, or the replay.
+    - `beside`: the twin that follows the rig.
+    - `stop`: the event by which signals end the program.
+    - `access`: who may ask for what.
+    - `opened`: the open port.
+    - `name`: the name of the source, for people.
+    - `recording`: the file that is recorded into; None: none is.
+    - `silence`: the time without data after which there is an alarm, s.
+    - `champion`: the store whose champion is followed; None: there is no store.
+    - `consumers`: makes those who get the records too, from the page and its desk.
+    - `about`: what a recording keeps of each run.
+    - `raised`: called with each new finding.
+    """
+
+    def __init__(
+        self,
+        source: RigConnection | Replay,
+        beside: TwinBeside,
+        stop: StopRequest,
+        access: Access,
+        opened: socket.socket,
+        *,
+        name: str,
+        recording: Path | None = None,
+        silence: float | int = 10.0,
+        champion: Champion | None = None,
+        consumers: Callable[[Page, Desk], Sequence[RecordConsumer]] = lambda page, desk: (),
+        about: Mapping[str, Any] | None = None,
+        raised: Callable[[Finding], object] = lambda _: None,
+    ):
+        is_live = isinstance(source, RigConnection)
+        ring, rig = FrameRing(), beside.twin.rig
+        self._source, self._raised = source, raised
+        self._records = recording is not None
+        self.page = Page(
+            ring,
+            source,
+            beside,
+            {
+                "source": name,
+                "is_live": is_live,
+                "recording": "" if recording is None else recording.name,
+                "control": access.allow_control,
+            },
+            self._on_finding,
+        )
+        recent = RecentSamples(beside.twin)
+        self._diagnosis = LiveDiagnosis(beside.twin, recent, self.page.show_diagnosis, beside.noise)
+        self._refit = None
+        if champion is not None:
+            say = partial(self.page.say, "notice")
+            self._refit = LiveRefit(champion.store, recent, say)
+        self.desk = Desk(stop)
+        watching: list[RecordConsumer] = [recent, *consumers(self.page, self.desk)]
+        if is_live:
+            limit = rig.maximum_temperature
+            hottest = None if limit is None else limit - ZERO_CELSIUS
+            names = [channel.name for channel in rig.channels]
+            now = source.clock.now()
+            disk = recording or Path.cwd() / "-"
+            alarms = Alarms(names, hottest, silence, disk, now, self.page.on_finding)
+            watching.append(alarms)
+        self.loop = RigLoop(
+            source,
+            self.page,
+            self.desk,
+            consumers=tuple(watching),
+            diagnosis=self._diagnosis,
+            refit=self._refit,
+            champion=champion,
+            about=about,
+        )
+        self._web = WebServer(web_app(self.page, self.desk, access), opened)
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> "PageServer":
+        self._stack.callback(self._diagnosis.close)
+        if self._refit is not None:
+            self._stack.callback(self._refit.close)
+        self._stack.enter_context(self._web)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+
+    def _on_finding(self, finding: Finding) -> None:
+        self._diagnosis.on_finding(finding)
+        self._raised(finding)
+        if self._records and finding.is_alarm and isinstance(self._source, RigConnection):
+            detail = f"{finding.kind}: {finding.detail} ({finding.severity})"
+            self._source.note(Event("", self._source.clock.now(), "alarm", detail))

@@ -1,0 +1,104 @@
+"""The last minutes of a rig as a recording, for a diagnosis or a refit of now."""
+
+from collections import deque
+from typing import NamedTuple, final
+
+import numpy as np
+
+from .._errors import RecordingError
+from ..io import Experiment
+from ..live import Reading, Record, RigState, Sample
+from ..live.protocol._clock import seconds
+from ..physics import Twin
+
+SPACING = 1.0
+"""The time between two samples that are kept, s of the rig."""
+
+KEPT = 1500
+"""The number of samples that are kept."""
+
+
+class _Row(NamedTuple):
+    """A sample: time, s of the rig; temperatures and ambient temperature, degC; duty."""
+
+    time: float
+    duty: np.ndarray
+    temperatures: np.ndarray
+    ambient: float
+
+
+@final
+class RecentSamples:
+    """Keeps the last samples. It consumes the records of a source.
+
+    **Arguments:**
+
+    - `twin`: the twin of the rig.
+    """
+
+    def __init__(self, twin: Twin):
+        self._twin = twin
+        self._rows: deque[_Row] = deque(maxlen=KEPT)
+        self._last: tuple[int, float] | None = None  # host time, ns, and that of the rig, s
+        self._origin = 0.0
+        self._rate = 1.0
+
+    @property
+    def now(self) -> float:
+        """The time of the last sample since the first record, s of the rig."""
+        return self._rows[-1].time if self._rows else 0.0
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Keeps readings, one in each second of the rig, with the duty in the middle between them:
+        that of a sample is held until the next one."""
+        if isinstance(record, Sample) and record.pwm and self._rows:
+            last = self._rows[-1]
+            if self._rig_time(state.time_of(record), state.rate) <= last.time + SPACING / 2:
+                duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
+                self._rows[-1] = last._replace(duty=duty)
+        if not isinstance(record, Reading) or record.recalibrating or state.sample is None:
+            return
+        at = state.time_of(record)
+        if self._last is None:
+            self._origin, self._last = seconds(at), (at, 0.0)
+        elapsed = self._rig_time(at, state.rate)
+        self._last, self._rate = (max(at, self._last[0]), elapsed), state.rate
+        if self._rows and elapsed - self._rows[-1].time < SPACING:
+            return
+        duty = np.asarray(self._twin.rig.driver.duty(state.sample.pwm), float)
+        ambient = np.nan if state.ambient is None else state.ambient
+        self._rows.append(_Row(elapsed, duty, record.temperatures, ambient))
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Does nothing: samples come with readings."""
+
+    def host_time(self, time: float) -> float:
+        """The time of the host, s since 1970, at a time of the rig."""
+        return self._origin + time / self._rate
+
+    def recorded(self, length: float | None = None) -> Experiment:
+        """The last `length` seconds of the rig as a recording; None: all that is kept.
+
+        **Raises:** `RecordingError` if there are fewer than two samples.
+        """
+        rows = [row for row in self._rows if length is None or row.time >= self.now - length]
+        if len(rows) < 2:
+            raise RecordingError("the last minutes: expected readings and duty, got none yet")
+        ambient = np.array([row.ambient for row in rows])
+        return Experiment(
+            [row.time for row in rows],
+            [row.duty for row in rows],
+            channels=self._twin.channels,
+            temperatures=[row.temperatures for row in rows],
+            ambient=ambient if np.isfinite(ambient).any() else None,
+            name=f"live at {self.now:.0f} s",
+        )
+
+    def _rig_time(self, at: int, rate: float) -> float:
+        """The time of the rig at a host time that is not before the last reading."""
+        assert self._last is not None
+        before, elapsed = self._last
+        return elapsed + max(seconds(at - before), 0.0) * rate

@@ -1,0 +1,266 @@
+"""The loop around the rig that a page shows: it polls, and obeys the orders of the desk."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from typing import Any, Literal, final
+
+from .._errors import JaxtwinError, RecordingError, SafetyStop, StoreError
+from ..live import (
+    Finding,
+    Guard,
+    Moment,
+    Record,
+    RecordConsumer,
+    Replay,
+    RigConnection,
+    RigState,
+    Service,
+    operate,
+)
+from ..live._switch_off import switch_off
+from ._champion import Champion
+from ._desk import Answer, Desk, DriveOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
+from ._live_diagnosis import LiveDiagnosis
+from ._live_refit import LiveRefit
+from ._page import Page
+
+IDLE_SECONDS = 0.2
+"""The time between two turns after a replay has ended, s."""
+
+STOPPED = "stopped by hand"
+"""How a run has ended that somebody stopped."""
+
+log = logging.getLogger("jaxtwin.serve")
+
+RunState = Literal["idle", "driving"]
+
+
+@final
+class RigLoop:
+    """Polls a source, hands its records to a page and other consumers, and obeys orders.
+
+    There is one service for the whole time. While a run commands the rig, `operate` polls; the
+    service then gets the records from it, as a consumer.
+
+    **Arguments:**
+
+    - `source`: the connection, started, or the replay.
+    - `page`: the page.
+    - `desk`: where clients leave orders.
+    - `consumers`: who else gets the records.
+    - `diagnosis`: says why the rig has changed; None: nobody does.
+    - `champion`: the store whose champion is followed; None: there is no store.
+    - `refit`: refits that champion when it is asked; None: nobody does.
+    - `about`: what a recording keeps of each run, such as who started the server.
+    """
+
+    def __init__(
+        self,
+        source: RigConnection | Replay,
+        page: Page,
+        desk: Desk,
+        *,
+        consumers: tuple[RecordConsumer, ...] = (),
+        diagnosis: LiveDiagnosis | None = None,
+        champion: Champion | None = None,
+        refit: LiveRefit | None = None,
+        about: Mapping[str, Any] | None = None,
+    ):
+        self._source, self._page, self._desk, self._champion = source, page, desk, champion
+        self._diagnosis, self._refit = diagnosis, refit
+        beside = [one for one in (diagnosis, refit) if one is not None]
+        self._service = Service(source, [*consumers, *beside, page])
+        self._about = about or {}
+        self._held: tuple[float, ...] = ()
+        self._ends = self._elapsed = 0.0
+        self._show_run("idle", "")
+        self._show_twins()
+
+    def run(self, early: Sequence[Record] = ()) -> None:
+        """Runs until the program is to end. The cells are off afterwards if a run commanded them.
+
+        **Arguments:**
+
+        - `early`: records that were polled before.
+
+        **Raises:** the errors of consumers, and of a replay that is damaged.
+        """
+        self._service.take(early)
+        while not self._desk.is_over:
+            if self._desk.take_stop():
+                self._stop()
+            self.turn()
+
+    def turn(self) -> None:
+        """Polls once, or obeys an order, which may be a whole run."""
+        self._follow_champion()
+        taken = self._desk.next()
+        if taken is not None:
+            self._obey(*taken)
+        elif self._source.ended:
+            self._desk.stop.wait(IDLE_SECONDS)
+            self._service.take([])
+        else:
+            try:
+                self._service.turn(0.05)
+            except RecordingError as error:
+                self._go_on_unrecorded(error)
+
+    def take(self, record: Record) -> None:
+        """Hands a record of a run to the service, and looks at the desk."""
+        self._service.take([record])
+
+    def look(self) -> None:
+        """Looks at the desk during a run."""
+        self._service.take([])
+        self._follow_champion(is_driven=True)
+        taken = self._desk.next()
+        if taken is None:
+            return
+        order, answer = taken
+        if isinstance(order, DriveOrder):
+            self._held, self._ends = order.duty, self._elapsed + order.seconds
+            self._show_run("driving", "")
+            answer.set_result(Answer(True, "the duty was changed"))
+        else:
+            self._obey(order, answer)
+
+    def _obey(self, order: Order, answer: "Future[Answer]") -> None:
+        if isinstance(order, DriveOrder):
+            self._drive(order, answer)
+            return
+        if isinstance(order, RefitOrder):
+            answer.set_result(self._begin_refit(order))
+            return
+        answer.set_result(self._move(order))
+
+    def _drive(self, order: DriveOrder, answer: "Future[Answer]") -> None:
+        """Commands the rig until the time is over, a stop, or an interlock."""
+        connection = self._source
+        if not isinstance(connection, RigConnection):
+            answer.set_result(Answer(False, "a replay drives nothing"))
+            return
+        try:
+            guard = Guard.of(self._page.twin)
+        except JaxtwinError as error:
+            answer.set_result(Answer(False, str(error)))
+            return
+        answer.set_result(Answer(True, "the rig is driven"))
+        self._held, self._ends, self._elapsed = order.duty, order.seconds, 0.0
+        self._show_run("driving", "")
+        self._page.say("notice", f"driven with a duty of {_percent(order.duty)}")
+        level, text = "plain", ""
+        try:
+            outcome = operate(
+                connection,
+                guard,
+                self._duty,
+                reset=order.reset,
+                about={**self._about, "plan": {"duty": order.duty, "duration_s": order.seconds}},
+                stop=self._desk.stop,
+                consumers=[_DuringRun(self)],
+                on_alarm=self._page.on_finding,
+            )
+            text = "the time is over" if outcome == "completed" else STOPPED
+            text = f"{text}; the cells are off"
+        except SafetyStop as error:
+            level, text = "critical", str(error)
+        except RecordingError as error:
+            self._go_on_unrecorded(error)
+            level, text = "critical", f"{error}; the cells are off"
+        self._desk.take_stop()  # it ended the run, and nothing more
+        self._page.say(level, text)
+        self._show_run("idle", text)
+
+    def _duty(self, moment: Moment) -> tuple[float, ...] | None:
+        self._elapsed = moment.time
+        return None if moment.time >= self._ends else self._held
+
+    def _stop(self) -> None:
+        """Stops a rig that this program does not drive: its device trips."""
+        if not isinstance(self._source, RigConnection):
+            return
+        self._page.say("notice", "stop")
+        ending = switch_off(self._source, trip=True, insist=False)
+        self._page.say("notice" if ending.off else "critical", str(ending))
+        self._show_run("idle", str(ending))
+
+    def _begin_refit(self, order: RefitOrder) -> Answer:
+        if self._refit is None:
+            return Answer(False, "there is no store whose champion could be refitted")
+        if self._refit.is_running:
+            return Answer(False, "a refit goes on already")
+        try:
+            self._refit.begin(order.seconds)
+        except RecordingError as error:
+            return Answer(False, str(error))
+        self._page.say("notice", f"refit to the last {order.seconds:.0f} s of the rig")
+        return Answer(True, "the champion is being refitted")
+
+    def _move(self, order: PromoteOrder | RollbackOrder) -> Answer:
+        """Moves the champion."""
+        if self._champion is None:
+            return Answer(False, "there is no store")
+        store = self._champion.store
+        try:
+            if isinstance(order, PromoteOrder):
+                version = int(order.version) if order.version.isdecimal() else order.version
+                champion = store.promote(version, reason=order.reason)
+            else:
+                champion = store.rollback(reason=order.reason)
+        except StoreError as error:
+            return Answer(False, str(error))
+        self._champion.look_at_once()
+        self._show_twins()
+        return Answer(True, f"the champion is version {champion.number}")
+
+    def _follow_champion(self, *, is_driven: bool = False) -> None:
+        """Goes on with a new champion. A run is guarded by the twin with which it began."""
+        if self._champion is None:
+            return
+        try:
+            beside = self._champion.next(self._source.clock.now(), is_driven=is_driven)
+        except JaxtwinError as error:
+            self._page.say("warning", f"the champion is not followed: {error}")
+            return
+        if beside is not None:
+            self._page.follow(beside)
+            if self._diagnosis is not None:
+                self._diagnosis.use(beside.twin, beside.noise)
+            self._page.say("notice", f"the twin is {beside.label} from now on")
+            self._show_twins()
+
+    def _go_on_unrecorded(self, error: RecordingError) -> None:
+        """A journal that fails, as on a full disk, does not end the page."""
+        if not isinstance(self._source, RigConnection):
+            raise error
+        log.error("the recording has ended: %s", error)
+        self._source.record_into(None)
+        self._page.problem = f"Nothing is recorded any more: {error}."
+        self._page.on_finding(Finding("not-recorded", str(error), severity="critical"))
+
+    def _show_run(self, state: RunState, text: str) -> None:
+        self._page.ring.append("run", {"state": state, "duty": list(self._held), "text": text})
+
+    def _show_twins(self) -> None:
+        if self._champion is not None:
+            self._page.ring.append("twins", self._champion.content())
+
+
+@final
+class _DuringRun:
+    """Hands what `operate` polls to the loop's service."""
+
+    def __init__(self, loop: RigLoop):
+        self._loop = loop
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        self._loop.take(record)
+
+    def on_time(self, state: RigState, now: int) -> None:
+        self._loop.look()
+
+
+def _percent(duty: tuple[float, ...]) -> str:
+    return ", ".join(f"{100 * part:.0f} %" for part in duty)

@@ -1,0 +1,173 @@
+"""Three sentences that a person understands from three metres away: is the rig well, is the twin
+right, what is about to happen."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._normal_distribution import QUANTILE_975
+from ..live import Finding
+from ..monitoring._monitor import SETTLE
+from ..observers._moments import Moment
+
+OLD_SECONDS = 3.0
+"""The age from which on readings say nothing about the present, s."""
+
+SURPRISE = 2.0
+"""The mean normalised innovation squared above which a twin expects readings worse than it says; it
+is 1 if noise and twin are right."""
+
+STEADY_KELVIN = 0.2
+"""A change in the next minute that is smaller than this is none."""
+
+Level = Literal["good", "unknown", "notice", "warning", "critical"]
+
+
+@final
+class Sentence(NamedTuple):
+    """An answer: `level` for its colour and sign, `head` in a few words, `text` with numbers."""
+
+    level: Level
+    head: str
+    text: str
+
+
+@final
+class Situation(NamedTuple):
+    """What is known of a rig, as far as the answers need it.
+
+    - `channels`: the names of the channels. `readings`: degC, NaN where there is none.
+    - `links`: the state of each link. `refusals`: why the device of a link was refused.
+    - `age`: the age of the newest reading, s; None if there was none.
+    - `faults`: the channels that have failed, with the reason.
+    - `trip`: why the device has switched off; `""` if it has not.
+    - `limit`: the temperature at which the cells are switched off, degC; None: not stated.
+    - `findings`: the findings that are there. `cause`: what explains them most likely; `""`: nobody
+      has said.
+    - `problem`: what keeps the server from its work, such as a full disk.
+    - `ended`: whether the source has ended, as a replay does.
+    - `observed`: for how long the rig has been observed, s of the rig.
+    - `error`: the root mean square of readings minus expected readings in the last minute, K.
+    - `surprise`: the mean normalised innovation squared in the last minute.
+    - `later`: the readings that are expected in a minute; None if nothing is.
+    """
+
+    channels: Sequence[str]
+    readings: Float[np.ndarray, " channels"]
+    links: Mapping[str, str]
+    refusals: Mapping[str, str]
+    age: float | None
+    faults: Mapping[str, str]
+    trip: str
+    limit: float | None
+    findings: Sequence[Finding]
+    cause: str
+    problem: str
+    ended: bool
+    observed: float
+    error: float
+    surprise: float
+    later: Moment | None
+
+
+def is_rig_well(now: Situation) -> Sentence:
+    """Whether the rig is well; the worst comes first."""
+    if now.ended:
+        return Sentence("unknown", "The recording is over", "What is shown are its last readings.")
+    if now.age is None or now.age > OLD_SECONDS:
+        return _silent(now)
+    hottest = _hottest(now)
+    if now.limit is not None and hottest is not None and hottest[1] > now.limit:
+        text = f"{hottest[0]} reads {hottest[1]:.1f} °C; the limit is {now.limit:g} °C."
+        return Sentence("critical", "The rig is too hot", text)
+    if now.trip:
+        text = f"It reports “{now.trip}” and refuses every duty until it is reset."
+        return Sentence("warning", "The device has switched off", text)
+    alarms = [finding for finding in now.findings if finding.is_alarm]
+    if alarms:
+        # What is said of a single part says more than what is said of all together.
+        first = max(alarms, key=lambda one: (bool(one.channel), abs(one.size or 0.0)))
+        text = f"{_capital(first.detail)}."
+        if len(alarms) > 1:
+            text = f"{text} {len(alarms) - 1} more findings."
+        if now.cause:
+            text = f"Most likely (estimate): {now.cause}. {text}"
+        return Sentence("warning", "Something has changed", text)
+    if now.faults:
+        names = ", ".join(now.faults)
+        return Sentence("warning", "A channel has failed", f"No reading from {names}.")
+    if now.problem:
+        return Sentence("warning", "The rig is well, the server is not", now.problem)
+    text = "Nothing reads a temperature."
+    if hottest is not None:
+        name, value = hottest
+        count = len(now.channels)
+        text = f"The hottest of {count} is {name}, " if count > 1 else f"{name} is "
+        text = f"{text}at {value:.1f} °C."
+    return Sentence("good", "The rig is well", text)
+
+
+def is_twin_right(now: Situation) -> Sentence:
+    """Whether the twin is right: whether it expects the readings as well as it says."""
+    if now.age is None or now.age > OLD_SECONDS:
+        return Sentence("unknown", "The twin waits", "There is no reading to compare it with.")
+    if now.observed < SETTLE:
+        left = SETTLE - now.observed
+        return Sentence("unknown", "The twin is finding the rig", f"Ready in {left:.0f} s.")
+    off = f"Readings differ from what it expected by {now.error:.2f} K."
+    if any(finding.is_alarm for finding in now.findings):
+        return Sentence("warning", "The twin does not explain the rig", off)
+    notices = [finding for finding in now.findings if not finding.is_alarm]
+    if notices:
+        return Sentence("notice", "The twin has to adapt", f"{_capital(notices[0].detail)}.")
+    if now.surprise > SURPRISE:
+        text = f"{off} That is {np.sqrt(now.surprise):.1f} times what it takes for usual."
+        return Sentence("notice", "The twin is less exact than usual", text)
+    return Sentence("good", "The twin is right", off)
+
+
+def what_comes(now: Situation) -> Sentence:
+    """What is about to happen in the next minute, by the twin."""
+    if now.later is None or now.ended or now.age is None or now.age > OLD_SECONDS:
+        return Sentence("unknown", "No forecast", "A forecast needs readings.")
+    mean, half = now.later.mean, QUANTILE_975 * now.later.spread
+    highest = int(np.argmax(mean + half))
+    if now.limit is not None and mean[highest] + half[highest] > now.limit:
+        text = f"{_forecast(now, highest)}; the limit is {now.limit:g} °C."
+        return Sentence("warning", "The limit is near", text)
+    change = np.where(np.isfinite(now.readings), mean - now.readings, 0.0)
+    most = int(np.argmax(np.abs(change)))
+    if abs(change[most]) <= max(STEADY_KELVIN, float(half[most])):
+        return Sentence("good", "Steady for the next minute", f"{_forecast(now, highest)}.")
+    word = "Warming" if change[most] > 0 else "Cooling"
+    text = f"{_forecast(now, most)}; now {now.readings[most]:.1f} °C."
+    return Sentence("good", f"{word} by {abs(change[most]):.1f} K in a minute", text)
+
+
+def _forecast(now: Situation, place: int) -> str:
+    assert now.later is not None
+    mean, half = now.later.mean[place], QUANTILE_975 * now.later.spread[place]
+    return f"{now.channels[place]} is expected at {mean:.1f} ± {half:.1f} °C"
+
+
+def _silent(now: Situation) -> Sentence:
+    """What is known where no readings arrive."""
+    links = "; ".join(f"The link {name} is {state}" for name, state in now.links.items())
+    refused = "; ".join(f"The link {name} was refused: {why}" for name, why in now.refusals.items())
+    text = f"{refused or links or 'There is no link'}."
+    if now.age is None:
+        return Sentence("unknown", "Waiting for the rig", text)
+    return Sentence("critical", "No readings", f"The last is {now.age:.0f} s old. {text}")
+
+
+def _hottest(now: Situation) -> tuple[str, float] | None:
+    if not np.isfinite(now.readings).any():
+        return None
+    place = int(np.nanargmax(now.readings))
+    return now.channels[place], float(now.readings[place])
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,59 @@
+"""The story of the demo: what its script asks for, and when."""
+
+import numpy as np
+from hand_clock import START
+from small_page import SECOND, page, twin
+
+from jaxtwin import load_rig
+from jaxtwin.live import Reading, RigState
+from jaxtwin.live._stop_request import StopRequest
+from jaxtwin.serve import Desk
+from jaxtwin.serve._desk import DriveOrder, RefitOrder
+from jaxtwin.serve._live_demo import LOOSE_AT, REFIT_AFTER, RIG, STEP, DemoScript, demo_faults
+
+Orders = list[tuple[int, object]]
+
+
+def told(until: int, stopped_at: float = float("inf")) -> tuple[Orders, list[str]]:
+    """The orders of the script with their times, and the lines of its story."""
+    shown, desk = page(), Desk(StopRequest())
+    shown.ring.append("run", {"state": "idle", "duty": [], "text": ""})
+    script, state = DemoScript(desk, shown), RigState()
+    orders: Orders = []
+    for second in range(0, until, 5):
+        at = START + second * SECOND
+        values = np.full(len(twin().channels), 23.0)
+        script.on_record(
+            Reading("rig", "b", at, second * 10**6, second, values, False, None), state
+        )
+        if second >= stopped_at:
+            text = "stopped by hand; the cells are off"
+            shown.ring.append("run", {"state": "idle", "duty": [], "text": text})
+        script.on_time(state, at)
+        while (taken := desk.next()) is not None:
+            orders.append((second, taken[0]))
+    lines = shown.ring.newest_of("log") or []
+    return orders, [line["text"] for line in lines]
+
+
+def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
+    end = int(LOOSE_AT + REFIT_AFTER) + 120
+    orders, lines = told(end)
+    drives = [(at, one) for at, one in orders if isinstance(one, DriveOrder)]
+    assert [at for at, _ in drives] == [int(STEP) * k for k in range(len(drives))]
+    assert len({one.duty for _, one in drives}) > len(drives) / 2
+    assert [one.reset for _, one in drives[:3]] == [False, True, True]
+    refits = [(at, one) for at, one in orders if isinstance(one, RefitOrder)]
+    assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_AFTER))]
+    assert ["comes loose" in line for line in lines] == [True, False]
+
+
+def test_who_stops_the_rig_stops_the_story() -> None:
+    orders, _ = told(600, stopped_at=100.0)
+    assert max(at for at, _ in orders) < 100.0
+
+
+def test_the_fault_is_one_of_the_rig() -> None:
+    (fault,) = demo_faults().rig
+    assert (fault.model, fault.time, fault.size) == ("loosen", LOOSE_AT, 3.0)
+    assert fault.part in load_rig(RIG).driven

@@ -1,0 +1,379 @@
+"""The loop around a virtual rig: the page follows it, orders are obeyed behind the interlocks, and
+a stop reaches it whatever it does. A clock that tests turn; no waiting."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from asgi import HOST, ask
+from faulty_runs import ONSET, recording
+from hand_clock import START, HandClock, virtual_bench
+from small_page import TOKEN, twin
+from small_results import fit
+
+from jaxtwin import RecordingError, TwinStore
+from jaxtwin.live import (
+    Finding,
+    Reading,
+    Record,
+    Recorder,
+    RigConnection,
+    RigState,
+    Sample,
+    VirtualRig,
+)
+from jaxtwin.live._stop_request import StopRequest
+from jaxtwin.serve import (
+    Access,
+    Champion,
+    Desk,
+    FrameRing,
+    LiveDiagnosis,
+    LiveRefit,
+    Page,
+    RecentSamples,
+    RigLoop,
+    TwinBeside,
+    web_app,
+)
+from jaxtwin.serve._desk import DriveOrder, PromoteOrder, RefitOrder, RollbackOrder
+
+
+class Bench:
+    """A virtual `tclab` with its loop."""
+
+    def __init__(self, **more: Any):
+        self.twin = twin()
+        self.clock = HandClock()
+        self.device = VirtualRig(self.twin, controller_rate=4.0)
+        journal = more.pop("journal", None)
+        self.source: RigConnection = virtual_bench(
+            self.twin.rig, self.device, self.clock, journal=journal
+        )
+        about = {"source": "virtual rig", "is_live": True, "recording": "", "control": True}
+        self.raised: list[Any] = []
+        beside = TwinBeside(self.twin, "values of the rig file")
+        self.page = Page(FrameRing(), self.source, beside, about, self.raised.append)
+        self.desk = Desk(StopRequest())
+        self.loop = RigLoop(self.source, self.page, self.desk, **more)
+
+    def turn(self, seconds: float) -> None:
+        until = self.clock.now() + seconds * 1e9
+        while self.clock.now() < until:
+            self.loop.turn()
+
+    def frame(self, kind: str) -> Any:
+        return self.page.ring.newest_of(kind)
+
+    def lines(self) -> list[str]:
+        return [line["text"] for line in self.frame("log")]
+
+
+class When:
+    """A consumer that does something once, when the cells are driven."""
+
+    def __init__(self, action: Callable[[], object]):
+        self.action: Callable[[], object] | None = action
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        if isinstance(record, Sample) and any(record.pwm) and self.action is not None:
+            action, self.action = self.action, None
+            action()
+
+    def on_time(self, state: RigState, now: int) -> None:
+        pass
+
+
+def test_the_page_follows_a_rig() -> None:
+    bench = Bench()
+    bench.turn(130.0)
+    story = bench.frame("story")
+    assert {name: story[name]["level"] for name in ("rig", "twin", "minute")} == {
+        "rig": "good",
+        "twin": "good",
+        "minute": "good",
+    }
+    assert story["links"] == {"rig": "live"}
+    sample, outlook = bench.frame("sample"), bench.frame("outlook")
+    assert sample["measured"] == pytest.approx(sample["expected"], abs=1.0)
+    assert sample["t"] == pytest.approx(bench.clock.now() * 1e-9, abs=0.5)
+    assert len(outlook["nodes"]) == len(bench.frame("layout")["nodes"])
+    assert outlook["times"][-1] == pytest.approx(sample["t"] + 60.0, abs=2.0)
+    history = bench.page.history.over(300.0)
+    assert 120 <= len(history["time"]) <= 132
+
+
+def test_pictures_are_at_most_ten_in_a_second_however_fast_the_rig_is() -> None:
+    bench = Bench()
+    bench.turn(5.0)
+    before, records = bench.page.ring.count, bench.page.records
+    bench.turn(10.0)
+    made = bench.page.ring.count - before
+    assert made <= 10 * (10 + 2)
+    assert bench.page.records > records
+
+
+def test_a_duty_is_held_for_its_time_and_the_cells_are_off_after_it() -> None:
+    seen: list[Any] = []
+    watch = When(lambda: None)
+    bench = Bench(consumers=(watch,))
+    bench.turn(3.0)
+    watch.action = lambda: seen.append((bench.frame("run")["state"], bench.device.pwm))
+    answer = bench.desk.ask(DriveOrder((0.3, 0.2), 20.0))
+    begin = bench.clock.now()
+    bench.loop.turn()
+    assert answer.result(0).obeyed
+    assert seen[0][0] == "driving"
+    assert any(seen[0][1])
+    assert (bench.clock.now() - begin) * 1e-9 == pytest.approx(21.0, abs=2.0)
+    assert not any(bench.device.pwm)
+    assert bench.frame("run")["state"] == "idle"
+    assert "the time is over; the cells are off" in bench.lines()
+    assert not bench.desk.is_over
+
+
+def test_a_second_order_changes_the_duty_without_a_pause() -> None:
+    duties: list[Any] = []
+    watch = When(lambda: None)
+    bench = Bench(consumers=(watch,))
+    bench.turn(3.0)
+
+    def change() -> None:
+        bench.desk.ask(DriveOrder((0.5, 0.5), 5.0))
+        watch.action = lambda: duties.append(bench.frame("run")["duty"])
+
+    watch.action = change
+    bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    begin = bench.clock.now()
+    bench.loop.turn()
+    assert (bench.clock.now() - begin) * 1e-9 < 30.0
+    assert bench.frame("run")["duty"] == [0.5, 0.5]
+    assert duties
+
+
+def test_a_stop_ends_a_run_at_once_and_the_program_goes_on() -> None:
+    watch = When(lambda: None)
+    bench = Bench(consumers=(watch,))
+    bench.turn(3.0)
+    watch.action = bench.desk.press_stop
+    bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    begin = bench.clock.now()
+    bench.loop.turn()
+    assert (bench.clock.now() - begin) * 1e-9 < 5.0
+    assert not any(bench.device.pwm)
+    assert bench.device.stage.trip_reason == ""
+    assert not bench.desk.is_over
+    assert not bench.desk.stop.is_set()
+    assert "stopped by hand; the cells are off" in bench.lines()
+
+
+def test_a_signal_ends_a_run_and_the_program_and_leaves_a_trip() -> None:
+    watch = When(lambda: None)
+    bench = Bench(consumers=(watch,))
+    bench.turn(3.0)
+
+    def end() -> None:
+        bench.desk.stop.signal = "SIGTERM"
+        bench.desk.stop.set()
+
+    watch.action = end
+    bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    bench.loop.run()
+    assert bench.desk.is_over
+    assert not any(bench.device.pwm)
+    assert bench.device.stage.trip_reason == "stop"
+
+
+def test_a_stop_without_a_run_trips_the_device_and_a_reset_ends_the_trip() -> None:
+    bench = Bench()
+    bench.turn(3.0)
+    bench.desk.press_stop()
+    assert bench.desk.take_stop()
+    bench.loop._stop()
+    assert bench.device.stage.trip_reason == "stop"
+    bench.turn(2.0)
+    assert bench.frame("story")["rig"]["head"] == "The device has switched off"
+    refused = bench.desk.ask(DriveOrder((0.3, 0.2), 10.0))
+    bench.loop.turn()
+    assert refused.result(0).obeyed
+    assert "look why" in bench.frame("run")["text"]
+    bench.desk.ask(DriveOrder((0.3, 0.2), 10.0, reset=True))
+    bench.loop.turn()
+    assert bench.frame("run")["text"] == "the time is over; the cells are off"
+
+
+def test_an_interlock_ends_a_run_that_the_page_began() -> None:
+    """The readings of a rig whose heater fails do not follow the duty."""
+    bench = Bench()
+    bench.turn(3.0)
+    bench.source.tap = lambda records: [one for one in records if not isinstance(one, Sample)]
+    bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    bench.loop.turn()
+    assert not any(bench.device.pwm)
+    assert bench.frame("run")["state"] == "idle"
+    assert "not started" in bench.frame("run")["text"]
+
+
+def test_a_recording_that_fails_does_not_end_the_page(tmp_path: Path) -> None:
+    file = tmp_path / "session.db"
+    recorder = Recorder(file, twin().rig, clock=HandClock())
+    bench = Bench(journal=recorder)
+    bench.turn(5.0)
+    file.unlink()
+    bench.turn(5.0)
+    assert "Nothing is recorded any more" in bench.page.problem
+    assert bench.frame("story")["rig"]["head"] == "The rig is well, the server is not"
+    assert [one.kind for one in bench.raised] == ["not-recorded"]
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> TwinStore:
+    store = TwinStore(tmp_path / "twins.db")
+    store.add(fit(), reason="first match", aliases=["champion"])
+    store.add(fit(), reason="refitted", parent=1, aliases=["challenger"])
+    return store
+
+
+def of_store(store: TwinStore) -> Bench:
+    def made(version: Any) -> TwinBeside:
+        return TwinBeside(twin(), f"version {version.number}")
+
+    return Bench(champion=Champion(store, made))
+
+
+def test_the_champion_is_followed_whoever_promoted_it(store: TwinStore) -> None:
+    bench = of_store(store)
+    bench.turn(2.0)
+    answer = bench.desk.ask(PromoteOrder("2", "it is better"))
+    bench.loop.turn()
+    assert answer.result(0).text == "the champion is version 2"
+    bench.turn(1.0)
+    assert bench.frame("layout")["twin"] == "version 2"
+    assert bench.frame("twins")["followed"] == 2
+    store.rollback(reason="by another process")
+    bench.turn(8.0)
+    assert bench.frame("layout")["twin"] == "version 1"
+    bench.desk.ask(RollbackOrder("it was right"))
+    bench.turn(1.0)
+    assert bench.frame("layout")["twin"] == "version 2"
+
+
+def test_a_version_that_is_not_there_is_refused(store: TwinStore) -> None:
+    bench = of_store(store)
+    answer = bench.desk.ask(PromoteOrder("7", "why not"))
+    bench.loop.turn()
+    assert not answer.result(0).obeyed
+    assert "7" in answer.result(0).text
+
+
+def test_without_a_store_nothing_is_promoted() -> None:
+    bench = Bench()
+    answer = bench.desk.ask(RollbackOrder("why not"))
+    bench.loop.turn()
+    assert answer.result(0) == (False, "there is no store")
+
+
+def test_a_stop_through_the_application_reaches_a_run() -> None:
+    watch = When(lambda: None)
+    bench = Bench(consumers=(watch,))
+    rules = Access.of("127.0.0.1", 8000)
+    app = web_app(bench.page, bench.desk, Access(rules.hosts, TOKEN, allow_control=True))
+    headers = {
+        "origin": f"http://{HOST}",
+        "content-type": "application/json",
+        "authorization": f"Bearer {TOKEN}",
+    }
+    statuses: list[int] = []
+
+    def press() -> None:
+        statuses.append(ask(app, "/control/stop", method="POST", headers=headers).status)
+
+    bench.turn(3.0)
+    watch.action = press
+    bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    bench.loop.turn()
+    assert statuses == [202]
+    assert not any(bench.device.pwm)
+
+
+def test_the_last_minutes_are_a_recording_of_a_sample_in_each_second() -> None:
+    recent = RecentSamples(twin())
+    bench = Bench(consumers=(recent,))
+    with pytest.raises(RecordingError, match="expected readings and duty"):
+        recent.recorded()
+    bench.turn(20.0)
+    recorded = recent.recorded()
+    assert recorded.channels == twin().channels
+    assert len(recorded.time) == pytest.approx(20, abs=2)
+    assert 1.0 <= min(np.diff(recorded.time)) <= max(np.diff(recorded.time)) < 1.3
+    assert not np.asarray(recorded.duty).any()
+    assert recent.recorded(5.0).duration == pytest.approx(5.0, abs=1.3)
+    assert recent.host_time(recent.now) == pytest.approx(bench.clock.now() * 1e-9, abs=1.5)
+
+
+def test_a_duty_counts_from_the_sample_in_whose_first_half_it_came() -> None:
+    """The duty of a sample of an experiment is held until the next one."""
+    recent, state = RecentSamples(twin()), RigState()
+    changes = (3.4, 6.6)  # before and after the middle between two samples
+    part = round(0.3 * twin().rig.driver.counts)
+    for tenth in range(100):
+        at, now = START + tenth * 10**8, tenth / 10
+        counts = part * sum(now >= change for change in changes)
+        sample = Sample("rig", "b", at, tenth * 10**5, tenth, (counts, 0), None)
+        records: list[Record] = [sample]
+        if tenth % 10 == 0:
+            row = np.array([30.0, 30.0])
+            records.append(Reading("rig", "b", at, tenth * 10**5, tenth, row, False, None))
+        for record in records:
+            state = state.after(record)
+            recent.on_record(record, state)
+    duty = np.asarray(recent.recorded().duty)[:, 0]
+    np.testing.assert_allclose(duty, [0, 0, 0, 0.3, 0.3, 0.3, 0.3, 0.6, 0.6, 0.6])
+
+
+def test_a_refit_needs_a_store_and_readings(store: TwinStore) -> None:
+    bench = Bench()
+    answer = bench.desk.ask(RefitOrder(600.0))
+    bench.loop.turn()
+    assert "no store" in answer.result(0).text
+    recent = RecentSamples(twin())
+    bench = Bench(refit=LiveRefit(store, recent, print))
+    answer = bench.desk.ask(RefitOrder(600.0))
+    bench.loop.turn()
+    assert answer.result(0) == (
+        False,
+        "the last minutes: expected readings and duty, got none yet",
+    )
+
+
+@pytest.mark.slow
+def test_a_change_is_diagnosed_beside_the_loop() -> None:
+    """Half of the strings of a heater fail, and the diagnosis says so, in a process of its own."""
+    shown: list[dict[str, Any]] = []
+    recent = RecentSamples(twin())
+    diagnosis = LiveDiagnosis(twin(), recent, shown.append)
+    run = recording("fail", "H1", 1.0)
+    state = RigState()
+    for number, (duty, row) in enumerate(zip(run.duty, np.asarray(run.temperatures), strict=True)):
+        at = START + number * 10**9
+        counts = tuple(round(1000 * float(part)) for part in duty)
+        for record in (
+            Sample("rig", "b", at, number * 10**6, number, counts, None),
+            Reading("rig", "b", at, number * 10**6, number, row, False, None),
+        ):
+            state = state.after(record)
+            recent.on_record(record, state)
+        if number == ONSET + 30:
+            diagnosis.on_finding(Finding("sudden", "T1 is off", "T1"))
+    diagnosis.on_time(state, START)
+    while len(shown) < 2:
+        time.sleep(0.1)
+        diagnosis.on_time(state, START)
+    diagnosis.close()
+    assert [one["state"] for one in shown] == ["running", "done"]
+    best = shown[1]["causes"][0]["explanations"][0]
+    assert best["name"] == "fail H1"
+    assert best["onset"] == pytest.approx(START * 1e-9 + ONSET, abs=10.0)

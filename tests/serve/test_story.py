@@ -1,0 +1,104 @@
+"""Three sentences: the worst that is known comes first, and estimates are called expected."""
+
+import numpy as np
+import pytest
+
+from jaxtwin.live import Finding
+from jaxtwin.observers._moments import Moment
+from jaxtwin.serve._story import Situation, is_rig_well, is_twin_right, what_comes
+
+GOOD = Situation(
+    channels=("T1", "T2"),
+    readings=np.array([30.0, 31.0]),
+    links={"a": "live"},
+    refusals={},
+    age=0.1,
+    faults={},
+    trip="",
+    limit=80.0,
+    findings=(),
+    cause="",
+    problem="",
+    ended=False,
+    observed=1000.0,
+    error=0.05,
+    surprise=1.0,
+    later=Moment(np.array([30.0, 31.0]), np.array([0.1, 0.1])),
+)
+ALARM = Finding("sudden", "T1 is 2 K above what is expected", "T1", size=2.0, unit="K")
+NOTICE = Finding("changed", "R_E differs by +3 %", "R_E", severity="notice")
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "head"),
+    [
+        ({}, "good", "The rig is well"),
+        ({"age": None}, "unknown", "Waiting for the rig"),
+        ({"age": 60.0}, "critical", "No readings"),
+        ({"readings": np.array([81.0, 20.0])}, "critical", "The rig is too hot"),
+        ({"trip": "watchdog"}, "warning", "The device has switched off"),
+        ({"findings": (NOTICE, ALARM)}, "warning", "Something has changed"),
+        ({"findings": (NOTICE,)}, "good", "The rig is well"),
+        ({"faults": {"T1": "open"}}, "warning", "A channel has failed"),
+        ({"problem": "disk"}, "warning", "The rig is well, the server is not"),
+        ({"ended": True}, "unknown", "The recording is over"),
+        ({"readings": np.full(2, np.nan)}, "good", "The rig is well"),
+        ({"age": 60.0, "trip": "stop", "findings": (ALARM,)}, "critical", "No readings"),
+        ({"trip": "x", "readings": np.array([90.0, 1.0])}, "critical", "The rig is too hot"),
+    ],
+)
+def test_the_rig_is_well_or_the_worst_is_said(changes: dict, level: str, head: str) -> None:
+    found = is_rig_well(GOOD._replace(**changes))
+    assert (found.level, found.head) == (level, head)
+
+
+@pytest.mark.parametrize(
+    ("changes", "level"),
+    [
+        ({}, "good"),
+        ({"age": None}, "unknown"),
+        ({"observed": 60.0}, "unknown"),
+        ({"findings": (ALARM,)}, "warning"),
+        ({"findings": (NOTICE,)}, "notice"),
+        ({"surprise": 5.0}, "notice"),
+    ],
+)
+def test_the_twin_is_right_if_it_expects_readings_as_well_as_it_says(
+    changes: dict, level: str
+) -> None:
+    assert is_twin_right(GOOD._replace(**changes)).level == level
+
+
+@pytest.mark.parametrize(
+    ("mean", "level", "head"),
+    [
+        ([30.05, 31.0], "good", "Steady for the next minute"),
+        ([33.0, 31.0], "good", "Warming by 3.0 K in a minute"),
+        ([30.0, 29.0], "good", "Cooling by 2.0 K in a minute"),
+        ([79.9, 31.0], "warning", "The limit is near"),
+    ],
+)
+def test_what_comes_is_the_largest_change_or_the_limit(
+    mean: list[float], level: str, head: str
+) -> None:
+    later = Moment(np.array(mean), np.array([0.1, 0.1]))
+    found = what_comes(GOOD._replace(later=later))
+    assert (found.level, found.head) == (level, head)
+    assert "expected" in found.text
+
+
+def test_there_is_no_forecast_from_old_readings() -> None:
+    for changes in ({"age": 10.0}, {"later": None}, {"ended": True}):
+        assert what_comes(GOOD._replace(**changes)).level == "unknown"
+
+
+def test_a_link_that_never_greets_is_named_with_the_reason() -> None:
+    waiting = GOOD._replace(age=None, links={"/dev/ttyACM0": "connecting"})
+    assert "/dev/ttyACM0 is connecting" in is_rig_well(waiting).text
+    refused = waiting._replace(refusals={"/dev/ttyACM0": "is the rig 'tclab'"})
+    assert "refused: is the rig 'tclab'" in is_rig_well(refused).text
+
+
+def test_the_cause_is_said_as_an_estimate() -> None:
+    found = is_rig_well(GOOD._replace(findings=(ALARM,), cause="loosen P1, 98 %"))
+    assert found.text.startswith("Most likely (estimate): loosen P1, 98 %.")
