@@ -49,7 +49,7 @@ def test_costs_are_the_mean_squared_errors_of_single_runs(
         run = simulate(twin.with_values(values), recording)
         cost = np.mean((run.temperatures - recording.temperatures) ** 2, axis=0)
         np.testing.assert_allclose(result.cost[draw, :2], cost, rtol=1e-5)
-        assert result.cost[draw, 2] == pytest.approx(cost.mean(), rel=1e-8)
+        assert result.cost[draw, 2] == pytest.approx(cost.mean(), rel=1e-5)
 
 
 def test_correlation_is_that_of_costs_and_samples(result: jt.Sensitivity):
