@@ -51,14 +51,17 @@ class SoftLimits(NamedTuple):
 class EvenPoints(NamedTuple):
     """The temperatures that are to be even, as `SoftLimits` has those of limited channels.
 
-    - `at`: their distances at the operating point from the mean of the outputs there, K.
+    - `C`, `at`: their matrix, and their temperatures at the operating point, degC.
+    - `beyond`: the same from the mean of the outputs there on, K.
     - `by_errors`: how the errors of the model at the watched channels change them.
     """
 
     by_states: Float[Array | np.ndarray, "rows state"]
     by_moves: Float[Array | np.ndarray, "rows moves"]
     rest_gain: Float[Array | np.ndarray, "points cells"]
+    C: Float[Array | np.ndarray, "points state"]
     at: Float[Array | np.ndarray, " points"]
+    beyond: Float[Array | np.ndarray, " points"]
     by_errors: Float[Array | np.ndarray, "points watched"]
 
 
@@ -189,6 +192,8 @@ def even_points(
     return EvenPoints(
         *_over_the_horizon(C, predicted),
         C @ plant.rest_states,
+        C,
+        at,
         at - plant.outputs.mean(),
         by_errors,
     )
@@ -196,7 +201,7 @@ def even_points(
 
 def _over_the_horizon(
     C: Float[np.ndarray, "temperatures state"], predicted: PredictedStates
-) -> tuple[Float[np.ndarray, "rows state"], Float[np.ndarray, "rows moves"]]:
+) -> tuple[Float[np.ndarray, "rows estimated"], Float[np.ndarray, "rows moves"]]:
     states, moves = predicted.by_states.shape[2], predicted.by_moves.shape[2]
     return (
         (C @ predicted.by_states).reshape(-1, states),

@@ -22,11 +22,10 @@ $c_k$ is free.
 """
 
 import copy
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple, final
+from typing import ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -47,7 +46,6 @@ from ._condensed_program import (
     condense,
     even_points,
     predict,
-    rest_cost,
     soft_limits,
 )
 from ._controller import (
@@ -63,22 +61,17 @@ from ._controller_fields import (
     REQUIRED_OWN,
     ControllerField,
     FileContents,
-    as_quantity,
 )
 from ._duty_limits import AbstractDutyLimitedController, checked_limits
 from ._evenness import AbstractEvennessCost
 from ._file_model import (
     MODEL_FIELDS,
     designed,
-    limit_lines,
-    model_lines,
-    model_settings,
-    point_lines,
-    read_model,
-    temperature_limits,
 )
-from ._kalman import KalmanFilter, error_gain, kalman_filter, kalman_tables
-from ._law import Law, bundled_law, check_designed_cells
+from ._kalman import KalmanFilter, error_gain, kalman_filter
+from ._law import Law
+from ._mpc_file import mpc_contents, mpc_lines
+from ._mpc_law import mpc_law
 from ._mpc_limits import (
     channels_of,
     check_horizon,
@@ -94,10 +87,8 @@ from ._mpc_programs import (
     SoftTemperatures,
     plan_program,
     rest_program,
-    squares_at_rest,
 )
 from ._plant import Plant, check_designed_for, plant_of
-from ._program_numbers import RestCost, parameter_lines, program_numbers, work_of
 from ._quadratic_program import QuadraticProgram, minimised
 
 SLOWNESS = 0.2
@@ -108,8 +99,9 @@ _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
 
 
 class MPCState(NamedTuple):
-    """The state of an `MPC`: the predicted states, the duty that the cells get, and the errors of
-    the model at the watched channels, K."""
+    """The state of an `MPC`: the predicted states, the duty that the cells get, the errors of the
+    model at the watched channels, and how much farther from their centre than the model expects the
+    points are at rest, K."""
 
     states: Float[Array, " state"]
     duty: Float[Array, " cells"]
@@ -162,6 +154,7 @@ class MPC(AbstractDutyLimitedController):
     fields: ClassVar[Mapping[str, ControllerField]] = {
         **MODEL_FIELDS,
         "horizon": REQUIRED_OWN,
+        "control_horizon": OWN,
         "preview": OWN,
         "output_deviation": replace(_TEMPERATURE, is_required=True),
         "duty_deviation": _DUTY,
@@ -169,6 +162,7 @@ class MPC(AbstractDutyLimitedController):
         "rate_limit": ControllerField("a rate of the duty", "1/s", "0.05 1/s"),
         "excess_deviation": _TEMPERATURE,
         "temperature_limits": OWN,
+        "evenness": OWN,
     }
 
     condensed: Condensed
@@ -287,7 +281,7 @@ class MPC(AbstractDutyLimitedController):
         assert isinstance(limited, MPC)
         # The field is no leaf, and no design depends on it.
         object.__setattr__(limited, "counts", rig.driver.counts)
-        if limited.rate_limit is not None and limited._reach == 0:
+        if limited.rate_limit is not None and limited.reach == 0:
             raise ControlError(
                 f"MPC: rate_limit: expected at least a count of the driver in a sample, "
                 f"{1 / (rig.driver.counts * self.sample_time_s):.3g} 1/s, got {self.rate_limit:g} "
@@ -321,95 +315,16 @@ class MPC(AbstractDutyLimitedController):
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
-        model = read_model(contents, cls.kind)
-        settings = model_settings(cls, contents)
-        limits = temperature_limits(contents)
-        if limits and "excess_deviation" not in contents.data:
-            contents.refuse("excess_deviation", "expected this field, got none")
-        preview = contents.data.get("preview", False)
-        if not isinstance(preview, bool):
-            contents.refuse("preview", f"expected true or false, got {preview!r}")
-        settings |= {"horizon": contents.data["horizon"], "preview": preview}
-        return designed(cls, model, {**settings, "temperature_limits": limits}, contents.refuse)
+        model, settings = mpc_contents(cls, contents)
+        return designed(cls, model, settings, contents.refuse)
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the deviations, the limits, and the model."""
-        of_fields = dict(zip(Deviations._fields, self.deviations, strict=True))
-        values: dict[str, Any] = {f"{name}_deviation": value for name, value in of_fields.items()}
-        values["duty_change_deviation"] = values.pop("change_deviation")
-        tables: list[str] = []
-        if self.rate_limit is not None:
-            values["rate_limit"] = self.rate_limit
-        if self.soft is not None:
-            values["excess_deviation"] = self.soft.excess
-            for row, (name, *limits) in enumerate(self.temperature_limits):
-                at, C = float(self.soft.outputs[row]), np.asarray(self.soft.C)[row]
-                gain = float(self.soft.L[row])
-                tables += limit_lines(name, (limits[0], limits[1]), at, C, gain)
-        return [
-            *point_lines(self.duty, self.outputs),
-            f"horizon = {self.horizon}",
-            f"preview = {json.dumps(self.preview)}",
-            *(
-                f"{name} = {as_quantity(value, self.fields[name].quantity)}"
-                for name, value in values.items()
-            ),
-            *tables,
-            *model_lines(self.kalman),
-        ]
+        return mpc_lines(self)
 
     def law(self, cells: int) -> Law:
         """The law: its Kalman filter, its target at rest and its plan."""
-        check_designed_cells(len(self.duty), cells)
-        states = len(self.kalman.L)
-        outputs, soft = len(self.outputs), self._soft
-        accepted = np.asarray(self.deviations.output, float)
-        gain, inverse = np.asarray(self.gain, float), np.asarray(self.inverse, float)
-        scaled, by_duty = rest_cost(gain, inverse, accepted, self.points is None)
-        if squares_at_rest(soft) is not None:
-            by_duty = by_duty + squares_at_rest(soft)
-        rest = RestCost(
-            by_duty,
-            -np.asarray(scaled).T / accepted,
-            gain,
-            self.disturbed,
-            self.of_channels,
-            self.adaptation,
-        )
-        numbers = program_numbers(self.condensed, rest, soft, self.watched)
-        moves, points = self.control_horizon * cells, len(self.point_names)
-        of_plan = moves * (1 if self.rate_limit is None else 2) + numbers.constants["SOFT_ROWS"]
-        of_rest = cells + 1 + soft.limited + 2 * points
-        centres = int(numbers.constants.get("CENTRES", 0))
-        constants = {
-            "STATES": states,
-            "READ": len(self.kalman.C),
-            "MOVES": moves,
-            **numbers.constants,
-        }
-        if self._reach is not None:
-            constants["REACH"] = self._reach
-        tables = {**kalman_tables(self.kalman, self.duty, self.outputs), **numbers.tables}
-        lines = parameter_lines(self.deviations, self.rate_limit, self.temperature_limits, soft)
-        if self.preview:
-            lines.append("designed for the references of the whole horizon: see ..._step_ahead")
-        memory = {"x": states, "moved": cells, "targets": self.horizon * cells}
-        if self.read_channels:
-            memory["error"] = len(self.read_channels)
-        if soft.has_bands:
-            memory |= {"deviation": self.horizon, "centre": self.horizon, "allowance": 1}
-        return Law(
-            bundled_law("mpc.c"),
-            f"model predictive control of {outputs} outputs over {self.horizon} samples",
-            {name: (np.ravel(values), text) for name, (values, text) in tables.items()},
-            {
-                **memory,
-                **work_of(max(moves, cells + 1), max(int(of_plan), of_rest), centres),
-            },
-            lines,
-            constants,
-            horizon=self.horizon,
-        )
+        return mpc_law(self, cells)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " readings"]
@@ -434,8 +349,8 @@ class MPC(AbstractDutyLimitedController):
         seen, program = self._problem(state, jnp.asarray(reference), measurement)
         now = minimised(program)[: len(self.duty)]
         low, high = (limit - self.duty for limit in self.limits)
-        if self._reach is not None:
-            now = jnp.clip(now, state.duty - self._reach, state.duty + self._reach)
+        if self.reach is not None:
+            now = jnp.clip(now, state.duty - self.reach, state.duty + self.reach)
         # Rounding must not violate the hard limits.
         now = jnp.clip(now, low, high)
         later = seen._replace(states=self.kalman.predict(seen.states, now), duty=now)
@@ -460,8 +375,8 @@ class MPC(AbstractDutyLimitedController):
     def _problem(
         self, state: MPCState, reference: Array, measurement: Float[ArrayLike, " readings"]
     ) -> tuple[MPCState, QuadraticProgram]:
-        """Computes the state after a reading, and the program whose minimum is the plan: the duty of
-        the next samples, as deviations from the operating point."""
+        """Computes the state after a reading, and the program whose minimum is the plan: the duty
+        of the next samples, as deviations from the operating point."""
         read, watched = self._parts(measurement)
         states = self.kalman.correct(state.states, read)
         missed = self._missed(states, watched) - state.errors
@@ -470,7 +385,7 @@ class MPC(AbstractDutyLimitedController):
         references = jnp.atleast_2d(reference)
         rest = self._rest(references, states, errors, limits)
         allowance = state.allowance
-        if self._soft.has_bands:
+        if self.soft_temperatures.has_bands:
             expected = self._rest(references, 0 * states, 0 * errors, limits).deviation
             more = rest.deviation[0] - expected[0]
             allowance = allowance + self.adaptation * (more - allowance)
@@ -478,7 +393,14 @@ class MPC(AbstractDutyLimitedController):
         samples = self.horizon
         rest = Rest(*(jnp.broadcast_to(part, (samples, *part.shape[1:])) for part in rest))
         program = plan_program(
-            self.condensed, states, state.duty, rest, limits, self._reach, self._soft, errors
+            self.condensed,
+            states,
+            state.duty,
+            rest,
+            limits,
+            self.reach,
+            self.soft_temperatures,
+            errors,
         )
         return MPCState(states, state.duty, errors, allowance), program
 
@@ -497,24 +419,35 @@ class MPC(AbstractDutyLimitedController):
         if self.points is not None:
             coming = coming + jnp.asarray(self.of_channels) @ errors
 
+        soft = self.soft_temperatures
+
         def of_sample(reference: Float[Array, " outputs"]) -> Rest:
             centre = jnp.mean(reference - self.outputs)
             missing = reference - coming
             program = rest_program(
-                gain, inverse, accepted, missing, heat, limits, self._soft, errors, centre
+                gain,
+                inverse,
+                accepted,
+                missing,
+                heat,
+                limits,
+                self.soft_temperatures,
+                errors,
+                centre,
             )
             found = minimised(program)
-            deviation = found[cells] if self._soft.has_bands else jnp.zeros_like(centre)
+            deviation = found[cells] if soft.has_bands else jnp.zeros_like(centre)
             return Rest(found[:cells], deviation, centre)
 
         return jax.vmap(of_sample)(references)
 
     @property
-    def _soft(self) -> SoftTemperatures:
+    def soft_temperatures(self) -> SoftTemperatures:
+        """The temperatures that its programs limit softly, and those that they make even."""
         return SoftTemperatures(self.soft, self.points, self.evenness, self.excess)
 
     @property
-    def _reach(self) -> float | None:
+    def reach(self) -> float | None:
         """The largest change of the duty in a sample; None for any."""
         if self.rate_limit is None:
             return None
@@ -525,7 +458,10 @@ class MPC(AbstractDutyLimitedController):
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape
+        even = ""
+        if self.evenness is not None:
+            even = f", {self.evenness.name} of {len(self.point_names)} points"
         return (
             f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
-            f"{self.sample_time_s:g} s>"
+            f"{self.sample_time_s:g} s{even}>"
         )

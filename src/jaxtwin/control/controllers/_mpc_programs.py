@@ -102,7 +102,7 @@ def plan_program(
         high = jnp.concatenate([high, limited.highest - coming])
     if soft.points is not None and soft.has_bands:
         points, samples = soft.points, len(rest.duty)
-        still = jnp.asarray(points.at) + jnp.asarray(points.by_errors) @ errors
+        still = jnp.asarray(points.beyond) + jnp.asarray(points.by_errors) @ errors
         moving = (jnp.asarray(points.by_states) @ states).reshape(samples, -1)
         coming = moving + still
         by_moves = jnp.asarray(points.by_moves)
@@ -167,7 +167,7 @@ def rest_program(
         return QuadraticProgram(hessian, slope, matrix, low, high, softness)
     points = soft.points
     by_rest = jnp.asarray(points.rest_gain)
-    coming = jnp.asarray(points.at) + by_rest @ heat + jnp.asarray(points.by_errors) @ errors
+    coming = jnp.asarray(points.beyond) + by_rest @ heat + jnp.asarray(points.by_errors) @ errors
     slope = slope.at[:cells].add(EVENNESS_WEIGHT * soft.cost.energy_price)
     if not soft.has_bands:
         weight = EVENNESS_WEIGHT / len(coming)

@@ -99,7 +99,7 @@ def program_numbers(
             "DUTY_PRICE": price * soft.cost.energy_price,
         }
         tables |= {
-            "points_at": (np.asarray(points.at), "points from the mean of the outputs on, K"),
+            "points_at": (np.asarray(points.beyond), "points from the mean of the outputs on, K"),
             "points_by_errors": (np.asarray(points.by_errors), "by the errors of the channels"),
             "points_by_rest": (gain @ disturbed, "at rest by a disturbance"),
             "output_by_rest": (np.asarray(rest.gain) @ disturbed, "outputs at rest alike"),

@@ -24,7 +24,7 @@ NOISE_SHARE = 0.01
 r"""$\rho$, as a share of the mean variance of the channels' errors: the part that is noise."""
 
 
-def UniformityMPC(  # noqa: N802 -- it makes a controller, as the classes beside it do
+def UniformityMPC(
     model: LinearModel,
     *,
     evenness: AbstractEvennessCost | None = None,
@@ -81,8 +81,8 @@ def UniformityMPC(  # noqa: N802 -- it makes a controller, as the classes beside
 
 
 def _from_room_to_point(model: LinearModel) -> LinearModel:
-    """The model with the gain of the whole way from the room to the operating point. Cells give less
-    heat per unit of duty the warmer the plate is, and a plan on the way needs the mean of it."""
+    """The model with the gain of the whole way from the room to the operating point. Cells give
+    less heat per unit of duty the warmer the plate is, and a plan on the way needs the mean."""
     point = model.operating_point
     duty, rises = np.asarray(point.duty), np.asarray(point.nodes) - float(point.ambient)
     C = np.asarray(model.C)
