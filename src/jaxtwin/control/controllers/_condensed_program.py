@@ -70,11 +70,14 @@ class WatchedChannels(NamedTuple):
 
     - `C`, `at`: their matrix, and their readings at the operating point, degC.
     - `L`: the gain of the filter of the errors of the model there, see `error_gain`.
+    - `unexplained`: what is left of errors there after the disturbances of the Kalman filter. If it
+      reads these channels itself, its disturbances take what the cells could have done.
     """
 
     C: Float[Array | np.ndarray, "watched state"]
     at: Float[Array | np.ndarray, " watched"]
     L: Float[Array | np.ndarray, " watched"]
+    unexplained: Float[Array | np.ndarray, "watched watched"]
 
 
 class PredictedStates(NamedTuple):

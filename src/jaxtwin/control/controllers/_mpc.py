@@ -82,6 +82,7 @@ from ._mpc_limits import (
     checked_temperature_limits,
 )
 from ._mpc_programs import (
+    ROOM_ON_THE_WAY,
     Limits,
     Rest,
     SoftTemperatures,
@@ -91,8 +92,9 @@ from ._mpc_programs import (
 from ._plant import Plant, check_designed_for, plant_of
 from ._quadratic_program import QuadraticProgram, minimised
 
-SLOWNESS = 0.2
-"""How much slower than the slowest pole of the model the allowance follows."""
+SLOWNESS = 1 / 3
+"""How fast the allowance follows, relative to the slowest pole of the model. While a plate warms
+up, what is not linear in it looks like a disturbance that will be over at rest."""
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
 _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
@@ -261,7 +263,12 @@ class MPC(AbstractDutyLimitedController):
             self.points = even_points(plant, predicted, shares)
             check_horizon(self.points, self.horizon, self.sample_time_s)
         gain = error_gain(w.mean(), v.mean(), self.sample_time_s)
-        self.watched = WatchedChannels(*plant.watched, np.full(len(self.read_channels), gain))
+        gains = np.full(len(self.read_channels), gain)
+        left = np.eye(len(gains))
+        if self.point_names:
+            explained = plant.read @ plant.rest_states
+            left -= explained @ np.linalg.pinv(explained)
+        self.watched = WatchedChannels(*plant.watched, gains, left)
         self.of_channels = np.zeros((outputs, 0))
         if self.point_names:
             self.of_channels = means_of(self.measured, self.read_channels)
@@ -368,9 +375,10 @@ class MPC(AbstractDutyLimitedController):
     def _missed(
         self, states: Float[Array, " state"], watched: Float[Array, " watched"]
     ) -> Float[Array, " watched"]:
-        """Computes what the model misses of the readings of the watched channels, K."""
+        """Computes what the model misses of the readings of the watched channels and no disturbance
+        explains, K."""
         C = jnp.asarray(self.watched.C)
-        return watched - C @ states[: C.shape[1]]
+        return jnp.asarray(self.watched.unexplained) @ (watched - C @ states[: C.shape[1]])
 
     def _problem(
         self, state: MPCState, reference: Array, measurement: Float[ArrayLike, " readings"]
@@ -378,6 +386,8 @@ class MPC(AbstractDutyLimitedController):
         """Computes the state after a reading, and the program whose minimum is the plan: the duty
         of the next samples, as deviations from the operating point."""
         read, watched = self._parts(measurement)
+        if self.points is not None:
+            read = read - state.errors
         states = self.kalman.correct(state.states, read)
         missed = self._missed(states, watched) - state.errors
         errors = state.errors + jnp.asarray(self.watched.L) * missed
@@ -389,7 +399,7 @@ class MPC(AbstractDutyLimitedController):
             expected = self._rest(references, 0 * states, 0 * errors, limits).deviation
             more = rest.deviation[0] - expected[0]
             allowance = allowance + self.adaptation * (more - allowance)
-            rest = rest._replace(deviation=expected + allowance)
+            rest = rest._replace(deviation=ROOM_ON_THE_WAY * (expected + allowance))
         samples = self.horizon
         rest = Rest(*(jnp.broadcast_to(part, (samples, *part.shape[1:])) for part in rest))
         program = plan_program(

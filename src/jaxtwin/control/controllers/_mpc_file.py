@@ -59,8 +59,8 @@ def mpc_lines(mpc: "MPC") -> list[str]:
         values["rate_limit"] = mpc.rate_limit
     if mpc.soft is not None or mpc.points is not None:
         values["excess_deviation"] = mpc.excess
-    rows = zip(mpc.temperature_limits, *mpc.watched, strict=False)
-    for (name, *limits), C, at, gain in rows:
+    for row, (name, *limits) in enumerate(mpc.temperature_limits):
+        C, at, gain = (np.asarray(part)[row] for part in mpc.watched[:3])
         tables += limit_lines(name, (limits[0], limits[1]), float(at), C, float(gain))
     C = None
     if mpc.points is not None and mpc.evenness is not None:

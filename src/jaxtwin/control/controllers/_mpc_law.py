@@ -7,7 +7,7 @@ import numpy as np
 from ._condensed_program import rest_cost
 from ._kalman import kalman_tables
 from ._law import Law, bundled_law, check_designed_cells
-from ._mpc_programs import squares_at_rest
+from ._mpc_programs import ROOM_ON_THE_WAY, squares_at_rest
 from ._program_numbers import RestCost, parameter_lines, program_numbers, work_of
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def mpc_law(mpc: "MPC", cells: int) -> Law:
         mpc.disturbed,
         mpc.of_channels,
         mpc.adaptation,
+        ROOM_ON_THE_WAY,
     )
     numbers = program_numbers(mpc.condensed, rest, soft, mpc.watched)
     moves, points = mpc.control_horizon * cells, len(mpc.point_names)

@@ -24,6 +24,12 @@ WIDEST_BAND = 1e3
 """The largest deviation of a point from the centre, K: a limit that no plate reaches."""
 
 
+ROOM_ON_THE_WAY = 1.03
+"""How far points may be from their centre on the way, relative to the farthest one at rest. A plate
+that rises has a larger range than one at rest at the same mean, so that without this room its last
+kelvin would take long."""
+
+
 class SoftTemperatures(NamedTuple):
     """The temperatures that a program limits softly, and those that it makes even.
 

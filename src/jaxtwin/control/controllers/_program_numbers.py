@@ -24,7 +24,8 @@ class RestCost(NamedTuple):
     - `gain`, `disturbed`: the outputs at rest, K per unit of duty, and the duty like which a
       disturbance acts.
     - `of_channels`: the outputs as means of the watched channels.
-    - `adaptation`: how fast the deviations of points on the way follow those at rest, by sample.
+    - `adaptation`: how fast the deviations of points on the way follow those at rest, by sample;
+      `room_on_the_way`: how large they may be relative to those.
     """
 
     by_duty: Float[Array | np.ndarray, "cells cells"]
@@ -33,6 +34,7 @@ class RestCost(NamedTuple):
     disturbed: Float[Array | np.ndarray, "cells disturbances"]
     of_channels: Float[Array | np.ndarray, "outputs watched"]
     adaptation: Float[Array | np.ndarray, ""]
+    room_on_the_way: float
 
 
 class ProgramNumbers(NamedTuple):
@@ -104,6 +106,7 @@ def program_numbers(
             "points_by_rest": (gain @ disturbed, "at rest by a disturbance"),
             "output_by_rest": (np.asarray(rest.gain) @ disturbed, "outputs at rest alike"),
             "output_by_errors": (np.asarray(rest.of_channels), "and by the errors"),
+            "unexplained": (np.asarray(watched.unexplained), "of what is missed of the channels"),
         }
         if soft.cost.is_quadratic:
             tables["by_point"] = gain * price / len(gain), "slope of the cost by the points, 1/K"
@@ -114,6 +117,7 @@ def program_numbers(
                 "WIDEST": WIDEST_BAND,
                 "NARROWEST": NARROWEST_BAND,
                 "ADAPTATION": float(rest.adaptation),
+                "ROOM_ON_THE_WAY": rest.room_on_the_way,
                 "CENTRES_AT_REST": int(soft.cost.has_free_centre),
             }
             by_states = np.asarray(points.by_states)

@@ -32,7 +32,7 @@ def UniformityMPC(
     order: int = 6,
     horizon: int = 30,
     control_horizon: int = 10,
-    excess_deviation: float | int = 0.2,
+    excess_deviation: float | int = 0.1,
     reading_noise: float | int = 0.5,
     **settings: Any,
 ) -> MPC:

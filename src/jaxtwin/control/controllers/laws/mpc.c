@@ -37,12 +37,19 @@ static void model_missed(const model_state *state, const model_real *reading, mo
 }
 
 #ifdef MODEL_ERRORS
-/* What the estimated states miss of the readings of the watched channels, K. */
+/* What the estimated states miss of the readings of the watched channels, K; with MODEL_POINTS, what
+   of it no disturbance explains. */
 static void model_watched_missed(const model_state *state, const model_real *reading,
                                  model_real *missed)
 {
 #ifdef MODEL_POINTS
-    model_missed(state, reading, missed);
+    model_real all[MODEL_ERRORS];
+    int i;
+    model_missed(state, reading, all);
+    for (i = 0; i < MODEL_ERRORS; ++i) {
+        missed[i] = 0;
+    }
+    model_add(missed, model_unexplained, all, MODEL_ERRORS, MODEL_ERRORS);
 #else
     enum { PLANT_STATES = MODEL_STATES - MODEL_DISTURBANCES };
     int i;
@@ -302,6 +309,7 @@ static void model_deviations(model_state *state, const model_real *reference, in
             }
             state->centre[k] = model_centre(reference + k * MODEL_OUTPUTS);
             state->deviation[k] = state->z[MODEL_CELLS] + state->allowance[0];
+            state->deviation[k] *= MODEL_ROOM_ON_THE_WAY;
         } else {
             state->centre[k] = state->centre[k - 1];
             state->deviation[k] = state->deviation[k - 1];
@@ -324,6 +332,11 @@ static void model_law(model_state *state, const model_real *reference, int sampl
     const model_real *error = 0;
 #endif
     model_missed(state, state->seen, y);
+#ifdef MODEL_POINTS
+    for (i = 0; i < MODEL_READ; ++i) {
+        y[i] -= error[i];
+    }
+#endif
     model_add(state->x, model_L, y, MODEL_STATES, MODEL_READ);
 #ifdef MODEL_ERRORS
     model_watched_missed(state, state->seen, missed);

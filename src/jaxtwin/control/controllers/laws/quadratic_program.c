@@ -121,7 +121,7 @@ static void model_assemble(model_state *state, const model_program *program)
         for (i = 0; i < program->size; ++i) {
             model_real *row = model_row(state->factor, i);
             const model_real part = *weight * sum[i];
-            for (j = 0; j <= i; ++j) {
+            for (j = 0; j <= i && part != 0; ++j) { /* 0 of moves that come later */
                 row[j] += part * sum[j];
             }
         }
