@@ -20,6 +20,7 @@ from ..controllers._controller import TemperatureLimit
 from ._loop_signals import ClosedLoop
 from ._measures import measures_of
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
+from ._unsettled import unsettled
 
 if TYPE_CHECKING:
     import pandas
@@ -131,6 +132,12 @@ class ClosedLoopRun:
             self.limits, self.run.channels, self.time, self.run.temperatures
         )
 
+    @property
+    def unsettled(self) -> tuple[str, ...]:
+        """The outputs that swing at the end of the run, or stay away from references that have not
+        changed in its last half, a sentence for each."""
+        return unsettled(self.loop, self.outputs)
+
     def measures(self) -> "pandas.DataFrame":
         """A table with a row for each measure: its name as index, value and unit."""
         import pandas
@@ -200,6 +207,8 @@ class ClosedLoopRun:
         events = [str(limit) for limit in self.exceeded]
         if self.switched_off is not None:
             events.insert(0, f"cells off from {self.switched_off:g} s, for want of readings")
+        elif self.unsettled:
+            events += [*self.unsettled, "loop_margins says whether the loop is stable"]
         return (
             f"<ClosedLoopRun of {self.run.rig}: {len(self.time)} times, at the end {ends} degC, "
             f"{self.energy[-1] / 3600:.2f} Wh{''.join(f'; {event}' for event in events)}>"
