@@ -50,7 +50,7 @@ REFERENCE, DURATION, LIMITS = 40.0, 1200.0, (0.0, 1.0)
 LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
 QUANTILES = (0.05, 0.5, 0.95)
 COOLER = (0.0, 0.9)
-"""Limits on the virtual rig: at full duty the interlocks stop it, with cell 2 at 125 degC inside."""
+"""Limits on the virtual rig: at full duty the interlocks stop it, with cell 2 at 125 degC."""
 
 SPEED = 4
 """Of the virtual rig, in times of a real one."""
@@ -110,8 +110,8 @@ def controllers(twin: jt.Twin) -> dict[str, tuple[Any, Any]]:
             UniformityMPC(model, limits=LIMITS, evenness=SquaresCost()),
             REFERENCE,
         ),
-        "UniformityMPC, 60 K for a unit of duty": (
-            UniformityMPC(model, limits=LIMITS, evenness=RangeCost(energy_price=60.0)),
+        "UniformityMPC, 100 K for a unit of duty": (
+            UniformityMPC(model, limits=LIMITS, evenness=RangeCost(energy_price=100.0)),
             REFERENCE,
         ),
     }
@@ -351,11 +351,11 @@ def page(answer: dict[str, Any]) -> str:
     if "virtual_rig" in answer:
         found = answer["virtual_rig"]
         text += (
-            "\nAt full duty the interlocks stop a rig before it is at rest, with cell 2 at 125 degC "
-            f"inside. With a duty of at most {COOLER[1]:g} the least range is "
-            f"{found['optimum_K']:.2f} K, and the largest on the way {found['largest_K']:.2f} K. On "
-            f"a virtual rig over TCP (speed {SPEED}, {found['duration_s']:.0f} s) the range of the "
-            f"readings differs from the simulated one by at most {found['range_off_K']:.2f} "
+            "\nAt full duty the interlocks stop a rig on its way, with cell 2 at 125 degC. "
+            f"With a duty of at most {COOLER[1]:g} the least range is "
+            f"{found['optimum_K']:.2f} K, the largest on the way {found['largest_K']:.2f} K. "
+            f"On a virtual rig over TCP (speed {SPEED}, {found['duration_s']:.0f} s) the range of "
+            f"the readings differs from the simulated one by at most {found['range_off_K']:.2f} "
             f"K, and their mean by {found['mean_off_K']:.2f} K, the noise of the camera included.\n"
         )
     if "over_draws" in answer:

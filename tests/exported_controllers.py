@@ -2,7 +2,7 @@
 
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from jaxtwin import Twin, linearize
 from jaxtwin.c_export import CSources, export_c
@@ -66,7 +66,7 @@ def controller_of(key: str) -> PID | DecoupledPI | LQI | MPC:
         return CONTROLLERS[key]
     linear = linearize(Twin("dual-cell"), duty=[0.4, 0.3])
     if key in COSTS:
-        limits = {"temperature_limits": {"T11": (0, 40)}} if key == "plan of the range" else {}
+        more: Any = {"temperature_limits": {"T11": (0, 40)}} if key == "plan of the range" else {}
         return UniformityMPC(
             linear,
             evenness=COSTS[key],
@@ -74,7 +74,7 @@ def controller_of(key: str) -> PID | DecoupledPI | LQI | MPC:
             horizon=8,
             control_horizon=3,
             limits=(0, 1),
-            **limits,
+            **more,
         )
     model = linear.reduce(4).discretise(1.0)
     measured = None if key.endswith("of the mean") else [LEFT, RIGHT]

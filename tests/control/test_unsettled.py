@@ -58,6 +58,8 @@ def test_a_sample_time_of_a_minute_is_too_long_for_gains_of_a_second(twin: Twin)
     assert "swings" in said
 
 
-def test_a_relay_swings_less_than_the_band(twin: Twin):
+def test_a_relay_swings_and_has_no_margins(twin: Twin):
     relay = Relay(amplitude=0.1, bias=0.4, hysteresis=0.1, limits=(0, 1))
-    assert not simulate_closed_loop(twin, relay, 40.0, duration=900).unsettled
+    run = simulate_closed_loop(twin, relay, 40.0, duration=900)
+    assert "mean of all swings by" in repr(run)
+    assert "loop_margins" not in repr(run)

@@ -16,9 +16,10 @@ linear-quadratic regulator, whatever the horizon (Rawlings, Mayne and Diehl, *Mo
 Control*, 2017, chapters 1 and 2).
 
 With points that are to be even, $u^*$ is the duty of the least `AbstractEvennessCost` that holds
-the references, and a point that is farther from the centre than the farthest at rest, $h^*_k$, has
-an excess as if that were its limit: $|y_{i,k} - c_k| \le h^*_k + e_{i,k}$. For a range the centre
-$c_k$ is free.
+the references, and a point that is farther from the centre than the farthest at rest, $h_k$, has an
+excess as if that were its limit: $|y_{i,k} - c_k| \le 1.03\,h_k + e_{i,k}$. For a range the centre
+$c_k$ is free. $h_k$ is what the model expects at rest without disturbances, and an allowance that
+slowly follows what the disturbances make of it.
 """
 
 import copy

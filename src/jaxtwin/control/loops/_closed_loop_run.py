@@ -41,6 +41,7 @@ class ClosedLoopRun:
     - `limits`: the temperature limits of the controller, by channel.
     - `switched_off`: the time from which the cells are off, because no reading came for too long,
       s; None if they are controlled to the end.
+    - `is_linear`: whether the controller is linear within its limits.
     """
 
     run: Run
@@ -48,6 +49,7 @@ class ClosedLoopRun:
     outputs: tuple[str, ...]
     limits: Mapping[str, TemperatureLimit] = field(default_factory=dict)
     switched_off: float | None = None
+    is_linear: bool = False
 
     @classmethod
     def of(
@@ -58,6 +60,8 @@ class ClosedLoopRun:
         ambient: Float[np.ndarray, " times"],
         limits: Mapping[str, TemperatureLimit],
         switched_off: float | None,
+        *,
+        is_linear: bool,
     ) -> "ClosedLoopRun":
         """Adds the names of a twin to the signals of a loop."""
         experiment = Experiment(
@@ -73,7 +77,7 @@ class ClosedLoopRun:
             elements=loop.elements,
             twin=twin,
         )
-        return cls(run, loop, outputs, limits, switched_off)
+        return cls(run, loop, outputs, limits, switched_off, is_linear)
 
     @property
     def time(self) -> Float[np.ndarray, " times"]:
@@ -208,7 +212,8 @@ class ClosedLoopRun:
         if self.switched_off is not None:
             events.insert(0, f"cells off from {self.switched_off:g} s, for want of readings")
         elif self.unsettled:
-            events += [*self.unsettled, "loop_margins says whether the loop is stable"]
+            hint = ["loop_margins says whether the loop is stable"] if self.is_linear else []
+            events += [*self.unsettled, *hint]
         return (
             f"<ClosedLoopRun of {self.run.rig}: {len(self.time)} times, at the end {ends} degC, "
             f"{self.energy[-1] / 3600:.2f} Wh{''.join(f'; {event}' for event in events)}>"
