@@ -46,7 +46,7 @@ def examples(twin: jt.Twin, mean: float) -> dict[str, AbstractController]:
         "DecoupledPI": DecoupledPI(
             0.05, 5e-4, 0.05, 5e-4, decoupling=decoupling_of(outputs), **both
         ),
-        "LQI": LQI(model, integral_deviation=30.0, duty_deviation=0.5, reading_noise=2.0, **both),
+        "LQI": LQI(model, integral_deviation=30.0, duty_deviation=0.5, reading_noise=5.0, **both),
         "MPC": MPC(model, horizon=20, duty_deviation=0.04, reading_noise=0.5, **both),
     }
 
