@@ -4,8 +4,7 @@
 
 The rig is matched to the first halves of the authors' steps in FOLDER, and starts at the room's
 temperature. Controllers side by side on the matched twin, for 1200 s, with the noise of the camera;
-then on draws of what the match leaves open, each beside its own optimum; the time of a step in
-Python and in C; and with `--tcp` the range that the channels see on a virtual rig.
+the time of a step in Python and in C; and the range that the channels see on a virtual rig.
 """
 
 import argparse
@@ -22,10 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin import ControlError
 from jaxtwin.c_export import export_c
 from jaxtwin.control import (
-    MEASURES,
     MPC,
     PID,
     ClosedLoopRun,
@@ -39,7 +36,6 @@ from jaxtwin.control import (
 )
 from jaxtwin.io import Session
 from jaxtwin.live import Guard, Recorder, SystemClock, TcpServer, VirtualRig, connect, serve
-from jaxtwin.matching import posterior_draws
 
 from ._machine import machine
 from ._results import write_results
@@ -48,7 +44,6 @@ from ._tables import table
 STEPS = ("peltierMIMOStepSecA.mat", "peltierMIMOStepSecB.mat", "peltierMIMOStepSecC.mat")
 REFERENCE, DURATION, LIMITS = 40.0, 1200.0, (0.0, 1.0)
 LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
-QUANTILES = (0.05, 0.5, 0.95)
 COOLER = (0.0, 0.9)
 """Limits on the virtual rig: at full duty the interlocks stop it, with cell 2 at 125 degC."""
 
@@ -132,47 +127,6 @@ def row(run: ClosedLoopRun) -> dict[str, float]:
         "settled_s": float(run.time[out[-1]]),
         "energy_kJ": float(run.energy[-1]) / 1e3,
     }
-
-
-def over_draws(fit: jt.Fit, twin: jt.Twin, count: int) -> dict[str, Any]:
-    """The range on the way and at rest of each draw that can hold the mean, less its optimum."""
-    draws, held, least = posterior_draws(fit, count), [], []
-    for number in range(count):
-        drawn = twin.with_values({name: values[number] for name, values in draws.items()})
-        try:
-            least.append(most_even_point(drawn, REFERENCE, limits=LIMITS).range)
-            held.append(number)
-        except ControlError:
-            continue
-    kept = {name: np.asarray(values)[held] for name, values in draws.items()}
-    measures: Any = {
-        name: MEASURES[name][0] for name in ("largest_plate_range", "plate_range_at_rest")
-    }
-    measures["mean"] = lambda loop: jnp.asarray(loop.temperatures)[-1].mean()
-    answer: dict[str, Any] = {"draws": count, "held": len(held)}
-    for name in ("MPC of two halves, step", "UniformityMPC"):
-        controller, references = controllers(twin)[name]
-        loops = jt.simulate_closed_loops(
-            twin,
-            controller,
-            references,
-            duration=DURATION,
-            initial=float(twin.values["T_amb"]),
-            draws=kept,
-            measures=measures,
-            precision="float64",
-        )
-        fine = ~loops.failed
-        answer[name] = {
-            "above_K": np.quantile(
-                (loops["largest_plate_range"] - least)[fine], QUANTILES
-            ).tolist(),
-            "rest_above_K": np.quantile(
-                (loops["plate_range_at_rest"] - least)[fine], QUANTILES
-            ).tolist(),
-            "mean_degC": np.quantile(loops["mean"][fine], QUANTILES).tolist(),
-        }
-    return answer
 
 
 def step_times(twin: jt.Twin) -> dict[str, dict[str, float]]:
@@ -278,7 +232,7 @@ def on_a_virtual_rig(twin: jt.Twin, duration: float) -> dict[str, float]:
     }
 
 
-def measure(folder: Path, count: int, tcp_s: float) -> dict[str, Any]:
+def measure(folder: Path, tcp_s: float) -> dict[str, Any]:
     """**Returns:** what `page` writes."""
     recordings = [jt.read_recording(folder / name) for name in STEPS]
     fit = jt.match(jt.Twin("dual-cell"), [one.between(0, one.duration / 2) for one in recordings])
@@ -301,8 +255,6 @@ def measure(folder: Path, count: int, tcp_s: float) -> dict[str, Any]:
     if tcp_s:
         answer["virtual_rig"] = on_a_virtual_rig(twin, tcp_s) | {"duration_s": tcp_s}
         print(answer["virtual_rig"], flush=True)
-    if count:
-        answer["over_draws"] = over_draws(fit, twin, count)
     return answer
 
 
@@ -354,32 +306,6 @@ def page(answer: dict[str, Any]) -> str:
             f"the readings differs from the simulated one by at most {found['range_off_K']:.2f} "
             f"K, and their mean by {found['mean_off_K']:.2f} K, the noise of the camera included.\n"
         )
-    if "over_draws" in answer:
-        found = answer["over_draws"]
-        text += (
-            f"\nOf {found['draws']} draws of what the match leaves open, {found['held']} can hold "
-            "the mean. 5, 50 and 95 % of them, with the controllers of the matched twin:\n\n"
-        )
-        quantiles = [
-            (
-                name,
-                *(
-                    " / ".join(f"{value:.{digits}f}" for value in found[name][key])
-                    for key, digits in (("above_K", 1), ("rest_above_K", 1), ("mean_degC", 2))
-                ),
-            )
-            for name in found
-            if isinstance(found[name], dict)
-        ]
-        text += table(
-            (
-                "controller",
-                "largest range above the draw's optimum, K",
-                "range at rest above it, K",
-                "mean at the end, degC",
-            ),
-            quantiles,
-        )
     return text
 
 
@@ -389,11 +315,10 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path, help="the authors' recordings")
-    parser.add_argument("--draws", type=int, default=0, help="of what the match leaves open")
     parser.add_argument("--tcp", type=float, default=900.0, help="seconds on a virtual rig")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
-    answer = {"machine": machine()} | measure(options.folder, options.draws, options.tcp)
+    answer = {"machine": machine()} | measure(options.folder, options.tcp)
     write_results(options.out / "evenness.json", answer, page(answer))
 
 
