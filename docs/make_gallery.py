@@ -13,7 +13,14 @@ from matplotlib.figure import Figure
 
 import jaxtwin as jt
 from jaxtwin import plots
-from jaxtwin.control import MPC, PID, ClosedLoopRun, OperatingPoint, most_even_point
+from jaxtwin.control import (
+    MPC,
+    PID,
+    ClosedLoopRun,
+    OperatingPoint,
+    UniformityMPC,
+    most_even_point,
+)
 from jaxtwin.data import synthetic_recordings
 from jaxtwin.physics import FAULT_MODELS
 
@@ -75,7 +82,9 @@ def main() -> None:
     }
     for name, draw in pictures.items():
         write(f"gallery/{name}", draw(), dpi=45)
-    write("plate-range", plots.plot_plate_range(*warmed(plate)), dpi=80)
+    runs, best = warmed(plate)
+    write("plate-range", plots.plot_plate_range(runs, best), dpi=80)
+    write("plate-seen", plots.plot_plate_seen(plate.rig, best), dpi=80)
     observed = followed()
     write("innovations", observed.plot_innovations(), dpi=80)
     write("gallery/observed", observed.plot(), dpi=45)
@@ -90,7 +99,7 @@ def main() -> None:
 
 def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
     """The plate on its way to its most even steady state at 40 °C: by a step of the references, by
-    a ramp, and by an S-curve."""
+    an S-curve, and by a controller of evenness."""
     groups = [["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]]
     best = most_even_point(twin, 40, limits=(0, 1))
     model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0})
@@ -104,14 +113,15 @@ def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
     at = dict(zip(twin.channels, best.outputs, strict=True))
     aim = "/".join(f"{np.mean([at[name] for name in group]):.2f}" for group in groups)
     plans = {
-        "step": f"0:{aim}",
-        "ramp of 600 s": f"0:16,ramp 600:{aim}",
-        "S-curve of 600 s": f"0:16,curve 600:{aim}",
+        "MPC, step": f"0:{aim}",
+        "MPC, S-curve of 600 s": f"0:16,curve 600:{aim}",
     }
     runs = {
         name: jt.simulate_closed_loop(twin, mpc, plan, duration=1200)
         for name, plan in plans.items()
     }
+    even = UniformityMPC(jt.linearize(twin, temperatures=40), limits=(0, 1))
+    runs["UniformityMPC"] = jt.simulate_closed_loop(twin, even, 40, duration=1200)
     return runs, best
 
 

@@ -2,11 +2,22 @@
 
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from jaxtwin import Twin, linearize
 from jaxtwin.c_export import CSources, export_c
-from jaxtwin.control import LQI, MPC, PID, AbstractController, DecoupledPI, decoupling_of
+from jaxtwin.control import (
+    LQI,
+    MPC,
+    PID,
+    AbstractController,
+    DecoupledPI,
+    RangeCost,
+    SquaresCost,
+    UniformityMPC,
+    WorstPointCost,
+    decoupling_of,
+)
 
 LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
 
@@ -36,14 +47,36 @@ CONTROLLERS = {
     ),
 }
 
-KEYS = (*CONTROLLERS, "state feedback", "state feedback of the mean", "plan", "plan of the mean")
+COSTS = {
+    "plan of the range": RangeCost(),
+    "plan of the worst point": WorstPointCost(energy_price=2.0),
+    "plan of the squares": SquaresCost(energy_price=1.0),
+}
+
+KEYS = (
+    *CONTROLLERS,
+    *("state feedback", "state feedback of the mean", "plan", "plan of the mean"),
+    *COSTS,
+)
 
 
 @cache
 def controller_of(key: str) -> PID | DecoupledPI | LQI | MPC:
     if key in CONTROLLERS:
         return CONTROLLERS[key]
-    model = linearize(Twin("dual-cell"), duty=[0.4, 0.3]).reduce(4).discretise(1.0)
+    linear = linearize(Twin("dual-cell"), duty=[0.4, 0.3])
+    if key in COSTS:
+        more: Any = {"temperature_limits": {"T11": (0, 40)}} if key == "plan of the range" else {}
+        return UniformityMPC(
+            linear,
+            evenness=COSTS[key],
+            sample_time_s=1.0,
+            horizon=8,
+            control_horizon=3,
+            limits=(0, 1),
+            **more,
+        )
+    model = linear.reduce(4).discretise(1.0)
     measured = None if key.endswith("of the mean") else [LEFT, RIGHT]
     if key == "plan":
         limits = {"T11": (0, 40), "T16": (-20, 90)}

@@ -151,7 +151,7 @@ LONG = {
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
-INPUTS |= {"AbstractController", "MonitorCalibration", "ProcessNoise", "Scenario"}
+INPUTS |= {"AbstractController", "MPC", "MonitorCalibration", "ProcessNoise", "Scenario"}
 """Classes that public functions give and that are no results."""
 
 INSIDE_JAX = {"ClosedLoop"}

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiled_c import compiled, ran
-from exported_controllers import CONTROLLERS, KEYS, LEFT, RIGHT, c_of, controller_of
+from exported_controllers import CONTROLLERS, COSTS, KEYS, LEFT, RIGHT, c_of, controller_of
 
 from jaxtwin import ControlError, Twin, simulate_closed_loop
 from jaxtwin.c_export import CSources, export_c
@@ -92,7 +92,8 @@ def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
 ):
     """With readings that do not come, to 1e-12 of full duty in double, 1e-5 in float; then off.
 
-    In float the minimum of a plan is as sharp as its cost is: half a percent of full duty.
+    In float the minimum of a plan is as sharp as its cost is: half a percent of full duty, and 4
+    percent along the duty cycles that hold the mean with hardly another range.
     """
     reference, readings, duty = an_hour(key)
     found = asked(c_of(controller_of(key), tmp_path, precision), reference, readings)
@@ -102,7 +103,7 @@ def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
     assert duty[3402].any()
     assert not duty[3403:].any()
     assert found.shape == duty.shape
-    in_float = 5e-3 if key.startswith("plan") else 1e-5
+    in_float = 0.04 if key in COSTS else 5e-3 if key.startswith("plan") else 1e-5
     allowed = in_float if precision == "float" else 1e-12
     np.testing.assert_allclose(found, duty, rtol=0, atol=allowed)
 

@@ -97,7 +97,7 @@ def test_the_programs_of_a_run_have_daqp_s_minimum(twin: Twin):
     with jax.enable_x64(True):
 
         def sample(state: Any, row: Any) -> Any:
-            program = mpc._problem(state, *row)[2]
+            program = mpc._problem(state, *row)[1]
             duty, later = mpc.step(state, *row)
             return later, (program, minimised(program), duty)
 

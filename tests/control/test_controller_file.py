@@ -22,6 +22,7 @@ from jaxtwin.control import (
     FunctionController,
     LinearModel,
     OperatingPoint,
+    RangeCost,
     Relay,
     read_controller,
     save_controller,
@@ -208,10 +209,19 @@ def of_models(twin: Twin) -> list[Any]:
         designed(twin, LQI, setpoint_weight=[0.3, 0.1]),
         designed(twin, MPC, horizon=4, duty_deviation=[0.1, 0.2], reading_noise=0.03),
         designed(twin, MPC, horizon=3, rate_limit=0.07, temperature_limits=limited, preview=True),
+        designed(
+            twin,
+            MPC,
+            horizon=8,
+            control_horizon=2,
+            temperature_limits={"T12": (0, 50)},
+            evenness=RangeCost(energy_price=0.5),
+            points=["T11", "T16", "T26"],
+        ),
     ]
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(5))
 def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, number: int):
     """With the same numbers, but for the last digits of what is computed anew."""
     path = tmp_path / "controller.toml"
@@ -259,6 +269,30 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
         (3, r"\nL = 0.*", "\nL = 2.5", r"T11\.L: expected a number above 0 and below 2, got 2.5"),
         (3, r'lowest = "10.1', 'lowest = "70.1', "T11: expected the lowest and the highest"),
         (3, r'lowest = "10.1 degC"', "", r"T11\.lowest: expected this field, got none"),
+        (4, r'cost = "range"', 'cost = "rage"', r"evenness\.cost: expected one of range, worst-po"),
+        (4, r'energy_price = "', 'energy_price = "-', r"evenness\.energy_price: expected a temper"),
+        (4, r"\nL = 0.*\n\n\[evenness\.ch", "\nL = 3\n\n[evenness.ch", r"evenness\.L: expected"),
+        (
+            4,
+            r'names = \["T11"',
+            'names = ["T99"',
+            r"evenness\.channels\.names: unknown channel 'T9",
+        ),
+        (4, r'names = \["T11", "T16"', 'names = ["T16", "T16"', "names: expected names, each once"),
+        (
+            4,
+            r"by_errors = \[\n +\[",
+            "by_errors = [\n [1, ",
+            r"points\.by_errors: expected 3 x any",
+        ),
+        (4, r"by_errors = ", "by_error = ", r"evenness\.points\.by_error: unknown field"),
+        (4, r"\[evenness\.points\]", "[evenness.point]", r"evenness\.point: unknown field 'point'"),
+        (
+            4,
+            r"control_horizon = 2",
+            "control_horizon = 9",
+            "MPC: control_horizon: expected at most",
+        ),
     ],
 )
 def test_a_wrong_field_of_a_model_s_controller_is_named(
@@ -306,14 +340,14 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
     """The files of some controllers."""
     path = tmp_path_factory.mktemp("files") / "controller.toml"
     made = []
-    for controller in of_models(twin)[:4]:
+    for controller in of_models(twin):
         save_controller(path, controller, twin.rig)
         made.append(path.read_text(encoding="utf-8"))
     return made
 
 
 @settings(deadline=None, max_examples=50)
-@given(st.integers(0, 3), damages)
+@given(st.integers(0, 4), damages)
 def test_a_damaged_file_is_refused_or_a_controller(
     tmp_path_factory: pytest.TempPathFactory,
     twin: Twin,

@@ -59,7 +59,8 @@ def test_an_mpc_without_an_active_limit_is_the_regulator(horizon: int):
     aim = np.linalg.solve(model.C @ rest, reference)
     change = -K @ np.r_[states - rest @ aim, last - aim]
     with jax.enable_x64(True):
-        state = MPCState(jnp.asarray(np.r_[states, 0, 0]), jnp.asarray(last), jnp.zeros(0))
+        estimated = jnp.asarray(np.r_[states, 0, 0])
+        state = MPCState(estimated, jnp.asarray(last), jnp.zeros(0), jnp.zeros(()))
         duty, _ = jax.jit(lambda s, r, y: mpc.step(s, r, y))(state, reference, model.C @ states)
     np.testing.assert_allclose(duty, last + change, rtol=0, atol=1e-8)
 

@@ -8,7 +8,7 @@ from matplotlib import pyplot
 from matplotlib.lines import Line2D
 from small_results import fit
 
-from jaxtwin import ControlError, linearize, plots, simulate_closed_loop
+from jaxtwin import ControlError, Twin, linearize, plots, simulate_closed_loop
 from jaxtwin.control import PID
 
 
@@ -59,3 +59,23 @@ def test_the_range_of_the_plate_is_drawn_for_each_loop_beside_the_best():
     assert [text.get_text() for text in legend.get_texts()] == list(runs)
     with pytest.raises(ControlError, match="runs: expected at least one closed loop, got none"):
         plots.plot_plate_range({})
+
+
+def test_the_plate_is_drawn_beside_what_its_channels_see():
+    """The hottest and the coldest element are written out, and every reading."""
+    twin = fit().twin
+    best = linearize(twin, duty=0.2).operating_point
+    figure = plots.plot_plate_seen(twin.rig, best)
+    elements, channels = figure.axes[:2]
+    plate = np.asarray(best.nodes)[: twin.wiring.elements]
+    written = {text.get_text() for text in elements.texts}
+    assert {f"{plate.max():.1f}", f"{plate.min():.1f}"} <= written
+    seen = [text.get_text() for text in channels.texts]
+    assert seen == [f"{reading:.1f}" for reading in best.outputs]
+    assert elements.get_title("right") == f"range {np.ptp(plate):.1f} K"
+    assert channels.get_title("right") == f"range {np.ptp(best.outputs):.1f} K"
+    run = simulate_closed_loop(twin, PID(Kp=0.1, Ki=0.001), 25.0, duration=5)
+    at_end = plots.plot_plate_seen(twin.rig, run).axes[0]
+    assert at_end.get_title("right") == f"range {run.range[-1]:.1f} K"
+    with pytest.raises(ControlError, match="plot_plate_seen: expected a rig with a plate"):
+        plots.plot_plate_seen(Twin("tclab").rig, best)

@@ -12,6 +12,10 @@ from .controllers._controller_file import (
 from .controllers._controller_file import save_controller as save_controller
 from .controllers._decoupled_pi import DecoupledPI as DecoupledPI  # on the mean and on differences
 from .controllers._decoupled_pi import decoupling_of as decoupling_of  # from the plate's gain
+from .controllers._evenness import AbstractEvennessCost as AbstractEvennessCost
+from .controllers._evenness import RangeCost as RangeCost  # hottest less coldest
+from .controllers._evenness import SquaresCost as SquaresCost  # of all deviations
+from .controllers._evenness import WorstPointCost as WorstPointCost  # minimax
 from .controllers._function_controller import FunctionController as FunctionController
 from .controllers._kalman import KalmanFilter as KalmanFilter  # with the disturbance
 from .controllers._law import Law as Law  # the law of a controller in C
@@ -19,6 +23,7 @@ from .controllers._lqi import LQI as LQI  # state feedback with integral action
 from .controllers._mpc import MPC as MPC  # hard limits of duty and rate
 from .controllers._pid import PID as PID
 from .controllers._relay import Relay as Relay  # an oscillation at the critical frequency
+from .controllers._uniformity_mpc import UniformityMPC as UniformityMPC  # the most even plate
 from .linear._directions import Directions as Directions  # mean and uniformity
 from .linear._discrete_model import DiscreteModel as DiscreteModel  # a linear model step by step
 from .linear._linear_model import LinearModel as LinearModel  # a twin near an operating point

@@ -32,6 +32,7 @@ from ._observed import plot_innovations, plot_observed
 from ._parameters import plot_parameters
 from ._plate_map import plot_plate_map
 from ._plate_range import plot_plate_range
+from ._plate_seen import plot_plate_seen
 from ._png import to_png
 from ._profile import plot_profile
 from ._recordings import plot_recordings
@@ -76,6 +77,7 @@ __all__ = [
     "plot_plate_beside",
     "plot_plate_map",
     "plot_plate_range",
+    "plot_plate_seen",
     "plot_profile",
     "plot_recordings",
     "plot_residual_tests",

@@ -92,7 +92,7 @@ def plot_plate_map(
             )
         ax.set_axis_off()
         _draw_map(ax, rig, titles[0], np.asarray(temperatures)[0], scale)
-        _draw_scale(ax.figure, scale, ax, 20)
+        draw_scale(ax.figure, scale, ax, 20)
         return ax
     panels = len(titles) + 1
     rows = -(-panels // columns)
@@ -104,13 +104,14 @@ def plot_plate_map(
     for axes, title, values in zip(grid.flat, titles, temperatures, strict=False):
         _draw_map(axes, rig, title, values, scale)
     _draw_channels(grid.flat[panels - 1], rig)
-    _draw_scale(figure, scale, grid, 28)
+    draw_scale(figure, scale, grid, 28)
     return figure
 
 
-def _draw_scale(
+def draw_scale(
     figure: Figure | SubFigure, scale: ScalarMappable, beside: Axes | np.ndarray, aspect: int
 ) -> None:
+    """Draws the bar of the colours of temperatures beside some axes."""
     bar = figure.colorbar(scale, ax=beside, shrink=0.7, aspect=aspect, pad=0.02)
     bar.set_label("temperature, °C")
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]

@@ -30,7 +30,7 @@ from ._controller_fields import (
     quantity,
 )
 from ._kalman import KalmanFilter
-from ._plant import Plant, checked_plant
+from ._plant import Plant, Temperatures, checked_plant
 
 Designed = TypeVar("Designed", bound=AbstractController)
 
@@ -48,19 +48,35 @@ _LIMIT = ("lowest", "highest", "operating_point", "C", "L")
 
 class FileModel(NamedTuple):
     """The model of a controller file, the gain of its Kalman filter, and the gains of the filters
-    of the channels with limits."""
+    of the watched channels."""
 
     plant: Plant
-    L: Float[np.ndarray, "state output"]
-    of_limits: Float[np.ndarray, " watched"]
+    L: Float[np.ndarray, "state reading"]
+    of_watched: Float[np.ndarray, " watched"]
 
 
-def read_model(contents: FileContents, kind: str) -> FileModel:
+class FileEvenness(NamedTuple):
+    """The channels and the points of a controller file that has some which are to be even, and the
+    gain of the filter of the errors at the channels."""
+
+    channels: Temperatures
+    points: Temperatures
+    L: float
+
+
+NONE = Temperatures(np.zeros((0, 0)), np.zeros(0))
+
+NOT_EVEN = FileEvenness(NONE, NONE, 0.0)
+"""That of a controller without such points."""
+
+
+def read_model(contents: FileContents, kind: str, evenness: FileEvenness = NOT_EVEN) -> FileModel:
     """Reads operating point, model and filter, and the models of channels with temperature limits.
 
     **Arguments:**
 
     - `kind`: the kind of the controller, for messages.
+    - `evenness`: what the file says of points that are to be even.
 
     **Raises:** `ControlError` for values that are not allowed.
     """
@@ -70,16 +86,7 @@ def read_model(contents: FileContents, kind: str) -> FileModel:
         outputs = len(means_of(measured, contents.channels))
     except ControlError as error:
         refuse("", str(error))
-    limited = read_table(contents.data.get("temperature_limits", {}), "temperature_limits", refuse)
-    return _file_model(
-        contents.data,
-        limited,
-        contents.common["sample_time_s"],
-        len(contents.rig.driven),
-        outputs,
-        contents.channels,
-        refuse,
-    )
+    return _file_model(contents, outputs, evenness)
 
 
 def model_settings(controller: type[AbstractController], contents: FileContents) -> dict[str, Any]:
@@ -118,17 +125,25 @@ def limit_lines(
 
 def point_lines(duty: object, outputs: object) -> list[str]:
     """Returns the lines of the operating point."""
-    written = ", ".join(f'"{value!r} degC"' for value in np.asarray(outputs, float).tolist())
-    return [f"duty = {np.asarray(duty, float).tolist()!r}", f"outputs = [{written}]"]
+    return [f"duty = {np.asarray(duty, float).tolist()!r}", f"outputs = {as_celsius(outputs)}"]
 
 
-def model_lines(kalman: KalmanFilter) -> list[str]:
-    """Returns the table of the model and of its filter."""
-    states = len(kalman.A) - len(kalman.C)
+def as_celsius(temperatures: object) -> str:
+    """Returns the text of a list of temperatures."""
+    written = (f'"{value!r} degC"' for value in np.asarray(temperatures, float).tolist())
+    return f"[{', '.join(written)}]"
+
+
+def model_lines(
+    kalman: KalmanFilter, C: Float[np.ndarray, "outputs state"] | None = None
+) -> list[str]:
+    """Returns the table of the model and of its filter. `C`: that of the outputs, if the filter
+    reads something else."""
+    states = len(kalman.A) - min(kalman.B.shape[1], len(kalman.C))
     model = {
         "A": kalman.A[:states, :states],
         "B": kalman.B[:states],
-        "C": kalman.C[:, :states],
+        "C": kalman.C[:, :states] if C is None else C,
         "L": kalman.L,
     }
     written = [f"{name} = {as_matrix(value, _MODEL[name])}" for name, value in model.items()]
@@ -155,25 +170,21 @@ def designed(
     error = np.asarray(kalman.A) @ (np.eye(len(kalman.A)) - model.L @ np.asarray(kalman.C))
     check_stable(error, "model.L", "a gain with which the error of the filter goes to 0", refuse)
     made = eqx.tree_at(lambda made: made.kalman.L, made, model.L)
-    if len(model.of_limits):
-        made = eqx.tree_at(lambda made: made.soft.L, made, model.of_limits)
+    if len(model.of_watched):
+        made = eqx.tree_at(lambda made: made.watched.L, made, model.of_watched)
     return made
 
 
-def _file_model(
-    data: Mapping[str, Any],
-    limited: Mapping[str, Any],
-    sample_time_s: float,
-    cells: int,
-    outputs: int,
-    channels: Sequence[str],
-    refuse: Refuse,
-) -> FileModel:
+def _file_model(contents: FileContents, outputs: int, evenness: FileEvenness) -> FileModel:
     """Reads the plant and the gains of the filters."""
+    data, refuse = contents.data, contents.refuse
+    cells, (own, points, own_gain) = len(contents.rig.driven), evenness
+    limited = read_table(data.get("temperature_limits", {}), "temperature_limits", refuse)
     model = read_table(data["model"], "model", refuse, _MODEL)
     A = matrix(model["A"], "model.A", PLAIN, (None, None), refuse)
     n = len(A)
-    shapes = {"A": (n, n), "B": (n, cells), "C": (outputs, n), "L": (n + outputs, outputs)}
+    read = len(limited) + len(own.at) if len(points.at) else outputs
+    shapes = {"A": (n, n), "B": (n, cells), "C": (outputs, n), "L": (n + min(read, cells), read)}
     A, B, C, L = (
         matrix(model[name], f"model.{name}", unit, shapes[name], refuse)
         for name, unit in _MODEL.items()
@@ -181,25 +192,34 @@ def _file_model(
     duty = np.array(numbers(data["duty"], "duty", refuse))
     if duty.shape != (cells,) or not np.all(np.abs(duty) <= 1):
         refuse("duty", f"expected {cells} numbers from -1 to 1, got {data['duty']!r}")
-    point = np.array(_temperatures(data["outputs"], "outputs", outputs, refuse))
+    point = np.array(temperatures_of(data["outputs"], "outputs", outputs, refuse))
     rows, at, gains = np.zeros((0, n)), [], []
     for name, row in limited.items():
         field = f"temperature_limits.{name}"
-        if name not in channels:
-            refuse(field, unknown_name("channel", name, channels))
+        if name not in contents.channels:
+            refuse(field, unknown_name("channel", name, contents.channels))
         values = read_table(row, field, refuse, _LIMIT)
         rows = np.vstack([rows, matrix(values["C"], f"{field}.C", PER_STATE, (1, n), refuse)])
         at.append(_celsius(values, name, "operating_point", refuse))
-        gains.append(_gain(values["L"], f"{field}.L", refuse))
+        gains.append(gain_of_error(values["L"], f"{field}.L", refuse))
+    if len(points.at):
+        for name, part in (("channels", own), ("points", points)):
+            if part.C.shape[1] != n:
+                refuse(f"evenness.{name}.C", f"expected {n} columns, as model.A has")
+        rows, at = np.vstack([rows, own.C]), [*at, *own.at]
+        gains += [own_gain] * len(own.at)
+    else:
+        points = Temperatures(np.zeros((0, n)), np.zeros(0))
     try:
-        watched = rows, np.array(at)
-        plant = checked_plant("model", (A, B, C), (duty, point), watched, sample_time_s)
+        watched = Temperatures(rows, np.array(at))
+        time = contents.common["sample_time_s"]
+        plant = checked_plant("model", (A, B, C), (duty, point), watched, points, time)
     except ControlError as error:
         refuse("", str(error))
     return FileModel(plant, L, np.array(gains))
 
 
-def _gain(found: object, name: str, refuse: Refuse) -> float:
+def gain_of_error(found: object, name: str, refuse: Refuse) -> float:
     """Reads the gain of the filter of a single error, with which the error goes to 0."""
     if isinstance(found, bool) or not isinstance(found, int | float) or not 0 < found < 2:
         refuse(name, f"expected a number above 0 and below 2, got {found!r}")
@@ -232,7 +252,8 @@ def read_table(
     return found
 
 
-def _temperatures(found: object, name: str, count: int, refuse: Refuse) -> list[float]:
+def temperatures_of(found: object, name: str, count: int, refuse: Refuse) -> list[float]:
+    """Reads a list of so many temperatures, degC."""
     if not isinstance(found, list) or len(found) != count:
         refuse(name, f'expected {count} temperatures such as "40 degC", got {found!r}')
     return [_degrees_of(part, f"{name}[{n}]", refuse) for n, part in enumerate(found)]

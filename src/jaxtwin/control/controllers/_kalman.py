@@ -6,8 +6,9 @@ agrees with the readings at rest, whatever its error:
 
 $$x_{k+1} = A x_k + B (u_k + G^+ d_k), \quad d_{k+1} = d_k + w_k, \quad y_k = C x_k + v_k$$
 
-with $G$ the gain at rest (Pannocchia and Rawlings, AIChE J. 49, 2003, on disturbance models without
-offset).
+with $G$ the gain at rest. Of more readings than cells, the disturbances explain what the cells
+could have done, and the rest stays unexplained (Pannocchia and Rawlings, AIChE J. 49, 2003, on
+disturbance models without offset).
 """
 
 from typing import final
@@ -31,7 +32,8 @@ class KalmanFilter(eqx.Module):
 
     - `A`, `B`, `C`: matrices of these states.
     - `L`: the filter gain.
-    - `by_duty`, `by_disturbance`: the states at rest per unit of duty, and per K of a disturbance.
+    - `by_duty`, `by_reading`: the states at rest per unit of duty, and what 1 K of a reading that
+      the duty does not explain adds to them.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -39,14 +41,14 @@ class KalmanFilter(eqx.Module):
     C: Float[Array | np.ndarray, "output state"]
     L: Float[Array | np.ndarray, "state output"]
     by_duty: Float[Array | np.ndarray, "state cell"]
-    by_disturbance: Float[Array | np.ndarray, "state output"]
+    by_reading: Float[Array | np.ndarray, "state output"]
 
     def init(
         self, duty: Float[Array, " cell"], outputs: Float[Array, " output"]
     ) -> Float[Array, " state"]:
         """The states at rest under a duty, with the disturbance that explains the outputs."""
         at_rest = jnp.asarray(self.by_duty) @ duty
-        return at_rest + jnp.asarray(self.by_disturbance) @ (outputs - self.C @ at_rest)
+        return at_rest + jnp.asarray(self.by_reading) @ (outputs - self.C @ at_rest)
 
     def correct(
         self, states: Float[Array, " state"], outputs: Float[Array, " output"]
@@ -88,7 +90,7 @@ def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[s
         "C": (kalman.C, "its outputs, K"),
         "L": (kalman.L, "of its correction by a reading"),
         "by_duty": (kalman.by_duty, "states at rest by the duty"),
-        "by_rest": (kalman.by_disturbance, "and by a disturbance, 1/K"),
+        "by_rest": (kalman.by_reading, "and by a reading, 1/K"),
         "duty": (duty, "operating point, -1 to 1"),
         "at": (outputs, "operating point, degC"),
     }
@@ -98,8 +100,8 @@ def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[s
 def kalman_filter(
     where: str,
     plant: Plant,
-    drift: Float[np.ndarray, " output"],
-    reading_noise: Float[np.ndarray, " output"],
+    drift: Float[np.ndarray, " disturbance"],
+    reading_noise: Float[np.ndarray, " reading"],
     sample_time_s: float,
 ) -> KalmanFilter:
     """Designs the filter.
@@ -107,21 +109,22 @@ def kalman_filter(
     **Arguments:**
 
     - `drift`: the drift of the disturbances, K at rest per square root of a second.
-    - `reading_noise`: the standard deviation of a reading of each output, K.
+    - `reading_noise`: the standard deviation of each reading, K.
 
     **Raises:** `ControlError` if no such filter exists.
     """
-    states, outputs = len(plant.A), len(plant.C)
-    unit, zero = np.eye(outputs), np.zeros((outputs, states))
-    A = np.block([[plant.A, plant.B @ plant.inverse], [zero, unit]])
-    C = np.hstack([plant.C, np.zeros((outputs, outputs))])
-    process = np.zeros((states + outputs, states + outputs))
+    states, (cells, unknown) = len(plant.A), plant.disturbed.shape
+    unit, zero = np.eye(unknown), np.zeros((unknown, states))
+    A = np.block([[plant.A, plant.B @ plant.disturbed], [zero, unit]])
+    C = np.hstack([plant.read, np.zeros((len(plant.read), unknown))])
+    process = np.zeros((states + unknown, states + unknown))
     process[states:, states:] = np.diag(drift**2 * sample_time_s)
+    by_disturbance = np.vstack([plant.rest_states @ plant.disturbed, unit])
     return KalmanFilter(
         A=A,
-        B=np.vstack([plant.B, np.zeros((outputs, plant.B.shape[1]))]),
+        B=np.vstack([plant.B, np.zeros((unknown, cells))]),
         C=C,
         L=filter_gain(where, A, C, process, np.diag(reading_noise**2)),
-        by_duty=np.vstack([plant.rest_states, np.zeros((outputs, plant.rest_states.shape[1]))]),
-        by_disturbance=np.vstack([plant.rest_states @ plant.inverse, unit]),
+        by_duty=np.vstack([plant.rest_states, np.zeros((unknown, cells))]),
+        by_reading=by_disturbance @ np.linalg.pinv(C @ by_disturbance),
     )

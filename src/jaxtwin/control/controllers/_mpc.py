@@ -14,14 +14,19 @@ the disturbance that the Kalman filter estimates, or the nearest steady state wi
 is the cost of an infinite horizon without limits: where no limit is active, the controller is the
 linear-quadratic regulator, whatever the horizon (Rawlings, Mayne and Diehl, *Model Predictive
 Control*, 2017, chapters 1 and 2).
+
+With points that are to be even, $u^*$ is the duty of the least `AbstractEvennessCost` that holds
+the references, and a point that is farther from the centre than the farthest at rest, $h_k$, has an
+excess as if that were its limit: $|y_{i,k} - c_k| \le 1.03\,h_k + e_{i,k}$. For a range the centre
+$c_k$ is free. $h_k$ is what the model expects at rest without disturbances, and an allowance that
+slowly follows what the disturbances make of it.
 """
 
 import copy
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple, final
+from typing import ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -29,17 +34,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ..._arguments import true_or_false, whole_number
+from ..._arguments import names_of, true_or_false, whole_number
 from ..._errors import ControlError
 from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import (
     Condensed,
     Deviations,
+    EvenPoints,
     SoftLimits,
+    WatchedChannels,
     condense,
+    even_points,
     predict,
-    rest_cost,
     soft_limits,
 )
 from ._controller import (
@@ -55,38 +62,54 @@ from ._controller_fields import (
     REQUIRED_OWN,
     ControllerField,
     FileContents,
-    as_quantity,
 )
 from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._evenness import AbstractEvennessCost
 from ._file_model import (
     MODEL_FIELDS,
     designed,
-    limit_lines,
-    model_lines,
-    model_settings,
-    point_lines,
-    read_model,
-    temperature_limits,
 )
-from ._kalman import KalmanFilter, error_gain, kalman_filter, kalman_tables
-from ._law import Law, bundled_law, check_designed_cells
-from ._mpc_limits import checked_rate, checked_temperature_limits
-from ._mpc_programs import plan_program, rest_program
+from ._kalman import KalmanFilter, error_gain, kalman_filter
+from ._law import Law
+from ._mpc_file import mpc_contents, mpc_lines
+from ._mpc_law import mpc_law
+from ._mpc_limits import (
+    channels_of,
+    check_horizon,
+    checked_control_horizon,
+    checked_evenness,
+    checked_point_errors,
+    checked_rate,
+    checked_temperature_limits,
+)
+from ._mpc_programs import (
+    ROOM_ON_THE_WAY,
+    Limits,
+    Rest,
+    SoftTemperatures,
+    plan_program,
+    rest_program,
+)
 from ._plant import Plant, check_designed_for, plant_of
-from ._program_numbers import parameter_lines, program_numbers, work_of
 from ._quadratic_program import QuadraticProgram, minimised
+
+SLOWNESS = 1 / 3
+"""How fast the allowance follows, relative to the slowest pole of the model. While a plate warms
+up, what is not linear in it looks like a disturbance that will be over at rest."""
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
 _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
 
 
 class MPCState(NamedTuple):
-    """The state of an `MPC`: the predicted states, the duty that the cells get, and the errors of
-    the model at the channels with limits, K."""
+    """The state of an `MPC`: the predicted states, the duty that the cells get, the errors of the
+    model at the watched channels, and how much farther from their centre than the model expects the
+    points are at rest, K."""
 
     states: Float[Array, " state"]
     duty: Float[Array, " cells"]
     errors: Float[Array, " watched"]
+    allowance: Float[Array, ""]
 
 
 @final
@@ -108,14 +131,20 @@ class MPC(AbstractDutyLimitedController):
     - `duty_deviation`: the accepted deviation of the duty from the one that holds the reference at
       rest. A larger value is faster, and overshoots more if the plate differs from the model.
     - `duty_change_deviation`: the accepted change of the duty from sample to sample.
-    - `horizon`: the number of samples that are planned.
+    - `horizon`: the number of samples that are planned. `control_horizon`: after so many of them
+      the planned duty is held; None for all of them. A shorter one costs less time.
     - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none. On a rig the
       change in a sample is a whole number of the driver's counts, so that rounding keeps the limit.
     - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. Each channel
       is read at every sample, and the difference of its readings from the model shifts what is
       predicted of it. A limit is exceeded if no duty can keep it; `ClosedLoopRun.exceeded` says so.
-    - `excess_deviation`: the accepted excess over a temperature limit, K. With a smaller value the
-      limit is stricter.
+    - `evenness`: what makes the temperatures of `points`, outputs of the model, uneven; None for
+      a controller of the outputs alone. With it every channel of `measured` is read at every
+      sample. `point_errors`: what an error of 1 K of the model at each read channel (those with
+      limits first) changes at each point; None for the channel itself alone. `UniformityMPC`
+      computes all of them for a plate.
+    - `excess_deviation`: the accepted excess over a temperature limit, and of a point over the
+      farthest one at rest, K. With a smaller value the limit is stricter.
     - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole
       horizon, so that it acts before a step of the reference comes.
 
@@ -128,6 +157,7 @@ class MPC(AbstractDutyLimitedController):
     fields: ClassVar[Mapping[str, ControllerField]] = {
         **MODEL_FIELDS,
         "horizon": REQUIRED_OWN,
+        "control_horizon": OWN,
         "preview": OWN,
         "output_deviation": replace(_TEMPERATURE, is_required=True),
         "duty_deviation": _DUTY,
@@ -135,18 +165,31 @@ class MPC(AbstractDutyLimitedController):
         "rate_limit": ControllerField("a rate of the duty", "1/s", "0.05 1/s"),
         "excess_deviation": _TEMPERATURE,
         "temperature_limits": OWN,
+        "evenness": OWN,
     }
 
     condensed: Condensed
     kalman: KalmanFilter
     gain: Float[Array | np.ndarray, "outputs cells"]
     inverse: Float[Array | np.ndarray, "cells outputs"]
+    disturbed: Float[Array | np.ndarray, "cells disturbances"]
     deviations: Deviations
+    watched: WatchedChannels
     soft: SoftLimits | None
+    points: EvenPoints | None
+    evenness: AbstractEvennessCost | None
+    excess: Float[Array | np.ndarray, ""]
+    adaptation: Float[Array | np.ndarray, ""]
+    of_channels: Float[Array | np.ndarray, "outputs watched"]
+    """The outputs as means of the watched channels; without points there are none of them."""
     duty: Float[Array | np.ndarray, " cells"]
     outputs: Float[Array | np.ndarray, " outputs"]
     temperature_limits: tuple[tuple[str, float, float], ...] = eqx.field(static=True)
+    read_channels: tuple[str, ...] = eqx.field(static=True)
+    """The channels that are read beside the outputs; first those with limits."""
+    point_names: tuple[str, ...] = eqx.field(static=True)
     horizon: int = eqx.field(static=True)
+    control_horizon: int = eqx.field(static=True)
     rate_limit: float | None = eqx.field(static=True)
     counts: int | None = eqx.field(static=True, repr=False)
     """Full duty in counts of the driver; None before the controller knows its rig."""
@@ -164,6 +207,7 @@ class MPC(AbstractDutyLimitedController):
         *,
         measured: Sequence[str | Sequence[str]] | None = None,
         horizon: int = 20,
+        control_horizon: int | None = None,
         output_deviation: Numbers = 1.0,
         duty_deviation: Numbers = 0.05,
         duty_change_deviation: Numbers = 0.05,
@@ -173,6 +217,9 @@ class MPC(AbstractDutyLimitedController):
         rate_limit: float | int | None = None,
         temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
         excess_deviation: float | int = 0.1,
+        evenness: AbstractEvennessCost | None = None,
+        points: Sequence[str] = (),
+        point_errors: Float[np.ndarray, "points channels"] | None = None,
         preview: bool = False,
     ):
         self.limits = checked_limits("MPC", limits)
@@ -182,30 +229,52 @@ class MPC(AbstractDutyLimitedController):
         self.preview = true_or_false("MPC: preview", preview, ControlError)
         self.rate_limit = None if rate_limit is None else checked_rate(rate_limit)
         self.counts = None
+        self.control_horizon = checked_control_horizon(control_horizon, self.horizon)
         self.temperature_limits = checked_temperature_limits(temperature_limits, model)
-        watched = [name for name, *_ in self.temperature_limits]
-        plant = plant_of("MPC", model, self.measured, watched)
+        self.evenness = checked_evenness(evenness, points)
+        self.point_names = names_of("MPC: points", points, ControlError)
+        limited = [name for name, *_ in self.temperature_limits]
+        more = channels_of(self.measured, model) if self.point_names else ()
+        self.read_channels = tuple(dict.fromkeys([*limited, *more]))
+        plant = plant_of("MPC", model, self.measured, self.read_channels, self.point_names)
         self.sample_time_s = plant.sample_time_s
-        cells, outputs = plant.B.shape[1], len(plant.C)
+        (_, cells), outputs = plant.B.shape, len(plant.C)
         y, u, change, w, v = (
             checked_deviations("MPC", name, value, size)
             for name, value, size in (
                 ("output_deviation", output_deviation, outputs),
                 ("duty_deviation", duty_deviation, cells),
                 ("duty_change_deviation", duty_change_deviation, cells),
-                ("drift", drift, outputs),
-                ("reading_noise", reading_noise, outputs),
+                ("drift", drift, plant.disturbed.shape[1]),
+                ("reading_noise", reading_noise, len(plant.read)),
             )
         )
-        predicted = predict(plant, self.horizon)
-        self.deviations = Deviations(y, u, change)
-        self.condensed = condense(plant, predicted, self.deviations)
         (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
+        self.excess = np.asarray(excess)
+        self.adaptation = np.asarray(1 - np.abs(np.linalg.eigvals(plant.A)).max() ** SLOWNESS)
+        self.deviations = Deviations(y, u, change)
+        predicted = predict(plant, self.horizon, self.control_horizon)
+        squares = self.evenness is not None and self.evenness.is_quadratic
+        self.condensed = condense(plant, predicted, self.deviations, tracks_points=squares)
         limits_of = np.array([limit for _, *limit in self.temperature_limits])
-        L = np.full(len(watched), error_gain(w.mean(), v.mean(), self.sample_time_s))
-        self.soft = soft_limits(plant, predicted, limits_of, excess, L) if watched else None
+        self.soft = soft_limits(plant, predicted, limits_of) if limited else None
+        self.points = None
+        if self.point_names:
+            shares = checked_point_errors(point_errors, self.point_names, self.read_channels)
+            self.points = even_points(plant, predicted, shares)
+            check_horizon(self.points, self.horizon, self.sample_time_s)
+        gain = error_gain(w.mean(), v.mean(), self.sample_time_s)
+        gains = np.full(len(self.read_channels), gain)
+        left = np.eye(len(gains))
+        if self.point_names:
+            explained = plant.read @ plant.rest_states
+            left -= explained @ np.linalg.pinv(explained)
+        self.watched = WatchedChannels(*plant.watched, gains, left)
+        self.of_channels = np.zeros((outputs, 0))
+        if self.point_names:
+            self.of_channels = means_of(self.measured, self.read_channels)
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
-        self.gain, self.inverse = plant.gain, plant.inverse
+        self.gain, self.inverse, self.disturbed = plant.gain, plant.inverse, plant.disturbed
         self.duty, self.outputs = plant.duty, plant.outputs
         self.designed_for = plant.rig
 
@@ -220,7 +289,7 @@ class MPC(AbstractDutyLimitedController):
         assert isinstance(limited, MPC)
         # The field is no leaf, and no design depends on it.
         object.__setattr__(limited, "counts", rig.driver.counts)
-        if limited.rate_limit is not None and limited._reach == 0:
+        if limited.rate_limit is not None and limited.reach == 0:
             raise ControlError(
                 f"MPC: rate_limit: expected at least a count of the driver in a sample, "
                 f"{1 / (rig.driver.counts * self.sample_time_s):.3g} 1/s, got {self.rate_limit:g} "
@@ -230,8 +299,9 @@ class MPC(AbstractDutyLimitedController):
 
     @property
     def is_linear(self) -> bool:
-        """True within the limits."""
-        return True
+        """True within the limits; not with points that are to be even, because the most even rest
+        lies where the hottest or the coldest point changes."""
+        return self.evenness is None or self.evenness.is_quadratic
 
     @property
     def preview_samples(self) -> int:
@@ -240,92 +310,29 @@ class MPC(AbstractDutyLimitedController):
 
     def channel_limits(self) -> Mapping[str, TemperatureLimit]:
         """Returns the temperature limits."""
-        accepted = 0.0 if self.soft is None else float(self.soft.excess)
         return {
-            name: TemperatureLimit(lowest, highest, accepted)
+            name: TemperatureLimit(lowest, highest, float(self.excess))
             for name, lowest, highest in self.temperature_limits
         }
 
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
-        """Returns the weights of the outputs, and those of the channels with limits."""
-        watched = means_of([(name,) for name, *_ in self.temperature_limits], channels)
+        """Returns the weights of the outputs, and those of the other channels that are read."""
+        watched = means_of([(name,) for name in self.read_channels], channels)
         return np.vstack([self.output_weights(channels), watched])
 
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
-        model = read_model(contents, cls.kind)
-        settings = model_settings(cls, contents)
-        limits = temperature_limits(contents)
-        if limits and "excess_deviation" not in contents.data:
-            contents.refuse("excess_deviation", "expected this field, got none")
-        preview = contents.data.get("preview", False)
-        if not isinstance(preview, bool):
-            contents.refuse("preview", f"expected true or false, got {preview!r}")
-        settings |= {"horizon": contents.data["horizon"], "preview": preview}
-        return designed(cls, model, {**settings, "temperature_limits": limits}, contents.refuse)
+        model, settings = mpc_contents(cls, contents)
+        return designed(cls, model, settings, contents.refuse)
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the deviations, the limits, and the model."""
-        of_fields = dict(zip(Deviations._fields, self.deviations, strict=True))
-        values: dict[str, Any] = {f"{name}_deviation": value for name, value in of_fields.items()}
-        values["duty_change_deviation"] = values.pop("change_deviation")
-        tables: list[str] = []
-        if self.rate_limit is not None:
-            values["rate_limit"] = self.rate_limit
-        if self.soft is not None:
-            values["excess_deviation"] = self.soft.excess
-            for row, (name, *limits) in enumerate(self.temperature_limits):
-                at, C = float(self.soft.outputs[row]), np.asarray(self.soft.C)[row]
-                gain = float(self.soft.L[row])
-                tables += limit_lines(name, (limits[0], limits[1]), at, C, gain)
-        return [
-            *point_lines(self.duty, self.outputs),
-            f"horizon = {self.horizon}",
-            f"preview = {json.dumps(self.preview)}",
-            *(
-                f"{name} = {as_quantity(value, self.fields[name].quantity)}"
-                for name, value in values.items()
-            ),
-            *tables,
-            *model_lines(self.kalman),
-        ]
+        return mpc_lines(self)
 
     def law(self, cells: int) -> Law:
         """The law: its Kalman filter, its target at rest and its plan."""
-        check_designed_cells(len(self.duty), cells)
-        states, outputs = np.shape(self.kalman.L)
-        inverse = np.asarray(self.inverse, float)
-        accepted = np.asarray(self.deviations.output, float)
-        scaled, rest = rest_cost(np.asarray(self.gain, float), inverse, accepted)
-        by_missing = -np.asarray(scaled).T / accepted
-        numbers = program_numbers(self.condensed, np.asarray(rest), by_missing, self.soft, inverse)
-        moves, watched = self.horizon * cells, len(self.temperature_limits)
-        limits = moves * (1 if self.rate_limit is None else 2) + self.horizon * watched
-        constants = {"STATES": states, "MOVES": moves, **numbers.constants}
-        if self._reach is not None:
-            constants["REACH"] = self._reach
-        tables = {**kalman_tables(self.kalman, self.duty, self.outputs), **numbers.tables}
-        lines = parameter_lines(
-            self.deviations, self.rate_limit, self.temperature_limits, self.soft
-        )
-        if self.preview:
-            lines.append("designed for the references of the whole horizon: see ..._step_ahead")
-        return Law(
-            bundled_law("mpc.c"),
-            f"model predictive control of {outputs} outputs over {self.horizon} samples",
-            {name: (np.ravel(values), text) for name, (values, text) in tables.items()},
-            {
-                "x": states,
-                "moved": cells,
-                **({"error": watched} if watched else {}),
-                "targets": moves,
-                **work_of(moves, limits),
-            },
-            lines,
-            constants,
-            horizon=self.horizon,
-        )
+        return mpc_law(self, cells)
 
     def init(
         self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " readings"]
@@ -335,10 +342,10 @@ class MPC(AbstractDutyLimitedController):
         If there are as many outputs as cells and the reference equals the measurement, the duty
         stays where it is. With fewer outputs, it moves to the smallest duty that holds them.
         """
-        outputs, watched = self._parts(measurement)
+        read, watched = self._parts(measurement)
         u = jnp.asarray(duty) - self.duty
-        states = self.kalman.init(u, outputs)
-        return MPCState(states, u, self._missed(states, watched))
+        states = self.kalman.init(u, read)
+        return MPCState(states, u, self._missed(states, watched), jnp.zeros((), u.dtype))
 
     def step(
         self,
@@ -347,76 +354,111 @@ class MPC(AbstractDutyLimitedController):
         measurement: Float[ArrayLike, " readings"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Computes the duty of a sample and the next state."""
-        states, errors, program = self._problem(state, jnp.asarray(reference), measurement)
-        moves = minimised(program).reshape(self.horizon, len(self.duty))
+        seen, program = self._problem(state, jnp.asarray(reference), measurement)
+        now = minimised(program)[: len(self.duty)]
         low, high = (limit - self.duty for limit in self.limits)
-        now = moves[0]
-        if self._reach is not None:
-            now = jnp.clip(now, state.duty - self._reach, state.duty + self._reach)
+        if self.reach is not None:
+            now = jnp.clip(now, state.duty - self.reach, state.duty + self.reach)
         # Rounding must not violate the hard limits.
         now = jnp.clip(now, low, high)
-        later = self.kalman.predict(states, now)
-        return jnp.clip(now + self.duty, *self.limits), MPCState(later, now, errors)
+        later = seen._replace(states=self.kalman.predict(seen.states, now), duty=now)
+        return jnp.clip(now + self.duty, *self.limits), later
 
     def _parts(
         self, measurement: Float[ArrayLike, " readings"]
-    ) -> tuple[Float[Array, " outputs"], Float[Array, " watched"]]:
-        """Computes the deviations of the outputs, and of the channels with limits, from the
+    ) -> tuple[Float[Array, " read"], Float[Array, " watched"]]:
+        """Computes the deviations of what the filter reads, and of the watched channels, from the
         operating point."""
         readings, count = jnp.asarray(measurement), len(self.outputs)
-        watched = readings[count:] if self.soft is None else readings[count:] - self.soft.outputs
-        return readings[:count] - self.outputs, watched
+        watched = readings[count:] - jnp.asarray(self.watched.at)
+        return readings[:count] - self.outputs if self.points is None else watched, watched
 
     def _missed(
         self, states: Float[Array, " state"], watched: Float[Array, " watched"]
     ) -> Float[Array, " watched"]:
-        """Computes what the model misses of the readings of the channels with limits, K."""
-        if self.soft is None:
-            return watched
-        C = jnp.asarray(self.soft.C)
-        return watched - C @ states[: C.shape[1]]
+        """Computes what the model misses of the readings of the watched channels and no disturbance
+        explains, K."""
+        C = jnp.asarray(self.watched.C)
+        return jnp.asarray(self.watched.unexplained) @ (watched - C @ states[: C.shape[1]])
 
     def _problem(
         self, state: MPCState, reference: Array, measurement: Float[ArrayLike, " readings"]
-    ) -> tuple[Float[Array, " state"], Float[Array, " watched"], QuadraticProgram]:
-        """Computes the states and the errors of the model after a reading, and the program whose
-        minimum is the plan: the duty of the next samples, as deviations from the operating
-        point."""
+    ) -> tuple[MPCState, QuadraticProgram]:
+        """Computes the state after a reading, and the program whose minimum is the plan: the duty
+        of the next samples, as deviations from the operating point."""
         read, watched = self._parts(measurement)
+        if self.points is not None:
+            read = read - state.errors
         states = self.kalman.correct(state.states, read)
-        errors = state.errors
-        if self.soft is not None:
-            missed = self._missed(states, watched) - errors
-            errors = errors + jnp.asarray(self.soft.L) * missed
-        outputs, cells = self.gain.shape
-        missing = reference - self.outputs - states[-outputs:]
-        heat = jnp.asarray(self.inverse) @ states[-outputs:]
-        aim = jax.vmap(self._target, (0, None, None)) if missing.ndim == 2 else self._target
-        target = aim(missing, heat, errors)
-        targets = jnp.broadcast_to(target, (self.horizon, cells)).reshape(-1)
+        missed = self._missed(states, watched) - state.errors
+        errors = state.errors + jnp.asarray(self.watched.L) * missed
         limits = self.limits[0] - self.duty, self.limits[1] - self.duty
+        references = jnp.atleast_2d(reference)
+        rest = self._rest(references, states, errors, limits)
+        allowance = state.allowance
+        if self.soft_temperatures.has_bands:
+            expected = self._rest(references, 0 * states, 0 * errors, limits).deviation
+            more = rest.deviation[0] - expected[0]
+            allowance = allowance + self.adaptation * (more - allowance)
+            rest = rest._replace(deviation=ROOM_ON_THE_WAY * (expected + allowance))
+        samples = self.horizon
+        rest = Rest(*(jnp.broadcast_to(part, (samples, *part.shape[1:])) for part in rest))
         program = plan_program(
-            self.condensed, states, state.duty, targets, limits, self._reach, self.soft, errors
+            self.condensed,
+            states,
+            state.duty,
+            rest,
+            limits,
+            self.reach,
+            self.soft_temperatures,
+            errors,
         )
-        return states, errors, program
+        return MPCState(states, state.duty, errors, allowance), program
 
-    def _target(
+    def _rest(
         self,
-        missing: Float[Array, " outputs"],
-        heat: Float[Array, " cells"],
+        references: Float[Array, "samples outputs"],
+        states: Float[Array, " state"],
         errors: Float[Array, " watched"],
-    ) -> Float[Array, " cells"]:
-        """Computes the duty at rest that changes the outputs by a given amount, under a disturbance
-        that is expressed as a duty."""
+        limits: Limits,
+    ) -> Rest:
+        """Computes the state of rest for the references of some samples."""
         gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
-        accepted, duty = jnp.asarray(self.deviations.output), jnp.asarray(self.duty)
-        limits = self.limits[0] - duty, self.limits[1] - duty
-        return minimised(
-            rest_program(gain, inverse, accepted, missing, heat, limits, self.soft, errors)
-        )
+        accepted, cells = jnp.asarray(self.deviations.output), len(self.duty)
+        heat = jnp.asarray(self.disturbed) @ states[len(states) - self.disturbed.shape[1] :]
+        coming = self.outputs + gain @ heat
+        if self.points is not None:
+            coming = coming + jnp.asarray(self.of_channels) @ errors
+
+        soft = self.soft_temperatures
+
+        def of_sample(reference: Float[Array, " outputs"]) -> Rest:
+            centre = jnp.mean(reference - self.outputs)
+            missing = reference - coming
+            program = rest_program(
+                gain,
+                inverse,
+                accepted,
+                missing,
+                heat,
+                limits,
+                self.soft_temperatures,
+                errors,
+                centre,
+            )
+            found = minimised(program)
+            deviation = found[cells] if soft.has_bands else jnp.zeros_like(centre)
+            return Rest(found[:cells], deviation, centre)
+
+        return jax.vmap(of_sample)(references)
 
     @property
-    def _reach(self) -> float | None:
+    def soft_temperatures(self) -> SoftTemperatures:
+        """The temperatures that its programs limit softly, and those that they make even."""
+        return SoftTemperatures(self.soft, self.points, self.evenness, self.excess)
+
+    @property
+    def reach(self) -> float | None:
         """The largest change of the duty in a sample; None for any."""
         if self.rate_limit is None:
             return None
@@ -427,7 +469,10 @@ class MPC(AbstractDutyLimitedController):
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape
+        even = ""
+        if self.evenness is not None:
+            even = f", {self.evenness.name} of {len(self.point_names)} points"
         return (
             f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
-            f"{self.sample_time_s:g} s>"
+            f"{self.sample_time_s:g} s{even}>"
         )

@@ -1,13 +1,23 @@
-"""The limits of an `MPC`, checked: the rate of the duty, and temperatures of channels."""
+"""The arguments of an `MPC`, checked: limits of the rate and of temperatures, horizons, and points
+that are to be even."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from ..._arguments import finite_number, mapping_of
+from ..._arguments import finite_number, mapping_of, whole_number
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ..linear._discrete_model import DiscreteModel
+from ._condensed_program import EvenPoints
+from ._evenness import EVENNESS_COSTS, AbstractEvennessCost
+from ._plant import Plant
+
+SMALLEST_RESPONSE = 1e-6
+"""A point that the first move changes by less than this part of its change at rest within the
+horizon is not reached by it."""
 
 
 def checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, float, float], ...]:
@@ -46,3 +56,80 @@ def checked_rate(rate_limit: float | int) -> float:
     if number <= 0:
         raise ControlError(f"MPC: rate_limit: expected a number above 0, 1/s, got {number:g}")
     return number
+
+
+def checked_control_horizon(control_horizon: Any, horizon: int) -> int:
+    """Returns the number of samples in which the planned duty changes.
+
+    **Raises:** `ControlError` if it is not a whole number from 1 to the horizon.
+    """
+    if control_horizon is None:
+        return horizon
+    number = whole_number("MPC: control_horizon", control_horizon, 1, ControlError)
+    if number > horizon:
+        raise ControlError(
+            f"MPC: control_horizon: expected at most the horizon, {horizon}, got {number}"
+        )
+    return number
+
+
+def checked_evenness(evenness: Any, points: Sequence[str]) -> AbstractEvennessCost | None:
+    """Returns the cost of uneven points.
+
+    **Raises:** `ControlError` if it is not one of the known convex costs, or comes without points,
+    or there are points without it.
+    """
+    known = tuple(EVENNESS_COSTS.values())
+    if evenness is not None and not isinstance(evenness, known):
+        names = ", ".join(cost.__name__ for cost in known)
+        raise ControlError(
+            f"MPC: evenness: expected one of the convex costs {names}, got {evenness!r}"
+        )
+    if (evenness is None) != (len(points) == 0):
+        raise ControlError(
+            "MPC: points: expected names of outputs of the model together with evenness, got "
+            f"points {list(points)!r} and evenness {evenness!r}"
+        )
+    return evenness
+
+
+def channels_of(measured: Sequence[Sequence[str]] | None, model: Any) -> tuple[str, ...]:
+    """Returns the channels of all outputs; those of the rig of the model for None."""
+    if measured is not None:
+        return tuple(name for group in measured for name in group)
+    if isinstance(model, Plant):
+        raise ControlError("MPC: measured: expected the channels of the outputs with evenness")
+    return tuple(model.output_names)
+
+
+def checked_point_errors(
+    shares: Any, points: Sequence[str], channels: Sequence[str]
+) -> Float[np.ndarray, "points channels"]:
+    """Returns what an error of 1 K of each read channel changes at each point; None for the channel
+    itself alone.
+
+    **Raises:** `ControlError` for another shape, or numbers that are not finite.
+    """
+    if shares is None:
+        return np.array([[float(point == channel) for channel in channels] for point in points])
+    found = np.asarray(shares, float)
+    if found.shape != (len(points), len(channels)) or not np.isfinite(found).all():
+        raise ControlError(
+            f"MPC: point_errors: expected finite numbers of {len(points)} points by "
+            f"{len(channels)} channels, got shape {found.shape}"
+        )
+    return found
+
+
+def check_horizon(points: EvenPoints, horizon: int, sample_time_s: float) -> None:
+    """Refuses a horizon in which no move reaches a point, because the delay is longer.
+
+    **Raises:** `ControlError`.
+    """
+    cells = np.shape(points.rest_gain)[1]
+    last = np.asarray(points.by_moves)[-len(points.at) :, :cells]
+    if not np.abs(last).max() > SMALLEST_RESPONSE * np.abs(points.rest_gain).max():
+        raise ControlError(
+            f"MPC: horizon: expected more samples than the delay of the model takes, got {horizon} "
+            f"of {sample_time_s:g} s"
+        )

@@ -17,13 +17,24 @@ LARGEST_CONDITION = 1e6
 """A larger condition number of the gain at rest means that all cells move the outputs alike."""
 
 
+class Temperatures(NamedTuple):
+    """Temperatures as functions of the states: deviations from `at`, those of the operating point,
+    degC."""
+
+    C: Float[np.ndarray, "temperature state"]
+    at: Float[np.ndarray, " temperature"]
+
+
 class Plant(NamedTuple):
     """The plant $x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
 
-    - `watched`, `watched_outputs`: C of some channels, and their readings at the operating point.
+    - `watched`: channels that are read beside the outputs. `points`: temperatures that are to be
+      even; with such points the filter reads the watched channels in place of the outputs.
     - `rig`: the name of its rig; empty for that of no rig file.
     - `rest_states`: the states at rest per unit of duty; `gain`: the outputs at rest, K per unit of
       duty; `inverse`: the smallest duty that changes the outputs at rest by 1 K.
+    - `read`: C of what the filter reads. `disturbed`: the duty like which a disturbance of 1 K
+      acts, at most one for each cell.
     """
 
     A: Float[np.ndarray, "state state"]
@@ -31,12 +42,14 @@ class Plant(NamedTuple):
     C: Float[np.ndarray, "output state"]
     duty: Float[np.ndarray, " cell"]
     outputs: Float[np.ndarray, " output"]
-    watched: Float[np.ndarray, "watched state"]
-    watched_outputs: Float[np.ndarray, " watched"]
+    watched: Temperatures
+    points: Temperatures
     sample_time_s: float
     rest_states: Float[np.ndarray, "state cell"]
     gain: Float[np.ndarray, "output cell"]
     inverse: Float[np.ndarray, "cell output"]
+    read: Float[np.ndarray, "reading state"]
+    disturbed: Float[np.ndarray, "cell disturbance"]
     rig: str = ""
 
 
@@ -57,6 +70,7 @@ def plant_of(
     model: Any,
     measured: Sequence[Sequence[str]] | None,
     watched: Sequence[str] = (),
+    points: Sequence[str] = (),
 ) -> Plant:
     """Makes the plant from the duty to means over some channels. A `Plant` is returned unchanged.
 
@@ -80,7 +94,7 @@ def plant_of(
     weights = np.vstack(
         [
             means_of(measured, model.output_names),
-            means_of([(name,) for name in watched], model.output_names),
+            means_of([(name,) for name in (*watched, *points)], model.output_names),
         ]
     )
     A, B, C, D = (np.asarray(matrix, float) for matrix in (model.A, model.B, model.C, model.D))
@@ -90,14 +104,16 @@ def plant_of(
     if D.any():
         A = np.block([[A, np.zeros((states, inputs))], [np.zeros((inputs, states + inputs))]])
         B, C = np.vstack([B, np.eye(inputs)]), np.hstack([C, D])
-    point, outputs = model.operating_point, len(weights) - len(watched)
+    point, outputs = model.operating_point, len(weights) - len(watched) - len(points)
+    last = outputs + len(watched)
     duty = np.broadcast_to(np.asarray(point.duty, float), (inputs,)).copy()
     temperatures = weights @ np.asarray(point.outputs, float)
     plant = checked_plant(
         where,
         (A, B, C[:outputs]),
         (duty, temperatures[:outputs]),
-        (C[outputs:], temperatures[outputs:]),
+        Temperatures(C[outputs:last], temperatures[outputs:last]),
+        Temperatures(C[last:], temperatures[last:]),
         model.sample_time_s,
     )
     return plant._replace(rig=point.rig)
@@ -107,21 +123,22 @@ def checked_plant(
     where: str,
     matrices: tuple[np.ndarray, np.ndarray, np.ndarray],
     point: tuple[np.ndarray, np.ndarray],
-    watched: tuple[np.ndarray, np.ndarray],
+    watched: Temperatures,
+    points: Temperatures,
     sample_time_s: float,
 ) -> Plant:
     """Makes a plant from its matrices.
 
     **Arguments:**
 
-    - `matrices`: A, B and C. `point`: duty and outputs of the operating point. `watched`: C and
-      outputs of the watched channels.
+    - `matrices`: A, B and C. `point`: duty and outputs of the operating point.
+    - `watched`, `points`: as in `Plant`.
 
     **Raises:** the errors of `plant_of`.
     """
     A, B, C = matrices
     inputs, outputs = B.shape[1], len(C)
-    _check_finite(where, *matrices, *point, *watched)
+    _check_finite(where, *matrices, *point, *watched, *points)
     if outputs > inputs:
         raise ControlError(
             f"{where}: measured: expected at most as many outputs as the {inputs} cells, got "
@@ -134,15 +151,38 @@ def checked_plant(
             "at 1"
         )
     rest_states = np.linalg.solve(slow, B)
-    gain = C @ rest_states
-    condition = np.linalg.cond(gain)
-    if not condition < LARGEST_CONDITION:
-        raise ControlError(
-            f"{where}: measured: expected outputs that the cells move differently, got a gain at "
-            f"rest with condition number {condition:.3g}; measure nearer to the cells"
-        )
-    inverse = np.linalg.pinv(gain)
-    return Plant(A, B, C, *point, *watched, sample_time_s, rest_states, gain, inverse)
+    gain, read = C @ rest_states, watched.C if len(points.at) else C
+    for of_readings in (gain, read @ rest_states):
+        condition = np.linalg.cond(of_readings)
+        if not condition < LARGEST_CONDITION:
+            raise ControlError(
+                f"{where}: measured: expected outputs that the cells move differently, got a gain "
+                f"at rest with condition number {condition:.3g}; measure nearer to the cells"
+            )
+    return Plant(
+        A,
+        B,
+        C,
+        *point,
+        watched,
+        points,
+        sample_time_s,
+        rest_states,
+        gain,
+        inverse=np.linalg.pinv(gain),
+        read=read,
+        disturbed=_disturbed(read @ rest_states),
+    )
+
+
+def _disturbed(gain: Float[np.ndarray, "reading cell"]) -> Float[np.ndarray, "cell disturbance"]:
+    """The duty like which disturbances act: each moves one reading at rest by 1 K; of more readings
+    than cells, all of them by 1 K in the mean square, in the directions that the cells reach."""
+    readings, cells = gain.shape
+    if readings <= cells:
+        return np.linalg.pinv(gain)
+    _, values, directions = np.linalg.svd(gain, full_matrices=False)
+    return directions.T / values * np.sqrt(readings)
 
 
 def _check_finite(where: str, *arrays: np.ndarray) -> None:

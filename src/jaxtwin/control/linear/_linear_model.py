@@ -15,6 +15,7 @@ from ..._display import html_table, picture
 from ..._errors import ControlError
 from ..._jax_settings import is_traced, settings_for, to_numpy
 from ..._lapack import solve
+from ..._name_suggestions import unknown_name
 from ...simulation._delay import checked_longest_delay
 from ._balanced_truncation import Balanced, balanced, residualised
 from ._directions import Directions, directions
@@ -185,6 +186,38 @@ class LinearModel(eqx.Module):
         )
         return eqx.tree_at(
             lambda m: (m.rates, m.operating_point), self, (None, rest), is_leaf=_is_none
+        )
+
+    def with_states_as_outputs(self, names: Sequence[str]) -> "LinearModel":
+        """The same model with the temperatures of some states as further outputs, such as elements
+        of the plate, which no channel reads alone.
+
+        **Raises:** `ControlError` for an unknown state.
+        """
+        for name in names:
+            if name not in self.state_names:
+                unknown = unknown_name("state", name, self.state_names)
+                raise ControlError(f"with_states_as_outputs: {unknown}")
+        rows = [self.state_names.index(name) for name in names]
+        inputs, point = self.B.shape[1], self.operating_point
+        more = np.eye(len(self.state_names))[rows], np.zeros((len(rows), inputs))
+        C, D = (np.vstack([of, own]) for of, own in zip((self.C, self.D), more, strict=True))
+        outputs = np.concatenate([point.outputs, np.asarray(point.nodes)[rows]])
+        known = (*point.channel_names, *names) if point.channel_names else ()
+        return LinearModel(
+            self.A,
+            self.B,
+            C,
+            D,
+            operating_point=replace(point, outputs=outputs, channel_names=known),
+            state_names=self.state_names,
+            input_names=self.input_names,
+            output_names=(*self.output_names, *names),
+            delay_s=self.delay_s,
+            lag_s=self.lag_s,
+            rates=self.rates,
+            is_delayed=self.is_delayed,
+            is_lagged=self.is_lagged,
         )
 
     def frequency_response(

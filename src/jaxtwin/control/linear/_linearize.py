@@ -247,6 +247,7 @@ def _model(
             node_names=states,
             channel_names=twin.channels,
             rig=twin.rig.name,
+            elements=system.wiring.elements,
         ),
         state_names=states,
         input_names=cells,

@@ -40,6 +40,7 @@ class OperatingPoint(eqx.Module):
     - `outputs`: readings of the channels, degC.
     - `ambient`: temperature of the surroundings, degC.
     - `cell_names`, `node_names`, `channel_names`: the names of the above; empty for numbers.
+    - `elements`: the number of elements of the plate, which are the first nodes.
     - `rig`: the name of the rig; empty for that of no rig file.
     """
 
@@ -51,6 +52,17 @@ class OperatingPoint(eqx.Module):
     node_names: tuple[str, ...] = eqx.field(static=True, default=())
     channel_names: tuple[str, ...] = eqx.field(static=True, default=())
     rig: str = eqx.field(static=True, default="")
+    elements: int = eqx.field(static=True, default=0)
+
+    @property
+    def range(self) -> float:
+        """The difference between the hottest and the coldest element of the plate, K.
+
+        **Raises:** `ControlError` for a rig without a plate.
+        """
+        if not self.elements:
+            raise ControlError("range: expected an operating point of a rig with a plate")
+        return float(np.ptp(np.asarray(self.nodes)[: self.elements]))
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset, with units in the attributes: duty (cell), state (node),

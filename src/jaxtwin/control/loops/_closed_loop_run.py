@@ -20,6 +20,7 @@ from ..controllers._controller import TemperatureLimit
 from ._loop_signals import ClosedLoop
 from ._measures import measures_of
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
+from ._unsettled import unsettled
 
 if TYPE_CHECKING:
     import pandas
@@ -40,6 +41,7 @@ class ClosedLoopRun:
     - `limits`: the temperature limits of the controller, by channel.
     - `switched_off`: the time from which the cells are off, because no reading came for too long,
       s; None if they are controlled to the end.
+    - `is_linear`: whether the controller is linear within its limits.
     """
 
     run: Run
@@ -47,6 +49,7 @@ class ClosedLoopRun:
     outputs: tuple[str, ...]
     limits: Mapping[str, TemperatureLimit] = field(default_factory=dict)
     switched_off: float | None = None
+    is_linear: bool = False
 
     @classmethod
     def of(
@@ -57,6 +60,8 @@ class ClosedLoopRun:
         ambient: Float[np.ndarray, " times"],
         limits: Mapping[str, TemperatureLimit],
         switched_off: float | None,
+        *,
+        is_linear: bool,
     ) -> "ClosedLoopRun":
         """Adds the names of a twin to the signals of a loop."""
         experiment = Experiment(
@@ -72,7 +77,7 @@ class ClosedLoopRun:
             elements=loop.elements,
             twin=twin,
         )
-        return cls(run, loop, outputs, limits, switched_off)
+        return cls(run, loop, outputs, limits, switched_off, is_linear)
 
     @property
     def time(self) -> Float[np.ndarray, " times"]:
@@ -130,6 +135,12 @@ class ClosedLoopRun:
         return exceeded_soft_limits(
             self.limits, self.run.channels, self.time, self.run.temperatures
         )
+
+    @property
+    def unsettled(self) -> tuple[str, ...]:
+        """The outputs that swing at the end of the run, or stay away from references that have not
+        changed in its last half, a sentence for each."""
+        return unsettled(self.loop, self.outputs)
 
     def measures(self) -> "pandas.DataFrame":
         """A table with a row for each measure: its name as index, value and unit."""
@@ -200,6 +211,9 @@ class ClosedLoopRun:
         events = [str(limit) for limit in self.exceeded]
         if self.switched_off is not None:
             events.insert(0, f"cells off from {self.switched_off:g} s, for want of readings")
+        elif self.unsettled:
+            hint = ["loop_margins says whether the loop is stable"] if self.is_linear else []
+            events += [*self.unsettled, *hint]
         return (
             f"<ClosedLoopRun of {self.run.rig}: {len(self.time)} times, at the end {ends} degC, "
             f"{self.energy[-1] / 3600:.2f} Wh{''.join(f'; {event}' for event in events)}>"

@@ -83,7 +83,7 @@ def simulate_closed_loop(
     ambient = np.asarray(conditions.ambient).reshape(-1)[: len(loop.time)]
     names = _output_names(weights, plant.channels)
     limits, off = chosen.channel_limits(), conditions.switched_off
-    return ClosedLoopRun.of(plant, loop, names, ambient, limits, off)
+    return ClosedLoopRun.of(plant, loop, names, ambient, limits, off, is_linear=chosen.is_linear)
 
 
 def _output_names(

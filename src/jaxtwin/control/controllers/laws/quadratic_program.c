@@ -3,7 +3,8 @@
    jaxtwin.control. They are scaled to a Hessian of about 1; all memory is in the state. */
 
 /* A cost z'Hz / 2 + slope'z, with limits of z, with a rate also of its change from
-   sample to sample, and then soft ones of sums: lowest <= value <= highest. */
+   sample to sample, and then soft and hard ones of sums: lowest <= value <= highest. The last sums
+   can form bands of so many members, counted from a centre that is free; the centres follow z. */
 typedef struct {
     const model_real *hessian;
     const model_real *sums;
@@ -11,16 +12,31 @@ typedef struct {
     int size;
     int has_rate;
     int soft;
+    int hard;
+    int bands;
+    int members;
 } model_program;
+
+static int model_sums(const model_program *program)
+{
+    return program->soft + program->hard;
+}
 
 static int model_limits(const model_program *program)
 {
-    return program->size * (1 + program->has_rate) + program->soft;
+    return program->size * (1 + program->has_rate) + model_sums(program);
 }
 
 static model_real model_softness(const model_program *program, int i)
 {
-    return i < model_limits(program) - program->soft ? 0 : program->softness;
+    const int first = program->size * (1 + program->has_rate);
+    return i < first || i >= first + program->soft ? 0 : program->softness;
+}
+
+/* The first sum of a band. */
+static int model_band(const model_program *program, int band)
+{
+    return model_sums(program) - (program->bands - band) * program->members;
 }
 
 /* What is limited. */
@@ -34,10 +50,16 @@ static void model_values(const model_program *program, const model_real *z, mode
     for (i = 0; program->has_rate && i < program->size; ++i) {
         value[row++] = i < MODEL_CELLS ? z[i] : z[i] - z[i - MODEL_CELLS];
     }
-    for (i = 0; i < program->soft; ++i, ++row) {
+    for (i = 0; i < model_sums(program); ++i, ++row) {
         value[row] = 0;
         for (j = 0; j < program->size; ++j) {
             value[row] += *sum++ * z[j];
+        }
+    }
+    row -= model_sums(program);
+    for (i = 0; i < program->bands; ++i) {
+        for (j = 0; j < program->members; ++j) {
+            value[row + model_band(program, i) + j] -= z[program->size + i];
         }
     }
 }
@@ -56,9 +78,15 @@ static void model_pull(const model_program *program, const model_real *force, mo
             z[i - MODEL_CELLS] += force[row];
         }
     }
-    for (i = 0; i < program->soft; ++i, ++row) {
+    for (i = 0; i < model_sums(program); ++i, ++row) {
         for (j = 0; j < program->size; ++j) {
             z[j] -= *sum++ * force[row];
+        }
+    }
+    row -= model_sums(program);
+    for (i = 0; i < program->bands; ++i) {
+        for (j = 0; j < program->members; ++j) {
+            z[program->size + i] += force[row + model_band(program, i) + j];
         }
     }
 }
@@ -89,16 +117,63 @@ static void model_assemble(model_state *state, const model_program *program)
             model_row(state->factor, j)[j] += *weight;
         }
     }
-    for (k = 0; k < program->soft; ++k, ++weight, sum += program->size) {
+    for (k = 0; k < model_sums(program); ++k, ++weight, sum += program->size) {
         for (i = 0; i < program->size; ++i) {
             model_real *row = model_row(state->factor, i);
             const model_real part = *weight * sum[i];
-            for (j = 0; j <= i; ++j) {
+            for (j = 0; j <= i && part != 0; ++j) { /* 0 of moves that come later */
                 row[j] += part * sum[j];
             }
         }
     }
 }
+
+#ifdef MODEL_CENTRES
+/* Eliminates the centres of the bands from the matrix of a step. */
+static void model_eliminate(model_state *state, const model_program *program)
+{
+    const int size = program->size;
+    int band, i, j;
+    for (band = 0; band < program->bands; ++band) {
+        const int first = model_band(program, band);
+        const model_real *sum = program->sums + first * size;
+        const model_real *weight = state->weight + size * (1 + program->has_rate) + first;
+        model_real *pull = state->pull + band * size;
+        state->total[band] = 0;
+        for (i = 0; i < size; ++i) {
+            pull[i] = 0;
+        }
+        for (j = 0; j < program->members; ++j) {
+            state->total[band] += weight[j];
+            for (i = 0; i < size; ++i) {
+                pull[i] += weight[j] * *sum++;
+            }
+        }
+        for (i = 0; i < size; ++i) {
+            model_real *row = model_row(state->factor, i);
+            const model_real part = pull[i] / state->total[band];
+            state->dz[i] += part * state->dz[size + band];
+            for (j = 0; j <= i; ++j) {
+                row[j] -= part * pull[j];
+            }
+        }
+    }
+}
+
+/* The changes of the centres, from that of z. */
+static void model_move_centres(model_state *state, const model_program *program)
+{
+    const int size = program->size;
+    int band, i;
+    for (band = 0; band < program->bands; ++band) {
+        const model_real *pull = state->pull + band * size;
+        for (i = 0; i < size; ++i) {
+            state->dz[size + band] += pull[i] * state->dz[i];
+        }
+        state->dz[size + band] /= state->total[band];
+    }
+}
+#endif
 
 /* Cholesky's factor in place of the matrix; 0 where rounding left none. */
 static int model_factorise(model_real *triangle, int size)
@@ -199,12 +274,21 @@ static int model_newton(model_state *state, const model_program *program, int is
             state->dz[i] -= program->hessian[i * size + j] * state->z[j];
         }
     }
+    for (i = 0; i < program->bands; ++i) {
+        state->dz[size + i] = 0;
+    }
     model_pull(program, state->value, state->dz);
     model_assemble(state, program);
+#ifdef MODEL_CENTRES
+    model_eliminate(state, program);
+#endif
     if (!model_factorise(state->factor, size)) {
         return 0;
     }
     model_solve(state->factor, state->dz, size);
+#ifdef MODEL_CENTRES
+    model_move_centres(state, program);
+#endif
     model_values(program, state->dz, state->value);
     for (k = 0; k < 2 * limits; ++k) {
         const model_real moved = k < limits ? state->value[k] : -state->value[k - limits];
@@ -217,7 +301,7 @@ static int model_newton(model_state *state, const model_program *program, int is
         length = model_reach(state->slack, state->dslack, 2 * limits, length);
         length = model_reach(state->multiplier, state->dmultiplier, 2 * limits, length);
     }
-    for (i = 0; i < size; ++i) {
+    for (i = 0; i < size + program->bands; ++i) {
         state->z[i] += length * state->dz[i];
     }
     for (k = 0; k < 2 * limits; ++k) {
@@ -233,7 +317,7 @@ static void model_minimise(model_state *state, const model_program *program)
     const model_real largest_gap = (model_real)1e-4 * model_sqrt(MODEL_EPSILON);
     const int limits = model_limits(program);
     int i, steps, goes_on = 1;
-    for (i = 0; i < program->size; ++i) {
+    for (i = 0; i < program->size + program->bands; ++i) {
         state->z[i] = 0;
     }
     for (i = 0; i < limits; ++i) {
