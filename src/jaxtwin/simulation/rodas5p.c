@@ -15,6 +15,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#ifdef __AVX512F__
+#include <immintrin.h>
+#endif
+
 #include "network.h"
 
 #ifdef __AVX512F__
@@ -111,6 +115,7 @@ struct workspace {
     lanes *of_node;     /* nodes x POWERS: the polynomials of a step */
     lanes *polynomials; /* POWERS x outputs: those of a step */
     int *output_row, *output_node; /* of the weights that are not 0 in all of these draws */
+    lanes *staged;   /* the temperatures of a draw in a step */
     lanes *squares;  /* of the errors so far: LANES draws x vectors of channels */
     double *reading; /* (POWERS + 1) x channels, filled up to whole vectors: a step of a draw */
 };
@@ -582,18 +587,21 @@ static void read_step(const struct run *run, const struct workspace *w, int lane
     }
 }
 
-/* Writes some of the channels; what is written too many, the next channels are written over. */
-static inline void write(const struct results *to, size_t at, size_t end, lanes value)
+/* Copies numbers past the cache, which is left to those of the next step. */
+static void stream(char *to, const char *from, size_t size)
 {
-    const size_t count = end - at < LANES ? end - at : LANES;
-    if (to->temperatures && count == LANES) {
-        memcpy(to->temperatures + at, &value, sizeof value);
-    } else if (to->temperatures) {
-        memcpy(to->temperatures + at, &value, count * sizeof(double));
-    } else {
-        const lanes_32 rounded = __builtin_convertvector(value, lanes_32);
-        memcpy(to->temperatures_32 + at, &rounded, count * sizeof(float));
+#ifdef __AVX512F__
+    const size_t line = 64, head = -(uintptr_t)to % line;
+    if (size >= 16 * line) {
+        memcpy(to, from, head);
+        for (to += head, from += head, size -= head; size >= line; size -= line) {
+            _mm512_stream_si512((void *)to, _mm512_loadu_si512(from));
+            to += line;
+            from += line;
+        }
     }
+#endif
+    memcpy(to, from, size);
 }
 
 /* Writes the temperatures of a draw at the samples of a step. */
@@ -601,8 +609,9 @@ static void read_samples(const struct run *run, const struct workspace *w, int f
                          int lane, double begin, double size, const struct results *to, size_t draw)
 {
     const size_t channels = run->channels, row = (channels + LANES - 1) / LANES * LANES;
-    const size_t from = draw * to->rows * channels, end = from + to->rows * channels;
     const double drift = HAS_DRIFT ? w->of.drift[0][lane] : 0, per_size = 1 / size;
+    double *const doubles = (double *)w->staged;
+    float *const singles = (float *)w->staged;
     /* The last vector first, because the others write over what it writes too many. */
     for (size_t v = row; v > 0; v -= LANES) {
         lanes r[POWERS + 1];
@@ -614,8 +623,21 @@ static void read_samples(const struct run *run, const struct workspace *w, int f
             const lanes value =
                 r[0] + ambient * r[POWERS] +
                 part * (r[1] + part * (r[2] + part * (r[3] + part * (r[4] + part * r[5]))));
-            write(to, from + (t - run->first_read) * channels + v - LANES, end, value);
+            const size_t at = (size_t)(t - first) * channels + v - LANES;
+            if (to->temperatures) {
+                memcpy(doubles + at, &value, sizeof value);
+            } else {
+                const lanes_32 rounded = __builtin_convertvector(value, lanes_32);
+                memcpy(singles + at, &rounded, sizeof rounded);
+            }
         }
+    }
+    const size_t at = draw * to->rows * channels + (first - run->first_read) * channels;
+    const size_t count = (size_t)(stop - first) * channels;
+    if (to->temperatures) {
+        stream((char *)(to->temperatures + at), (char *)doubles, count * sizeof(double));
+    } else {
+        stream((char *)(to->temperatures_32 + at), (char *)singles, count * sizeof(float));
     }
 }
 
@@ -837,6 +859,7 @@ static void divide(const struct run *run, struct workspace *w,
     w->polynomials = take(memory, POWERS * run->outputs);
     w->output_row = (int *)take(memory, run->outputs * sizeof(int) / sizeof(lanes) + 1);
     w->output_node = (int *)take(memory, run->weights * sizeof(int) / sizeof(lanes) + 1);
+    w->staged = take(memory, (run->times * channels + 2 * LANES) / LANES);
     w->squares = take(memory, LANES * ((channels + LANES - 1) / LANES));
     w->reading = (double *)take(memory, (POWERS + 1) * ((channels + LANES - 1) / LANES));
     w->rises = (lanes_32 *)take(memory, (losses + 1) / 2);
@@ -913,6 +936,9 @@ int jaxtwin_solve(const struct run *run, const double *numbers, size_t columns, 
             }
         }
     }
+#ifdef __AVX512F__
+    _mm_sfence(); /* other threads see what was written past the cache */
+#endif
     free(memory.begin);
     return 0;
 }
