@@ -33,6 +33,9 @@ LAW_FILES = {
     "state feedback of the mean": "lqi.c",
     "plan": "mpc.c",
     "plan of the mean": "mpc.c",
+    "plan of the range": "mpc.c",
+    "plan of the worst point": "mpc.c",
+    "plan of the squares": "mpc.c",
 }
 
 

@@ -37,8 +37,8 @@ static void model_missed(const model_state *state, const model_real *reading, mo
 }
 
 #ifdef MODEL_ERRORS
-/* What the estimated states miss of the readings of the watched channels, K; with MODEL_POINTS, what
-   of it no disturbance explains. */
+/* What the estimated states miss of the readings of the watched channels, K; with MODEL_POINTS,
+   what of it no disturbance explains. */
 static void model_watched_missed(const model_state *state, const model_real *reading,
                                  model_real *missed)
 {
