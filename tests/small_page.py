@@ -17,8 +17,10 @@ SECOND = 10**9
 class NoSource:
     """A source that gives nothing."""
 
-    states = {"rig": "live"}  # noqa: RUF012
     ended = False
+
+    def __init__(self) -> None:
+        self.states = {"rig": "live"}
 
 
 @cache

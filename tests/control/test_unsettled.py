@@ -1,5 +1,6 @@
 """A simulated loop that does not come to rest says so, in a sentence for each output."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,10 @@ LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
 
 
 def loop(error: np.ndarray, reference: Any = 30.0) -> Any:
-    class Loop:
-        output = (30.0 + error)[:, None]
-
-    Loop.reference = np.broadcast_to(reference, error.shape)[:, None]  # type: ignore[attr-defined]
-    return Loop
+    return SimpleNamespace(
+        output=(30.0 + error)[:, None],
+        reference=np.broadcast_to(reference, error.shape)[:, None],
+    )
 
 
 def test_swings_and_errors_that_stay_are_told_from_an_approach():

@@ -64,14 +64,15 @@ def surroundings(client: Any) -> str:
     code = [(str(file.relative_to(root)), file.read_bytes()) for file in sorted(root.rglob("*.py"))]
     versions = [metadata.version(library) for library in LIBRARIES]
     kinds = [device.device_kind for device in client.devices()]
-    machine = (platform.machine(), _processor(), client.platform_version, kinds)
+    machine = (platform.machine(), processor(), client.platform_version, kinds)
     return fingerprint(
         (code, versions, tuple(sys.version_info), machine, os.environ.get("XLA_FLAGS"))
     )
 
 
-def _processor() -> str:
-    """The processor's instruction sets: XLA compiles for the ones that it finds."""
+def processor() -> str:
+    """The processor's instruction sets, as far as the system names them: compilers make code for
+    the ones that they find."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ._options import (
+    AnyAlarmOption,
     BaudOption,
     DurationOption,
     NoiseOption,
@@ -40,10 +41,7 @@ def observe(
             help="What is healthy, as MonitorCalibration.save and 'monitor --save' write it.",
         ),
     ] = None,
-    alarm: Annotated[
-        str | None,
-        typer.Option(metavar="COMMAND", help="Run at an alarm; JAXTWIN_ALARM says which."),
-    ] = None,
+    alarm: AnyAlarmOption = None,
     speed: ReplaySpeedOption = 1.0,
     duration: DurationOption = None,
     parameter_file: ParameterFileOption = None,

@@ -70,6 +70,9 @@ SilenceOption = Annotated[
     float,
     typer.Option(min=0.1, metavar="S", help="Stop after so long without data, at most 5."),
 ]
+QuietOption = Annotated[
+    float, typer.Option(min=0.1, metavar="S", help="Alarm after so long without data.")
+]
 AmbientOption = Annotated[
     float | None,
     typer.Option(
@@ -87,6 +90,10 @@ AlarmOption = Annotated[
         metavar="COMMAND",
         help="Run if the cells may be on after a stop; JAXTWIN_ALARM says which.",
     ),
+]
+AnyAlarmOption = Annotated[
+    str | None,
+    typer.Option(metavar="COMMAND", help="Run at an alarm; JAXTWIN_ALARM says which."),
 ]
 OperatorOption = Annotated[
     str | None, typer.Option(metavar="NAME", help="Kept in the recording; the user's name.")

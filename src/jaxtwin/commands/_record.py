@@ -11,7 +11,15 @@ import typer
 from .._celsius import ZERO_CELSIUS
 from ._alarm_command import AlarmCommand
 from ._heartbeat import Heartbeat
-from ._options import BaudOption, DurationOption, JsonOption, LinkOption, RigArgument
+from ._options import (
+    AnyAlarmOption,
+    BaudOption,
+    DurationOption,
+    JsonOption,
+    LinkOption,
+    QuietOption,
+    RigArgument,
+)
 from ._output import check_json, check_output, say, write_json
 from ._recorded_days import RecordedDays
 from ._show_progress import show_progress
@@ -35,13 +43,8 @@ def record(
     publish: Annotated[
         str | None, typer.Option(metavar="URL", help="mqtt://HOST/TOPIC: readings as JSON.")
     ] = None,
-    alarm: Annotated[
-        str | None,
-        typer.Option(metavar="COMMAND", help="Run at an alarm; JAXTWIN_ALARM says which."),
-    ] = None,
-    silence: Annotated[
-        float, typer.Option(min=0.1, metavar="S", help="Alarm after so long without data.")
-    ] = 10.0,
+    alarm: AnyAlarmOption = None,
+    silence: QuietOption = 10.0,
     health: Annotated[
         Path | None, typer.Option(metavar="FILE", help="JSON, new every second.")
     ] = None,

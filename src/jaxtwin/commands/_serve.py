@@ -14,10 +14,12 @@ import typer
 from .._errors import JaxtwinError
 from ._alarm_command import AlarmCommand
 from ._options import (
+    AnyAlarmOption,
     BaudOption,
     DurationOption,
     NoiseOption,
     ParameterFileOption,
+    QuietOption,
     RigArgument,
     SetOption,
     WatchedLinkOption,
@@ -86,13 +88,8 @@ def serve(
         Path | None,
         typer.Option(metavar="FILE", help="Write the token there, for its owner alone to read."),
     ] = None,
-    silence: Annotated[
-        float, typer.Option(min=0.1, metavar="S", help="Alarm after so long without data.")
-    ] = 10.0,
-    alarm: Annotated[
-        str | None,
-        typer.Option(metavar="COMMAND", help="Run at an alarm; JAXTWIN_ALARM says which."),
-    ] = None,
+    silence: QuietOption = 10.0,
+    alarm: AnyAlarmOption = None,
     duration: DurationOption = None,
     baud: BaudOption = 115_200,
 ) -> None:

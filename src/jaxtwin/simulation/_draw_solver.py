@@ -213,11 +213,11 @@ class DrawSolver:
         if self.reductions is None and (out is None or out.dtype != dtype):
             out = np.empty((count, run.samples, len(self.columns)), dtype)
 
-        def work(chunk: Draws, part: slice) -> dict[str, Array | np.ndarray]:
+        def work(chunk: Draws, part: slice) -> dict[str, np.ndarray]:
             number = part.stop - part.start
             if self.reductions is None:
                 assert out is not None
-                return dict(run.solve(chunk, number, out[part]))
+                return run.solve(chunk, number, out[part])
             size, read = len(next(iter(chunk.values()))), None
             if run.samples:
                 # Copies of the last sample follow, see `padded_trajectory`.
@@ -246,10 +246,10 @@ class DrawSolver:
         self,
         found: dict[str, np.ndarray],
         read: Float[np.ndarray, "chunk rows channels"] | None,
-    ) -> dict[str, Array | np.ndarray]:
+    ) -> dict[str, np.ndarray]:
         """The reductions of what `NativeRun.solve` found and read of a chunk."""
         dtype = np.dtype(self.precision)
-        results: dict[str, Array | np.ndarray] = {}
+        results: dict[str, np.ndarray] = {}
         reductions = dict(self.reductions or {})
         if "cost" in reductions:
             del reductions["cost"]
@@ -260,10 +260,8 @@ class DrawSolver:
         if read is not None:
             end, trajectory = read[:, min(count, read.shape[1]) - 1], read[:, :count]
         with own_settings(float64=self.precision == "float64"):
-            return {
-                **results,
-                **reduce_readings(reductions, Readings(trajectory, read, end, plate), None),
-            }
+            reduced = reduce_readings(reductions, Readings(trajectory, read, end, plate), None)
+            return results | {name: np.asarray(values) for name, values in reduced.items()}
 
     def _usual_chunk_size(self, numbered: TimeGrid | None, is_compressed: bool) -> int:
         """The default chunk size; larger for Rodas5P, unless whole trajectories fill the memory."""

@@ -122,8 +122,7 @@ class NativeRun:
         ambient = np.zeros(len(time))
         if grid.ambient_at is not None:
             ambient = np.asarray(grid.ambient_at) - grid.ambient_at[0]
-        has_cost = recorded is not None
-        self.elements = len(outputs.others)
+        self.elements, self.has_cost = len(outputs.others), recorded is not None
         first_read = {"all": 0, "last": len(time) - 1, "none": len(time)}[samples]
         if with_plate:  # it is read at the last sample
             first_read = min(first_read, len(time) - 1)
@@ -153,7 +152,6 @@ class NativeRun:
             first_read=first_read,
             recording=recording,
         )
-        self.has_cost = has_cost
 
     def solve(
         self,

@@ -18,6 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
+from .._compilation._fingerprint import processor
 from .._compilation._store import cache_folder, load, save
 
 logger = logging.getLogger("jaxtwin")
@@ -97,20 +98,9 @@ def _name(compiler: str, header: str) -> str:
         repr(
             (FLAGS, OWN_PROCESSOR, compiler, about.st_size, about.st_mtime_ns, platform.machine())
         ),
-        _processor(),
+        processor(),
     ]
     return "rodas5p-" + hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-
-
-@lru_cache(maxsize=1)
-def _processor() -> str:
-    """The instructions that the processor has, as far as the system names them."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    names = ("model name", "flags", "Features", "CPU part")
-    return "\n".join(sorted({line for line in lines if line.startswith(names)}))
 
 
 def _compiled(compiler: str, header: str) -> bytes:

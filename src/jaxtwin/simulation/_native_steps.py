@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
-from ._time_grid import SETTLING, TimeGrid, build_time_grid
+from ._time_grid import TimeGrid, build_time_grid, settling_after_reversals
 
 RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
 """The steps right after an input change, s: up to a quarter of a second, each ends four times as
@@ -39,14 +39,12 @@ def commanded_steps(experiment: Experiment, lags: bool, refinement: int) -> Time
     - `lags`: whether the driver has a lag.
     - `refinement`: the number of times that steps are halved.
     """
-    duty, part = experiment.duty, 0.5**refinement
-    # A lagging duty has a kink where it passes 0 after a reversal.
-    settling = SETTLING if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
+    part = 0.5**refinement
     return build_time_grid(
         experiment,
         growth=part * GROWTH,
         largest_step=part * LARGEST_STEP,
-        settling=settling,
+        settling=settling_after_reversals(experiment, lags),
         parts=2**refinement,
         ramp=tuple(part * step for step in RAMP),
     )

@@ -25,11 +25,11 @@ from ._padding import SIZES, padded_count, with_padding
 from ._resolution import LARGEST_SPAN, network_span
 from ._step_readings import StepReadings, largest
 from ._time_grid import (
-    SETTLING,
     InputSummary,
     TimeGrid,
     build_time_grid,
     reference_temperature,
+    settling_after_reversals,
 )
 
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.125, 0.22, 256.0
@@ -68,10 +68,7 @@ def numbered_grid(
 
 @lru_cache(maxsize=16)
 def _padded_grid(experiment: Experiment, lags: bool) -> TimeGrid:
-    duty = experiment.duty
-    # A lagging duty has a kink where it passes 0 after a reversal.
-    settling = SETTLING if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
-    ramp = (FIRST_STEP,)
+    settling, ramp = settling_after_reversals(experiment, lags), (FIRST_STEP,)
     grid = build_time_grid(experiment, FIRST_STEP, GROWTH, LARGEST_STEP, settling, ramp=ramp)
     count = padded_count(len(grid.sizes) + 1, SIZES)
     sizes = np.append(grid.sizes, np.zeros(count - len(grid.sizes)))

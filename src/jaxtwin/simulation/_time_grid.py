@@ -158,6 +158,13 @@ GridOptions: TypeAlias = tuple[float, float, float, float, int, tuple[tuple[Inpu
 """The arguments of `build_time_grid` other than the experiment."""
 
 
+def settling_after_reversals(experiment: Experiment, lags: bool) -> float:
+    """The `settling` for a solver whose steps grow from the start: 0 unless the driver has a lag
+    and a command is reversed, because a lagging duty then has a kink where it passes 0."""
+    duty = experiment.duty
+    return SETTLING if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
+
+
 def twin_steps(twin: Twin | System, refinement: int) -> GridOptions:
     """The arguments of `build_time_grid` other than the experiment."""
     part = 0.5**refinement

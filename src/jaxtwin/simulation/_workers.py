@@ -46,10 +46,10 @@ def work_in_chunks(
 
     def work_on_device(
         chunk: Mapping[str, Float[np.ndarray, " chunk"]], part: slice
-    ) -> Mapping[str, Array | np.ndarray]:
+    ) -> Mapping[str, np.ndarray]:
         number = part.start // len(next(iter(chunk.values())))
         with jax.default_device(devices[number % len(devices)]):
-            return jax.tree.map(np.asarray, dict(work(chunk)))
+            return {name: np.asarray(values) for name, values in work(chunk).items()}
 
     return fill_in_chunks(
         draws,
@@ -63,9 +63,7 @@ def work_in_chunks(
 
 def fill_in_chunks(
     draws: Mapping[str, Float[np.ndarray, " draws"]],
-    work: Callable[
-        [Mapping[str, Float[np.ndarray, " chunk"]], slice], Mapping[str, Array | np.ndarray]
-    ],
+    work: Callable[[Mapping[str, Float[np.ndarray, " chunk"]], slice], Mapping[str, np.ndarray]],
     *,
     chunk_size: int,
     workers: int | None = None,
@@ -91,7 +89,7 @@ def fill_in_chunks(
         first = number * size
         chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
         part = slice(first, min(first + size, count))
-        found = {name: np.asarray(values) for name, values in work(chunk, part).items()}
+        found = work(chunk, part)
         with one_at_a_time:
             for name, values in found.items():
                 if name not in result:

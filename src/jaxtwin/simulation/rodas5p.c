@@ -316,6 +316,15 @@ static void heat_into_nodes(const struct workspace *w, const lanes *x,
     }
 }
 
+/* Puts G in the place of the factors. */
+static void load_conductance(struct workspace *w)
+{
+    memset(w->factors, 0, FACTORS * sizeof(lanes));
+    for (int p = 0; p < ENTRIES; ++p) {
+        w->factors[network_factor_of[p]] = w->of.conductance[p];
+    }
+}
+
 /* The matrix C / (gamma h) + G - dq/dx of a step, and the change of the heat with the inputs. */
 static void step_matrix(struct workspace *w, lanes size, lanes ambient)
 {
@@ -324,10 +333,7 @@ static void step_matrix(struct workspace *w, lanes size, lanes ambient)
     const lanes drift = HAS_DRIFT ? of->drift[0] : broadcast(0);
     const lanes diagonal = 1 / (METHOD_GAMMA * size);
     lanes *factors = w->factors, *time_heat = w->time_heat;
-    memset(factors, 0, FACTORS * sizeof(lanes));
-    for (int p = 0; p < ENTRIES; ++p) {
-        factors[network_factor_of[p]] = of->conductance[p];
-    }
+    load_conductance(w);
     for (int i = 0; i < NODES; ++i) {
         factors[network_diagonal[i]] += of->capacitance[i] * diagonal;
         time_heat[i] = of->to_ambient[i] * drift;
@@ -509,10 +515,7 @@ static lanes spanned(const struct run *run, struct workspace *w)
 {
     const struct numbers *of = &w->of;
     lanes fastest = broadcast(0), before = broadcast(1), after = broadcast(1);
-    memset(w->factors, 0, FACTORS * sizeof(lanes));
-    for (int p = 0; p < ENTRIES; ++p) {
-        w->factors[network_factor_of[p]] = of->conductance[p];
-    }
+    load_conductance(w);
     for (int i = 0; i < NODES; ++i) {
         const lanes rate = w->factors[network_diagonal[i]] / of->capacitance[i];
         fastest = choose(rate > fastest, rate, fastest);
