@@ -92,6 +92,7 @@ def main() -> None:
     write("monitored", watched().plot(), dpi=80)
     write("diagnosis", diagnosed().plot(), dpi=80)
     write("isolability", jt.isolability(jt.Twin("tclab")).plot(), dpi=70)
+    write("health", aged().plot(), dpi=80)
     for name in WITHOUT_A_PLATE:
         write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
         write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
@@ -178,6 +179,21 @@ def diagnosed() -> jt.Diagnosis:
             plan.time, plan.duty, channels=rig.channels, temperatures=readings, name="a worn heater"
         ),
     )
+
+
+def aged() -> jt.Health:
+    """Eight weekly sessions of a Temperature Control Lab whose second heater loses half a per cent
+    of its power in a day, and one per cent more or less from session to session."""
+    twin, random = jt.Twin("tclab"), np.random.default_rng(2)
+    plan = jt.Experiment.schedule("0:0.5/0.6,300:0.8/0.3,600:0.3/0.8", duration=900, cells=2)
+    sessions = []
+    for week in range(8):
+        left = np.exp(-0.005 * 7 * week + random.normal(0.0, 0.01))
+        worn = twin.with_values({"P_2": 0.75 * left})
+        sessions.append([jt.simulate(worn, plan).to_recording(seed=week)])
+    fits = jt.match_many(twin, sessions, free=["P_2", "R_2", "tau_2", "T_amb", "T_start"])
+    found = {f"week {week}": fit for week, fit in enumerate(fits) if fit is not None}
+    return jt.health(found, [7 * week for week in range(8)], limits={"P_2": 0.5}, within=28)
 
 
 def matched(name: str) -> jt.Fit:

@@ -73,6 +73,7 @@ COMMANDS = [
     ["monitor"],
     ["diagnose"],
     ["refit"],
+    ["health"],
     ["twins"],
     ["twins", "list"],
     ["twins", "show"],

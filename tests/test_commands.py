@@ -81,6 +81,7 @@ DEFAULTS = {
     "drive": {"duration": 1000.0, "silence": 3.0, "baud": 115_200},
     "estimate-noise": {"horizon": 60.0},
     "export": {"step": 1.0},
+    "health": {"probability": 0.5},
     "match": {"starts": 1, "max_iterations": 200, "seed": 0},
     "monitor": {"days": 30.0},
     "new-rig": {"supply_voltage": "12 V", "limit": "80 degC"},

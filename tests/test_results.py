@@ -13,6 +13,7 @@ import numpy as np
 import pandas
 import pytest
 import xarray
+from aged_sessions import session
 from faulty_runs import bench, recording
 from matplotlib import pyplot
 from matplotlib.figure import Figure
@@ -96,6 +97,11 @@ def refitted() -> jt.Refit:
     return jt.Refit("unchanged", "nothing has changed", fit(), fit(), (check,), ())
 
 
+def aged() -> jt.Health:
+    sessions = [session(value) for value in (2.0, 2.1, 2.05, 2.2)]
+    return jt.health(sessions, limits={"R_E": 3.0})
+
+
 def design() -> jt.ExperimentDesign:
     return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
@@ -126,6 +132,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Diagnosis": lambda _: jt.diagnose(bench(), recording("gain", "T1", 0.8)),
     "Isolability": lambda _: jt.isolability(bench(), faults=["age H1", "gain T1"]),
     "Refit": lambda _: refitted(),
+    "Health": lambda _: aged(),
 }
 """Class -> one of it."""
 

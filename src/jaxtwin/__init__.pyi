@@ -50,6 +50,8 @@ from .physics import Twin as Twin  # a rig with values for its parameters
 from .physics import build_netlist as build_netlist  # Rig -> Netlist
 from .physics import frame_to_channels as frame_to_channels  # camera frame -> zone means
 from .physics import plate_map as plate_map  # element temperatures -> the plate as a picture
+from .prognostics import Health as Health  # parameters of a rig over sessions
+from .prognostics import health as health  # trends, and when limits are passed
 from .refitting import Refit as Refit  # a new twin, and whether it replaces the last
 from .refitting import refit as refit  # a twin from new recordings, through a gate
 from .rig import Rig as Rig  # a rig file, read and checked

@@ -35,6 +35,7 @@ from .commands import (
     _drive,
     _estimate_noise,
     _export,
+    _health,
     _import_recording,
     _match,
     _monitor,
@@ -179,6 +180,13 @@ _add(
     _refit.refit,
     "jaxtwin refit twins.db --recordings sessions",
     "jaxtwin refit twins.db --recordings sessions --controller pid.toml --json refit.json",
+)
+_add(
+    "health",
+    TWINS,
+    _health.health,
+    "jaxtwin health twins.db --limit R_E=2.6 --within 60",
+    "jaxtwin health monday.toml tuesday.toml friday.toml --times 0,1,4 --out health.png",
 )
 _add("diff", TWINS, _diff.diff, "jaxtwin diff monday.toml tuesday.toml")
 _add(

@@ -21,6 +21,7 @@ from ._distributions import plot_distributions
 from ._fit_difference import plot_fit_difference
 from ._frontier import plot_frontier
 from ._group_values import plot_group_values
+from ._health import plot_health
 from ._history import plot_history
 from ._index_bars import plot_index_bars
 from ._indices_over_time import plot_indices_over_time
@@ -64,6 +65,7 @@ __all__ = [
     "plot_forecast",
     "plot_frontier",
     "plot_group_values",
+    "plot_health",
     "plot_history",
     "plot_index_bars",
     "plot_indices_over_time",

@@ -1,0 +1,262 @@
+"""Finds the health of a rig from several sessions."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, date, datetime
+from typing import NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import finite_number, mapping_of, names_of, of_kind
+from .._errors import MatchError, ParameterError
+from .._name_suggestions import unknown_name
+from ..matching import Fit
+from ..twin_store import TwinStore, TwinVersion
+from ._health import Health, ParameterHealth
+from ._session_estimates import SessionEstimate, session_estimates
+from ._trend import FEWEST, random_effects_trend
+
+DAY = 86_400.0
+"""Seconds of a day."""
+
+Time = float | int | str | date
+
+
+@final
+class _Sessions(NamedTuple):
+    """The fits of sessions by name, and what is known of their times."""
+
+    fits: dict[str, Fit]
+    made: tuple[datetime, ...] | None
+
+
+def health(
+    sessions: TwinStore | Mapping[str, Fit] | Sequence[Fit],
+    times: Sequence[Time] | None = None,
+    *,
+    limits: Mapping[str, float | int] | None = None,
+    within: float | int | None = None,
+    names: Iterable[str] | None = None,
+) -> Health:
+    r"""Finds how the parameters of a rig change over sessions.
+
+    For each parameter the trend over the sessions is found, with its standard error, and how much
+    sessions differ from it beyond their own errors (`jaxtwin.prognostics`). What a session says is
+    counted without the priors of its match. With a limit, the result says with which probability
+    the trend passes it within a time.
+
+    **Arguments:**
+
+    - `sessions`: three or more, in the order of time: session -> fit, where each fit is that of a
+      session by itself, such as those of `match_many`; or fits, which are named by their
+      recordings. Of a store of twins the champion and the versions before it, by their parents.
+    - `times`: when the sessions were: dates, texts such as `"2026-01-31"` (ISO 8601), or numbers of
+      days. By default the times when the versions of a store were made, and 1, 2, 3, ... for fits.
+    - `limits`: name -> a value that the parameter should not pass. It is above or below what is
+      healthy; the trend at the first session is taken for healthy.
+    - `within`: how far ahead limits are looked at, in days, or in sessions without times; by
+      default as far as the sessions reach back.
+    - `names`: the parameters to look at; by default all that are free.
+
+    **Returns:** a `Health`.
+
+    **Raises:** `MatchError` for fewer than three sessions, fits of several rigs, times that do not
+    increase, sessions that determine nothing, and a limit of a parameter that they do not
+    determine; `ParameterError` for an unknown name.
+    """
+    known = _sessions(sessions)
+    first = next(iter(known.fits.values()))
+    rows = first.twin.rig.parameters
+    when, unit = _times(times, known)
+    ahead = (
+        when[-1] - when[0]
+        if within is None
+        else finite_number("health: within", within, MatchError)
+    )
+    if ahead < 0:
+        raise MatchError(f"health: within: expected a time of 0 or more, got {ahead:g}")
+    bounds = _limits(limits, first)
+    estimates = [session_estimates(fit) for fit in known.fits.values()]
+    free = dict.fromkeys(
+        name
+        for fit in known.fits.values()
+        for name, row in fit.parameters.items()
+        if row.free and row.scope != "recording"
+    )
+    wanted = list(free) if names is None else list(names_of("health: names", names, MatchError))
+    for name in (*wanted, *bounds):
+        if name not in rows:
+            raise ParameterError(f"health: {unknown_name('parameter', name, rows)}")
+    found, undetermined = [], []
+    for name in dict.fromkeys([*wanted, *bounds]):
+        row = _parameter(first, name, when, [each.get(name) for each in estimates])
+        if row is None and name in bounds:
+            raise MatchError(
+                f"health: limits: {name}: expected a parameter that {FEWEST} sessions determine, "
+                "got one that fewer do"
+            )
+        if row is None:
+            undetermined.append(name)
+        else:
+            found.append(replace(row, limit=bounds.get(name)))
+    if not found:
+        raise MatchError(
+            f"health: expected a parameter that {FEWEST} sessions determine, got none among "
+            f"{', '.join(wanted) or '(none)'}"
+        )
+    return Health(
+        rig=first.twin.rig.name,
+        sessions=tuple(known.fits),
+        times=when,
+        time_unit=unit,
+        converged=tuple(fit.converged for fit in known.fits.values()),
+        parameters={row.name: row for row in _by_change(found)},
+        undetermined=tuple(undetermined),
+        within=ahead,
+    )
+
+
+def _parameter(
+    fit: Fit,
+    name: str,
+    when: Float[np.ndarray, " sessions"],
+    estimates: Sequence[SessionEstimate | None],
+) -> ParameterHealth | None:
+    """A parameter over sessions; None if fewer than three at different times determine it."""
+    entries = np.array([np.nan if one is None else one.value for one in estimates])
+    errors = np.array([np.nan if one is None else one.error for one in estimates])
+    there = np.isfinite(entries)
+    if there.sum() < FEWEST or np.ptp(when[there]) == 0:
+        return None
+    row = fit.twin.rig.parameters[name]
+    at, seen, sure = when[there], entries[there], errors[there]
+    distance, chance = np.nan, np.nan
+    if there[-1] and len(at) > FEWEST and np.ptp(at[:-1]) > 0:
+        before = random_effects_trend(at[:-1], seen[:-1], sure[:-1])
+        distance, chance = before.distance(float(at[-1]), float(seen[-1]), float(sure[-1]))
+    return ParameterHealth(
+        name=name,
+        unit=row.unit,
+        is_logarithmic=row.is_logarithmic,
+        values=np.exp(entries) if row.is_logarithmic else entries,
+        errors=errors,
+        trend=random_effects_trend(at, seen, sure),
+        span=(float(when[0]), float(when[-1])),
+        p_value=np.nan,
+        last_distance=distance,
+        last_p_value=chance,
+        limit=None,
+    )
+
+
+def _by_change(rows: Sequence[ParameterHealth]) -> list[ParameterHealth]:
+    """The rows with the p-values of Holm, the clearest trend first."""
+    ordered = sorted(rows, key=lambda row: row.trend.p_value)
+    count = len(ordered)
+    raised = [(count - place) * row.trend.p_value for place, row in enumerate(ordered)]
+    corrected = np.minimum(np.maximum.accumulate(raised), 1.0)
+    return [
+        replace(row, p_value=float(value)) for row, value in zip(ordered, corrected, strict=True)
+    ]
+
+
+def _sessions(given: TwinStore | Mapping[str, Fit] | Sequence[Fit]) -> _Sessions:
+    if isinstance(given, TwinStore):
+        versions = _line(given)
+        fits = {f"version {one.number}": one.fit() for one in versions}
+        found = _Sessions(fits, tuple(datetime.fromisoformat(one.made) for one in versions))
+    elif isinstance(given, Mapping):
+        found = _Sessions(dict(given), None)
+    else:
+        if isinstance(given, str | bytes | Fit) or not isinstance(given, Iterable):
+            raise MatchError(
+                f"health: sessions: expected a store of twins, or fits of sessions, got {given!r}"
+            )
+        found = _Sessions(_named(list(given)), None)
+    for name, fit in found.fits.items():
+        of_kind(f"health: {name}", fit, Fit, "a Fit of this session by itself", MatchError)
+    if len(found.fits) < FEWEST:
+        raise MatchError(
+            f"health: sessions: expected {FEWEST} or more, because two always lie on a line, got "
+            f"{len(found.fits)}"
+        )
+    rigs = dict.fromkeys(fit.twin.rig.name for fit in found.fits.values())
+    if len(rigs) > 1:
+        raise MatchError(f"health: sessions: expected fits of one rig, got {', '.join(rigs)}")
+    return found
+
+
+def _named(fits: Sequence[Fit]) -> dict[str, Fit]:
+    """Fits by the names of their recordings; a name that occurs again gets a number."""
+    found: dict[str, Fit] = {}
+    for number, fit in enumerate(fits, start=1):
+        of_kind(f"health: session {number}", fit, Fit, "a Fit, as match gives it", MatchError)
+        name = ", ".join(fit.recordings)
+        found[f"{name} ({number})" if name in found else name] = fit
+    return found
+
+
+def _line(store: TwinStore) -> list[TwinVersion]:
+    """The champion of a store and the versions before it, by their parents, the first one first."""
+    one = store.version("champion")
+    versions = [one]
+    while one.parent is not None:
+        one = store.version(one.parent)
+        versions.append(one)
+    return versions[::-1]
+
+
+def _times(
+    given: Sequence[Time] | None, sessions: _Sessions
+) -> tuple[Float[np.ndarray, " sessions"], str]:
+    """The times of sessions, and their unit."""
+    count = len(sessions.fits)
+    if given is None and sessions.made is None:
+        return np.arange(1.0, count + 1.0), "session"
+    several = list(sessions.made or ()) if given is None else list(given)
+    if len(several) != count:
+        raise MatchError(
+            f"health: times: expected one for each of {count} sessions, got {len(several)}"
+        )
+    stamps = [_day(number, one) for number, one in enumerate(several, start=1)]
+    kinds = {isinstance(one, int | float) for one in several}
+    if len(kinds) > 1:
+        raise MatchError("health: times: expected all dates or all numbers, got both")
+    when = np.array(stamps) - (0.0 if kinds == {True} else stamps[0])
+    if np.any(np.diff(when) < 0) or when[-1] == when[0]:
+        raise MatchError(
+            "health: times: expected times that increase, because sessions are in the order of "
+            f"time, got {', '.join(map(str, several))}"
+        )
+    return when, "day"
+
+
+def _day(number: int, time: object) -> float:
+    """A time in days."""
+    if isinstance(time, str):
+        try:
+            time = datetime.fromisoformat(time)
+        except ValueError:
+            raise MatchError(
+                f"health: times: session {number}: expected a date such as '2026-01-31', got "
+                f"{time!r}"
+            ) from None
+    if isinstance(time, datetime):
+        return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp() / DAY
+    if isinstance(time, date):
+        return float(time.toordinal())
+    return finite_number(f"health: times: session {number}", time, MatchError)
+
+
+def _limits(given: Mapping[str, float | int] | None, fit: Fit) -> dict[str, float]:
+    named = mapping_of("health: limits", given or {}, "parameter -> limit", MatchError)
+    found = {
+        name: finite_number(f"health: limits: {name}", limit, MatchError)
+        for name, limit in named.items()
+    }
+    for name, limit in found.items():
+        row = fit.twin.rig.parameters.get(name)
+        if row is not None and row.is_logarithmic and limit <= 0:
+            raise MatchError(f"health: limits: {name}: expected a number above 0, got {limit:g}")
+    return found

@@ -1,0 +1,142 @@
+"""The health of a rig: what sessions say without their priors, trends, limits and bad input."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+from aged_sessions import NAME, session
+from matplotlib import pyplot
+from small_results import fit
+
+import jaxtwin as jt
+from jaxtwin.prognostics._assess import _by_change
+from jaxtwin.prognostics._session_estimates import session_estimates
+
+
+def aged(values: Sequence[float] | np.ndarray, **options: object) -> jt.Health:
+    fits = {f"day {number}": session(value) for number, value in enumerate(values)}
+    return jt.health(fits, list(range(len(values))), names=[NAME], **options)  # pyright: ignore
+
+
+@pytest.mark.parametrize("error", [0.01, 0.3])
+def test_a_session_says_the_same_with_a_prior_and_without(error: float):
+    """The posterior of a normal estimate and a normal prior, and the estimate that it came from."""
+    found = session_estimates(session(2.0, error, prior=True))[NAME]
+    assert found.value == pytest.approx(np.log(2.0))
+    assert found.error == pytest.approx(error)
+
+
+def test_a_session_says_nothing_of_what_its_prior_alone_determines():
+    assert NAME not in session_estimates(session(2.0, 2.0, prior=True))
+
+
+def test_values_of_single_recordings_are_no_parameters_of_the_rig():
+    assert "T_amb" not in session_estimates(fit())
+    assert set(session_estimates(fit())) <= {"R_E", "R_pc"}
+
+
+def test_a_trend_is_found_with_its_size():
+    """A resistance that grows by a tenth in four days, equally each day."""
+    found = aged(2.0 * 1.1 ** (np.arange(5) / 4))
+    assert found[NAME].change == pytest.approx(0.1)
+    assert found[NAME].value == pytest.approx(2.2)
+    low, high = found[NAME].change_interval
+    assert 0.05 < low < 0.1 < high < 0.15
+    assert found.time_unit == "day"
+    assert "what changed most: R_E, +10 %" in found.summary()
+
+
+def test_what_changed_most_is_first_and_p_values_are_those_of_holm():
+    """Of three parameters the smallest p-value counts three times, the second twice, and none is
+    below one before it."""
+    rows = [aged(values)[NAME] for values in ([2.0, 2.1, 2.1, 2.2], [2.0, 2.1, 2.2, 2.3])]
+    third = replace(rows[0], name="again")
+    found = _by_change([*rows, third])
+    assert found[0].trend is rows[1].trend
+    own = [row.trend.p_value for row in found]
+    assert [row.p_value for row in found] == pytest.approx([3 * own[0], 2 * own[1], 2 * own[1]])
+
+
+def test_a_last_session_that_is_unlike_those_before_is_named():
+    found = aged([2.0, 2.01, 1.99, 2.0, 2.3])
+    assert found[NAME].last_distance > 5
+    assert "day 4 is unlike those before: R_E" in found.summary()
+    assert abs(aged([2.0, 2.01, 1.99, 2.0, 2.0])[NAME].last_distance) < 1
+
+
+def test_limits_above_and_below_are_passed_in_their_direction():
+    values = 2.0 * 1.1 ** (np.arange(5) / 4)
+    above = aged(values, limits={NAME: 2.4}, within=8.0)
+    assert above[NAME].is_upward
+    assert above.probabilities[NAME] > 0.9
+    assert aged(values, limits={NAME: 4.0}, within=8.0).probabilities[NAME] < 0.01
+    assert aged(values, limits={NAME: 1.8}, within=8.0).probabilities[NAME] < 0.01
+    assert aged(values, limits={NAME: 2.05}, within=0.0).probabilities[NAME] > 0.95
+    assert "R_E passes 2.4 ohm within 8 days with a probability of 0.9" in above.summary()
+
+
+def test_the_champion_of_a_store_and_its_parents_are_sessions(tmp_path: Path):
+    """Not a challenger that waits; without times, versions of one second are refused."""
+    store = jt.TwinStore(tmp_path / "twins.db")
+    store.add(session(2.0), reason="first match", aliases=["champion"])
+    for number in (1, 2):
+        store.add(
+            session(2.0 + 0.1 * number), reason="a refit", parent=number, aliases=["champion"]
+        )
+    store.add(session(9.0), reason="waits", parent="champion", aliases=["challenger"])
+    found = jt.health(store, ["2026-01-01", "2026-01-08", "2026-01-15"])
+    assert found.sessions == ("version 1", "version 2", "version 3")
+    np.testing.assert_allclose(found[NAME].values, [2.0, 2.1, 2.2])
+    assert found.times.tolist() == [0.0, 7.0, 14.0]
+    assert found.within == 14.0
+
+
+def test_dates_are_taken_as_text_and_as_dates():
+    fits = [session(2.0)] * 3
+    texts = jt.health(fits, ["2026-01-01", "2026-01-02T12:00", "2026-01-05T00:00+00:00"])
+    assert texts.times.tolist() == [0.0, 1.5, 4.0]
+    days = jt.health(fits, [date(2026, 1, 1), date(2026, 1, 2), date(2026, 2, 1)])
+    assert days.times.tolist() == [0.0, 1.0, 31.0]
+
+
+def test_the_picture_has_sessions_trend_and_limit():
+    found = aged([2.0, 2.05, 2.1, 2.2], limits={NAME: 2.5}, within=5.0)
+    figure = found.plot()
+    (axes,) = figure.axes
+    dots = next(line for line in axes.lines if line.get_marker() == "o")
+    np.testing.assert_allclose(np.asarray(dots.get_ydata(), float), found[NAME].values)
+    (limit,) = [line for line in axes.lines if line.get_gid() == "limit"]
+    assert set(np.asarray(limit.get_ydata())) == {2.5}
+    assert axes.get_xlim()[1] >= 8.0
+    pyplot.close("all")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        (lambda: ([session(2.0)] * 2,), {}, "expected 3 or more, because two always lie on a line"),
+        (lambda: ([session(2.0)] * 3, [1, 2]), {}, "one for each of 3 sessions, got 2"),
+        (lambda: ([session(2.0)] * 3, [1, 3, 2]), {}, "times that increase"),
+        (lambda: ([session(2.0)] * 3, [1, 1, 1]), {}, "times that increase"),
+        (lambda: ([session(2.0)] * 3, ["monday", 2, 3]), {}, "a date such as '2026-01-31'"),
+        (lambda: ([session(2.0)] * 3, [date(2026, 1, 1), 2, 3]), {}, "all dates or all numbers"),
+        (lambda: ([session(2.0)] * 3,), {"names": ["R_X"]}, "unknown parameter 'R_X'"),
+        (lambda: ([session(2.0)] * 3,), {"limits": {"R_E": -1}}, "R_E: expected a number above 0"),
+        (lambda: ([session(2.0)] * 3,), {"limits": {"R_X": 1}}, "unknown parameter 'R_X'"),
+        (lambda: ([session(2.0)] * 3,), {"limits": {"C_esp": 1}}, "that 3 sessions determine"),
+        (lambda: ([session(2.0)] * 3,), {"within": -1}, "within: expected a time of 0 or more"),
+        (lambda: ([session(2.0)] * 3,), {"names": ["T_amb"]}, "got none among T_amb"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_done_is_refused_in_one_sentence(arguments, options, message: str):
+    with pytest.raises((jt.MatchError, jt.ParameterError)) as problem:
+        jt.health(*arguments(), **options)
+    assert message in str(problem.value)
+
+
+def test_a_parameter_that_is_not_there_is_answered_with_those_that_are():
+    with pytest.raises(jt.ParameterError, match="Known: R_E"):
+        aged([2.0, 2.0, 2.1])["R_e"]
