@@ -6,7 +6,6 @@ They are drawn from what comes with jaxtwin, and need no recordings of a rig.
 from collections.abc import Callable
 from pathlib import Path
 
-import jax
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -165,8 +164,7 @@ def diagnosed() -> jt.Diagnosis:
     rig = jt.Twin("tclab")
     plan = jt.Experiment.schedule("0:0.5/0.6,400:0.8/0.3", duration=900, step=1, cells=2)
     stepper = jt.Stepper(rig, 1.0)
-    with jax.enable_x64(True):
-        worn = jt.Stepper(FAULT_MODELS["age"](rig, "H1", 1.2)(stepper.system), 1.0)
+    worn = jt.Stepper(FAULT_MODELS["age"](rig, "H1", 1.2)(stepper.system), 1.0)
     state = stepper.start()
     rows = [np.asarray(stepper.channels(state))]
     for number, duty in enumerate(plan.duty[:-1]):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import jax
 import numpy as np
 import pytest
 from faulty_runs import ONSET, bench, recording
@@ -10,6 +11,8 @@ from hand_clock import START
 from jaxtwin import Experiment, monitor
 from jaxtwin.live import Finding, Reading, Record, RecordConsumer, RigState, Sample, Screen
 from jaxtwin.monitoring import LiveMonitor
+from jaxtwin.monitoring._finding_log import FindingLog, at_sample
+from jaxtwin.monitoring._thresholds import DAY
 from jaxtwin.observers import live_observer
 
 SECOND = 10**9
@@ -92,3 +95,29 @@ def test_it_is_a_consumer_and_shares_its_follower_with_a_screen():
         alone.on_record(record, state)
     assert alone.follower.predicted is not None
     np.testing.assert_array_equal(watching.follower.predicted, alone.follower.predicted)
+
+
+def test_a_finding_clears_after_half_a_minute_of_the_rig_at_any_speed():
+    """The same scores at ten times the speed: the times of the host are a tenth."""
+    found = monitor(bench(), recording())
+    quiet = jax.tree.map(np.zeros_like, at_sample(found.evidences, -1))
+    loud = quiet._replace(sum=quiet.sum._replace(score=np.full(2, 2.0), age=np.full(2, 5.0)))
+    for rate in (1.0, 10.0):
+        log = FindingLog(found.monitor, found.calibration, DAY, SECOND)
+        first, *_ = log.take(100 * SECOND, loud, rate)
+        assert first.since == 100 * SECOND - 5 * SECOND / rate
+        log.take(100 * SECOND + round(29 * SECOND / rate), quiet, rate)
+        assert log.present
+        log.take(100 * SECOND + round(31 * SECOND / rate), quiet, rate)
+        assert not log.present
+
+
+def test_of_findings_that_are_over_only_the_last_are_kept():
+    found = monitor(bench(), recording())
+    quiet = jax.tree.map(np.zeros_like, at_sample(found.evidences, -1))
+    loud = quiet._replace(sum=quiet.sum._replace(score=np.array([2.0, 0.0])))
+    log = FindingLog(found.monitor, found.calibration, DAY, kept=3)
+    for number in range(5):
+        log.take(100.0 * number, loud)
+        log.take(100.0 * number + 50, quiet)
+    assert [one.found for one in log.findings] == [200.0, 300.0, 400.0]

@@ -73,6 +73,16 @@ def assert_equal(one: System, other: System) -> None:
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("model", EXAMPLES)
+def test_a_fault_is_float64_also_where_jax_is_set_to_float32(twin: Twin, model: str):
+    """Outside of `jax.enable_x64` an array of JAX would be rounded to 24 bits."""
+    outside = fault(twin, model)(system_of(twin))
+    inside = changed(twin, fault(twin, model))
+    for one, other in zip(jax.tree.leaves(outside), jax.tree.leaves(inside), strict=True):
+        assert np.asarray(one).dtype == np.asarray(other).dtype
+        np.testing.assert_array_equal(one, other)
+
+
 def test_a_channel_of_another_gain_is_one_of_that_parameter(twin: Twin):
     other = twin.with_values({"g_T12": float(twin.values["g_T12"]) * 0.9})
     assert_equal(changed(twin, fault(twin, "gain", "T12", 0.9)), system_of(other))

@@ -1,5 +1,6 @@
 """Findings from scores: each is raised once, grows, and clears."""
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple, final
@@ -14,7 +15,7 @@ from ._state_test import parameters_of, state_names
 from ._thresholds import FAMILIES, MonitorCalibration
 
 CALM_SECONDS = 30.0
-"""A finding clears when its scores have been below a half for this time, s."""
+"""A finding clears when its scores have been below a half for this time, s of the rig."""
 
 KINDS = {
     "sum": "sudden",
@@ -60,6 +61,7 @@ class FindingLog:
 
     - `monitor`: the monitor. `calibration`, `seconds`: what it was made with.
     - `ticks`: the units of time in a second: 1 for a recording, 1e9 for host times in ns.
+    - `kept`: how many findings that are over are kept; None: all.
     """
 
     def __init__(
@@ -68,12 +70,13 @@ class FindingLog:
         calibration: MonitorCalibration,
         seconds: float | int,
         ticks: int = 1,
+        kept: int | None = None,
     ):
         self._monitor, self._calibration = monitor, calibration
         self._seconds, self._ticks = seconds, ticks
         self._rows = tuple(_rows(monitor))
         self._open: dict[tuple[str, str], _Open] = {}
-        self._closed: list[Finding] = []
+        self._closed: deque[Finding] = deque(maxlen=kept)
 
     @property
     def present(self) -> tuple[Finding, ...]:
@@ -82,15 +85,22 @@ class FindingLog:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All findings, in the order of their onset; those that are there have no `until`."""
+        """The findings that are kept, in the order of their onset; those that are there have no
+        `until`."""
         return tuple(sorted((*self._closed, *self.present), key=lambda one: one.since or 0))
 
-    def take(self, now: float | int, evidences: Evidences) -> list[Finding]:
+    def take(self, now: float | int, evidences: Evidences, rate: float = 1.0) -> list[Finding]:
         """Takes what the tests say of a sample.
+
+        **Arguments:**
+
+        - `now`: the time of the sample. `rate`: the seconds of the rig in a second of it, which is
+          not 1 beside a virtual rig at another speed, or a replay.
 
         **Returns:** the findings that are new.
         """
         scores = np.concatenate([one.score for one in evidences])
+        tick = self._ticks / rate  # of a second of the rig
         new: dict[tuple[str, str], Finding] = {}
         for place in np.flatnonzero(scores >= 0.5):
             row, score = self._rows[place], float(scores[place])
@@ -103,11 +113,11 @@ class FindingLog:
                     if row.key in new:
                         new[row.key] = there.finding
             elif score >= 1 and not (row.test == "changed" and self._is_alarmed()):
-                begun = self._finding(row, evidences, score, now)
+                begun = self._finding(row, evidences, score, now, tick)
                 self._open[row.key] = _Open(begun, score, now)
                 new[row.key] = begun
         for key, one in list(self._open.items()):
-            if now - one.last >= CALM_SECONDS * self._ticks:
+            if now - one.last >= CALM_SECONDS * tick:
                 self._closed.append(replace(one.finding, until=one.last))
                 del self._open[key]
         return list(new.values())
@@ -125,9 +135,11 @@ class FindingLog:
         """Whether there is an alarm, which then explains why a parameter has changed."""
         return any(one.finding.is_alarm for one in self._open.values())
 
-    def _finding(self, row: _Row, evidences: Evidences, score: float, now: float | int) -> Finding:
+    def _finding(
+        self, row: _Row, evidences: Evidences, score: float, now: float | int, tick: float
+    ) -> Finding:
         evidence = getattr(evidences, row.test)
-        age = float(evidence.age[row.place]) * self._ticks
+        age = float(evidence.age[row.place]) * tick
         since = now - (round(age) if self._ticks > 1 else age)
         severity: Severity = "notice" if row.test == "changed" else "warning"
         empty = Finding(row.key[0], "", row.name, since, severity, unit=row.unit, found=now)

@@ -20,6 +20,9 @@ from ._thresholds import DAY, MonitorCalibration, nominal_calibration
 TICKS = 10**9
 """Host times are in ns."""
 
+KEPT = 1000
+"""The number of findings that are kept after they are over: a rig may be watched for months."""
+
 
 @final
 class LiveMonitor:
@@ -47,9 +50,11 @@ class LiveMonitor:
         if calibration is None:
             calibration = nominal_calibration(channels_of(observer.model), sample_time)
         self._on_finding = on_finding
+        self.observer = observer
+        """The filter."""
         monitor = Monitor(observer, calibration, response_of(observer), false_alarm_time)
         self._monitor = monitor
-        self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS)
+        self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, KEPT)
         with jax.enable_x64(True):
             self._state = jax.tree.map(np.asarray, monitor.init())
         self.follower = Follower(observer.model.twin, observer)
@@ -67,7 +72,8 @@ class LiveMonitor:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All findings since the start; those that are over have an `until`."""
+        """The findings since the start, of those that are over the last thousand; they have an
+        `until`."""
         return self._log.findings
 
     def on_record(self, record: Record, state: RigState) -> None:
@@ -81,7 +87,7 @@ class LiveMonitor:
         dt = 0.0 if self._time is None else max(seconds(now - self._time) * state.rate, 0.0)
         self._time = now if self._time is None else max(now, self._time)
         evidences = self._step(record.temperatures, expected, dt)
-        for finding in self._log.take(self._time, evidences):
+        for finding in self._log.take(self._time, evidences, state.rate):
             self._on_finding(finding)
 
     def on_time(self, state: RigState, now: int) -> None:

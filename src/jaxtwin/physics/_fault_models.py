@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
 
 from .._errors import SimulationError
+from .._jax_settings import settings_for
 from .._name_suggestions import unknown_name
 from ..rig import Registration, Rig, Value, ZoneSensor
 from ._registration import RegisteredZones
@@ -310,23 +311,43 @@ def changed_parameter(twin: Twin, name: str, factor: Float[ArrayLike, ""]) -> Fa
     return fault
 
 
+def in_own_precision(model: FaultModel) -> FaultModel:
+    """The same model, computed in float64 whatever JAX is set to, or in the precision of the user
+    where it is traced."""
+
+    def made(twin: Twin, part: str, size: Float[ArrayLike, ""]) -> Fault:
+        with settings_for(twin, size):
+            fault = model(twin, part, size)
+
+        def precise(system: System) -> System:
+            with settings_for(twin, size, system):
+                return fault(system)
+
+        return precise
+
+    return made
+
+
 FAULT_MODELS: Mapping[str, FaultModel] = {
-    "loosen": loosened_contact,
-    "fail": open_circuit,
-    "age": aged_cell,
-    "fade": faded_cell,
-    "reverse": reversed_cell,
-    "block": blocked_sink,
-    "weaken": weak_supply,
-    "leak": leaking,
-    "load": loaded,
-    "gain": gained_channel,
-    "cover": covered_channel,
-    "offset": offset_channel,
-    "swap": swapped_channels,
-    "move": moved_camera,
-    "delay": delayed_command,
-    "change": changed_parameter,
+    name: in_own_precision(model)
+    for name, model in {
+        "loosen": loosened_contact,
+        "fail": open_circuit,
+        "age": aged_cell,
+        "fade": faded_cell,
+        "reverse": reversed_cell,
+        "block": blocked_sink,
+        "weaken": weak_supply,
+        "leak": leaking,
+        "load": loaded,
+        "gain": gained_channel,
+        "cover": covered_channel,
+        "offset": offset_channel,
+        "swap": swapped_channels,
+        "move": moved_camera,
+        "delay": delayed_command,
+        "change": changed_parameter,
+    }.items()
 }
 """The models by the words of `jaxtwin virtual-rig --faults`; a new model is entered here."""
 
