@@ -92,6 +92,7 @@ rate = "5 K/s"
 frozen = "10 s"
 deviation = "10 K"
 command_delay = "1 s"
+stop_on_alarm = true
 [ambient]
 temperature = "20 degC"
 drift = "0.5 K/hour"

@@ -1,10 +1,7 @@
 """The command line: `jaxtwin --help`.
 
-Exit codes: 0 on success; 1 if a check found an error; 2 on an error, with a line on standard error
-that describes it; 3 if an interlock switched a rig off, or if `refit` rejected a recording or asks;
-4 if `record` or `observe` raised an alarm, or if `match` or `refit` did not converge; 5 if a device
-reported heat after a stop, or if `monitor`, `diagnose` or `refit` found something; 130 after
-Ctrl-C.
+Exit codes: 0 on success, and those of `commands/_exit_codes.py`. Errors of the package become one
+line on standard error.
 """
 
 import atexit
@@ -57,11 +54,9 @@ from .commands import (
     _warm_up,
     _watch,
 )
+from .commands._exit_codes import ALARMED, STOPPED, TRIPPED, WRONG
 from .commands._output import printable
 from .commands._signals import lasting_interrupt
-
-WRONG, TRIPPED, STILL_ON, STOPPED = 2, 3, 5, 130
-"""Exit codes. A command that raised an alarm exits with 4 itself."""
 
 # Releases of typer contain click under different names.
 UsageProblem: Any = typer.BadParameter.__mro__[1]
@@ -355,7 +350,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if isinstance(code, int):
             return code
     except SafetyStop as error:
-        codes = {"stopped": STOPPED, "still-on": STILL_ON}
+        codes = {"stopped": STOPPED, "still-on": ALARMED, "alarm": ALARMED}
         return _fail(str(error), codes.get(error.kind, TRIPPED))
     except JaxtwinError as error:
         return _fail(str(error))

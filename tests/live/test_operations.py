@@ -278,7 +278,7 @@ def test_an_alarm_runs_the_command_and_shows_in_the_exit_code(
     words = "$JAXTWIN_ALARM:$JAXTWIN_ALARM_SEVERITY"
     command += ["--silence", "0.5", "--alarm", f'echo "{words}" >> "{told}"']
     command += ["--out", str(tmp_path / "s.db")]
-    assert run(command) == 4
+    assert run(command) == 5
     assert "alarm: 3" in capsys.readouterr().out
     assert set(told.read_text().split()) == {
         "link-down:warning",

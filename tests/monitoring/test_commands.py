@@ -78,6 +78,6 @@ def test_observe_raises_findings_of_a_session(tmp_path: Path, capsys: pytest.Cap
             recorder.write([Reading(*stamp, row, False, None), Sample(*stamp, counts, None)])
     said = tmp_path / "said"
     words = ["observe", str(file), "--speed", "100000", "--alarm", f"echo $JAXTWIN_ALARM >> {said}"]
-    assert run(words) == 4
+    assert run(words) == 5
     assert "sudden" in said.read_text().split()
     assert "alarm" in capsys.readouterr().out

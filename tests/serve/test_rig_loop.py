@@ -3,6 +3,7 @@ a stop reaches it whatever it does. A clock that tests turn; no waiting."""
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from hand_clock import START, HandClock, virtual_bench
 from small_page import TOKEN, twin
 from small_results import fit
 
-from jaxtwin import RecordingError, TwinStore
+from jaxtwin import RecordingError, Twin, TwinStore
 from jaxtwin.live import (
     Finding,
     Reading,
@@ -46,7 +47,7 @@ class Bench:
     """A virtual `tclab` with its loop."""
 
     def __init__(self, **more: Any):
-        self.twin = twin()
+        self.twin: Twin = more.pop("twin", twin())
         self.clock = HandClock()
         self.device = VirtualRig(self.twin, controller_rate=4.0)
         journal = more.pop("journal", None)
@@ -215,6 +216,26 @@ def test_an_interlock_ends_a_run_that_the_page_began() -> None:
     assert not any(bench.device.pwm)
     assert bench.frame("run")["state"] == "idle"
     assert "not started" in bench.frame("run")["text"]
+
+
+@pytest.mark.parametrize("kind", ["sudden", "disk"])
+@pytest.mark.parametrize("stops", [True, False])
+def test_an_alarm_of_the_monitor_ends_a_run_where_the_rig_file_says_so(
+    kind: str, stops: bool
+) -> None:
+    """An alarm that is not the monitor's, such as a full disk, ends none."""
+    limits = twin().rig.limits
+    assert limits is not None
+    rig = replace(twin().rig, limits=replace(limits, stop_on_alarm=stops))
+    ring = When(lambda: bench.loop.on_finding(Finding(kind, "something changed")))
+    bench = Bench(twin=Twin(rig, twin().values), consumers=(ring,))
+    bench.turn(3.0)
+    bench.desk.ask(DriveOrder((0.3, 0.2), 10.0))
+    bench.loop.turn()
+    is_stopped = stops and kind == "sudden"
+    end = "alarm, sudden: something changed" if is_stopped else "the time is over"
+    assert end in bench.frame("run")["text"]
+    assert not any(bench.device.pwm)
 
 
 def test_a_recording_that_fails_does_not_end_the_page(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import typer
 
+from ._exit_codes import FOUND_ERROR
 from ._options import BaudOption, LinkOption, RigArgument
 from ._output import say
 
@@ -35,4 +36,4 @@ def conform(rig: RigArgument, link: LinkOption, baud: BaudOption = 115_200) -> N
     finally:
         transport.close()
     if wrong:
-        raise typer.Exit(1)
+        raise typer.Exit(FOUND_ERROR)

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._exit_codes import ALARMED
 from ._live_run import Run, run_on_live_rig
+from ._monitored import CalibrationOption, MonitorOption, MonitorOptions, SampleTimeOption
 from ._options import (
     AlarmOption,
     AmbientOption,
     BaudOption,
     DatabaseOption,
     LinkOption,
+    NoiseOption,
     OperatorOption,
     ParameterFileOption,
     ResetOption,
@@ -25,6 +28,7 @@ from ._output import say
 
 if TYPE_CHECKING:
     from ..control import Decision, LiveLoop
+    from ..live import AbstractInterlock
     from ..physics import Twin
 
 
@@ -46,6 +50,10 @@ def control(
     out: DatabaseOption = None,
     silence: SilenceOption = 3.0,
     ambient: AmbientOption = None,
+    monitor: MonitorOption = False,
+    noise: NoiseOption = None,
+    calibration: CalibrationOption = None,
+    sample_time: SampleTimeOption = 1.0,
     reset: ResetOption = False,
     alarm: AlarmOption = None,
     operator: OperatorOption = None,
@@ -56,8 +64,8 @@ def control(
     """Control a live rig by a controller from a file, then switch the cells off.
 
     The cells are also switched off after an error. The exit code is 0 after the whole time, 3 if an
-    interlock or a signal such as SIGTERM stopped it, 5 if the device reported heat after the stop
-    (cut the power), 130 after Ctrl-C.
+    interlock or a signal such as SIGTERM stopped it, 5 after an alarm, also if the device reported
+    heat after the stop (cut the power), 130 after Ctrl-C. --monitor is as for drive.
 
     Prints how far from instability the loop is before it begins, and after it the temperature
     limits that the controller could not keep. After a relay, prints the ultimate
@@ -67,10 +75,12 @@ def control(
     decisions: list[Decision] = []
     loops: list[LiveLoop] = []
 
-    def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
+    def prepare(
+        twin: "Twin", interlocks: "Sequence[AbstractInterlock]"
+    ) -> tuple[Run, Mapping[str, Any]]:
         from ..control import LiveLoop, Relay, read_controller
         from ..control import control as run_controller
-        from ..live import Guard
+        from ..live import Guard, interlocks_of
 
         chosen = read_controller(controller, twin.rig)
         loop = LiveLoop(
@@ -79,7 +89,8 @@ def control(
         loops.append(loop)
         if (margins := loop.margins()) is not None:
             say(margins.summary())
-        guard = Guard.of(twin, silence=silence, ambient=ambient)
+        usual = interlocks_of(twin, silence=silence, ambient=ambient)
+        guard = Guard([*usual, *interlocks])
         keep = decisions.append if isinstance(chosen, Relay) else None
         run = partial(run_controller, guard=guard, loop=loop, on_decision=keep)
         about = {
@@ -88,7 +99,7 @@ def control(
         }
         return run, about
 
-    run_on_live_rig(
+    alarmed = run_on_live_rig(
         prepare,
         doing="controlling",
         duration=duration,
@@ -101,11 +112,14 @@ def control(
         parameter_file=parameter_file,
         set_name=set_name,
         baud=baud,
+        monitor=MonitorOptions.of(monitor, noise, calibration, sample_time, rig),
     )
     for limit in (limit for loop in loops for limit in loop.exceeded):
         say(str(limit))
     if decisions:
         say(_oscillation(decisions))
+    if alarmed:
+        raise typer.Exit(ALARMED)
 
 
 def _oscillation(decisions: "Sequence[Decision]") -> str:

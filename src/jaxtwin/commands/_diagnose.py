@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ._exit_codes import ALARMED
 from ._options import JsonOption, NoiseOption, RecordingsArgument
 from ._output import check_folder, check_json, say, say_written, write_json, write_pictures
 from ._show_progress import show_progress
@@ -12,9 +13,6 @@ from ._sources import open_recordings
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
-
-CHANGED = 5
-"""The exit code if something changed."""
 
 
 def diagnose(
@@ -73,4 +71,4 @@ def diagnose(
     say_written(out, json_path=json)
     write_json(json, {"recordings": [one.to_dict() for one in found]})
     if any(one.causes for one in found):
-        raise typer.Exit(CHANGED)
+        raise typer.Exit(ALARMED)

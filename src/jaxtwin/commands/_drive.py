@@ -1,18 +1,21 @@
 """`jaxtwin drive`: a duty schedule on a live rig."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._exit_codes import ALARMED
 from ._live_run import Run, run_on_live_rig
+from ._monitored import CalibrationOption, MonitorOption, MonitorOptions, SampleTimeOption
 from ._options import (
     AlarmOption,
     AmbientOption,
     BaudOption,
     DatabaseOption,
     LinkOption,
+    NoiseOption,
     OperatorOption,
     ParameterFileOption,
     ResetOption,
@@ -23,6 +26,7 @@ from ._options import (
 from ._sources import open_recordings
 
 if TYPE_CHECKING:
+    from ..live import AbstractInterlock
     from ..physics import Twin
 
 
@@ -50,6 +54,10 @@ def drive(
     out: DatabaseOption = None,
     silence: SilenceOption = 3.0,
     ambient: AmbientOption = None,
+    monitor: MonitorOption = False,
+    noise: NoiseOption = None,
+    calibration: CalibrationOption = None,
+    sample_time: SampleTimeOption = 1.0,
     reset: ResetOption = False,
     alarm: AlarmOption = None,
     operator: OperatorOption = None,
@@ -60,8 +68,12 @@ def drive(
     """Drive a live rig by a schedule of duty cycles or by a plan, then switch the cells off.
 
     The cells are also switched off after an error. The exit code is 0 after the whole schedule, 3
-    if an interlock or a signal such as SIGTERM stopped it, 5 if the device reported heat after the
-    stop (cut the power), 130 after Ctrl-C.
+    if an interlock or a signal such as SIGTERM stopped it, 5 after an alarm, also if the device
+    reported heat after the stop (cut the power), 130 after Ctrl-C.
+
+    With --monitor, what changes in the rig is an alarm: in the log, in the recording, and by the
+    command that --alarm names. It switches the cells off if the rig file says so
+    (limits.stop_on_alarm), and there is always a monitor then.
     """
 
     if (duty is None) == (plan is None):
@@ -73,19 +85,22 @@ def drive(
         (recorded,) = open_recordings(load_rig(rig), [plan])
         duration = recorded.duration
 
-    def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
+    def prepare(
+        twin: "Twin", interlocks: "Sequence[AbstractInterlock]"
+    ) -> tuple[Run, Mapping[str, Any]]:
         from ..io import Experiment
-        from ..live import Guard
+        from ..live import Guard, interlocks_of
         from ..live import drive as run_plan
 
         cells = len(twin.rig.driven)
         schedule = recorded or Experiment.schedule(duty or "", duration=duration, cells=cells)
         source = {"duty": duty} if plan is None else {"file": plan}
         about = {"plan": {**source, "duration_s": duration}}
-        guard = Guard.of(twin, silence=silence, ambient=ambient)
+        usual = interlocks_of(twin, silence=silence, ambient=ambient)
+        guard = Guard([*usual, *interlocks])
         return partial(run_plan, guard=guard, plan=schedule), about
 
-    run_on_live_rig(
+    alarmed = run_on_live_rig(
         prepare,
         doing="driving",
         duration=duration,
@@ -98,4 +113,7 @@ def drive(
         parameter_file=parameter_file,
         set_name=set_name,
         baud=baud,
+        monitor=MonitorOptions.of(monitor, noise, calibration, sample_time, rig),
     )
+    if alarmed:
+        raise typer.Exit(ALARMED)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ._exit_codes import NOT_CONVERGED
 from ._options import (
     JsonOption,
     ParameterFileOption,
@@ -19,9 +20,6 @@ from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:
     from ..matching import Iteration
-
-NOT_CONVERGED = 4
-"""The exit code if the match ended before an optimum."""
 
 
 def match(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ._exit_codes import ALARMED
 from ._options import JsonOption, NoiseOption, RecordingsArgument
 from ._output import (
     check_folder,
@@ -21,11 +22,6 @@ from ._sources import open_recordings
 
 if TYPE_CHECKING:
     from ..monitoring import Monitored
-
-ALARMED = 5
-"""The exit code if there was an alarm."""
-
-DAY = 86_400.0
 
 
 def monitor(
@@ -64,6 +60,7 @@ def monitor(
     from ..matching import Fit
     from ..monitoring import MonitorCalibration, calibrate_monitor
     from ..monitoring import monitor as monitored
+    from ..monitoring._thresholds import DAY
     from ..observers import ProcessNoise
 
     if healthy and calibration is not None:

@@ -1,10 +1,11 @@
 """`jaxtwin observe`: what a rig is doing, by an observer, and what is expected of it."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+from ._exit_codes import ALARMED
+from ._monitored import CalibrationOption, MonitorOptions, SampleTimeOption
 from ._options import (
     AnyAlarmOption,
     BaudOption,
@@ -16,7 +17,6 @@ from ._options import (
     WatchedArgument,
     WatchedLinkOption,
 )
-from ._record import ALARMED
 from ._sources import open_twin
 from ._watch import show
 
@@ -31,16 +31,8 @@ def observe(
     source: WatchedArgument,
     link: WatchedLinkOption = None,
     noise: NoiseOption = None,
-    sample_time: Annotated[
-        float, typer.Option(min=0.01, metavar="S", help="The time between two readings.")
-    ] = 1.0,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="What is healthy, as MonitorCalibration.save and 'monitor --save' write it.",
-        ),
-    ] = None,
+    sample_time: SampleTimeOption = 1.0,
+    calibration: CalibrationOption = None,
     alarm: AnyAlarmOption = None,
     speed: ReplaySpeedOption = 1.0,
     duration: DurationOption = None,
@@ -52,21 +44,16 @@ def observe(
     and what is in a minute, temperatures that nothing measures, the room, and unexplained heat.
 
     A monitor tests each reading. What it finds is in the line of the last event; an alarm is also
-    in the log, and runs the command that --alarm names. The exit code is 4 where there was one.
+    in the log, and runs the command that --alarm names. The exit code is 5 where there was one.
     """
     from ..live import Screen
-    from ..monitoring import LiveMonitor, MonitorCalibration
-    from ..observers import ProcessNoise, live_observer
 
     def made(
         rig: "Rig", on_finding: "Callable[[Finding], None]"
     ) -> "tuple[Screen, list[RecordConsumer]]":
         twin = open_twin(rig, set_name, parameter_file)
-        levels = None if noise is None else ProcessNoise.load(noise)
-        observer = live_observer(twin, levels, sample_time)
-        healthy = None if calibration is None else MonitorCalibration.load(calibration)
-        monitor = LiveMonitor(observer, on_finding, calibration=healthy, sample_time=sample_time)
-        return Screen(twin, observer, monitor.follower), [monitor]
+        monitor = MonitorOptions(noise, calibration, sample_time).monitor(twin, on_finding)
+        return Screen(twin, monitor.observer, monitor.follower), [monitor]
 
     if show(source, link or [], made, speed, duration, baud, alarm):
         raise typer.Exit(ALARMED)

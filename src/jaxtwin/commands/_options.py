@@ -88,7 +88,7 @@ AlarmOption = Annotated[
     str | None,
     typer.Option(
         metavar="COMMAND",
-        help="Run if the cells may be on after a stop; JAXTWIN_ALARM says which.",
+        help="Run at an alarm, also if the cells may be on after a stop; JAXTWIN_ALARM says which.",
     ),
 ]
 AnyAlarmOption = Annotated[

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from ._exit_codes import FOUND_ERROR
 from ._live_run import Run, run_on_live_rig
 from ._options import (
     AlarmOption,
@@ -55,7 +56,7 @@ def prove(
     """
     proofs: list[Proof] = []
 
-    def prepare(twin: "Twin") -> tuple[Run, Mapping[str, Any]]:
+    def prepare(twin: "Twin", _: object) -> tuple[Run, Mapping[str, Any]]:
         from ..live import interlocks_of
 
         # This compiles before the rig is connected, because nothing would read what it sends.
@@ -82,7 +83,7 @@ def prove(
         for proof in proofs:
             say(_row(proof))
     if any(proof.wrong for proof in proofs):
-        raise typer.Exit(1)
+        raise typer.Exit(FOUND_ERROR)
 
 
 def _prove(

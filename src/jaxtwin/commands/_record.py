@@ -10,23 +10,32 @@ import typer
 
 from .._celsius import ZERO_CELSIUS
 from ._alarm_command import AlarmCommand
+from ._exit_codes import ALARMED
 from ._heartbeat import Heartbeat
+from ._monitored import (
+    CalibrationOption,
+    MonitorOption,
+    MonitorOptions,
+    SampleTimeOption,
+    ring_and_note,
+)
 from ._options import (
     AnyAlarmOption,
     BaudOption,
     DurationOption,
     JsonOption,
     LinkOption,
+    NoiseOption,
+    ParameterFileOption,
     QuietOption,
     RigArgument,
+    SetOption,
 )
 from ._output import check_json, check_output, say, write_json
 from ._recorded_days import RecordedDays
 from ._show_progress import show_progress
 from ._signals import stop_signals
-
-ALARMED = 4
-"""The exit code if there was an alarm."""
+from ._sources import open_twin
 
 
 def record(
@@ -44,10 +53,16 @@ def record(
         str | None, typer.Option(metavar="URL", help="mqtt://HOST/TOPIC: readings as JSON.")
     ] = None,
     alarm: AnyAlarmOption = None,
+    monitor: MonitorOption = False,
+    noise: NoiseOption = None,
+    calibration: CalibrationOption = None,
+    sample_time: SampleTimeOption = 1.0,
     silence: QuietOption = 10.0,
     health: Annotated[
         Path | None, typer.Option(metavar="FILE", help="JSON, new every second.")
     ] = None,
+    parameter_file: ParameterFileOption = None,
+    set_name: SetOption = None,
     baud: BaudOption = 115_200,
     json: JsonOption = None,
 ) -> None:
@@ -55,12 +70,12 @@ def record(
 
     Temperatures above the rig's limit, silence, failed channels, lost links and a disk that is
     nearly full are alarms: a line in the log, an event in the recording and on MQTT, and the
-    command that --alarm names. The exit code is 4 where there was one.
+    command that --alarm names. With --monitor, so is what changes in the rig. The exit code is 5
+    where there was one.
     """
     from ..io import Session
     from ..live import (
         Alarms,
-        Event,
         Finding,
         RecordConsumer,
         Service,
@@ -74,12 +89,21 @@ def record(
     check_output(out, ".db")
     check_json(json)
     check_output(health, option="--health")
+    options = MonitorOptions.of(monitor, noise, calibration, sample_time, rig, is_driven=False)
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
         for url in link:  # an invalid link is refused before a file is created
             opener(url, loaded, baud=baud)
-        names = [channel.name for channel in loaded.channels]
+
+        def ring(finding: Finding) -> None:
+            ring_and_note(connection, command, finding)
+
         consumers: list[RecordConsumer] = []
+        if options is not None:
+            progress.step("compiling the monitor")
+            twin = open_twin(loaded, set_name, parameter_file)
+            consumers.append(options.monitor(twin, ring))
+        names = [channel.name for channel in loaded.channels]
         if publish is not None:
             from ..live import Publisher
 
@@ -93,11 +117,6 @@ def record(
         connection = stack.enter_context(connect(loaded, *link, journal=days.recorder, baud=baud))
         limit = loaded.maximum_temperature
         hottest = None if limit is None else limit - ZERO_CELSIUS
-
-        def ring(alarm: Finding) -> None:
-            detail = f"{alarm.kind}: {alarm.detail} ({alarm.severity})"
-            connection.note(Event("", connection.clock.now(), "alarm", detail))
-            command.ring(alarm)
 
         alarms = Alarms(names, hottest, silence, out, connection.clock.now(), ring)
         service = Service(connection, [alarms, *consumers])

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .._errors import JaxtwinError
+from ._exit_codes import ALARMED, NOT_CONVERGED, REJECTED
 from ._options import JsonOption, NoiseOption
 from ._output import check_json, say, write_json
 from ._show_progress import show_progress
@@ -14,9 +15,6 @@ from ._sources import open_store
 if TYPE_CHECKING:
     from ..refitting import Refit
     from ..twin_store import TwinStore
-
-REJECTED, NOT_CONVERGED, ALARMED = 3, 4, 5
-"""Exit codes, for the worst that happened; the last one is the worst."""
 
 ENDINGS = (".mat", ".csv", ".nc", ".db")
 

@@ -13,6 +13,7 @@ import typer
 
 from .._errors import JaxtwinError
 from ._alarm_command import AlarmCommand
+from ._exit_codes import ALARMED
 from ._options import (
     AnyAlarmOption,
     BaudOption,
@@ -25,7 +26,6 @@ from ._options import (
     WatchedLinkOption,
 )
 from ._output import check_output, say
-from ._record import ALARMED
 from ._signals import stop_signals
 from ._sources import open_store, open_twin
 
@@ -98,7 +98,7 @@ def serve(
 
     The page only shows. With --allow-control, who has the token that is printed at the start may
     set a duty, behind all interlocks, and change the champion of the store. Who has the token may
-    always stop the rig. The exit code is 4 if there was an alarm.
+    always stop the rig. The exit code is 5 if there was an alarm.
     """
     check_extra()
     from ..live import Finding, Guard, OperatingLimits, Record, Recorder, opener

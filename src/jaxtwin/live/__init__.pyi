@@ -61,6 +61,7 @@ from .protocol._transport import Transport as Transport
 from .recording._recorder import Recorder as Recorder
 from .recording._replay import Replay as Replay
 from .recording._report import report as report
+from .safety._alarm_interlock import AlarmInterlock as AlarmInterlock
 from .safety._finding import Finding as Finding
 from .safety._guard import Guard as Guard
 from .safety._guard import interlocks_of as interlocks_of

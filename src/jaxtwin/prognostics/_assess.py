@@ -12,13 +12,11 @@ from .._arguments import finite_number, mapping_of, names_of, of_kind
 from .._errors import MatchError, ParameterError
 from .._name_suggestions import unknown_name
 from ..matching import Fit
+from ..monitoring._thresholds import DAY
 from ..twin_store import TwinStore, TwinVersion
 from ._health import Health, ParameterHealth
 from ._session_estimates import SessionEstimate, session_estimates
 from ._trend import FEWEST, random_effects_trend
-
-DAY = 86_400.0
-"""Seconds of a day."""
 
 Time = float | int | str | date
 

@@ -124,6 +124,7 @@ def build_limits(table: LimitsTable, fields: Fields) -> Limits:
         frozen=optional("frozen", DURATION),
         deviation=optional("deviation", TEMPERATURE_DIFFERENCE),
         command_delay=optional("command_delay", DURATION),
+        stop_on_alarm=table.stop_on_alarm,
         relay=table.relay,
     )
     name = limits.relay

@@ -26,6 +26,7 @@ class Limits:
       half of its rise, K.
     - `command_delay`: the longest time until the driver has applied a command, including its ramp,
       s.
+    - `stop_on_alarm`: whether an alarm of a monitor switches the cells off, as an interlock does.
     - `relay`: the name of the relay in the supply of the cells, which a device opens; `None` for a
       rig without one.
     """
@@ -37,4 +38,5 @@ class Limits:
     frozen: float | None = None
     deviation: float | None = None
     command_delay: float | None = None
+    stop_on_alarm: bool = False
     relay: str | None = None

@@ -327,6 +327,7 @@ class LimitsTable(Table):
     frozen: Quantity | None = None
     deviation: Quantity | None = None
     command_delay: Quantity | None = None
+    stop_on_alarm: bool = False
     relay: Text | None = None
 
 

@@ -123,6 +123,7 @@ class PageServer:
 
     def _on_finding(self, finding: Finding) -> None:
         self._diagnosis.on_finding(finding)
+        self.loop.on_finding(finding)
         self._raised(finding)
         if self._records and finding.is_alarm and isinstance(self._source, RigConnection):
             detail = f"{finding.kind}: {finding.detail} ({finding.severity})"

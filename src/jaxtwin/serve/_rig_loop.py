@@ -7,6 +7,7 @@ from typing import Any, Literal, final
 
 from .._errors import JaxtwinError, RecordingError, SafetyStop, StoreError
 from ..live import (
+    AlarmInterlock,
     Finding,
     Guard,
     Moment,
@@ -16,9 +17,11 @@ from ..live import (
     RigConnection,
     RigState,
     Service,
+    interlocks_of,
     operate,
 )
 from ..live._switch_off import switch_off
+from ..monitoring._finding_log import KINDS
 from ._champion import Champion
 from ._desk import Answer, Desk, DriveOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
 from ._live_diagnosis import LiveDiagnosis
@@ -72,10 +75,16 @@ class RigLoop:
         beside = [one for one in (diagnosis, refit) if one is not None]
         self._service = Service(source, [*consumers, *beside, page])
         self._about = about or {}
+        self._interlock = AlarmInterlock()
         self._held: tuple[float, ...] = ()
         self._ends = self._elapsed = 0.0
         self._show_run("idle", "")
         self._show_twins()
+
+    def on_finding(self, finding: Finding) -> None:
+        """Tells a run of a finding of the monitor, which ends it where the rig file says so."""
+        if finding.kind in KINDS.values():
+            self._interlock.ring(finding)
 
     def run(self, early: Sequence[Record] = ()) -> None:
         """Runs until the program is to end. The cells are off afterwards if a run commanded them.
@@ -142,10 +151,13 @@ class RigLoop:
             answer.set_result(Answer(False, "a replay drives nothing"))
             return
         try:
-            guard = Guard.of(self._page.twin)
+            locks = interlocks_of(self._page.twin)
         except JaxtwinError as error:
             answer.set_result(Answer(False, str(error)))
             return
+        limits, self._interlock = connection.rig.limits, AlarmInterlock()
+        more = [self._interlock] if limits is not None and limits.stop_on_alarm else []
+        guard = Guard([*locks, *more])
         answer.set_result(Answer(True, "the rig is driven"))
         self._held, self._ends, self._elapsed = order.duty, order.seconds, 0.0
         self._show_run("driving", "")
