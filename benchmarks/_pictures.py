@@ -57,3 +57,35 @@ def convergence_picture(errors: Mapping[str, Points]) -> bytes:
 def _curves(axes: Axes, curves: Mapping[str, Points]) -> None:
     for (name, points), marker in zip(curves.items(), "osDv^P", strict=False):
         axes.loglog(*zip(*points, strict=True), marker=marker, markersize=5, label=name)
+
+
+def confusion_picture(columns: Sequence[str], rows: Mapping[str, Sequence[int]]) -> bytes:
+    """A matrix of what was said of each fault: the share of its runs as a colour, and their
+    number."""
+    counts = np.array(list(rows.values()))
+    shares = counts / counts.sum(axis=1, keepdims=True)
+
+    @styled
+    def draw() -> Figure:
+        size = (1.9 + 0.52 * len(columns), 1.6 + 0.42 * len(rows))
+        figure, axes = pyplot.subplots(figsize=size, layout="constrained")
+        shown = np.ma.masked_equal(shares, 0.0)
+        colors = pyplot.get_cmap("viridis_r").with_extremes(bad=palette().faint)
+        axes.imshow(shown, vmin=0, vmax=1, cmap=colors, aspect="auto")
+        for row, column in np.argwhere(counts > 0):
+            axes.annotate(
+                f"{counts[row, column]}",
+                (column, row),
+                ha="center",
+                va="center",
+                color="white" if shares[row, column] > 0.5 else "black",
+            )
+        axes.grid(visible=False)
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+        axes.set_xticks(range(len(columns)), columns, rotation=45, ha="right")
+        axes.set_yticks(range(len(rows)), list(rows))
+        axes.set(xlabel="named as", ylabel="fault")
+        return figure
+
+    return to_png(draw())
