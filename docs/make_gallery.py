@@ -91,6 +91,7 @@ def main() -> None:
     write("monitored", watched().plot(), dpi=80)
     write("diagnosis", diagnosed().plot(), dpi=80)
     write("isolability", jt.isolability(jt.Twin("tclab")).plot(), dpi=70)
+    write("separation", separated().plot(), dpi=80)
     write("health", aged().plot(), dpi=80)
     for name in WITHOUT_A_PLATE:
         write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
@@ -176,6 +177,14 @@ def diagnosed() -> jt.Diagnosis:
         jt.Experiment(
             plan.time, plan.duty, channels=rig.channels, temperatures=readings, name="a worn heater"
         ),
+    )
+
+
+def separated() -> jt.DiagnosisDesign:
+    """A test of a Temperature Control Lab: which of four faults has its first heater?"""
+    faults = ["gain T1", "offset T1", "age H1", "leak H1"]
+    return jt.design_experiment(
+        jt.Twin("tclab"), purpose="diagnosis", faults=faults, duration=600, hold=60, levels=3
     )
 
 

@@ -18,6 +18,7 @@ import jaxtwin as jt
 from jaxtwin import control, experiment_design, live, matching, observers
 from jaxtwin.cli import app, run
 from jaxtwin.commands import _control, _drive
+from jaxtwin.commands._monitored import MonitorOptions
 from jaxtwin.control import PID
 from jaxtwin.control import control as run_controller
 from jaxtwin.control.loops import _control as _control_loop
@@ -75,7 +76,8 @@ DEFAULTS = {
     "control": {"duration": 1000.0, "silence": 3.0, "sample_time": 1.0, "baud": 115_200},
     "demo": {"out": Path("report"), "draws": 10_000, "speed": 8.0, "port": 8000},
     "design": {
-        "duration": 1200.0, "hold": 60.0, "levels": 5, "criterion": "D", "margin": 5.0,
+        "purpose": "match", "duration": 1200.0, "hold": 60.0, "levels": 5, "criterion": "D",
+        "margin": 5.0,
         "starts": 1, "seed": 0,
     },
     "drive": {"duration": 1000.0, "silence": 3.0, "sample_time": 1.0, "baud": 115_200},
@@ -248,14 +250,18 @@ ARRIVED = {
 def test_every_option_of_a_drive_arrives(noted):
     arguments = noted(_drive, "run_on_live_rig", None)
     words = f"drive paper-2024 --duty 0:0.5,10:0.2/0.1 --duration 30 {LIVE}"
-    assert run(words.split()) == 0
-    assert without(arguments) == ARRIVED | {"doing": "driving", "duration": 30.0}
+    beside = "--monitor --noise noise.toml --calibration healthy.toml --sample-time 2"
+    assert run(f"{words} {beside}".split()) == 0
+    monitor = MonitorOptions(Path("noise.toml"), Path("healthy.toml"), 2.0)
+    expected = {"doing": "driving", "duration": 30.0, "monitor": monitor}
+    assert without(arguments) == ARRIVED | expected
     twin = jt.Twin("paper-2024")
     (prepare,) = arguments["positional"]
-    command, about = prepare(twin)
+    command, about = prepare(twin, [live.AlarmInterlock()])
     assert command.func is live.drive
     guard = command.keywords["guard"].settings
     assert (guard["silence_s"], guard["ambient_degC"]) == (4.0, 21.5)
+    assert guard["stop_on_alarm"]
     plan = command.keywords["plan"]
     assert plan.duration == 30.0
     np.testing.assert_array_equal(plan.duty[[0, 10]], [[0.5, 0.5], [0.2, 0.1]])
@@ -268,7 +274,7 @@ def test_a_plan_is_driven_for_its_own_duration(noted):
     assert run(f"drive single-cell --plan plan.csv {LIVE}".split()) == 0
     assert arguments["duration"] == 60.0
     (prepare,) = arguments["positional"]
-    command, about = prepare(jt.Twin("single-cell"))
+    command, about = prepare(jt.Twin("single-cell"), [])
     assert command.keywords["plan"] == planned().experiment
     assert about == {"plan": {"file": "plan.csv", "duration_s": 60.0}}
 
@@ -280,7 +286,8 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     control.save_controller("pid.toml", PID(Kp=0.02, Ki=0.0002), twin.rig)
     words = f"control paper-2024 --controller pid.toml --reference 0:35,20:40 --duration 30 {LIVE}"
     assert run(words.split()) == 0
-    assert without(arguments) == ARRIVED | {"doing": "controlling", "duration": 30.0}
+    expected = {"doing": "controlling", "duration": 30.0, "monitor": None}
+    assert without(arguments) == ARRIVED | expected
     (prepare,) = arguments["positional"]
     checked: list[tuple[object, ...]] = []
     really_checked = _control_loop.checked_loop
@@ -290,7 +297,7 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
         return really_checked(*given)
 
     monkeypatch.setattr(_control_loop, "checked_loop", check)
-    command, about = prepare(twin)
+    command, about = prepare(twin, [])
     assert command.func is run_controller
     guard = command.keywords["guard"].settings
     assert (guard["silence_s"], guard["ambient_degC"]) == (4.0, 21.5)

@@ -106,6 +106,12 @@ def design() -> jt.ExperimentDesign:
     return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
 
+def separating() -> jt.DiagnosisDesign:
+    return jt.design_experiment(
+        bench(), purpose="diagnosis", faults=["age H1", "leak H1"], duration=40, hold=40, levels=2
+    )
+
+
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Experiment": lambda _: recordings()[0],
     "Run": lambda _: fit().runs["synthetic-A"],
@@ -120,6 +126,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Sweep": lambda folder: swept(folder / "sweep"),
     "DCSweep": lambda _: dc_sweep(),
     "ExperimentDesign": lambda _: design(),
+    "DiagnosisDesign": lambda _: separating(),
     "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
     "ClosedLoopRun": lambda _: closed_loop(),
     "Tuning": lambda _: tuning(),
@@ -143,6 +150,7 @@ LONG = {
     "Band",
     "ClosedLoopRun",
     "Diagnosis",
+    "DiagnosisDesign",
     "ExperimentDesign",
     "Frontier",
     "GlobalSensitivity",

@@ -22,6 +22,7 @@ from .diagnosis import Diagnosis as Diagnosis  # why something changed in a reco
 from .diagnosis import Isolability as Isolability  # which faults can be told apart
 from .diagnosis import diagnose as diagnose  # which fault, since when, how large
 from .diagnosis import isolability as isolability  # and what it could say, before the fact
+from .experiment_design import DiagnosisDesign as DiagnosisDesign  # which test tells faults apart
 from .experiment_design import ExperimentDesign as ExperimentDesign  # what to record next
 from .experiment_design import design_experiment as design_experiment  # and how to find it
 from .fmu import export_fmu as export_fmu  # a twin as an FMU, for other simulators

@@ -204,6 +204,8 @@ _add(
     _design.design,
     "jaxtwin design dual-cell monday.csv tuesday.csv --parameters fit.toml --out plan.csv",
     "jaxtwin design single-cell --duration 600 --bounds -0.5:0.8 --interest R_Th --out plan.csv",
+    "jaxtwin design dual-cell --purpose diagnosis --fault 'weaken supply' --fault 'age P1' "
+    "--parameters fit.toml --out test.csv",
 )
 _add(
     "virtual-rig",

@@ -27,6 +27,7 @@ from jaxtwin.experiment_design._exchange import (
     random_schedules,
 )
 from jaxtwin.experiment_design._experiment_design import DesignStep, PlannedSchedule
+from jaxtwin.experiment_design._hottest import Hottest
 from jaxtwin.experiment_design._information import Evaluated
 from jaxtwin.experiment_design._schedules import Counts, Schedules, make_schedules
 
@@ -124,7 +125,7 @@ def test_constant_schedules_come_before_random_ones():
 def test_a_schedule_is_too_hot_where_a_reading_or_a_side_is(
     reading: float, side: float, is_allowed: bool
 ):
-    search = cast("_Search", SimpleNamespace(hottest=80.0, hottest_side=130.0))
+    search = cast("_Search", SimpleNamespace(hottest=Hottest(80.0, 130.0)))
     assert _Search._is_allowed(search, COOL._replace(reading=reading, side=side)) is is_allowed
 
 

@@ -1,17 +1,24 @@
 """`jaxtwin design`: the duty schedule whose recording is the most informative."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from ._options import JsonOption, ParameterFileOption, RigArgument, SeedOption, SetOption
+from ._options import (
+    JsonOption,
+    NoiseOption,
+    ParameterFileOption,
+    RigArgument,
+    SeedOption,
+    SetOption,
+)
 from ._output import aligned, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
 if TYPE_CHECKING:
-    from ..experiment_design import ExperimentDesign
+    from ..experiment_design import DiagnosisDesign, ExperimentDesign
     from ..matching import Fit
     from ..physics import Twin
     from ..rig import Rig
@@ -33,6 +40,19 @@ def design(
             "cycles as bounds.",
         ),
     ] = None,
+    purpose: Annotated[
+        Literal["match", "diagnosis"],
+        typer.Option(help="match: parameters with small errors; diagnosis: tell faults apart."),
+    ] = "match",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Of a diagnosis: a fault, such as 'loosen P1'; two or more. 'jaxtwin diagnose' "
+            "names them.",
+        ),
+    ] = None,
+    noise: NoiseOption = None,
     parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
     duration: Annotated[
@@ -75,7 +95,8 @@ def design(
     """Find the duty schedule whose recording is the most informative about the parameters of a rig.
 
     With a saved fit as --parameters its standard errors are what is known today; otherwise the
-    priors of the rig file are.
+    priors of the rig file are. With --purpose diagnosis it is the schedule that tells faults apart
+    soonest.
     """
     check_output(out, ".csv")
     if plot is not None:
@@ -84,31 +105,35 @@ def design(
     between = None if bounds is None else _bounds(bounds)
     with show_progress() as progress:
         progress.step("reading")
-        from ..experiment_design import design_experiment
+        from ..experiment_design import DiagnosisDesign, ExperimentDesign, design_experiment
+        from ..observers import ProcessNoise
         from ..rig import load_rig
 
         loaded = load_rig(rig)
         known = _known(loaded, parameter_file, set_name, recordings or [])
         progress.step(f"designing {duration:g} s for {loaded.name}")
-        result = design_experiment(
-            known,
-            duration=duration,
-            hold=hold,
-            bounds=between,
-            levels=levels,
-            criterion=criterion,
-            names=interest,
-            group=group,
-            margin=margin,
-            starts=starts,
-            seed=seed,
-            on_progress=lambda step: progress.update(str(step)),
-        )
+        settings: dict[str, Any] = {
+            "duration": duration,
+            "hold": hold,
+            "bounds": between,
+            "levels": levels,
+            "criterion": criterion,
+            "names": interest,
+            "group": group,
+            "margin": margin,
+            "starts": starts,
+            "seed": seed,
+            "on_progress": lambda step: progress.update(str(step)),
+        }
+        if purpose == "diagnosis" or fault or noise is not None:
+            levels_of_noise = None if noise is None else ProcessNoise.load(noise)
+            settings |= {"purpose": purpose, "faults": fault or [], "noise": levels_of_noise}
+        result: ExperimentDesign | DiagnosisDesign = design_experiment(known, **settings)
         progress.step(f"writing {out}")
         result.save(out)
         if plot is not None:
             _draw(result, plot)
-    say(_table(result), json)
+    say(_table(result) if isinstance(result, ExperimentDesign) else result.summary(), json)
     say_written(out, plot, json_path=json)
     write_json(json, result.to_dict())
 
@@ -164,7 +189,7 @@ def _table(result: "ExperimentDesign") -> str:
     )
 
 
-def _draw(result: "ExperimentDesign", path: Path) -> None:
+def _draw(result: "ExperimentDesign | DiagnosisDesign", path: Path) -> None:
     from .._errors import JaxtwinError
     from .._whole_file import write_whole_file
     from ..plots import plot_design, to_png

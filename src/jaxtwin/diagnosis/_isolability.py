@@ -26,7 +26,7 @@ from .._jax_settings import own_settings
 from .._name_suggestions import unknown_name
 from ..io import Experiment
 from ..matching import Fit
-from ..observers import ExtendedKalmanFilter, ProcessNoise, observe
+from ..observers import ExtendedKalmanFilter, Observed, ProcessNoise, observe
 from ..physics import Twin
 from ..simulation import simulate
 from ._causes import EVERY, SURE
@@ -281,7 +281,13 @@ def _grams(
     readings = np.where(is_read, recording.temperatures, np.nan)
     partly = dataclasses.replace(recording, temperatures=readings)
     observed = observe(fit, partly, noise)
-    arrays = suspected(observed.observer.model, several)
+    return grams_of(observed, suspected(observed.observer.model, several), onset)
+
+
+def grams_of(
+    observed: Observed, arrays: Suspected, onset: float
+) -> tuple[Float[np.ndarray, "times faults faults"], Float[np.ndarray, " times"]]:
+    """C at each time since the onset, by an observer that follows a recording of a healthy rig."""
     inputs = inputs_of(observed, 0)
     time = np.cumsum(observed.samples.dt)
     length = len(inputs.begins)
@@ -319,13 +325,21 @@ def _followed(
     return jax.lax.scan(take, none, inputs)[1]
 
 
+def evidence_of(
+    grams: Float[np.ndarray, "times faults faults"],
+) -> Float[np.ndarray, "times faults faults"]:
+    """The mean logarithm of the odds of the fault of each row against that of each column, of any
+    size."""
+    own = np.diagonal(grams, axis1=1, axis2=2)
+    shared = grams**2 / np.maximum(own[:, None, :], 1e-12)
+    return (own[:, :, None] - shared) / 2
+
+
 def _separation(
     grams: Float[np.ndarray, "times faults faults"], time: Float[np.ndarray, " times"]
 ) -> Float[np.ndarray, "faults faults"]:
     """The time after which the fault of each row is told from that of each column."""
-    own = np.diagonal(grams, axis1=1, axis2=2)
-    shared = grams**2 / np.maximum(own[:, None, :], 1e-12)
-    apart = _first(time, (own[:, :, None] - shared) / 2 >= math.log(TIE))
+    apart = _first(time, evidence_of(grams) >= math.log(TIE))
     np.fill_diagonal(apart, math.inf)
     return apart
 

@@ -2,39 +2,41 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import final
+from typing import Any, Literal, final, overload
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from .._arguments import check_callable, finite_number, names_of, whole_number
-from .._celsius import ZERO_CELSIUS
 from .._errors import MatchError
 from .._name_suggestions import did_you_mean
 from .._waiting import advanced, announced
+from ..diagnosis._suspects import Faults
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._fit import solution_of
+from ..observers import ProcessNoise
 from ..physics import Twin
 from ..physics._twin import check_twin
-from ..rig._limits import SOLDER
+from ._diagnosis_design import DiagnosisDesign, SeparationStep
+from ._evidence import EvidenceProblem
 from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
+from ._hottest import Hottest
 from ._information import DesignProblem, Evaluated, NoisePrediction, make_design_problem
 from ._prior_information import UNKNOWN, PriorInformation
 from ._schedules import Counts, Schedules, make_schedules
+from ._separation_search import SeparationSearch
 
 RANDOM = 11
 """The number of random schedules among which the searches choose their starts."""
 
-AMPLITUDES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-"""Amplitudes of the random binary sequence; the first that does not get too hot is used."""
 
-
-@announced("design of an experiment")
+@overload
 def design_experiment(
     twin: Twin | Fit,
     *,
+    purpose: Literal["match"] = "match",
     duration: float | int = 1200.0,
     hold: float | int = 60.0,
     bounds: tuple[float, float] | None = None,
@@ -46,7 +48,46 @@ def design_experiment(
     starts: int = 1,
     seed: int = 0,
     on_progress: Callable[[DesignStep], None] | None = None,
-) -> ExperimentDesign:
+) -> ExperimentDesign: ...
+
+
+@overload
+def design_experiment(
+    twin: Twin | Fit,
+    *,
+    purpose: Literal["diagnosis"],
+    faults: Faults,
+    noise: ProcessNoise | None = None,
+    duration: float | int = 1200.0,
+    hold: float | int = 60.0,
+    bounds: tuple[float, float] | None = None,
+    levels: int = 5,
+    margin: float | int = 5.0,
+    starts: int = 1,
+    seed: int = 0,
+    on_progress: Callable[[SeparationStep], None] | None = None,
+) -> DiagnosisDesign: ...
+
+
+@announced("design of an experiment")
+def design_experiment(
+    twin: Twin | Fit,
+    *,
+    purpose: Literal["match", "diagnosis"] = "match",
+    faults: Faults = None,
+    noise: ProcessNoise | None = None,
+    duration: float | int = 1200.0,
+    hold: float | int = 60.0,
+    bounds: tuple[float, float] | None = None,
+    levels: int = 5,
+    criterion: Criterion = "D",
+    names: Iterable[str] | None = None,
+    group: str | None = None,
+    margin: float | int = 5.0,
+    starts: int = 1,
+    seed: int = 0,
+    on_progress: Callable[[Any], None] | None = None,
+) -> ExperimentDesign | DiagnosisDesign:
     r"""Finds the duty schedule whose recording would shrink the errors of a match most.
 
     The errors that a match of today's recordings together with the new one will have follow from
@@ -54,7 +95,15 @@ def design_experiment(
     search changes the schedule step by step. Schedules in which a reading or a cell
     gets hotter than the rig's limits in the simulation are left out.
 
+    With the purpose `"diagnosis"` it is the schedule that tells faults apart soonest: a test for a
+    rig of which `diagnose` has found that it has one of them. The faults are there from the start,
+    and of their usual sizes.
+
     **Arguments:**
+
+    - `purpose`: `"match"`, or `"diagnosis"`.
+    - `faults`, `noise`: of a diagnosis: two faults or more, and the noise of its observer, as for
+      `jaxtwin.diagnose`.
 
     - `twin`: a fit, whose covariance is the prior information and whose noise is expected again; or
       a twin, of which only the priors are known, with the noise that a match assumes at first.
@@ -63,29 +112,56 @@ def design_experiment(
       and 1 for a twin or a fit without its recordings, 0 and 1 if its rig has heaters.
     - `levels`: the number of duty cycles between which the search chooses, the bounds among them;
       they are rounded to the driver's counts.
-    - `criterion`: `"D"` for the smallest volume of the confidence ellipsoid of the parameters of
-      interest, `"A"` for the smallest mean variance. Each parameter is measured by the scale of the
-      match: the standard deviation of its prior, or a factor of e.
-    - `names`: the parameters of interest; by default all matched ones that do not belong to a
-      single recording.
-    - `group`: the group of the new recording, such as its day; None for a new group.
+    - `criterion`: of a match: `"D"` for the smallest volume of the confidence ellipsoid of the
+      parameters of interest, `"A"` for the smallest mean variance. Each parameter is measured by
+      the scale of the match: the standard deviation of its prior, or a factor of e.
+    - `names`: of a match: the parameters of interest; by default all matched ones that do not
+      belong to a single recording.
+    - `group`: of a match: the group of the new recording, such as its day; None for a new group.
     - `margin`: the smallest distance of the simulation from the limits, K.
     - `starts`: the number of searches, from the best schedules among references and random ones.
     - `seed`: the same seed gives the same design.
-    - `on_progress`: called with each `DesignStep`.
+    - `on_progress`: called with each `DesignStep`, or each `SeparationStep` of a diagnosis.
 
     **Returns:** an `ExperimentDesign`, with the errors predicted for it, for the steps of today's
-    recordings, and for a pseudo-random binary sequence of the same duration and bounds.
+    recordings, and for a pseudo-random binary sequence of the same duration and bounds. For a
+    diagnosis a `DiagnosisDesign`, with the times after which it, the best schedule of a single
+    level and such a sequence tell the faults apart.
 
-    **Raises:** `MatchError` if a setting is not allowed, a parameter is not matched, or every
-    schedule gets too hot; `ParameterError` for a twin with several values of a parameter.
+    **Raises:** `MatchError` if a setting is not allowed, a parameter is not matched, every schedule
+    gets too hot, or there are fewer than two faults; `ObserverError` for an unknown fault;
+    `ParameterError` for a twin with several values of a parameter.
     """
+    if purpose not in ("match", "diagnosis"):
+        raise MatchError(
+            f'design_experiment: purpose: expected "match" or "diagnosis", got {purpose!r}'
+        )
     if criterion not in OBJECTIVES:
         raise MatchError(f'design_experiment: criterion: expected "D" or "A", got {criterion!r}')
     finite_number("design_experiment: margin", margin, MatchError)
     whole_number("design_experiment: starts", starts, 1, MatchError)
     whole_number("design_experiment: seed", seed, 0, MatchError)
     check_callable("design_experiment: on_progress", on_progress, MatchError)
+    if purpose == "diagnosis":
+        given = {"criterion": criterion != "D", "names": names is not None, "group": group}
+        for name, is_given in given.items():
+            if is_given:
+                raise MatchError(
+                    f"design_experiment: {name}: expected none beside the purpose of a diagnosis, "
+                    "which estimates no parameters"
+                )
+        recordings = _recordings(twin) if isinstance(twin, Fit) else {}
+        healthy = twin.mean_twin if isinstance(twin, Fit) else twin
+        check_twin("design_experiment: twin", healthy, MatchError)
+        schedules = _schedules(healthy, recordings, duration, hold, bounds, levels)
+        test = EvidenceProblem(twin, faults, noise, schedules)
+        hottest = Hottest.of(healthy, float(margin))
+        return SeparationSearch(test, schedules, hottest).run(starts, seed, on_progress)
+    if faults is not None or noise is not None:
+        raise MatchError(
+            "design_experiment: faults: expected none for a match, got some; add "
+            'purpose="diagnosis"'
+        )
     if isinstance(twin, Fit):
         prior, recordings = PriorInformation.of_fit(twin, group), _recordings(twin)
         events = tuple(twin.events.values())
@@ -96,17 +172,7 @@ def design_experiment(
                 f"design_experiment: group: expected None for a twin, got {group!r}; pass a fit"
             )
         prior, recordings, events = PriorInformation.of_twin(twin), {}, ()
-    interval = min((float(np.median(np.diff(e.time))) for e in recordings.values()), default=1.0)
-    schedules = make_schedules(
-        prior.twin,
-        duration=duration,
-        hold=hold,
-        bounds=_recorded_bounds(recordings, max(prior.twin.rig.lowest_duty))
-        if bounds is None
-        else bounds,
-        levels=levels,
-        interval=interval,
-    )
+    schedules = _schedules(prior.twin, recordings, duration, hold, bounds, levels)
     problem = make_design_problem(
         prior, schedules, NoisePrediction.of(twin), _expected_events(events, duration)
     )
@@ -131,12 +197,7 @@ class _Search:
         self.criterion: Criterion = criterion
         self.places = places
         self.scale = prior.scale[places]
-        limits = prior.twin.rig.limits
-        self.hottest = self.hottest_side = math.inf
-        if limits is not None:
-            side = limits.cell_temperature
-            self.hottest = limits.temperature - ZERO_CELSIUS - margin
-            self.hottest_side = (SOLDER if side is None else side - ZERO_CELSIUS) - margin
+        self.hottest = Hottest.of(prior.twin, margin)
         self.evaluations = 0
         self.today = self._covariance(None)
         self.history: list[DesignStep] = []
@@ -151,7 +212,7 @@ class _Search:
         """Evaluates the references, and searches from the best schedules."""
         schedules = self.schedules
         recorded = [schedules.resampled(recording) for recording in recordings.values()]
-        binary = [schedules.binary_sequence(amplitude) for amplitude in AMPLITUDES]
+        binary = schedules.binary_sequences()
         others = random_schedules(schedules, RANDOM, seed)
         found = self.assess(recorded + binary + others)
         sequences = found[len(recorded) : len(recorded) + len(binary)]
@@ -166,10 +227,9 @@ class _Search:
         if not candidates:
             coolest = min(candidate.evaluated.reading for candidate in found)
             raise MatchError(
-                f"design_experiment: {self.prior.twin.rig.name}: expected a schedule whose "
-                f"readings stay below {self.hottest:g} degC and its cells below "
-                f"{self.hottest_side:g} degC, got at least {coolest:.1f} degC; use other bounds, a "
-                "smaller margin or a shorter duration"
+                f"design_experiment: {self.prior.twin.rig.name}: expected {self.hottest}, got at "
+                f"least {coolest:.1f} degC; use other bounds, a smaller margin or a shorter "
+                "duration"
             )
         ends = []
         for start, candidate in enumerate(candidates[:starts]):
@@ -216,8 +276,7 @@ class _Search:
         return Candidate(counts, evaluated, self._objective(self._covariance(evaluated)))
 
     def _is_allowed(self, evaluated: Evaluated) -> bool:
-        # Temperatures that are not finite are not allowed.
-        return evaluated.reading <= self.hottest and evaluated.side <= self.hottest_side
+        return self.hottest.allows(evaluated.reading, evaluated.side)
 
     def _covariance(self, evaluated: Evaluated | None) -> Float[np.ndarray, "some some"]:
         known = self.prior
@@ -285,6 +344,23 @@ def _places(prior: PriorInformation, names: Iterable[str] | None) -> Int[np.ndar
 def _recordings(fit: Fit) -> dict[str, Experiment]:
     """The recordings of a fit; none if it was loaded without them."""
     return dict(zip(fit.recordings, solution_of(fit).problem.experiments, strict=False))
+
+
+def _schedules(
+    twin: Twin,
+    recordings: Mapping[str, Experiment],
+    duration: float | int,
+    hold: float | int,
+    bounds: tuple[float, float] | None,
+    levels: int,
+) -> Schedules:
+    """The schedules of a design, by default with the bounds and the interval of the recordings."""
+    interval = min((float(np.median(np.diff(e.time))) for e in recordings.values()), default=1.0)
+    if bounds is None:
+        bounds = _recorded_bounds(recordings, max(twin.rig.lowest_duty))
+    return make_schedules(
+        twin, duration=duration, hold=hold, bounds=bounds, levels=levels, interval=interval
+    )
 
 
 def _recorded_bounds(recordings: Mapping[str, Experiment], lowest: float) -> tuple[float, float]:

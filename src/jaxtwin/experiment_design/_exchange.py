@@ -7,11 +7,13 @@ starts is the usual remedy against local optima.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Generic, TypeVar, final
 
 import numpy as np
 from jaxtyping import Float
 
+from ._evidence import Evidence
 from ._information import Evaluated
 from ._schedules import Counts, Schedules
 
@@ -23,19 +25,20 @@ LEAST_GAIN = 1e-3
 error."""
 
 
-class Candidate(NamedTuple):
+Found = TypeVar("Found", bound=Evaluated | Evidence)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Candidate(Generic[Found]):
     """A schedule, with the information that would be available after it.
 
     - `objective`: the number that is minimised; infinite if the schedule gets too hot.
     """
 
     counts: Counts
-    evaluated: Evaluated
+    evaluated: Found
     objective: float
-
-
-Assess = Callable[[Sequence[Counts]], list[Candidate]]
-"""Evaluates several schedules."""
 
 
 def random_schedules(schedules: Schedules, number: int, seed: int) -> list[Counts]:
@@ -47,12 +50,12 @@ def random_schedules(schedules: Schedules, number: int, seed: int) -> list[Count
 
 
 def exchange(
-    start: Candidate,
+    start: Candidate[Found],
     schedules: Schedules,
-    assess: Assess,
+    assess: Callable[[Sequence[Counts]], list[Candidate[Found]]],
     seed: int,
-    on_pass: Callable[[int, Candidate], None],
-) -> Candidate:
+    on_pass: Callable[[int, Candidate[Found]], None],
+) -> Candidate[Found]:
     """Improves a schedule step by step.
 
     **Arguments:**

@@ -12,6 +12,7 @@ from jaxtyping import Int
 from .._display import html_table, picture
 from .._json_values import json_value
 from ..io import Experiment, write_recording
+from ._schedules import text_of
 
 if TYPE_CHECKING:
     import pandas
@@ -107,13 +108,7 @@ class ExperimentDesign:
     @property
     def text(self) -> str:
         """The schedule in words, as `Experiment.schedule` and `jaxtwin drive --duty` take it."""
-        switches = np.concatenate([[0.0], self.schedule.switch_times])
-        at = np.searchsorted(self.schedule.time, switches - 1e-9)
-        rows = self.schedule.duty[at]
-        return ",".join(
-            f"{time:g}:{'/'.join(f'{duty:.6g}' for duty in row)}"
-            for time, row in zip(switches, rows, strict=True)
-        )
+        return text_of(self.schedule)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the schedule as .csv or .nc, for `jaxtwin drive --plan`.

@@ -18,6 +18,9 @@ from ..physics import Twin
 LONGEST = 3600.0
 """Duration of the longest schedule, s."""
 
+AMPLITUDES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+"""Amplitudes of the random binary sequence; the first that does not get too hot is used."""
+
 Counts = Int[np.ndarray, "steps cells"]
 
 
@@ -53,6 +56,10 @@ class Schedules:
     def experiment(self, counts: Counts, name: str = "") -> Experiment:
         """A schedule as an experiment without recorded temperatures."""
         return self._experiment(counts / self.counts, name)
+
+    def binary_sequences(self) -> "list[Counts]":
+        """The sequence of each of the `AMPLITUDES`, the largest first."""
+        return [self.binary_sequence(amplitude) for amplitude in AMPLITUDES]
 
     def numbered(self) -> Experiment:
         """A schedule in which the duty of every step is its number divided by the number of
@@ -91,6 +98,17 @@ class Schedules:
         shift = len(sequence) // self.cells
         columns = [np.resize(np.roll(sequence, -shift * c), self.steps) for c in range(self.cells)]
         return np.where(np.stack(columns, axis=1) > 0, high, low)
+
+
+def text_of(schedule: Experiment) -> str:
+    """A schedule in words, as `Experiment.schedule` and `jaxtwin drive --duty` take it."""
+    switches = np.concatenate([[0.0], schedule.switch_times])
+    at = np.searchsorted(schedule.time, switches - 1e-9)
+    rows = schedule.duty[at]
+    return ",".join(
+        f"{time:g}:{'/'.join(f'{duty:.6g}' for duty in row)}"
+        for time, row in zip(switches, rows, strict=True)
+    )
 
 
 def make_schedules(

@@ -5,16 +5,19 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..experiment_design import ExperimentDesign
-from ._style import palette, styled, symbol
+from ..diagnosis._diagnosis import TIE
+from ..experiment_design import DiagnosisDesign, ExperimentDesign
+from ._style import line_of, palette, styled, symbol
 
 MARKERS = "os^vDP"
 
 
 @styled
-def plot_design(design: ExperimentDesign) -> Figure:
-    """Plots the designed duty cycles over time, and the standard errors that are predicted for the
-    design and for the reference schedules, relative to those of today.
+def plot_design(design: ExperimentDesign | DiagnosisDesign) -> Figure:
+    """Plots the designed duty cycles over time, and beside them what they gain, for the design and
+    the reference schedules: the standard errors that are predicted, relative to those of today; or
+    for a diagnosis the odds between the two faults that are the hardest to tell apart, over time,
+    and the odds of 20 at which they are told apart.
 
     **Arguments:**
 
@@ -22,15 +25,34 @@ def plot_design(design: ExperimentDesign) -> Figure:
 
     **Returns:** the figure.
     """
-    height = max(3.2, 1.2 + 0.28 * len(design.names))
-    figure = pyplot.figure(figsize=(10.0, height), layout="constrained")
-    schedule, errors = figure.subplots(1, 2)
+    count = len(design.names) if isinstance(design, ExperimentDesign) else 0
+    figure = pyplot.figure(figsize=(10.0, max(3.2, 1.2 + 0.28 * count)), layout="constrained")
+    schedule, gained = figure.subplots(1, 2)
     _draw_schedule(schedule, design)
-    _draw_errors(errors, design)
+    if isinstance(design, ExperimentDesign):
+        _draw_errors(gained, design)
+    else:
+        _draw_odds(gained, design)
     return figure
 
 
-def _draw_schedule(axes: Axes, design: ExperimentDesign) -> None:
+def _draw_odds(axes: Axes, design: DiagnosisDesign) -> None:
+    for number, planned in enumerate([design.best, *design.references.values()]):
+        color = palette().vermilion if number == 0 else palette().cycle[number + 1]
+        label = planned.name + ("" if planned.is_allowed else " (too hot)")
+        odds = np.maximum(planned.odds, 0.0)
+        axes.plot(planned.time, odds, color=color, ls=line_of(number), label=label)
+        if np.isfinite(planned.separation):
+            at = int(np.searchsorted(planned.time, planned.separation))
+            axes.plot(planned.time[at], odds[at], "o", color=color, ms=6)
+    axes.axhline(np.log(TIE), color=palette().ink, lw=0.8, ls=(0, (4, 3)))
+    axes.set_ylim(0, 3 * np.log(TIE))
+    first, second = design.best.hardest
+    axes.set(xlabel="time, s", ylabel="logarithm of the odds", title=f"{first} or {second}?")
+    axes.legend(loc="best")
+
+
+def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> None:
     planned = design.schedule
     for cell in range(planned.n_cells):
         axes.step(

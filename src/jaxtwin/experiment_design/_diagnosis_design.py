@@ -1,0 +1,207 @@
+"""The result of a design of an experiment that tells faults apart."""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._display import html_table, picture
+from .._json_values import json_value
+from ..io import Experiment, write_recording
+from ._schedules import text_of
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+
+@final
+class SeparationStep(NamedTuple):
+    """A pass of the search over all steps of the schedule.
+
+    - `start`: the number of the search. `number`: the number of its pass; 0 is its start.
+    - `evaluations`: the number of schedules that all searches have evaluated so far.
+    - `separation`: the time after which the faults are told apart, s; infinite if they are not.
+    """
+
+    start: int
+    number: int
+    evaluations: int
+    separation: float
+
+    def __str__(self) -> str:
+        return (
+            f"search {self.start + 1}, pass {self.number}: {self.evaluations} schedules, told "
+            f"apart {_after(self.separation)}"
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PlannedTest:
+    """A schedule, and how soon it would tell faults apart.
+
+    **Arguments:**
+
+    - `name`: the name of the schedule.
+    - `experiment`: its duty cycles, without recorded temperatures.
+    - `counts`: PWM counts of each step and cell.
+    - `separation`: the time after which all faults are told apart, s; infinite if they are not.
+    - `time`, `odds`: the mean logarithm of the odds between the two faults that are the hardest to
+      tell apart, over time since the start, s.
+    - `hardest`: the names of those two at the end.
+    - `highest_reading`, `highest_side`: the highest temperatures of a channel and of a cell's side
+      in the simulation of the healthy rig, degC.
+    - `is_allowed`: whether they stay below the limits of the rig.
+    """
+
+    name: str
+    experiment: Experiment
+    counts: Int[np.ndarray, "steps cells"]
+    separation: float
+    time: Float[np.ndarray, " times"]
+    odds: Float[np.ndarray, " times"]
+    hardest: tuple[str, str]
+    highest_reading: float
+    highest_side: float
+    is_allowed: bool
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class DiagnosisDesign:
+    """A duty schedule that tells faults apart as soon as possible.
+
+    **Arguments:**
+
+    - `rig`: name of the rig. `faults`: the names of the faults.
+    - `best`: the designed schedule.
+    - `references`: name -> schedule of the same duration and bounds to compare with: the best one
+      of a single level, and a pseudo-random binary sequence.
+    - `hold`: duration of a step, s.
+    - `history`: the passes of the search.
+    """
+
+    rig: str
+    faults: tuple[str, ...]
+    best: PlannedTest
+    references: Mapping[str, PlannedTest]
+    hold: float
+    history: tuple[SeparationStep, ...]
+
+    @property
+    def schedule(self) -> Experiment:
+        """The designed schedule: `simulate`, `live.drive` and `jaxtwin drive --plan` take it."""
+        return self.best.experiment
+
+    @property
+    def text(self) -> str:
+        """The schedule in words, as `Experiment.schedule` and `jaxtwin drive --duty` take it."""
+        return text_of(self.schedule)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Writes the schedule as .csv or .nc, for `jaxtwin drive --plan`.
+
+        **Returns:** the path.
+
+        **Raises:** `RecordingError` for another ending, or if it cannot be written.
+        """
+        return write_recording(self.schedule, Path(path))
+
+    def summary(self) -> str:
+        """After what time each schedule tells the faults apart, and the schedule in words."""
+        lines = [f"{self.rig}: {', '.join(self.faults)}"]
+        lines += [f"  {name}: {of}" for name, of in self._rows()]
+        return "\n".join([*lines, self.text])
+
+    def plot(self) -> "Figure":
+        """Plots the schedule, and the odds over time, of it and of the references:
+        `jaxtwin.plots.plot_design`."""
+        return picture("plot_design", self)
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A table with a row for each schedule: the time after which the faults are told apart, the
+        two that are the hardest, their odds at the end, the highest temperatures, and whether it is
+        allowed."""
+        import pandas
+
+        rows = [
+            {
+                "schedule": one.name,
+                "separation_s": one.separation,
+                "hardest": " and ".join(one.hardest),
+                "odds": float(one.odds[-1]),
+                "highest_reading_degC": one.highest_reading,
+                "highest_side_degC": one.highest_side,
+                "is_allowed": one.is_allowed,
+            }
+            for one in self._planned()
+        ]
+        return pandas.DataFrame(rows).set_index("schedule")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The odds (schedule, since_start), the times of separation (schedule), and the designed
+        duty (time, cell)."""
+        import xarray
+
+        planned = self._planned()
+        return xarray.Dataset(
+            {
+                "odds": (("schedule", "since_start"), np.stack([one.odds for one in planned])),
+                "separation": ("schedule", [one.separation for one in planned], {"units": "s"}),
+                "duty": (("time", "cell"), self.schedule.duty, {"units": "1"}),
+            },
+            coords={
+                "schedule": [one.name for one in planned],
+                "since_start": ("since_start", self.best.time, {"units": "s"}),
+                "time": ("time", self.schedule.time, {"units": "s"}),
+            },
+            attrs={"rig": self.rig, "faults": list(self.faults), "hold_s": self.hold},
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers as plain Python objects, for JSON; infinite times are None."""
+        return {
+            "rig": self.rig,
+            "faults": list(self.faults),
+            "schedule": self.text,
+            "duration_s": self.schedule.duration,
+            "hold_s": self.hold,
+            "highest_reading_degC": self.best.highest_reading,
+            "hardest": list(self.best.hardest),
+            "separation_s": {
+                one.name: json_value(one.separation) if one.is_allowed else None
+                for one in self._planned()
+            },
+        }
+
+    def _planned(self) -> list[PlannedTest]:
+        return [self.best, *self.references.values()]
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return [
+            (
+                one.name,
+                f"told apart {_after(one.separation)}{'' if one.is_allowed else ' (too hot)'}",
+            )
+            for one in self._planned()
+        ]
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), ("schedule", "faults"), self._rows())
+
+    def __repr__(self) -> str:
+        return (
+            f"<DiagnosisDesign of {self.rig}: {', '.join(self.faults)} told apart "
+            f"{_after(self.best.separation)}>"
+        )
+
+
+def _after(separation: float) -> str:
+    return f"after {separation:.3g} s" if math.isfinite(separation) else "not until the end"

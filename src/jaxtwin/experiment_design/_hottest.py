@@ -1,0 +1,36 @@
+"""The highest temperatures that a schedule may reach."""
+
+import math
+from typing import NamedTuple, final
+
+from .._celsius import ZERO_CELSIUS
+from ..physics import Twin
+from ..rig._limits import SOLDER
+
+
+@final
+class Hottest(NamedTuple):
+    """The highest temperature of a channel, and of a cell's side, degC; infinite without limits."""
+
+    reading: float
+    side: float
+
+    @classmethod
+    def of(cls, twin: Twin, margin: float) -> "Hottest":
+        """The limits of a rig less a margin, K."""
+        limits = twin.rig.limits
+        if limits is None:
+            return cls(math.inf, math.inf)
+        side = limits.cell_temperature
+        of_cells = SOLDER if side is None else side - ZERO_CELSIUS
+        return cls(limits.temperature - ZERO_CELSIUS - margin, of_cells - margin)
+
+    def allows(self, reading: float, side: float) -> bool:
+        """Whether temperatures are below; those that are not finite are not."""
+        return reading <= self.reading and side <= self.side
+
+    def __str__(self) -> str:
+        return (
+            f"a schedule whose readings stay below {self.reading:g} degC and its cells below "
+            f"{self.side:g} degC"
+        )
