@@ -38,7 +38,7 @@ def with_few_colors(content: bytes) -> bytes:
 
 def tidy(notebook: dict[str, Any]) -> dict[str, Any]:
     """A notebook as it is kept; the same where it is already."""
-    notebook["metadata"].pop("widgets", None)
+    notebook.get("metadata", {}).pop("widgets", None)
     for cell in notebook["cells"]:
         cell["metadata"].pop("execution", None)
         if "outputs" not in cell:

@@ -66,10 +66,10 @@ class SlidersView {
       key.style.setProperty("--key", dutyColour(k));
       return key;
     }));
+    if (!isHeld) columns.push(card("Duty, %", duties, dutyBox));
     root.append(this.problem, make("div", { class: "parts" },
       make("div", { class: "column" }, ...columns),
-      make("div", { class: "column wide charted" },
-        card("Channels", this.said, choice, legend, chartBox), card("Duty, %", duties, dutyBox))));
+      make("div", { class: "column wide charted" }, card("Channels", this.said, choice, legend, chartBox))));
     const modes = about.recorded ? ["difference", "measured", "estimate"] : ["estimate"];
     this.plate = about.plate ? new Plate(plateBox, about, modes) : null;
     this.series = new Series(about.channels.length, about.driven.length);
