@@ -79,7 +79,7 @@ notebook: $(INSTALLED_DEV)
 # As users run them: a copy outside the checkout, by the installed wheel, which does not look for
 # recordings beside the checkout.
 notebook-check: $(INSTALLED_WHEEL)
-	.venv-wheel/bin/python -m pip install --quiet "$$(echo dist/*.whl)[notebook,storage,tclab]"
+	.venv-wheel/bin/python -m pip install --quiet "$$(echo dist/*.whl)[notebook,storage,tclab,widgets]"
 	set -e; made=$$(mktemp -d); trap 'rm -rf "$$made"' EXIT; \
 	$(if $(RECORDINGS),export JAXTWIN_RECORDINGS="$${JAXTWIN_RECORDINGS:-$(RECORDINGS)}"; )\
 	for notebook in notebooks/*.ipynb; do \

@@ -3,8 +3,8 @@
     python docs/tidy_notebooks.py notebooks/*.ipynb
 
 Pictures get a palette of 256 colours, which takes a third of the bytes. Messages on how long
-something took, when each cell was executed, and the names of temporary folders are left out; what
-was printed in parts is joined.
+something took, when each cell was executed, the names of temporary folders, and widgets, which show
+nothing without a kernel, are left out; what was printed in parts is joined.
 """
 
 import base64
@@ -38,6 +38,7 @@ def with_few_colors(content: bytes) -> bytes:
 
 def tidy(notebook: dict[str, Any]) -> dict[str, Any]:
     """A notebook as it is kept; the same where it is already."""
+    notebook.get("metadata", {}).pop("widgets", None)
     for cell in notebook["cells"]:
         cell["metadata"].pop("execution", None)
         if "outputs" not in cell:
@@ -46,6 +47,7 @@ def tidy(notebook: dict[str, Any]) -> dict[str, Any]:
         cell["outputs"] = _joined(kept)
         for output in cell["outputs"]:
             data = output.get("data", {})
+            data.pop("application/vnd.jupyter.widget-view+json", None)
             if "image/png" in data:
                 content = base64.b64decode("".join(data["image/png"]))
                 data["image/png"] = base64.b64encode(with_few_colors(content)).decode() + "\n"

@@ -90,6 +90,7 @@ def test_every_package_has_its_place_in_the_order():
     assert sorted(packages) == sorted(declared_order())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", declared_order())
 def test_a_package_imports_only_what_stands_before_it(package: str):
     """Hence there is no circle between packages.

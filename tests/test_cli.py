@@ -139,6 +139,7 @@ def test_every_command_has_help_with_an_example(command, capsys):
         assert f"jaxtwin {' '.join(command)}" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_a_line_of_help_ends_where_the_next_word_does_not_fit(command, capsys, monkeypatch):
     """Otherwise the line breaks of the code would be in the help, beside those of the terminal."""
@@ -289,6 +290,7 @@ WRONG = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", WRONG)
 def test_what_is_wrong_is_said_in_one_line_and_nothing_is_written(case, capsys):
     write_recording(

@@ -247,6 +247,7 @@ ARRIVED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_every_option_of_a_drive_arrives(noted):
     arguments = noted(_drive, "run_on_live_rig", None)
     words = f"drive paper-2024 --duty 0:0.5,10:0.2/0.1 --duration 30 {LIVE}"
@@ -268,6 +269,7 @@ def test_every_option_of_a_drive_arrives(noted):
     assert about == {"plan": {"duty": "0:0.5,10:0.2/0.1", "duration_s": 30.0}}
 
 
+@pytest.mark.slow
 def test_a_plan_is_driven_for_its_own_duration(noted):
     arguments = noted(_drive, "run_on_live_rig", None)
     a_design().save("plan.csv")
@@ -279,6 +281,7 @@ def test_a_plan_is_driven_for_its_own_duration(noted):
     assert about == {"plan": {"file": "plan.csv", "duration_s": 60.0}}
 
 
+@pytest.mark.slow
 def test_every_option_of_a_control_arrives(noted, monkeypatch):
     """The controller is read for the rig, and the whole file is kept with the recording."""
     arguments = noted(_control, "run_on_live_rig", None)

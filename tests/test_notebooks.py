@@ -59,6 +59,15 @@ def test_messages_and_times_of_execution_are_left_out() -> None:
     assert found[1]["metadata"] == {}
 
 
+def test_widgets_are_left_out() -> None:
+    view = "application/vnd.jupyter.widget-view+json"
+    output = {"data": {view: {"model_id": "1"}, "text/plain": ["Sliders()"]}}
+    cell = {"metadata": {}, "outputs": [output]}
+    found = tidy({"cells": [cell], "metadata": {"widgets": {}, "language": "python"}})
+    assert found["metadata"] == {"language": "python"}
+    assert found["cells"][0]["outputs"] == [{"data": {"text/plain": ["Sliders()"]}}]
+
+
 def test_names_of_temporary_folders_are_left_out() -> None:
     shown = {
         "output_type": "execute_result",

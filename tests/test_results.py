@@ -320,6 +320,7 @@ def test_the_dataset_of_an_ultimate_point_holds_its_numbers_with_units():
     assert {name: values.item() for name, values in data.items()} == asdict(point)
 
 
+@pytest.mark.slow
 def test_distributions_are_those_of_the_draws():
     reduced = reductions()
     assert reduced.final is not None
@@ -339,6 +340,7 @@ def test_a_long_table_says_how_many_rows_it_leaves_out():
     assert "forty-five &amp; more" in html
 
 
+@pytest.mark.slow
 def test_a_recording_that_there_is_not_is_answered_with_those_that_there_are():
     checked = jt.validate(fit(), recordings()[0], warm_up=20)
     for found in (fit().runs, fit().camera, fit().weights, fit().twins):

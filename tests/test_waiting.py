@@ -135,6 +135,7 @@ def test_progress_reaches_a_user_s_callback_and_the_command_line(clock):
     advanced(1)  # outside of work nobody waits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "work",
     [

@@ -47,6 +47,7 @@ def compile_strictly(file: Path, *folders: Path) -> None:
     assert not done.returncode, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.c_compiler
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("precision", ["double", "float"])
@@ -57,6 +58,7 @@ def test_a_controller_compiles_with_its_law(key: str, precision, tmp_path: Path)
     compile_strictly(tmp_path / "model.c")
 
 
+@pytest.mark.slow
 @pytest.mark.c_compiler
 @pytest.mark.parametrize("rig", ["dual-cell", "paper-2024", "single-cell", "oven", "battery-pack"])
 @pytest.mark.parametrize("precision", ["double", "float"])

@@ -127,6 +127,7 @@ def test_cells_are_off_at_once_without_a_reference(tmp_path: Path):
     assert not found[1:].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", KEYS)
 def test_cells_stay_off_where_it_begins_without_a_reading(key: str, tmp_path: Path):
     channels, controller = Twin("dual-cell").channels, controller_of(key)

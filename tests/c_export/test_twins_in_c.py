@@ -163,6 +163,7 @@ def test_an_hour_in_c_is_the_hour_in_python(key: str, tmp_path: Path):
         np.testing.assert_allclose(found, expected, rtol=0, atol=allowed(precision, expected))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", WITH_INPUTS)
 def test_an_hour_in_which_inputs_change_is_the_hour_in_python(key: str, tmp_path: Path):
     """To 1e-12 of the largest temperature in double, within 0.01 K in float."""
@@ -177,6 +178,7 @@ def test_an_hour_in_which_inputs_change_is_the_hour_in_python(key: str, tmp_path
         np.testing.assert_allclose(found, expected, rtol=0, atol=allowed(precision, expected))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", ["heated-box", "oven", "battery-pack"])
 def test_inputs_in_c_are_those_of_simulate(rig: str, tmp_path: Path):
     """To the error of steps of a second; `simulate` takes others, in the modes of each regime."""

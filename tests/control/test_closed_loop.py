@@ -142,6 +142,7 @@ def test_every_measure_is_known_by_its_function():
     }
 
 
+@pytest.mark.slow
 def test_a_stall_and_a_failed_channel_end_with_the_cells_off(twin: Twin, pid: PID):
     """The last reading stands for silence; then the cells are off, for good."""
     lost = simulate_closed_loop(
@@ -227,6 +228,7 @@ HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
 """Power of `printer-bed` at full duty, W: its tracks, switch and supply."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 1e-9), (1.3, 2.0)])
 def test_energy_is_the_integral_of_the_delayed_and_lagged_duty(delay: float, lag: float):
     """By hand: t - d - tau (1 - exp(-(t - d) / tau)). The delay is no multiple of the steps."""
@@ -245,6 +247,7 @@ def test_energy_is_the_integral_of_the_delayed_and_lagged_duty(delay: float, lag
     np.testing.assert_allclose(run.energy, expected, rtol=0, atol=1e-3 * HEATER)
 
 
+@pytest.mark.slow
 def test_the_peak_of_a_short_pulse_lies_between_the_steps():
     """By hand: full duty for a second arrives at 1.3 s and decays from 2.3 s on; a lag of 2 s."""
     run = simulate_closed_loop(
@@ -303,6 +306,7 @@ def test_references_and_settings_that_do_not_fit_are_refused(
         simulate_closed_loop(twin, pid, references, **{"duration": DURATION, **settings})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

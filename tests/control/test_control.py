@@ -278,6 +278,7 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
     assert {d["reference"][0] for d in decisions if d["time"] < 39.5} == {16.0}
 
 
+@pytest.mark.slow
 def test_a_limit_that_readings_exceed_is_kept_with_its_largest_excess_and_its_times(twin: Twin):
     model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
     limits: Any = {"T11": (0, 25)}
@@ -290,6 +291,7 @@ def test_a_limit_that_readings_exceed_is_kept_with_its_largest_excess_and_its_ti
     assert loop.exceeded == (ExceededLimit("T11", 25.0, 3.0, 1.0, 3.0),)
 
 
+@pytest.mark.slow
 def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(twin: Twin, pid: PID):
     """As the simulated loop does, whose cells are off after as long."""
     loop, again = (LiveLoop(twin, pid, 40, duration=60) for _ in range(2))
@@ -332,6 +334,7 @@ def test_a_duty_that_is_not_finite_switches_the_cells_off(
     assert device.pwm == OFF
 
 
+@pytest.mark.slow
 def test_a_reference_out_of_reach_is_refused_before_anything_is_sent(
     twin: Twin, pid: PID, clock: HandClock
 ):

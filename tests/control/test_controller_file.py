@@ -221,6 +221,7 @@ def of_models(twin: Twin) -> list[Any]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(5))
 def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, number: int):
     """With the same numbers, but for the last digits of what is computed anew."""
@@ -238,6 +239,7 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
     assert (tmp_path / "again.toml").read_text() == path.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "pattern", "new", "message"),
     [
@@ -346,6 +348,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
     return made
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=50)
 @given(st.integers(0, 4), damages)
 def test_a_damaged_file_is_refused_or_a_controller(

@@ -67,6 +67,7 @@ def test_back_calculation_keeps_the_integral_from_winding_up():
     assert answers(without, far + past, [[0.0]] * 3600 + [[101.0]] * 30)[3629, 0] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "controller",
     [

@@ -52,6 +52,7 @@ def controllers(twin: Twin, limits: tuple[float, float] | None = None):
     ]
 
 
+@pytest.mark.slow
 def test_controllers_hold_a_box_and_never_ask_for_cooling(twin: Twin):
     """A step down as well: the box cools by itself, with its heater off."""
     for controller in controllers(twin):
@@ -62,6 +63,7 @@ def test_controllers_hold_a_box_and_never_ask_for_cooling(twin: Twin):
         assert run.output[-1, 0] == pytest.approx(35, abs=0.5)
 
 
+@pytest.mark.slow
 def test_limits_that_are_not_given_are_those_of_heaters(rig: Rig, twin: Twin, tmp_path):
     """A reference that falls far: a controller that expects cooling would wind up meanwhile."""
     for default, given in zip(controllers(twin), controllers(twin, (0, 1)), strict=True):
@@ -92,6 +94,7 @@ def test_limits_that_are_not_given_are_those_of_heaters(rig: Rig, twin: Twin, tm
     assert live._controller.limits == (0, 1)
 
 
+@pytest.mark.slow
 def test_tuning_knows_that_heaters_cannot_cool(twin: Twin):
     """Its measures are those of a rig without a plate."""
     pid = PID(Kp=0.1, Ki=0.001, sample_time_s=2.0)
@@ -178,6 +181,7 @@ def test_what_shows_a_plate_says_that_there_is_none(rig: Rig, twin: Twin):
         )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_rest_leaves_the_plate_out(twin: Twin):
     run = simulate_closed_loop(twin, PID(Kp=0.05, limits=(0, 1)), "0:30", duration=20)
     assert "largest_plate_range" not in run.measures().index

@@ -32,6 +32,7 @@ def assert_equal(found: LinearModel, expected: LinearModel) -> None:
         np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_given_inputs_are_those_of_a_rig_file_with_these_values(twin: Twin, other: Twin):
     point = {"T1": 30.0}
     assert_equal(linearize(twin, duty=0.3, inputs=OTHER), linearize(other, duty=0.3))
@@ -43,6 +44,7 @@ def test_given_inputs_are_those_of_a_rig_file_with_these_values(twin: Twin, othe
     assert np.abs(linearize(twin, duty=0.3, inputs=OTHER).A - closed.A).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_time_of_a_run_has_the_inputs_of_the_run(twin: Twin):
     """The rates are those of the run, in which the lid has been opened shortly before."""
     lid = np.repeat([0.0, 1.0], [100, 101])
@@ -58,6 +60,7 @@ def test_a_time_of_a_run_has_the_inputs_of_the_run(twin: Twin):
     assert model.A[air, air] < 2 * still.A[air, air] < 0
 
 
+@pytest.mark.slow
 def test_unknown_inputs_and_states_are_refused(twin: Twin):
     for inputs, message in (
         ({"door": 1.0}, "linearize: inputs: unknown input 'door'"),

@@ -109,6 +109,7 @@ def test_a_run_of_another_rig_is_refused(run: Run):
         linearize(Twin("single-cell"), run=run, time=1.0)
 
 
+@pytest.mark.slow
 def test_designs_on_a_state_that_is_not_at_rest_are_refused(twin: Twin, run: Run, tmp_path: Any):
     model = linearize(twin, run=run, time=WARM_UP)
     for use in (

@@ -14,6 +14,7 @@ from jaxtwin.control.loops._control import checked_loop
 from jaxtwin.control.loops._loop_checks import check_reach
 
 
+@pytest.mark.slow
 def test_a_heater_holds_the_temperature_of_the_room_and_nothing_below():
     twin = Twin("printer-bed")
     system = twin.system()

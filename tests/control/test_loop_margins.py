@@ -13,6 +13,7 @@ def single() -> Twin:
     return Twin("single-cell")
 
 
+@pytest.mark.slow
 def test_a_pi_has_the_margins_of_the_loop_written_out(single: Twin):
     """The plant of `discretise`, and the law of the PI in z."""
     pid, at = PID(0.1, 0.002), 35.0
@@ -56,6 +57,7 @@ def test_the_examples_of_the_page_are_not_fragile_and_an_earlier_one_was(twin: T
     assert after.disk.phase_deg > before.disk.phase_deg
 
 
+@pytest.mark.slow
 def test_margins_of_draws_are_those_of_each_twin(single: Twin):
     pid, values = PID(0.1, 0.002), np.array([1.6, 2.0])
     found = loop_margins(single, pid, 35.0, draws={"R_E": values})
@@ -72,6 +74,7 @@ def test_a_controller_that_is_not_linear_has_no_margins(single: Twin):
         loop_margins(single, FunctionController(thermostat), 35.0)
 
 
+@pytest.mark.slow
 def test_a_decoupled_pi_is_fragile_with_the_gains_of_one_that_is_not_decoupled(twin: Twin):
     gain = jt.linearize(twin, duty=0.5).dcgain
     rows = [twin.channels.index(name) for name in ("TAM", "TCM")]

@@ -152,6 +152,7 @@ def test_an_lqi_takes_over_without_a_jump_of_the_duty(weight: float, measured: A
             np.testing.assert_allclose(found, duty, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_gains_can_be_drawn_and_differentiated():
     lqi = LQI(plate(), measured=["left", "right"])
     with jax.enable_x64(True):

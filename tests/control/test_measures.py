@@ -34,6 +34,7 @@ REFERENCE = np.array([20.0] + [30.0] * 10)
 DUTY = np.array([0, 1, 1, 0.5, 0, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "expected"),
     [

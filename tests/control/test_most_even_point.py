@@ -32,6 +32,7 @@ def test_no_other_duty_holds_the_mean_more_evenly(uneven: Twin):
         assert np.ptp(np.asarray(other.nodes)[:elements]) > found - off - 1e-6
 
 
+@pytest.mark.slow
 def test_the_most_even_duty_is_within_its_limits(uneven: Twin):
     free = most_even_point(uneven, 40)
     limit = float(free.duty[1]) - 0.03

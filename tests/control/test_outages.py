@@ -36,6 +36,7 @@ def test_the_longest_silence_is_that_of_frames_one_by_one(spans: list, interval:
     np.testing.assert_allclose(np.maximum(found / PERIOD, 1), np.maximum(expected, 1))
 
 
+@pytest.mark.slow
 def test_a_stall_shorter_than_the_silence_leaves_a_slow_controller_on():
     """Of ten minutes, with a sample each 5 s: one second without readings, at a sample or between
     two, is as short for it as for a fast one. Four seconds are too long for both."""
@@ -53,6 +54,7 @@ def test_a_stall_shorter_than_the_silence_leaves_a_slow_controller_on():
                 assert loop.to_xarray().attrs["switched_off_s"] == loop.switched_off
 
 
+@pytest.mark.slow
 def test_draws_of_a_loop_whose_cells_are_switched_off_have_failed():
     twin, pid = Twin("single-cell"), PID(Kp=0.02, Ki=0.001, limits=(0, 1))
     draws = {"R_E": [1.9, 2.0]}

@@ -145,6 +145,7 @@ def test_a_wrong_field_of_an_own_controller_is_named(
         read_controller(path, twin.rig)
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_not_stable_is_refused(twin: Twin):
     """The same margin as that of the proportional part of a PID."""
     weights = np.full((1, len(twin.channels)), 1 / len(twin.channels))

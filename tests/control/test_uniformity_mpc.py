@@ -88,6 +88,7 @@ def elements_of(duty: np.ndarray) -> np.ndarray:
     return ROOM + np.linalg.solve(-np.asarray(model.A), np.asarray(model.B) @ duty)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cost", "price"), [(RangeCost, 0.0), (RangeCost, 5.0)])
 @pytest.mark.parametrize("limits", [(0.0, 1.0), (0.0, 0.48)])
 def test_the_duty_at_rest_is_that_of_a_linear_program(
@@ -110,6 +111,7 @@ def test_the_duty_at_rest_is_that_of_a_linear_program(
     assert elements_of(duty).mean() == pytest.approx(reference, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cost", [WorstPointCost(), SquaresCost()])
 def test_other_costs_at_rest_are_those_of_a_search_along_the_mean(cost: Any):
     """The duty cycles that hold a mean are a line; scipy's bounded search along it."""
@@ -129,6 +131,7 @@ def test_other_costs_at_rest_are_those_of_a_search_along_the_mean(cost: Any):
     np.testing.assert_allclose(duty, along(float(found.x[0])), atol=2e-3)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_bands_are_sums_with_a_centre_among_the_unknowns(seed: int, is_soft: bool):
@@ -203,6 +206,7 @@ def followed(mpc: MPC, reference: float, samples: int, heat: float = 0.0) -> np.
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_the_rod_is_no_less_even_on_the_way_than_at_rest():
     """But for the room of 3 % on the way, without an error of the model. A plan that looks at the
     outputs alone is less even."""
@@ -258,6 +262,7 @@ def test_heat_beside_a_channel_is_seen_at_its_elements(twin: Twin):
         assert ends(other)[0] > base[0] - 0.15
 
 
+@pytest.mark.slow
 def test_a_limit_of_a_channel_is_kept_beside_the_evenness():
     mpc = designed(RangeCost(), limits=(0, 1), temperature_limits={"a": (0, 28.0)})
     rows = followed(mpc, 32.0, 200)
@@ -265,6 +270,7 @@ def test_a_limit_of_a_channel_is_kept_beside_the_evenness():
     assert mpc.channel_limits()["a"].highest == 28.0
 
 
+@pytest.mark.slow
 def test_references_of_the_horizon_are_those_of_now_where_they_do_not_change():
     with jax.enable_x64(True):
         mpc = designed(RangeCost(), limits=(0, 1))
@@ -335,6 +341,7 @@ def test_points_of_an_mpc_are_checked(arguments: dict[str, Any], message: str):
         MPC(model, measured=[CHANNELS], **arguments)
 
 
+@pytest.mark.slow
 def test_a_model_without_elements_makes_its_channels_even():
     model = linearize(Twin("tclab"), temperatures=35.0)
     mpc = UniformityMPC(model, limits=(0, 1))

@@ -20,6 +20,7 @@ def _in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
 
 
+@pytest.mark.slow
 def test_a_cause_ends_with_5_and_is_in_text_and_json(capsys: pytest.CaptureFixture[str]):
     words = "diagnose fit.toml day2.csv hurt.csv --healthy day1.csv --json found.json --out images"
     assert run(words.split()) == 5
@@ -34,12 +35,14 @@ def test_a_cause_ends_with_5_and_is_in_text_and_json(capsys: pytest.CaptureFixtu
     assert {path.name for path in Path("images").iterdir()} == {"day2.png", "hurt.png"}
 
 
+@pytest.mark.slow
 def test_only_the_faults_that_are_asked_for_are_looked_for(capsys: pytest.CaptureFixture[str]):
     words = ["diagnose", "fit.toml", "hurt.csv", "--fault", "gain T2", "--fault", "age H2"]
     assert run(words) == 5
     assert "none of these" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [

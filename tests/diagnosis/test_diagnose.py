@@ -18,6 +18,7 @@ def found(*fault: object) -> Diagnosis:
     return jt.diagnose(bench(), recording(*fault))  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_healthy_run_is_healthy(seed: int):
     diagnosis = jt.diagnose(bench(), recording(seed=seed))
@@ -27,6 +28,7 @@ def test_a_healthy_run_is_healthy(seed: int):
     assert diagnosis.probabilities[:, -1].min() > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "within"),
     [
@@ -70,12 +72,14 @@ def test_what_channels_cannot_tell_apart_is_a_tie():
     assert "or weaken H1" in diagnosis.summary() or "or age H1" in diagnosis.summary()
 
 
+@pytest.mark.slow
 def test_none_of_these_is_an_answer():
     diagnosis = jt.diagnose(bench(), recording("gain", "T1", 0.8), ["leak H2", "age H2"])
     assert diagnosis.causes[0].name == "none of these"
     assert np.isnan(diagnosis.causes[0].size)
 
 
+@pytest.mark.slow
 def test_a_fault_of_ones_own_is_a_function():
     own = FAULT_MODELS["gain"](bench(), "T1", 0.9)
     diagnosis = jt.diagnose(bench(), recording("gain", "T1", 0.8), {"dust on T1": own})
@@ -128,6 +132,7 @@ def test_what_cannot_be_diagnosed_is_refused_in_a_sentence(
         jt.diagnose(bench(), **given)  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.slow
 def test_a_short_recording_and_one_of_another_rig_are_refused():
     with pytest.raises(ObserverError, match="at least 240 s, in which an observer settles"):
         jt.diagnose(bench(), recording().between(0, 100))

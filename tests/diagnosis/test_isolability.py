@@ -19,6 +19,7 @@ def both() -> Isolability:
     return jt.isolability(bench(), faults=NAMES)
 
 
+@pytest.mark.slow
 def test_faults_that_look_the_same_are_never_told_apart():
     assert ("age H1", "weaken H1") in both().ties
     matrix = both().separation
@@ -33,6 +34,7 @@ def test_a_gain_is_found_at_once_and_a_resistance_later():
     assert times["gain T1"] < 5 < times["age H1"] < 200
 
 
+@pytest.mark.slow
 def test_the_smallest_size_that_is_found_is_found():
     """A diagnosis finds a fault somewhat above the size that is stated, and none far below it."""
     duty = jt.Experiment(np.arange(901.0), clean()[0], channels=bench().channels)

@@ -55,6 +55,7 @@ def signatures(observed: Observed, several: list[Suspect], onset: int) -> np.nda
         return np.asarray(_seen(observed.observer, arrays, inputs._replace(begins=begins)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "part", "none"),
     [
@@ -85,6 +86,7 @@ def test_a_signature_is_the_difference_of_two_observers(model: str, part: str, n
     )
 
 
+@pytest.mark.slow
 def test_the_signature_of_a_cell_is_the_difference_of_two_observers_with_a_lag_and_a_delay():
     twin, onset = Twin("dual-cell"), 200
     plan = Experiment.schedule("0:0.5/0.2,150:0.3/0.7,210:0.6/0.4", duration=280, step=1, cells=2)

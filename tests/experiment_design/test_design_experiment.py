@@ -268,6 +268,7 @@ def test_before_any_match_a_twin_is_known_as_its_priors_say(rig: str):
     np.testing.assert_allclose(np.sqrt(np.diag(prior.covariance())), deviations, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_each_schedule_is_assessed_in_its_place():
     """In batches of four, with two left over, as by itself."""
     twin = Twin("single-cell")
@@ -297,6 +298,7 @@ def test_a_level_is_held_for_whole_sample_intervals(hold: float, is_multiple: bo
             make()
 
 
+@pytest.mark.slow
 def test_a_fit_whose_parameters_all_ended_at_bounds_is_refused():
     with pytest.raises(MatchError, match="parameter of the rig that is not at a bound, got none"):
         design_experiment(fit(), duration=20, hold=10)

@@ -297,6 +297,7 @@ def test_a_duty_cycle_is_between_full_cooling_and_full_heating(twin: Twin):
     assert limits == {"duty.P1": (-1.0, 1.0), "duty.P2": (-1.0, 1.0), "ambient": None}
 
 
+@pytest.mark.slow
 def test_heaters_are_inputs_from_0_to_1_and_simulate_as_the_twin(tmp_path: Path):
     twin = Twin(cell_and_heater("on-off"))
     variables = {row.name: row for row in variables_of(Stepper(twin, 1.0))}

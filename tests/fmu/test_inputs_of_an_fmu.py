@@ -58,12 +58,14 @@ def rows_of(twin: Twin, experiment: Experiment) -> np.ndarray:
     return rows
 
 
+@pytest.mark.slow
 def test_the_description_is_that_of_the_standard(fmu: FMU):
     from fmpy.validation import validate_fmu
 
     assert validate_fmu(str(fmu.path)) == []
 
 
+@pytest.mark.slow
 def test_ten_minutes_in_which_inputs_change_are_those_of_simulate(twin: Twin, fmu: FMU):
     """To the error of steps of a second."""
     from fmpy import simulate_fmu
@@ -116,6 +118,7 @@ def test_model_exchange_with_inputs_is_simulate(twin: Twin, fmu: FMU):
         np.testing.assert_allclose(found[name], column, rtol=0, atol=2e-3, err_msg=name)
 
 
+@pytest.mark.slow
 def test_inputs_that_are_not_set_are_those_of_the_rig_file(twin: Twin, fmu: FMU):
     from fmpy import simulate_fmu
 

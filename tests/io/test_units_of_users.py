@@ -89,6 +89,7 @@ def test_times_in_nanoseconds_are_refused():
         jt.Experiment([0, 1e12, 2e12], [0, 0, 0])
 
 
+@pytest.mark.slow
 def test_a_recording_in_kelvin_is_not_matched():
     twin = jt.Twin("dual-cell")
     run = twin.simulate(jt.Experiment.schedule("0:0.5", duration=30, cells=2))
@@ -106,6 +107,7 @@ def test_a_recording_in_kelvin_is_not_matched():
         jt.match(twin, kelvin)
 
 
+@pytest.mark.slow
 def test_a_match_takes_files_and_the_parts_between_gaps(tmp_path):
     """Nobody knows the duty in a gap; the parts start anew, with counts of the rig's driver."""
     twin = jt.Twin("single-cell")

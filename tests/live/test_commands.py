@@ -86,6 +86,7 @@ def test_what_a_device_says_does_not_reach_the_terminal_as_commands(
 LINK = ["--link", "socket://127.0.0.1:1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -123,6 +124,7 @@ def test_an_invalid_address_is_refused_with_what_is_expected(address: str) -> No
         TcpServer(address)
 
 
+@pytest.mark.slow
 def test_a_recording_is_watched_to_its_end(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -50,6 +50,7 @@ def names(step: str, rig: Rig, device: VirtualRig, clock: HandClock) -> bool:
     return any(finding.wrong and finding.step == step for finding in findings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mutant", "step"), STAGES, ids=[kind.__name__ for kind, _ in STAGES])
 def test_each_defect_of_an_output_stage_is_named(
     rig: Rig, twin: Twin, clock: HandClock, mutant: type[Stage], step: str
@@ -59,6 +60,7 @@ def test_each_defect_of_an_output_stage_is_named(
     assert names(step, rig, device, clock)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mutant", "step"), RIGS, ids=[kind.__name__ for kind, _ in RIGS])
 def test_each_defect_in_the_reading_of_lines_is_named(
     rig: Rig, twin: Twin, clock: HandClock, mutant: type[VirtualRig], step: str

@@ -46,6 +46,7 @@ def plan(schedule: str, duration: float) -> Experiment:
     return Experiment.schedule(schedule, duration=duration, cells=2)
 
 
+@pytest.mark.slow
 def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
@@ -64,6 +65,7 @@ def test_a_schedule_is_driven_in_rig_time_and_ends_with_the_cells_off(
     assert device.twin.temperatures.max() > 17
 
 
+@pytest.mark.slow
 def test_a_zone_above_the_limit_stops_it(rig: Rig, twin: Twin, clock: HandClock) -> None:
     assert rig.limits is not None
     cautious = replace(rig, limits=replace(rig.limits, temperature=273.15 + 25))
@@ -249,6 +251,7 @@ with connect(rig, sys.argv[1]) as bench:
 """
 
 
+@pytest.mark.slow
 def test_a_trip_stays_until_a_reset_on_purpose(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin)
     device.stage.trip("watchdog")
@@ -262,6 +265,7 @@ def test_a_trip_stays_until_a_reset_on_purpose(rig: Rig, twin: Twin, clock: Hand
     assert (device.pwm, device.stage.trip_reason, device.stage.owner) == (OFF, "", "")
 
 
+@pytest.mark.slow
 def test_an_interlock_leaves_the_device_tripped(rig: Rig, twin: Twin, clock: HandClock) -> None:
     assert rig.limits is not None
     cautious = replace(rig, limits=replace(rig.limits, cell_temperature=273.15 + 40))
@@ -271,6 +275,7 @@ def test_an_interlock_leaves_the_device_tripped(rig: Rig, twin: Twin, clock: Han
     assert device.stage.trip_reason == "stop"
 
 
+@pytest.mark.slow
 def test_time_before_the_start_does_not_count_as_silence(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
@@ -283,6 +288,7 @@ def test_time_before_the_start_does_not_count_as_silence(
     assert drive(bench, Guard.of(Twin(rig)), plan("0:0.5", 2)) == "completed"
 
 
+@pytest.mark.slow
 def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin)
     second = virtual_bench(rig, device, clock)
@@ -303,6 +309,7 @@ def test_two_drives_do_not_share_a_rig(rig: Rig, twin: Twin, clock: HandClock) -
     assert refused == ["commander"]
 
 
+@pytest.mark.slow
 def test_nothing_but_duties_reaches_a_device(rig: Rig, twin: Twin, clock: HandClock) -> None:
     for wrong in ((float("nan"), 0.0), (2.0, 0.0), (0.5,), (0.5, 0.5, 0.5)):
         device = VirtualRig(twin)

@@ -76,6 +76,7 @@ def test_a_sample_with_negative_counts_of_a_heater_is_refused():
     assert [hello.lowest(cell) for cell in (0, 1)] == [-255, 0]
 
 
+@pytest.mark.slow
 def test_a_schedule_is_driven_and_heats_as_the_twin(box: Rig, box_twin: Twin, clock: HandClock):
     device = VirtualRig(box_twin, speed=10)
     bench = virtual_bench(box, device, clock)
@@ -86,6 +87,7 @@ def test_a_schedule_is_driven_and_heats_as_the_twin(box: Rig, box_twin: Twin, cl
     assert device.twin.nodes[0] == pytest.approx(expected, abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_heater_that_is_too_hot_inside_is_switched_off(clock: HandClock):
     """If the file states a limit; the heater is 24 K above the air at full power."""
     box = heated_box(

@@ -310,6 +310,7 @@ class Plate:
         return None, 0.0, 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [5.0, 16.0, 25.0, 40.0])
 @pytest.mark.parametrize("warm", [0.0, 20.0])
 @pytest.mark.parametrize("detached", [range(15), [3]])
@@ -325,6 +326,7 @@ def test_a_detached_sensor_hides_20_kelvin_in_a_measured_room(
     assert warmed < 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [5.0, 7.0, 16.0, 25.0, 40.0])
 @pytest.mark.parametrize("detached", [range(15), [3]])
 def test_a_detached_sensor_hides_28_kelvin_in_a_room_that_nobody_measures(
@@ -345,6 +347,7 @@ def test_a_detached_sensor_hides_28_kelvin_in_a_room_that_nobody_measures(
     assert warmed < 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("room", "start", "measured"),
     [
@@ -387,6 +390,7 @@ def test_a_start_far_from_the_file_s_room_asks_for_the_ambient_temperature(twin:
         interlocks_of(twin, ambient=47)
 
 
+@pytest.mark.slow
 def test_a_cell_that_fails_while_it_is_driven_is_noticed() -> None:
     """The single cell's load follows the duty, and then falls to the room, as recorded once. Its
     rig file, which was not matched, allows a deviation of 40 K."""
@@ -457,6 +461,7 @@ def test_a_resistive_heater_cools_nothing_below_a_cold_room() -> None:
     assert OperatingLimits.of(Twin(stated)).lowest == pytest.approx(22 - 20)
 
 
+@pytest.mark.slow
 def test_a_guard_reports_a_wrong_reading_or_heat_before_silence(twin: Twin) -> None:
     greeting = Greeting("l", at(0), Hello(2, "r", "b"))
     cold = Guard.of(twin)

@@ -57,6 +57,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few")
 def test_what_is_proven_is_read_back(relayed: Rig, clock: HandClock) -> None:
     over, relay, watchdog = proven(relayed, VirtualRig(Twin(relayed)), clock)
@@ -106,6 +107,7 @@ def has_no_watchdog(stage: OutputStage) -> None:
     stage.on_time = lambda now: None  # pyright: ignore[reportAttributeAccessIssue]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few")
 @pytest.mark.parametrize(
     ("cheat", "step", "wrong"),
@@ -148,6 +150,7 @@ def test_a_device_that_does_not_switch_off_ends_the_proof(rig: Rig, clock: HandC
     assert alarms == ["still-on"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few")
 @pytest.mark.parametrize(("cheats", "code"), [(False, 0), (True, 1)])
 def test_the_command_prints_a_row_for_each_step_and_exits_with_0_if_all_were_proven(

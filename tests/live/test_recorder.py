@@ -249,6 +249,7 @@ def test_a_view_in_place_of_a_table_is_refused(rig: Rig, file: Path) -> None:
         Session(file)
 
 
+@pytest.mark.slow
 def test_a_part_of_a_recording_equals_that_part_of_the_whole(rig: Rig, file: Path) -> None:
     """Rows of a part are found by their arrival. Two runs, ten minutes apart."""
     clock = HandClock()
@@ -273,6 +274,7 @@ def test_a_part_of_a_recording_equals_that_part_of_the_whole(rig: Rig, file: Pat
             assert session.experiment(start=start, end=end) == whole.between(start, end + 0.5)
 
 
+@pytest.mark.slow
 def test_an_experiment_needs_no_more_memory_than_its_grid(
     rig: Rig, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

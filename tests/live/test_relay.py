@@ -95,6 +95,7 @@ def test_a_virtual_rig_with_a_relay_conforms(
     assert "anyone may open the relay" in [found.step for found in findings]
 
 
+@pytest.mark.slow
 def test_a_trip_opens_the_relay_and_a_completed_run_does_not(
     relayed: Rig, relayed_twin: Twin, clock: HandClock, tmp_path: Path
 ) -> None:
@@ -121,6 +122,7 @@ def test_a_trip_opens_the_relay_and_a_completed_run_does_not(
         assert [state for (state,) in states] == ["on", "off", "on"]
 
 
+@pytest.mark.slow
 def test_a_bridge_that_obeys_no_stop_is_cut_off_by_the_relay(
     relayed: Rig, relayed_twin: Twin, clock: HandClock
 ) -> None:
@@ -217,6 +219,7 @@ def test_a_relay_that_is_opened_during_a_run_ends_it(
     assert device.stage.trip_reason == "stop"
 
 
+@pytest.mark.slow
 def test_a_rig_whose_relay_nobody_has_is_not_driven(
     relayed: Rig, twin: Twin, clock: HandClock
 ) -> None:

@@ -71,6 +71,7 @@ def test_a_service_runs_until_it_is_told_or_its_source_ends(
     assert len(listening.turns) == 3
 
 
+@pytest.mark.slow
 def test_a_follower_in_a_service_predicts_what_is_measured(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:

@@ -36,6 +36,7 @@ PLAN = Experiment.schedule("0:0.5", duration=60, cells=2)
 SHORT = Experiment.schedule("0:0.5", duration=2, cells=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [5.0, 6.1, 7.3, 8.7, 11.0, 13.9])
 def test_a_link_that_is_lost_and_returns_within_the_watchdog_leaves_a_trip(
     rig: Rig, twin: Twin, clock: HandClock, after: float
@@ -61,6 +62,7 @@ def test_an_exception_leaves_a_trip(rig: Rig, twin: Twin, clock: HandClock) -> N
     assert (device.pwm, device.stage.trip_reason) == (OFF, "stop")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moved", [True, False])
 def test_a_recording_that_fails_leaves_a_trip(
     rig: Rig, twin: Twin, clock: HandClock, tmp_path: Path, moved: bool
@@ -86,6 +88,7 @@ def test_a_recording_that_fails_leaves_a_trip(
     assert (clock.now() - begin) * 1e-9 < times[-1] + 2  # it did not wait in vain
 
 
+@pytest.mark.slow
 def test_a_signal_of_the_system_leaves_a_trip_and_a_stop_by_the_user_does_not(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
@@ -135,6 +138,7 @@ def test_a_second_ctrl_c_does_not_keep_the_cells_on(rig: Rig, twin: Twin, clock:
     assert (device.pwm, device.stage.owner) == (OFF, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [{"watchdog": 500.0}, {"counts": 100}, {"rate": 2.0}])
 def test_a_device_that_greets_as_another_is_stopped_before_its_link_is_dropped(
     rig: Rig, twin: Twin, clock: HandClock, change: dict
@@ -168,6 +172,7 @@ def stuck(device: VirtualRig, heard: list[Duty | Order], frees: float = float("i
     device.stage.obey = obeys  # pyright: ignore[reportAttributeAccessIssue]
 
 
+@pytest.mark.slow
 def test_a_device_that_reports_heat_is_told_to_stop_until_the_user_ends_it(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
@@ -200,6 +205,7 @@ def test_a_device_that_reports_heat_is_told_to_stop_until_the_user_ends_it(
     assert isinstance(heard[-900], Order)
 
 
+@pytest.mark.slow
 def test_a_device_that_switches_off_late_ends_the_stop(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:
@@ -240,6 +246,7 @@ def test_an_alarm_that_fails_does_not_end_the_stop(rig: Rig, twin: Twin, clock: 
     assert device.pwm == OFF
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("silence", [5.1, 3600.0, 0.0, float("nan")])
 def test_a_silence_of_0_or_above_5_s_is_refused(
     rig: Rig, twin: Twin, clock: HandClock, silence: float
@@ -249,6 +256,7 @@ def test_a_silence_of_0_or_above_5_s_is_refused(
         drive(virtual_bench(rig, device, clock), Guard.of(Twin(rig), silence=silence), PLAN)
 
 
+@pytest.mark.slow
 def test_the_command_exits_with_5_and_calls_the_alarm_if_the_device_reports_heat(
     rig: Rig,
     twin: Twin,
@@ -314,6 +322,7 @@ def test_a_run_that_ends_a_trip_and_does_not_start_puts_it_back(
     assert device.stage.trip_reason == "stop"
 
 
+@pytest.mark.slow
 def test_a_second_run_on_a_bench_knows_the_rate_of_the_device(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:

@@ -294,6 +294,7 @@ def test_a_recording_read_back_is_what_the_twin_did(
     assert np.sqrt(np.mean(error**2)) < 0.1
 
 
+@pytest.mark.slow
 def test_a_part_and_another_step_can_be_taken(recorded: tuple[Path, list]) -> None:
     with Session(recorded[0]) as session:
         part = session.experiment(step=0.5, start=20.0, end=40.0)
@@ -352,6 +353,7 @@ def test_a_replay_at_double_speed_takes_half_the_time(
     assert (clock.now() - START) * 1e-9 == pytest.approx(recorded_seconds / 2, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_follower_predicts_what_is_measured_in_step(
     twin: Twin, recorded: tuple[Path, list]
 ) -> None:

@@ -88,6 +88,7 @@ def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
     assert np.all((ratio > 0.95) & (ratio < 1.25))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outlier", [0.0, 30.0, 3000.0])
 def test_standard_errors_with_hubers_loss_are_the_scatter_of_its_estimates(outlier: float):
     """Of y = X b + e with white noise and one outlier in 25 samples, of either sign, the estimates

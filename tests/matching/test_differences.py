@@ -19,6 +19,7 @@ from jaxtwin.matching._residuals import output_errors, recording_modes
 NAMES = ["T_amb", "T_start", "T_sink"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_bound", [False, True])
 def test_central_differences_are_the_exact_derivatives_also_at_a_bound(at_bound: bool):
     drive = Experiment.schedule("0:0,10:0.5", duration=40)

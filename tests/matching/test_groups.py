@@ -402,6 +402,7 @@ def test_a_scope_and_a_spread_between_groups_belong_together(tmp_path, old: str,
         load_rig(path)
 
 
+@pytest.mark.slow
 def test_what_is_given_is_of_a_single_group():
     with pytest.raises(MatchError, match="recordings of a single group, got friday, sunday; name"):
         check_given(small_results.fit(), ["sunday", "friday"])

@@ -44,6 +44,7 @@ def test_a_match_from_given_temperatures_finds_the_truth(
     assert prediction.band.coverage[0] > 0.9
 
 
+@pytest.mark.slow
 def test_parameters_of_the_start_are_held_where_the_start_is_given():
     seen = warm("0:0.3", 1, WARM)
     fit = match(TRUTH, seen, initial=WARM, max_iterations=1)

@@ -107,6 +107,7 @@ def test_the_usual_thresholds_are_as_efficient_as_published(loss: AbstractLoss):
     assert efficiency == pytest.approx(0.95, abs=0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outlier", [0.0, 30.0])
 def test_standard_errors_with_cauchys_loss_are_the_scatter_of_its_estimates(outlier: float):
     """Of y = X b + e with white noise and one outlier in 25 samples, of either sign, the estimates

@@ -56,6 +56,7 @@ def clean(start: Twin):
     return match(start, recordings(0.0), free=[*FREE, "T_amb"])
 
 
+@pytest.mark.slow
 def test_the_truth_is_recovered_without_noise(clean):
     for name, value in TRUTH.items():
         assert clean[name].value == pytest.approx(value, rel=0.01)

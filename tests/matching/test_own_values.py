@@ -120,6 +120,7 @@ def test_a_scope_frees_what_it_names_and_what_is_fixed_has_none():
         match(Twin("single-cell"), monday, fixed=["R_loss"], shared=["R_loss"])
 
 
+@pytest.mark.slow
 def test_what_is_not_free_stays_at_the_values_of_the_fit():
     """The prior of the parameter that is matched again is that of the rig file, as documented."""
     _, _, wednesday = days()

@@ -23,6 +23,7 @@ def _in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
 
 
+@pytest.mark.slow
 def test_an_alarm_ends_with_5_and_is_in_text_and_json(capsys: pytest.CaptureFixture[str]):
     words = "monitor fit.toml day2.csv hurt.csv --json found.json --out pictures"
     assert run(words.split()) == 5
@@ -66,6 +67,7 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(
     assert message in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.slow
 def test_observe_raises_findings_of_a_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     hurt, clock = recording("gain", "T1", 0.8), HandClock()
     file = tmp_path / "session.db"

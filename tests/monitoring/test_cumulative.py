@@ -81,6 +81,7 @@ def test_the_onset_and_the_size_of_a_step_are_found():
     assert float(size[0]) == pytest.approx(0.15)
 
 
+@pytest.mark.slow
 def test_the_joint_ratio_is_as_unlikely_as_that_of_one_channel():
     # A chi-squared variable of C degrees of freedom against a normal one: Wilson and Hilferty.
     for channels, share in ((2, 0.08), (5, 0.04), (15, 0.02)):

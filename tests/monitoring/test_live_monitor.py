@@ -43,6 +43,7 @@ def live(run: Experiment, closed: slice | None = None) -> tuple[LiveMonitor, lis
     return watching, raised
 
 
+@pytest.mark.slow
 def test_a_fault_is_raised_once_with_the_host_time_of_its_onset():
     watching, raised = live(recording("gain", "T1", 0.85))
     assert raised
@@ -56,6 +57,7 @@ def test_a_fault_is_raised_once_with_the_host_time_of_its_onset():
     assert len(watching.findings) == len(raised)
 
 
+@pytest.mark.slow
 def test_live_and_from_a_recording_the_same_is_found():
     run = recording("fail", "H1", 1.0)
     _, raised = live(run)
@@ -68,6 +70,7 @@ def test_live_and_from_a_recording_the_same_is_found():
     assert (first - START) / SECOND == pytest.approx(offline, abs=2.0)
 
 
+@pytest.mark.slow
 def test_a_healthy_rig_and_closed_shutters_raise_nothing():
     run = recording()
     readings = np.asarray(run.temperatures).copy()
@@ -78,6 +81,7 @@ def test_a_healthy_rig_and_closed_shutters_raise_nothing():
     assert watching.present == watching.findings == ()
 
 
+@pytest.mark.slow
 def test_it_is_a_consumer_and_shares_its_follower_with_a_screen():
     observer = live_observer(bench())
     watching = LiveMonitor(observer, lambda _: None)

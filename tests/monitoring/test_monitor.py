@@ -119,6 +119,7 @@ def test_a_finding_clears_when_its_cause_is_over():
     assert all(one.until is not None and one.until < 700 for one in found.findings)
 
 
+@pytest.mark.slow
 def test_the_steps_of_several_recordings_run_side_by_side(healthy: list[Monitored]):
     several = [samples_of(one) for one in healthy[:2]]
     made = healthy[0].monitor
@@ -141,6 +142,7 @@ def samples_of(found: Monitored):
         )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_calibration_of_healthy_runs_has_a_tail_from_each_source():
     runs = [recording(seed=seed, name=f"run {seed}") for seed in range(10, 13)]
     found = calibrate_monitor(bench(), runs, hours=0.6)

@@ -69,6 +69,7 @@ def run(kalman: ExtendedKalmanFilter, key: jax.Array) -> tuple[jax.Array, jax.Ar
     return nis, nees
 
 
+@pytest.mark.slow
 def test_innovations_and_errors_of_two_hundred_rigs_are_in_their_bands():
     kalman = live_observer(Twin("single-cell"), NOISE)
     keys = jax.random.split(jax.random.key(0), RUNS)

@@ -30,6 +30,7 @@ def observed(run: Run) -> Observed:
     return observe(run.twin, recording, noise)
 
 
+@pytest.mark.slow
 def test_the_lid_is_no_surprise(observed: Observed):
     at = (observed.time > 190) & (observed.time < 320)
     assert np.abs(observed.innovations[at]).max() < 0.06

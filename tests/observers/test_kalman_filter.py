@@ -159,6 +159,7 @@ def to_nodes(kalman: ExtendedKalmanFilter) -> np.ndarray:
     return np.asarray(block_diag(np.asarray(kalman.model.shapes), np.eye(6)))
 
 
+@pytest.mark.slow
 def test_a_linear_twins_filter_is_the_textbooks(
     twin: Twin, kalman: ExtendedKalmanFilter, recording: Experiment, found: Filtered
 ):
@@ -174,6 +175,7 @@ def test_a_linear_twins_filter_is_the_textbooks(
     np.testing.assert_allclose(covariances, wanted, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_transition_has_the_derivatives_of_the_exponential_of_the_matrix(
     twin: Twin, kalman: ExtendedKalmanFilter
 ):
@@ -188,6 +190,7 @@ def test_a_transition_has_the_derivatives_of_the_exponential_of_the_matrix(
     np.testing.assert_allclose(noise, Q, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duty", [[0.8, 0.3], [-0.5, 1.0]])
 def test_a_transition_has_the_derivatives_of_a_step_of_any_twin(duty: list[float]):
     """It linearises once a step, not in each stage: a warm plate that loses heat nonlinearly, cells
@@ -218,6 +221,7 @@ def test_a_step_of_the_mean_alone_is_the_step(kalman: ExtendedKalmanFilter):
     np.testing.assert_array_equal(alone.covariance, state.covariance)
 
 
+@pytest.mark.slow
 def test_a_prediction_over_a_long_time_takes_steps_of_at_most_the_longest(
     kalman: ExtendedKalmanFilter,
 ):
@@ -232,6 +236,7 @@ def test_a_prediction_over_a_long_time_takes_steps_of_at_most_the_longest(
     np.testing.assert_allclose(found.covariance, state.covariance, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_states_side_by_side_are_those_alone(kalman: ExtendedKalmanFilter):
     starts = jnp.array([20.0, 25.0, 40.0])
     duty = jnp.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.7]])
@@ -251,6 +256,7 @@ def test_states_side_by_side_are_those_alone(kalman: ExtendedKalmanFilter):
             np.testing.assert_allclose(part[number], own, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_likelihood_has_the_derivative_of_differences(
     kalman: ExtendedKalmanFilter, recording: Experiment
 ):
@@ -280,6 +286,7 @@ class TestSteps:
 
     HEAT = 0.4
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("name", ["tclab", "single-cell"])
     def test_a_step_of_a_steppers_size_is_its_step(self, name: str):
         """The second has losses that are not linear."""
@@ -329,6 +336,7 @@ def _after(
 class TestCommands:
     """The duty that reaches the heaters through the driver's delay and lag."""
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         "driver",
         [{}, {"lag": "3 s"}, {"lag": "3 s", "delay": "0.4 s"}, {"lag": "3 s", "delay": "4.3 s"}],

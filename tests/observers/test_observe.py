@@ -83,6 +83,7 @@ def smoothed(observed: Observed) -> Estimates:
     return observed.smooth()
 
 
+@pytest.mark.slow
 def test_innovations_of_a_right_twin_are_white_and_of_variance_one(twin: Twin, whole: Experiment):
     """Over 20 recordings, in the bands in which 95 % of such numbers lie."""
     runs, count, settled = 20, len(whole.time), 30
@@ -186,6 +187,7 @@ def test_a_gap_in_time_is_a_time_without_readings(
     np.testing.assert_allclose(found.log_likelihood, observed.log_likelihood, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_forecast_of_a_sample_ahead_is_what_the_filter_expected(observed: Observed):
     ahead = observed.ahead(1.0)
     np.testing.assert_array_equal(ahead.time, observed.time[1:])
@@ -193,6 +195,7 @@ def test_a_forecast_of_a_sample_ahead_is_what_the_filter_expected(observed: Obse
     np.testing.assert_allclose(ahead.spread, observed.expected.spread[1:], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [40.0, 85.0])
 def test_forecasts_ahead_of_each_reading_are_those_from_each_time(observed: Observed, at: float):
     """The covariance of the first goes backwards through the linearised steps along the filtered
@@ -234,6 +237,7 @@ def test_later_readings_make_nothing_less_certain(observed: Observed, smoothed: 
     assert (after < 0.8 * before).all()
 
 
+@pytest.mark.slow
 def test_smoothing_is_that_of_rauch_tung_and_striebel(observed: Observed, smoothed: Estimates):
     """Their smoother inverts covariances and needs no adjoint (AIAA J. 3 (1965) 1445-1450)."""
     kalman, states, samples = observed.observer, observed.filtered.states, observed.samples

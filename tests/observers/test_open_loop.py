@@ -22,6 +22,7 @@ def observer(twin: Twin) -> OpenLoop:
         return OpenLoop(twin)
 
 
+@pytest.mark.slow
 def test_it_predicts_what_the_twin_simulates(twin: Twin, observer: OpenLoop):
     """At times between its steps it stands at the last one, 0.1 s behind at most."""
     drive = Experiment.schedule("0:0.5,20:-0.3/0.4", duration=40, cells=2)

@@ -92,6 +92,7 @@ def recording(twin: Twin) -> Experiment:
     return simulate(twin, drive).to_recording(noise=0.15, seed=2)
 
 
+@pytest.mark.slow
 def test_the_noise_of_readings_is_found_from_a_recording(
     twin: Twin, recording: Experiment, monkeypatch: pytest.MonkeyPatch
 ):

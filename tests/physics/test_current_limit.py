@@ -88,6 +88,7 @@ def by_hand(limit: float, time: float) -> float:
     return AMBIENT + after(-np.linalg.solve(C, G), drive, time)[1]
 
 
+@pytest.mark.slow
 def test_a_limited_heater_warms_up_as_by_hand():
     """A run, and draws of a batch with a limit each."""
     rig = hand_rig(driver='current_limit = "I_max"', more=LIMIT_PARAMETER)

@@ -46,6 +46,7 @@ def test_the_sink_at_rest_is_as_by_hand(cell, speed, resistance):
     assert float(point.nodes[-1]) == pytest.approx(sink_at_rest(resistance), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_link_has_a_fan_too_and_draws_a_speed_each():
     """A body in place of the sink, by draws of the speed: the same temperatures as the cell's own
     sink with the resistances that the power law gives."""

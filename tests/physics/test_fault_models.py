@@ -104,6 +104,7 @@ def test_an_aged_cell_is_one_of_a_higher_resistance():
     assert_equal(changed(twin, fault(twin, "age", "P1", 1.3)), system_of(other))
 
 
+@pytest.mark.slow
 def test_a_changed_parameter_is_one_of_another_value(twin: Twin):
     other = twin.with_values({"R_E": float(twin.values["R_E"]) * 1.3})
     assert_equal(changed(twin, fault(twin, "change", "R_E", 1.3)), system_of(other))
@@ -215,6 +216,7 @@ def test_half_of_a_covered_channel_reads_the_room(twin: Twin):
     np.testing.assert_allclose(gain[0], 0.5 * np.asarray(system_of(twin).gain)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [name for name in EXAMPLES if name not in UNSEEN])
 def test_a_fault_of_no_size_changes_nothing_and_has_a_slope(twin: Twin, model: str):
     """The hypotheses of a diagnosis are fitted by gradients."""
@@ -268,5 +270,6 @@ def test_a_rig_without_a_delay_has_none_to_lengthen():
         fault(Twin("single-cell"), "delay")
 
 
+@pytest.mark.slow
 def test_every_model_has_an_example():
     assert EXAMPLES.keys() == FAULT_MODELS.keys()

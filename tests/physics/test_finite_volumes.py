@@ -189,6 +189,7 @@ def test_symmetric_rig_has_symmetric_temperatures(make_rig):
     np.testing.assert_allclose(plate, plate[::-1], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_circuit_of_the_authors_is_symmetric_top_to_bottom():
     """Row 3 repeats row 1 in the model file, so T1j = T2j in simulation."""
     rise = steady_rise(Twin("paper-2024"), [0.5, 0.8])

@@ -30,6 +30,7 @@ def far(twin: Twin) -> np.ndarray:
     return simulate(twin, STEP).temperatures
 
 
+@pytest.mark.slow
 def test_a_cell_on_lines_of_the_grid_is_one_whose_contacts_are_listed():
     """The 16 elements of 1 cm under the cell have 16 times its contact resistance each."""
     touched = [f"V{row}_{column}" for row in range(3, 7) for column in range(4, 8)]
@@ -42,6 +43,7 @@ def test_a_cell_on_lines_of_the_grid_is_one_whose_contacts_are_listed():
     np.testing.assert_allclose(far(Twin(placed_rig())), far(Twin(listed)), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", ["0 deg", "30 deg"])
 def test_a_place_by_parameters_is_that_place(angle: str):
     turned = f'\nangle = "{angle}"'
@@ -75,6 +77,7 @@ def test_a_cell_covers_its_area_of_one_face(place: str):
     assert film == pytest.approx(15 * (240e-4 + 4.8e-4), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("float64")
 @pytest.mark.parametrize("angle", ["", '\nangle = "30 deg"'])
 def test_derivatives_in_x_and_y_are_central_differences(angle: str):
@@ -93,6 +96,7 @@ def test_derivatives_in_x_and_y_are_central_differences(angle: str):
     assert slope[0] > 0.1  # K/mm: the cell comes nearer
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("float64")
 @pytest.mark.parametrize("place", [AT, MOVING], ids=["fixed", "parameters"])
 def test_heat_is_balanced_at_rest(place: str):
@@ -110,6 +114,7 @@ def test_heat_is_balanced_at_rest(place: str):
     assert supplied > 8.0
 
 
+@pytest.mark.slow
 def test_a_heater_on_the_plate_heats_what_is_under_it():
     """Its 20 W go into the 24 cm^2 that it covers."""
     rig = placed_rig(parts=HEATER)
@@ -140,6 +145,7 @@ def test_readings_converge_with_the_resolution():
     assert errors[2] < errors[0] / 6
 
 
+@pytest.mark.slow
 def test_a_batch_of_places_is_one_run_for_each():
     twin = Twin(placed_rig(MOVING, grid=COARSE))
     draws = {"x_1": np.array([40.0, 55.5]), "y_1": np.array([35.0, 44.0])}
@@ -149,6 +155,7 @@ def test_a_batch_of_places_is_one_run_for_each():
         np.testing.assert_allclose(batch[number], alone, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_place_beyond_its_bounds_is_refused():
     twin = Twin(placed_rig(MOVING))
     with pytest.raises(ParameterError, match=r"x of P1 \(x_1\): expected its bounds, 3 cm to 8 cm"):
@@ -160,6 +167,7 @@ def test_a_place_beyond_its_bounds_is_refused():
     assert bool(twin.with_values({"x_1": 80.0}).system().is_valid)
 
 
+@pytest.mark.slow
 def test_a_file_for_spice_has_the_contacts_of_the_place():
     text = to_spice(Twin(placed_rig(MOVING)), STEP)
     contacts = [line for line in text.splitlines() if line.startswith("Rcontact")]

@@ -62,6 +62,7 @@ def weights(rig: Rig, **values: float) -> np.ndarray:
         return np.asarray(system.channel_weights)[:, : len(rig.plate.element_names)]
 
 
+@pytest.mark.slow
 def test_a_picture_where_the_rig_file_says_has_the_weights_of_a_rig_without_registration(rig: Rig):
     """T1 lies inside the plate. T2 ends at two edges of it, where the blur takes its part."""
     found, expected = weights(rig), channel_weights(rig)

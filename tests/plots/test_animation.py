@@ -106,6 +106,7 @@ def test_a_video_without_ffmpeg_is_refused_with_what_to_do(
     film.save(tmp_path / "plate.gif", dpi=20)
 
 
+@pytest.mark.slow
 @pytest.mark.ffmpeg
 def test_ffmpeg_reads_the_pictures_of_a_video(tmp_path: Path):
     video = tmp_path / "plate.mp4"

@@ -22,6 +22,7 @@ def drawn(lines: list[Line2D]) -> list[np.ndarray]:
     return [np.asarray(line.get_ydata(), float) for line in lines]
 
 
+@pytest.mark.slow
 def test_the_signals_of_a_closed_loop_are_drawn():
     run = simulate_closed_loop(fit().twin, PID(Kp=0.1, Ki=0.001), 25.0, duration=20)
     above, duty, power = plots.plot_closed_loop(run).axes

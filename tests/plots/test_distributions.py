@@ -61,6 +61,7 @@ HARD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [None, 7.2])
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8])
 def test_no_label_covers_another(count, width):

@@ -371,6 +371,7 @@ def test_a_figure_that_was_changed_after_it_was_drawn_is_arranged_again():
     assert axes.get_position().x0 > before + 0.01
 
 
+@pytest.mark.slow
 def test_drawing_leaves_matplotlibs_settings_alone():
     before = dict(matplotlib.rcParams)
     plots.plot_tornado(analysis())

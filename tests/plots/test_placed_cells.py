@@ -56,6 +56,7 @@ def test_a_map_shows_a_turned_cell():
     pyplot.close(figure)
 
 
+@pytest.mark.slow
 def test_the_network_shows_the_cell_as_it_lies_on_the_plate():
     twin = Twin(placed_rig(MOVING, parts=HEATER), {"x_1": 62.0})
     axes = plot_netlist(twin)

@@ -44,6 +44,7 @@ def _closed_figures():
     pyplot.close("all")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_has_a_picture(method: MethodName):
     found = analysis(method)

@@ -37,6 +37,7 @@ def test_bode_diagrams_have_4_2_inches_for_each_input(inputs, width):
     assert inches(plots.plot_bode_band(model(inputs), [model(inputs)], [0.01, 0.1])) == (width, 6.4)
 
 
+@pytest.mark.slow
 def test_two_recordings_of_five_channels():
     """Five panels of 2.35 inches in two rows, and pictures with a panel for each recording."""
     runs = list(fit().runs.values())
@@ -62,12 +63,14 @@ def many_parameters(count: int) -> Fit:
     return replace(fit(), parameters=type(known)({f"{n}": free for n in range(count)}))
 
 
+@pytest.mark.slow
 def test_a_history_has_six_parameters_in_a_row():
     assert inches(plots.plot_history(fit())) == (12.6, 2.8)
     for count, height in ((6, 2.8), (7, 3.6), (12, 3.6), (13, 5.05)):
         assert inches(plots.plot_history(many_parameters(count))) == (12.6, height)
 
 
+@pytest.mark.slow
 def test_pictures_of_parameters_have_a_row_for_each():
     free = [parameter for parameter in fit().parameters.values() if parameter.free]
     assert inches(plots.plot_parameters(fit())) == (13.4, round(1.3 + 0.3 * len(free), 9))
@@ -95,6 +98,7 @@ def test_distributions_have_3_2_inches_for_each_quantity_and_0_24_for_each_chann
     assert inches(plots.plot_distributions(draws)) == (7.4, 2.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("quantities", "size"),
     [(1, (4.2, 1.54)), (3, (10.6, 1.54)), (4, (7.4, 2.78)), (5, (10.6, 2.78)), (12, (10.6, 5.26))],

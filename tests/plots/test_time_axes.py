@@ -33,6 +33,7 @@ def band() -> Figure:
     return plots.plot_bands(run, run.temperatures - 1, run.temperatures + 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("draw", "panels", "last"),
     [

@@ -168,6 +168,7 @@ def test_a_loop_that_the_new_twin_does_not_bear_is_asked_about():
     assert "loop of the controller" in found.reason
 
 
+@pytest.mark.slow
 def test_recordings_that_a_fit_has_seen_are_refused():
     with pytest.raises(jt.MatchError, match="has not seen, got 's1', which it was matched to"):
         jt.refit(last(), session(1))

@@ -91,6 +91,7 @@ def test_own_values_stand_beside_their_standard_errors():
     assert table.rows[1] == ("synthetic-B", f"{value:.4g} ± {error:.2g}")
 
 
+@pytest.mark.slow
 def test_the_tests_of_residuals_are_those_of_the_runs():
     (table,) = [b for b in residuals_section(fit(), "Residuals").blocks if isinstance(b, Table)]
     run = fit().runs["synthetic-A"]

@@ -289,6 +289,7 @@ def test_a_wrong_command_is_one_clear_line(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", example_rigs())
 def test_a_rig_without_a_plate_is_written_after_an_example(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -307,6 +308,7 @@ def test_a_rig_without_a_plate_is_written_after_an_example(
     assert changed == {name}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

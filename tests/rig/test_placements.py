@@ -80,6 +80,7 @@ def test_a_rectangle_turned_by_right_angles_has_its_sides_swapped(turns: int):
     np.testing.assert_allclose(nearly, turned, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("float64")
 @pytest.mark.parametrize("angle", [0.0, 0.4])
 def test_areas_are_differentiable_in_x_and_y(angle: float):

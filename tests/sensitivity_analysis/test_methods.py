@@ -219,6 +219,7 @@ def test_correlations_are_those_of_the_functions():
     assert set(analysed(Spearman(), STANDARD)[0]) == {"spearman", "spearman_low", "spearman_high"}
 
 
+@pytest.mark.slow
 def test_chaos_finds_ishigamis_indices_and_its_error():
     found, _ = analysed(PolynomialChaos(), ANGLES, draws=1024)
     first, total = ishigami_indices()

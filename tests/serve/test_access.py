@@ -102,6 +102,7 @@ def refused(path: str = "/control/stop", **more: Any) -> Any:
     return ask(bench().app, path, method=method, headers={**GOOD, **headers}, **more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_command_is_refused(case: str) -> None:
     status, request = REFUSED[case]

@@ -39,6 +39,7 @@ class Links(HTMLParser):
             self.inline.append(tag)
 
 
+@pytest.mark.slow
 def test_everything_that_the_page_loads_is_there_with_its_type() -> None:
     index = ask(bench().app, "/")
     assert index.status == 200

@@ -88,6 +88,7 @@ class When:
         pass
 
 
+@pytest.mark.slow
 def test_the_page_follows_a_rig() -> None:
     bench = Bench()
     bench.turn(130.0)
@@ -117,6 +118,7 @@ def test_pictures_are_at_most_ten_in_a_second_however_fast_the_rig_is() -> None:
     assert bench.page.records > records
 
 
+@pytest.mark.slow
 def test_a_duty_is_held_for_its_time_and_the_cells_are_off_after_it() -> None:
     seen: list[Any] = []
     watch = When(lambda: None)
@@ -188,6 +190,7 @@ def test_a_signal_ends_a_run_and_the_program_and_leaves_a_trip() -> None:
     assert bench.device.stage.trip_reason == "stop"
 
 
+@pytest.mark.slow
 def test_a_stop_without_a_run_trips_the_device_and_a_reset_ends_the_trip() -> None:
     bench = Bench()
     bench.turn(3.0)
@@ -206,6 +209,7 @@ def test_a_stop_without_a_run_trips_the_device_and_a_reset_ends_the_trip() -> No
     assert bench.frame("run")["text"] == "the time is over; the cells are off"
 
 
+@pytest.mark.slow
 def test_an_interlock_ends_a_run_that_the_page_began() -> None:
     """The readings of a rig whose heater fails do not follow the duty."""
     bench = Bench()

@@ -77,6 +77,7 @@ def test_all_steps_of_all_draws_are_one_loop_of_one_program(chunk):
     assert "custom_call" not in program
 
 
+@pytest.mark.slow
 def test_many_draws_have_no_eigenproblem_and_one_loop_of_elementwise_steps(chunk):
     """Every number of a draw is an array over the draws, and no step calls a library: a compiler
     can fuse all of it."""

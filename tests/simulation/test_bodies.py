@@ -45,6 +45,7 @@ def by_hand(
     return room + start + after(matrix, drive + matrix @ start, time)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [None, 26.0])
 def test_a_cooled_block_and_a_heat_pipe_are_as_by_hand(room):
     """The coolant keeps its temperature in a room of another one; the heater's far side and the
@@ -72,6 +73,7 @@ def test_channels_read_bodies():
     assert reading == pytest.approx(by_hand(40)[[1, 5]].mean(), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_sensor_on_a_body_begins_at_its_temperature_and_lags_behind_it():
     """The block's temperature is known by hand; the sensor's is the integral over its past."""
     rig = hand_rig(cell='sink = "block"', more=BODIES, read='["block"]', channel='lag = "6 s"')

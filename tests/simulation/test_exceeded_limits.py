@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from jaxtwin import Twin
@@ -33,6 +34,7 @@ def test_a_resistive_heater_has_no_solder():
     assert [text.split(",")[1].strip() for text in run.beyond_limits] == ["above 120 degC"]
 
 
+@pytest.mark.slow
 def test_the_command_warns_once_and_writes_it_as_json(tmp_path: Path):
     numbers = tmp_path / "run.json"
     arguments = ["simulate", "pcr-block", "--duty", "0:1/1", "--duration", "600"]

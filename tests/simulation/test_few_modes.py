@@ -37,6 +37,7 @@ def modes_of(twin: Twin) -> tuple[Modes, Modes]:
     return modes, few_modes(system, modes)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("float64")
 def test_readings_and_sides_in_few_modes_are_those_in_all():
     """The heater settles in 25 ms, as fast as the fastest ripples of the grid: its own rise of 5 K

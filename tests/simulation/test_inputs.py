@@ -32,11 +32,13 @@ def exact(twin: Twin) -> np.ndarray:
     return by_radau(twin, _experiment())
 
 
+@pytest.mark.slow
 def test_all_inputs_together_agree_with_the_equations_solved_by_scipy(twin, exact):
     run = jt.simulate(twin, _experiment())
     assert np.abs(run.states - exact).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_a_fan_whose_speed_changes_at_every_sample_agrees_with_scipy(twin):
     fan = 1 + 0.9 * np.sin(np.arange(181) / 7)
     experiment = _experiment().with_inputs(fan=fan)
@@ -44,6 +46,7 @@ def test_a_fan_whose_speed_changes_at_every_sample_agrees_with_scipy(twin):
     assert np.abs(run.states - by_radau(twin, experiment)).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_draws_of_a_batch_are_single_runs(twin):
     values = np.array([0.15, 0.05])
     batch = jt.simulate_batch(twin, _experiment(), {"R_open": values})
@@ -52,6 +55,7 @@ def test_draws_of_a_batch_are_single_runs(twin):
         np.testing.assert_allclose(temperatures, run.temperatures, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_resistance_of_each_state_are_central_differences(twin):
     import jax
 
@@ -77,6 +81,7 @@ def test_names_of_states_are_their_numbers(twin):
     )
 
 
+@pytest.mark.slow
 def test_a_schedule_without_inputs_has_the_values_of_the_rig_file(twin):
     plain = Experiment.schedule("0:0.5", duration=300, step=5, ambient=20.0)
     stated = plain.with_inputs(lid="closed", fan=1.0, V_supply=12.0, T_water=20.0)
@@ -85,6 +90,7 @@ def test_a_schedule_without_inputs_has_the_values_of_the_rig_file(twin):
     )
 
 
+@pytest.mark.slow
 def test_power_follows_the_measured_voltage(twin):
     experiment = Experiment.schedule(
         "0:1", duration=100, step=1, ambient=20.0, inputs={"V_supply": "0:12,50:6"}
@@ -95,6 +101,7 @@ def test_power_follows_the_measured_voltage(twin):
     assert power[50] < power[49] / 3
 
 
+@pytest.mark.slow
 def test_a_driver_with_a_delay_delays_the_duty_and_not_the_lid():
     table = box_table()
     table["driver"] |= {"lag": "1 s", "delay": "tau"}
@@ -109,6 +116,7 @@ def test_a_driver_with_a_delay_delays_the_duty_and_not_the_lid():
     assert air[62] < air[60]
 
 
+@pytest.mark.slow
 def test_a_recording_that_lacks_an_input_is_refused_in_one_sentence(twin):
     run = jt.simulate(twin, _experiment())
     recording = Experiment(
@@ -139,6 +147,7 @@ def test_an_unknown_state_or_input_is_refused(twin, inputs, message):
         jt.simulate(twin, plain.with_inputs(**inputs))
 
 
+@pytest.mark.slow
 def test_a_match_finds_the_resistance_of_each_state(twin):
     run = jt.simulate(twin, _experiment())
     noise = np.random.default_rng(3).normal(0, 0.05, run.temperatures.shape)
@@ -158,6 +167,7 @@ def test_a_match_finds_the_resistance_of_each_state(twin):
         assert abs(estimate.value - float(twin.values[name])) < 4 * estimate.standard_error
 
 
+@pytest.mark.slow
 def test_a_stepper_takes_inputs_for_each_step(twin):
     lid = np.repeat([0.0, 1.0, 0.0], [100, 50, 51])
     experiment = Experiment(np.arange(201.0), np.full(201, 0.5), ambient=20.0)
@@ -174,6 +184,7 @@ def test_a_stepper_takes_inputs_for_each_step(twin):
         stepper.step(state, [0.5], inputs={"door": 1.0})
 
 
+@pytest.mark.slow
 def test_a_run_as_a_recording_has_all_inputs(twin):
     """Those that are not stated had the values of the rig file."""
     lid = np.repeat([0, 1], [5, 6])

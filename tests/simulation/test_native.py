@@ -92,6 +92,7 @@ def test_draws_are_those_of_jax(rig, by_jax):
     np.testing.assert_allclose(found, by_jax(simulate_batch, twin, experiment, draws), atol=NEAR)
 
 
+@pytest.mark.slow
 def test_a_drive_that_changes_at_every_sample_has_the_same_answer(by_jax):
     twin = Twin("dual-cell")
     rng = np.random.default_rng(1)
@@ -102,6 +103,7 @@ def test_a_drive_that_changes_at_every_sample_has_the_same_answer(by_jax):
     np.testing.assert_allclose(found, by_jax(simulate_batch, twin, experiment, draws), atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_reductions_are_those_of_jax(precision, by_jax):
     """With samples missing, channels chosen, a room that changes and one draw that is invalid."""
@@ -127,6 +129,7 @@ def test_reductions_are_those_of_jax(precision, by_jax):
         np.testing.assert_allclose(found[name], other[name], rtol=2e-3, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_steady_start_and_own_starts_are_those_of_jax(by_jax):
     twin = Twin("dual-cell")
     experiment = drive(twin, 200)
@@ -221,6 +224,7 @@ def test_sanitizers_find_no_wrong_access_and_no_undefined_operation():
         "LD_PRELOAD": ":".join(libraries),
         "ASAN_OPTIONS": "detect_leaks=0",  # Python's own
         "JAXTWIN_COMPILATION_CACHE": "off",
+        "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",  # only the library in C is looked at
     }
     done = subprocess.run(
         [sys.executable, "-c", CHILD], env=environment, capture_output=True, text=True, check=False

@@ -13,6 +13,7 @@ from jaxtwin.rig._build import build_rig
 IDLE = Experiment.schedule("0:0", duration=100, step=10, ambient=20.0)
 
 
+@pytest.mark.slow
 def test_nodes_begin_as_the_rig_file_says():
     table = box_table()
     table["initial"] = {"temperature": "25 degC", "nodes": {"air": "T_air", "P1.TH": "40 degC"}}
@@ -27,6 +28,7 @@ def test_nodes_begin_as_the_rig_file_says():
     assert warmer.states[0, run.nodes.index("air")] == pytest.approx(33.0)
 
 
+@pytest.mark.slow
 def test_some_nodes_begin_as_given_and_the_others_as_the_rig_says():
     twin = Twin(box())
     run = jt.simulate(twin, IDLE, initial={"air": 31.0})

@@ -49,6 +49,7 @@ def test_a_rig_is_small_and_without_a_plate(name):
     assert rig.references
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lid", "leak"), [("closed", 1 / 20), ("open", 1 / 0.2)])
 def test_the_heated_box_at_rest(lid, leak):
     links = {
@@ -63,6 +64,7 @@ def test_the_heated_box_at_rest(lid, leak):
         assert found[node] == pytest.approx(rise, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_heated_box_with_its_fan_off_heats_through_the_wall():
     links = {
         ("heater", "wall"): 1 / 40,
@@ -75,6 +77,7 @@ def test_the_heated_box_with_its_fan_off_heats_through_the_wall():
         assert found[node] == pytest.approx(rise, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_the_oven_at_rest():
     links = {
         ("element", "chamber"): 1 / 0.15,
@@ -87,6 +90,7 @@ def test_the_oven_at_rest():
         assert found[node] == pytest.approx(rise, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_water_bath_at_rest_and_how_fast_it_warms():
     links = {("coil", "water"): 1 / 0.067 + 0.25**0.5 / 0.017, ("water", "room"): 1 / 0.19}
     found = _at_rest("water-bath", "0.2", stirrer=0.25)
@@ -98,6 +102,7 @@ def test_the_water_bath_at_rest_and_how_fast_it_warms():
     assert (water[-1] - water[30]) / 300 == pytest.approx((1000 - lost) / (41800 + 240), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_battery_pack_at_rest_with_half_the_flow():
     coolant = -7.0  # below the room
     flow = 0.5**0.8 / 0.05
@@ -118,6 +123,7 @@ def test_the_battery_pack_at_rest_with_half_the_flow():
         assert found[node] == pytest.approx(rise, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [RIGS[0], *(pytest.param(name, marks=pytest.mark.long) for name in RIGS[1:])],

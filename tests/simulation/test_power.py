@@ -24,6 +24,7 @@ def stepped(interval: float) -> Experiment:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interval", [0.5, 10.0])
 def test_a_heater_draws_its_share_of_full_power(interval: float):
     """Switched on for |duty|: V^2 / R for that part of the time."""
@@ -34,6 +35,7 @@ def test_a_heater_draws_its_share_of_full_power(interval: float):
     np.testing.assert_allclose(run.energy, expected, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_energy_behind_a_delay_and_a_lag_is_that_of_the_delayed_and_lagged_duty():
     """The integral of the duty behind a step, by hand: t - d - tau (1 - exp(-(t - d) / tau)). The
     delay is no multiple of the interval."""
@@ -131,6 +133,7 @@ def test_derivatives_of_the_energy_are_those_of_differences(plate):
         assert by_differences < 0
 
 
+@pytest.mark.slow
 def test_a_part_of_a_run_says_that_it_has_no_power(plate):
     twin, experiment = plate
     run = twin.simulate(experiment)

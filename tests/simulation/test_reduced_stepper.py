@@ -41,12 +41,14 @@ def simulated(duty: np.ndarray) -> np.ndarray:
     return simulate(Twin("dual-cell"), drive).temperatures
 
 
+@pytest.mark.slow
 def test_twelve_modes_follow_the_drive_of_the_recordings(twelve: Stepper):
     """Half a duty, then 0.78, from rest: not the drive by which the modes were chosen."""
     duty = np.tile(np.where(np.arange(1000) < 500, 0.5, 0.78)[:, None], (1, 2))
     assert np.abs(channels(twelve, duty) - simulated(duty)).max() < 0.03
 
 
+@pytest.mark.slow
 def test_twelve_modes_follow_commands_that_they_were_not_chosen_by(twelve: Stepper):
     """The cells against each other, heating and cooling, in steps of another length."""
     duty = np.random.default_rng(1).uniform(-0.3, 1.0, (20, 2)).repeat(50, axis=0)
@@ -74,6 +76,7 @@ def test_all_modes_are_the_stepper_itself(whole: Stepper):
     np.testing.assert_allclose(channels(same, duty), channels(whole, duty), rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_inputs_act_in_all_modes_as_in_the_stepper_itself():
     stepper = Stepper(Twin(box()), 1.0)
     example = np.random.default_rng(0).uniform(-1, 1, (400, 1))

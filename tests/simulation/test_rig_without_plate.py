@@ -73,6 +73,7 @@ def test_energy_is_conserved():
     assert run.power == pytest.approx(duty * [30.0, 12.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("averaging", ["on-off", "voltage"])
 @pytest.mark.parametrize("limit", [None, "0.1 A"])
 def test_a_given_power_is_linear_in_the_duty_whatever_the_driver(averaging, limit):
@@ -111,6 +112,7 @@ def test_a_resistance_is_fed_by_the_driver(averaging, heat):
     assert power == pytest.approx([0.0, heat * 12 * current])
 
 
+@pytest.mark.slow
 def test_the_heat_has_a_derivative_at_rest():
     """With respect to the duty it is the power, also at a duty of 0; with respect to the power it
     is the duty."""
@@ -127,6 +129,7 @@ def test_the_heat_has_a_derivative_at_rest():
     assert at_rest * 30 == pytest.approx(by_hand((0.5, 0.0), 1e6) - AMBIENT, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_draws_of_a_batch_are_as_single_runs():
     twin = Twin(heated_box())
     experiment = Experiment.schedule("0:0.8/0,100:0.2/1", duration=200, cells=2)

@@ -59,6 +59,7 @@ def at_end(solution: diffrax.Solution) -> Array:
     return jax.tree.map(lambda rows: rows[-1], solution.ys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("solver", "rate"), [(SOLVERS[0], 1e6), (SOLVERS[1], 1e6), (SOLVERS[1], 5.0)]
 )
@@ -89,6 +90,7 @@ def test_continuous_output_is_of_fourth_order(float64):
     )
 
 
+@pytest.mark.slow
 def test_error_estimate_is_of_fifth_order(float64):
     """That of the embedded solution of order four, as a step size controller assumes."""
     start, term = known(jnp.array(0.0)) + 0.1, diffrax.ODETerm(field)
@@ -109,6 +111,7 @@ def test_coefficients_satisfy_the_conditions_of_a_rosenbrock_method():
     np.testing.assert_allclose(gamma.sum(axis=1), TIME, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", SOLVERS, ids=["full", "sparse"])
 def test_derivatives_are_those_of_the_steps(solver, float64):
     """Forward and backward, against differences of the same steps."""
@@ -125,6 +128,7 @@ def test_derivatives_are_those_of_the_steps(solver, float64):
     np.testing.assert_allclose(backward, forward[0], rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", SOLVERS, ids=["full", "sparse"])
 def test_a_batch_is_the_same_as_one_by_one(solver, float64):
     rates = jnp.array([1.0, 30.0, 1e5])

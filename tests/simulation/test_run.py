@@ -144,6 +144,7 @@ def test_run_prints_what_it_is(run):
     assert repr(run) == text
 
 
+@pytest.mark.slow
 def test_a_run_becomes_a_recording_with_the_noise_of_its_rig():
     twin = Twin("dual-cell")
     run = twin.simulate(Experiment.schedule("0:0.5", duration=400, cells=2, ambient=17))

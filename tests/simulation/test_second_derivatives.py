@@ -74,6 +74,7 @@ def backwards_over_forwards(function: Callable[[jax.Array], jax.Array]) -> np.nd
     return np.stack([np.asarray(gradient(jnp.asarray(AT), unit)) for unit in jnp.eye(2)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [forwards_twice, backwards_over_forwards])
 def test_with_respect_to_start_and_duty_they_are_those_of_differences(
     derivative: Callable[..., np.ndarray],
@@ -84,6 +85,7 @@ def test_with_respect_to_start_and_duty_they_are_those_of_differences(
     np.testing.assert_allclose(derivative(readings), expected, rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [forwards_twice, backwards_over_forwards])
 @pytest.mark.parametrize("name", ["R_pc", "C_side"])
 def test_with_respect_to_a_parameter_and_the_duty_they_are_those_of_differences(

@@ -37,6 +37,7 @@ def by_hand(weights: list[float], lag: float, time: float) -> float:
     return AMBIENT + after(matrix, drive, time)[4]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("read", "weights"), [('["V12"]', [0.0, 1.0]), ('["V11", "V12"]', [0.5, 0.5])]
 )
@@ -48,6 +49,7 @@ def test_a_sensor_follows_the_mean_of_its_elements_as_by_hand(read, weights):
         assert run.channel("T1")[time] == pytest.approx(by_hand(weights, LAG, time), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_plate_does_not_feel_the_sensor():
     without = simulate(Twin(hand_rig()), EXPERIMENT)
     lagging = simulate(Twin(hand_rig(channel='lag = "2 s"')), EXPERIMENT)
@@ -55,6 +57,7 @@ def test_the_plate_does_not_feel_the_sensor():
     assert np.abs(lagging.states[:, :-1] - without.states).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_steps_of_a_stepper_and_draws_of_a_batch_have_the_lag():
     """Both against the hand calculation, each draw with its own time constant."""
     rig = hand_rig(channel='lag = "tau"', more=LAG_PARAMETER)
@@ -111,6 +114,7 @@ def test_a_camera_has_no_lag():
         hand_rig(channel='lag = "5 s"', sensors=camera)
 
 
+@pytest.mark.slow
 def test_a_draw_that_takes_the_lag_below_zero_is_refused():
     rig = hand_rig(channel='lag = "tau"', more=LAG_PARAMETER)
     with pytest.raises(ParameterError, match=r"lag of T1 \(tau\): expected a value above 0"):

@@ -109,12 +109,14 @@ def test_solver_without_an_error_estimate_takes_the_default_solver_s_steps(circu
     np.testing.assert_allclose(run.states, by_hand, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_solver_that_leaves_the_finite_numbers_is_an_error(twins):
     """Explicit Euler on a cell side that settles in a millisecond."""
     with pytest.raises(SimulationError, match=r"paper-2024: .* do not stay finite"):
         twins["published"].simulate(STEPS, solver=diffrax.Euler())
 
 
+@pytest.mark.slow
 def test_solver_that_gives_up_is_an_error(twins):
     """The reason is diffrax's own."""
     controller = diffrax.PIDController(rtol=1e-12, atol=1e-12, dtmin=0.5, force_dtmin=False)

@@ -73,6 +73,7 @@ def test_twin_agrees_with_ngspice_under_random_drive_and_ambient(rig, values, al
     assert largest_difference(Twin(rig, values), experiment, tmp_path) < allowed
 
 
+@pytest.mark.slow
 @pytest.mark.ngspice
 @pytest.mark.parametrize("averaging", ["on-off", "voltage"])
 def test_heaters_agree_with_ngspice(averaging, tmp_path):
@@ -96,6 +97,7 @@ def test_twin_agrees_with_ngspice_on_an_open_off_phase(make_rig, tmp_path):
     assert largest_difference(Twin(rig), experiment, tmp_path) < 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.ngspice
 @pytest.mark.parametrize("averaging", ["on-off", "voltage"])
 def test_twin_agrees_with_ngspice_on_a_rig_of_many_parts(averaging, tmp_path):
@@ -105,6 +107,7 @@ def test_twin_agrees_with_ngspice_on_a_rig_of_many_parts(averaging, tmp_path):
     assert largest_difference(twin, experiment, tmp_path) < 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.ngspice
 def test_names_that_spice_cannot_hold_are_written_in_its_own_way(tmp_path):
     """To SPICE `Zelle_1` and `zelle_1` are one; blanks, dots and Greek are none of its letters."""

@@ -110,6 +110,7 @@ def test_too_few_samples_are_refused():
         whiteness(np.zeros(9))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "most"), [(2000, 0.01), (400, 0.03)])
 def test_white_noise_of_many_channels_is_rarely_called_not_white(samples: int, most: float):
     """Holm 1979. Without the adjustment, one of 15 channels is below 1 % in 12 to 24 % of

@@ -32,7 +32,7 @@ from ._sources import open_store, open_twin
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..live import Record, Recorder, Replay, RigConnection
+    from ..live import Record, Recorder, RigConnection
     from ..observers import ProcessNoise
     from ..physics import Twin
     from ..rig import Rig
@@ -101,7 +101,7 @@ def serve(
     always stop the rig. The exit code is 5 if there was an alarm.
     """
     check_extra()
-    from ..live import Finding, Guard, OperatingLimits, Record, Recorder, opener
+    from ..live import Finding, Guard, OperatingLimits, Record, Recorder, Replay, opener
     from ..live.protocol._mqtt_address import without_password
     from ..monitoring import MonitorCalibration
     from ..observers import ProcessNoise
@@ -125,7 +125,10 @@ def serve(
         address = f"{f'[{host}]' if ':' in host else host}:{opened.getsockname()[1]}"
         for url in link or ():  # what is invalid is refused before the twin is compiled
             opener(url, loaded, baud=baud)
-        replayed = None if replay is None else _replay(replay, loaded, speed, stack)
+        replayed = None
+        if replay is not None:
+            replayed = stack.enter_context(Replay(replay, speed=speed))
+            replayed.check_rig(loaded)
         device = None
         if virtual:
             known = Faults.parse(faults)
@@ -245,23 +248,6 @@ def _polled_meanwhile(
         while not ready.done():
             records += source.poll()
         return ready.result(), records
-
-
-def _replay(file: Path, rig: "Rig", speed: float, stack: contextlib.ExitStack) -> "Replay":
-    """The replay of a recording of the rig.
-
-    **Raises:** `RecordingError` if it is one of another rig.
-    """
-    from .._errors import RecordingError
-    from ..live import Replay
-
-    source = stack.enter_context(Replay(file, speed=speed))
-    recorded = source.session.rig
-    if (recorded.name, recorded.channels) != (rig.name, rig.channels):
-        raise RecordingError(
-            f"{file}: rig: expected a recording of {rig.name!r}, got one of {recorded.name!r}"
-        )
-    return source
 
 
 def _connected(

@@ -32,7 +32,8 @@ def open_session(file: Path) -> sqlite3.Connection:
 
 def _connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
     location = f"file:{quote(str(file.absolute()))}?{access}"
-    database = sqlite3.connect(location, uri=True, isolation_level=None)
+    # A replay may be read by another thread than that which opened it.
+    database = sqlite3.connect(location, uri=True, isolation_level=None, check_same_thread=False)
     try:
         database.execute("PRAGMA query_only = ON")
         database.execute(f"PRAGMA locking_mode = {locking}")

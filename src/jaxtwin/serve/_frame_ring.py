@@ -9,6 +9,7 @@ import json
 import re
 import secrets
 import threading
+from collections.abc import Callable
 from typing import Any, NamedTuple, final
 
 FRAMES = 1200
@@ -37,14 +38,21 @@ class FrameRing:
     - `size`: the number of frames that it holds.
     - `name`: the name of this ring in the ids of its frames, which distinguishes it from that of an
       earlier server; None: a new name.
+    - `on_frame`: called with the kind and the content, as JSON, of each frame.
     """
 
-    def __init__(self, size: int = FRAMES, name: str | None = None):
+    def __init__(
+        self,
+        size: int = FRAMES,
+        name: str | None = None,
+        on_frame: Callable[[str, str], object] = lambda kind, text: None,
+    ):
         self.name = secrets.token_hex(4) if name is None else name
         self._frames: list[bytes] = [b""] * size
         self._newest: dict[str, tuple[int, bytes, str]] = {}
         self._count = 0
         self._lock = threading.Lock()
+        self._on_frame = on_frame
 
     @property
     def count(self) -> int:
@@ -63,6 +71,7 @@ class FrameRing:
             self._frames[number % len(self._frames)] = frame
             self._newest[kind] = (number, frame, text)
             self._count = number
+        self._on_frame(kind, text)
         return number
 
     def after(self, cursor: int) -> Batch:
@@ -84,6 +93,12 @@ class FrameRing:
         with self._lock:
             frames = tuple(frame for _, frame, _ in sorted(self._newest.values()))
             return Batch(frames, self._count, 0)
+
+    def newest_contents(self) -> list[tuple[str, str]]:
+        """Returns kind and content, as JSON, of the newest frame of each kind, by their numbers."""
+        with self._lock:
+            found = sorted((number, kind, text) for kind, (number, _, text) in self._newest.items())
+        return [(kind, text) for _, kind, text in found]
 
     def newest_of(self, kind: str) -> Any:
         """Returns the content of the newest frame of a kind; None if there is none."""

@@ -28,7 +28,7 @@ from ._compressed import CompressedRecording, compress
 from ._delay import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
 from ._native_chunk import NATIVE_CHUNK, NativeRun, Samples, native_run
-from ._numbered_chunk import NUMBERED_CHUNK, numbered_grid, prepare_numbered, step_numbered
+from ._numbered_chunk import numbered_chunk_size, numbered_grid, prepare_numbered, step_numbered
 from ._padding import padded, padded_count, padded_time_grid
 from ._reductions import Readings, Reduction, reduce_readings
 from ._refinement import Results, needs_shorter_steps
@@ -270,7 +270,7 @@ class DrawSolver:
             del reductions["cost"]
         few = {"end", "plate_end"}
         keeps_few = self.reductions is not None and {r.reads for r in reductions.values()} <= few
-        return NUMBERED_CHUNK if numbered is not None and keeps_few else usual_chunk_size()
+        return numbered_chunk_size() if numbered is not None and keeps_few else usual_chunk_size()
 
     def _grid(self, refinement: int) -> TimeGrid:
         steady_start = isinstance(self.initial, str)

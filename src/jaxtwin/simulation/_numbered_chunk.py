@@ -48,8 +48,13 @@ MOST_NODES = 40
 LEAST_DRAWS = 1_000_000
 """The number of draws from which on a compilation of up to half a minute more is worth its time."""
 
-NUMBERED_CHUNK = 32_768
-"""The number of draws in a chunk unless trajectories are kept: some gigabytes of memory."""
+SMALL_CHUNK, LARGE_CHUNK = 32_768, 65_536
+"""The number of draws in a chunk unless trajectories are kept, on a device with less and with more
+memory than `MUCH_MEMORY`. For 30 nodes in float64 two chunks take 19 and 27 GiB, and the larger
+ones are computed nearly twice as fast."""
+
+MUCH_MEMORY = 2**35
+"""Bytes of a device that JAX may use."""
 
 
 def numbered_grid(
@@ -64,6 +69,12 @@ def numbered_grid(
     if len(grid.size) > MOST_STEPS:
         return None
     return replace(grid, steady_start=True) if steady_start else grid
+
+
+def numbered_chunk_size() -> int:
+    """The number of draws in a chunk unless trajectories are kept."""
+    memory = jax.devices()[0].memory_stats() or {}
+    return LARGE_CHUNK if memory.get("bytes_limit", 0) >= MUCH_MEMORY else SMALL_CHUNK
 
 
 @lru_cache(maxsize=16)

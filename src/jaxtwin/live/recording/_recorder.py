@@ -98,7 +98,10 @@ class Recorder:
         self._shift = 0  # ns, from the clock's time to the recording's
         self._lock = lock(self.file)
         try:
-            self._database = sqlite3.connect(self.file, isolation_level=None)
+            # The thread that polls a rig may be another one than that which made the recorder.
+            self._database = sqlite3.connect(
+                self.file, isolation_level=None, check_same_thread=False
+            )
         except sqlite3.Error as error:
             unlock(self._lock)
             self._ended = True

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import final
 
+from ..._errors import RecordingError
 from ...io import Session
+from ...rig import Rig
 from ..protocol._clock import Clock, SystemClock
 from ..protocol._records import LinkChange, LinkState, Record
 from ._row_reader import RowReader
@@ -60,6 +62,18 @@ class Replay:
     def ended(self) -> bool:
         """Whether all records have been handed out."""
         return self._upcoming is None
+
+    def check_rig(self, rig: Rig) -> None:
+        """Refuses a recording of another rig.
+
+        **Raises:** `RecordingError` that names both.
+        """
+        recorded = self.session.rig
+        if (recorded.name, recorded.channels) != (rig.name, rig.channels):
+            raise RecordingError(
+                f"{self.session.file}: rig: expected a recording of {rig.name!r}, got one of "
+                f"{recorded.name!r}"
+            )
 
     def poll(self, timeout: float | int = 0.1) -> list[Record]:
         """Returns the records that are due, after waiting for at most `timeout` seconds."""

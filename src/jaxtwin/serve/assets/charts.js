@@ -5,10 +5,15 @@ import { make, numberText, setText, timeText } from "./format.js";
 const DRIVEN = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 const DASHES = [[], [6, 3], [2, 2], [8, 3, 2, 3], [4, 4], [1, 3]];
 
-/** Draws `series` and the forecast of an outlook. `uPlot` is the class of the library. */
+/**
+ * Draws `series` and the forecast of an outlook.
+ *
+ * - `uPlot`: the class of the library.
+ * - `isClock`: whether times are s since 1970, or s since the start of a run.
+ */
 export class Charts {
-  constructor(root, dutyRoot, layout, series, uPlot) {
-    Object.assign(this, { layout, series, uPlot });
+  constructor(root, dutyRoot, layout, series, uPlot, isClock = true) {
+    Object.assign(this, { root, layout, series, uPlot, isClock });
     this.charts = layout.channels.map((channel, k) => this.#channelChart(root, channel.name, k));
     this.dutyChart = this.#dutyChart(dutyRoot);
     this.observer = new ResizeObserver(() => this.#resize());
@@ -85,12 +90,12 @@ export class Charts {
       ...this.#common(box),
       series: [
         {}, { ...faint }, { ...faint }, { ...faint }, { ...faint },
-        { stroke: () => colour("--estimate"), width: 1.5, dash: [5, 3], points: { show: false } },
-        { stroke: () => colour("--measured"), width: 1.5, points: { show: false } },
+        { stroke: () => this.#colour("--estimate"), width: 1.5, dash: [5, 3], points: { show: false } },
+        { stroke: () => this.#colour("--measured"), width: 1.5, points: { show: false } },
       ],
       bands: [
-        { series: [1, 2], fill: () => colour("--estimate-band") },
-        { series: [3, 4], fill: () => colour("--measured-band") },
+        { series: [1, 2], fill: () => this.#colour("--estimate-band") },
+        { series: [3, 4], fill: () => this.#colour("--measured-band") },
       ],
       scales: { x: this.#x(), y: { range: () => this.range?.y ?? [0, 1] } },
       hooks: { draw: [(u) => this.#now(u)], setCursor: [(u) => this.#title(k, u.cursor.idx)] },
@@ -113,15 +118,19 @@ export class Charts {
     }, [[], ...this.layout.driven.map(() => [])], box);
   }
 
+  #colour(name) {
+    return getComputedStyle(this.root).getPropertyValue(name).trim();
+  }
+
   #x() {
-    return { time: true, range: () => this.range?.x ?? [0, 1] };
+    return { time: this.isClock, range: () => this.range?.x ?? [0, 1] };
   }
 
   #common(box) {
     const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
     const height = Math.round((this.layout.channels.length > 3 ? 8.2 : 14) * rem);
     const axis = {
-      stroke: () => colour("--quiet"), grid: { stroke: () => colour("--grid"), width: 1 },
+      stroke: () => this.#colour("--quiet"), grid: { stroke: () => this.#colour("--grid"), width: 1 },
       ticks: { show: false }, font: `${Math.round(0.72 * rem)}px system-ui, sans-serif`,
     };
     return {
@@ -135,8 +144,13 @@ export class Charts {
     };
   }
 
+  #time(seconds) {
+    return this.isClock ? timeText(seconds) : `${numberText(seconds, 0)} s`;
+  }
+
   #tick(seconds) {
-    const text = timeText(seconds);
+    const text = this.#time(seconds);
+    if (!this.isClock) return text;
     return this.series.span > 600 ? text.replace(/:\d\d(?=\D*$)/, "") : text;
   }
 
@@ -145,7 +159,7 @@ export class Charts {
     const x = Math.round(u.valToPos(this.now, "x", true));
     const context = u.ctx;
     context.save();
-    context.strokeStyle = colour("--quiet");
+    context.strokeStyle = this.#colour("--quiet");
     context.setLineDash([3, 3]);
     context.beginPath();
     context.moveTo(x, u.bbox.top);
@@ -165,7 +179,7 @@ export class Charts {
     const text = measured === null || measured === undefined
       ? `expected ${numberText(expected)} °C (estimate)`
       : `${numberText(measured)} °C`;
-    setText(chart.value, idx === null || idx === undefined ? text : `${timeText(data[0][at])}: ${text}`);
+    setText(chart.value, idx === null || idx === undefined ? text : `${this.#time(data[0][at])}: ${text}`);
   }
 
   #resize() {
@@ -181,7 +195,6 @@ export class Charts {
 }
 
 const percent = (part) => (part === null ? null : 100 * part);
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** What tells the lines of the duty apart, for a legend. */
 export const dutyColour = (k) => DRIVEN[k % DRIVEN.length];

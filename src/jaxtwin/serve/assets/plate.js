@@ -13,10 +13,14 @@ const FINE = 96; // points along the plate between which the browser interpolate
 const LEAST = { heat: 2, apart: 0.5 }; // K; smaller ranges would show noise as colour
 
 export class Plate {
-  /** @param {HTMLElement} root where it is drawn; @param layout of the rig, with a plate. */
-  constructor(root, layout) {
+  /**
+   * - `root`: where it is drawn.
+   * - `layout`: that of the rig, with a plate.
+   * - `names`: of the modes among which one can choose.
+   */
+  constructor(root, layout, names = MODES.map(([name]) => name)) {
     this.layout = layout;
-    this.mode = "measured";
+    this.mode = names[0];
     this.picked = null;
     const { columns, rows } = layout.plate;
     this.width = columns.at(-1);
@@ -33,7 +37,7 @@ export class Plate {
     this.scale = make("canvas", { class: "scale", width: "200", height: "1", "aria-hidden": "true" });
     this.low = make("span");
     this.high = make("span");
-    const modes = MODES.map(([name, label]) =>
+    const modes = MODES.filter(([name]) => names.includes(name)).map(([name, label]) =>
       make("label", {}, make("input", {
         type: "radio", name: "plate-mode", value: name, checked: name === this.mode,
         change: () => { this.mode = name; this.draw(); },
@@ -216,7 +220,7 @@ export class Plate {
       return;
     }
     const { measured, expected } = this.now;
-    const later = this.ahead ? `, in a minute ${numberText(this.ahead.channels_later[k])} (estimate)` : "";
+    const later = this.ahead?.channels_later ? `, in a minute ${numberText(this.ahead.channels_later[k])} (estimate)` : "";
     setText(this.readout, `${this.layout.channels[k].name}: measured ${numberText(measured[k], 2)} °C, ` +
       `expected ${numberText(expected[k], 2)} (estimate)${later}`);
   }

@@ -1,0 +1,4 @@
+from ._rig_view import RigView as RigView
+from ._sliders import Sliders as Sliders
+
+__all__: list[str]
