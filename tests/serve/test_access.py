@@ -125,6 +125,15 @@ def test_an_order_that_is_none_names_the_field(case: str) -> None:
     assert bench().desk.next() is None
 
 
+@pytest.mark.parametrize("references", [None, [30.0], "warm", [True], [-300.0]])
+def test_references_that_are_none_are_refused(references: object) -> None:
+    """Without a controller there are no outputs."""
+    body = json.dumps({"references": references, "seconds": 60}).encode()
+    answer = refused("/control/hold", body=[body])
+    assert answer.status == 400
+    assert "references: expected a list of 0 numbers" in answer.json["error"]
+
+
 @pytest.mark.parametrize("seconds", [0, 299, 1501, "900", None, True])
 def test_a_refit_to_too_little_or_to_more_than_is_kept_is_refused(seconds: object) -> None:
     answer = refused("/control/refit", body=[json.dumps({"seconds": seconds}).encode()])
@@ -145,7 +154,7 @@ def test_a_body_that_does_not_end_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     assert not bench().desk.stop.is_set()
 
 
-@pytest.mark.parametrize("kind", ["drive", "promote", "rollback", "refit"])
+@pytest.mark.parametrize("kind", ["drive", "hold", "promote", "rollback", "refit"])
 def test_a_page_that_only_shows_takes_no_order_even_with_the_token(kind: str) -> None:
     shown = bench(allow_control=False)
     answer = ask(shown.app, f"/control/{kind}", method="POST", headers=GOOD, body=[DRIVE])

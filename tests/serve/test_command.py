@@ -98,7 +98,7 @@ def test_a_served_virtual_rig_is_commanded_and_stopped_and_its_recording_is_cont
             answer = _post(
                 address, "drive", token.read_text().strip(), {"duty": [0.4, 0.4], "seconds": 600}
             )
-            assert answer == (200, {"text": "the rig is driven"})
+            assert answer == (200, {"text": "the rig is driven with a duty of 40 %, 40 %"})
             _wait_until(lambda a=address: b'cell="H1"} 0.4' in _read(f"{a}metrics"))
             assert _post(address, "stop", "wrong", {})[0] == 401
             assert _post(address, "stop", token.read_text().strip(), {})[0] == 202

@@ -4,6 +4,7 @@ a stop reaches it whatever it does. A clock that tests turn; no waiting."""
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from small_page import TOKEN, twin
 from small_results import fit
 
 from jaxtwin import RecordingError, Twin, TwinStore
+from jaxtwin.control import DecoupledPI
 from jaxtwin.live import (
     Finding,
     Reading,
@@ -40,7 +42,7 @@ from jaxtwin.serve import (
     TwinBeside,
     web_app,
 )
-from jaxtwin.serve._desk import DriveOrder, PromoteOrder, RefitOrder, RollbackOrder
+from jaxtwin.serve._desk import DriveOrder, HoldOrder, PromoteOrder, RefitOrder, RollbackOrder
 
 
 class Bench:
@@ -153,8 +155,58 @@ def test_a_second_order_changes_the_duty_without_a_pause() -> None:
     begin = bench.clock.now()
     bench.loop.turn()
     assert (bench.clock.now() - begin) * 1e-9 < 30.0
-    assert bench.frame("run")["duty"] == [0.5, 0.5]
-    assert duties
+    assert duties[-1] == [0.5, 0.5]
+
+
+@cache
+def controller() -> DecoupledPI:
+    return DecoupledPI(0.05, 1e-3, 0.05, 1e-3, measured=(("T1",), ("T2",)), limits=(0, 1))
+
+
+@pytest.mark.slow
+def test_references_are_held_and_changed_without_a_jump_of_the_duty() -> None:
+    duties: list[tuple[float, ...]] = []
+    watch = When(lambda: None)
+    bench = Bench(consumers=(watch,), controller=controller())
+    bench.turn(3.0)
+
+    def change() -> None:
+        duties.append(bench.device.pwm)
+        if len(duties) == 100:
+            changed.append(bench.desk.ask(HoldOrder((34.0, 30.0), 300.0)))
+        watch.action = change
+
+    changed: list[Any] = []
+    watch.action = change
+    answer = bench.desk.ask(HoldOrder((32.0, 30.0), 600.0))
+    bench.loop.turn()
+    assert answer.result(0) == (True, "the rig is held at 32 °C, 30 °C")
+    assert changed[0].result(0).text == "the rig is held at 34 °C, 30 °C from now on"
+    counts = bench.twin.rig.driver.counts
+    driven = np.array([one for one in duties[90:] if any(one)], float)
+    steps = np.abs(np.diff(driven, axis=0)) / counts
+    assert steps.max() < 0.2  # a gain of 0.05 and 2 K more
+    readings = bench.frame("sample")["measured"]
+    assert readings == pytest.approx([34.0, 30.0], abs=1.0)
+    assert not any(bench.device.pwm)
+    assert "the time is over; the cells are off" in bench.lines()
+
+
+@pytest.mark.parametrize(
+    ("more", "references", "message"),
+    [({}, (30.0, 30.0), "--controller"), ({"controller": True}, (300.0, 30.0), "can hold")],
+)
+def test_references_that_nobody_can_hold_are_refused(
+    more: dict[str, Any], references: tuple[float, ...], message: str
+) -> None:
+    bench = Bench(**({"controller": controller()} if more else {}))
+    bench.turn(1.0)
+    answer = bench.desk.ask(HoldOrder(references, 60.0))
+    bench.loop.turn()
+    assert not answer.result(0).obeyed
+    assert message in answer.result(0).text
+    assert bench.frame("run")["state"] == "idle"
+    assert not any(bench.device.pwm)
 
 
 def test_a_stop_ends_a_run_at_once_and_the_program_goes_on() -> None:

@@ -84,6 +84,14 @@ def serve(
     allow_control: Annotated[
         bool, typer.Option("--allow-control", help="Clients with the token may command the rig.")
     ] = False,
+    controller: Annotated[
+        Path | None,
+        typer.Option(
+            "--controller",
+            metavar="FILE",
+            help="A controller file, .toml: who may command the rig may also set its references.",
+        ),
+    ] = None,
     token_file: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the token there, for its owner alone to read."),
@@ -97,17 +105,27 @@ def serve(
     what is expected in a minute, what a monitor finds and why, and a log; also record it.
 
     The page only shows. With --allow-control, who has the token that is printed at the start may
-    set a duty, behind all interlocks, and change the champion of the store. Who has the token may
-    always stop the rig. The exit code is 5 if there was an alarm.
+    set a duty, or with --controller the temperatures to be held, behind all interlocks, and change
+    the champion of the store. Who has the token may always stop the rig. The exit code is 5 if
+    there was an alarm.
     """
     check_extra()
+    from ..control import read_controller
     from ..live import Finding, Guard, OperatingLimits, Record, Recorder, Replay, opener
     from ..live.protocol._mqtt_address import without_password
     from ..monitoring import MonitorCalibration
     from ..observers import ProcessNoise
     from ..physics import Faults, Twin
     from ..rig import load_rig
-    from ..serve import Access, Champion, PageServer, TwinBeside, VirtualLink, listening
+    from ..serve import (
+        Access,
+        Champion,
+        PageServer,
+        TwinBeside,
+        VirtualLink,
+        compile_loop,
+        listening,
+    )
 
     if [bool(link), virtual, replay is not None].count(True) != 1:
         raise typer.BadParameter("give one of --link, --virtual and --replay")
@@ -115,6 +133,8 @@ def serve(
         raise typer.BadParameter("a replay is neither recorded nor commanded")
     if store is not None and (parameter_file is not None or set_name is not None):
         raise typer.BadParameter("give --store, or --parameters and --set")
+    if controller is not None and not allow_control:
+        raise typer.BadParameter("--controller needs --allow-control")
     if faults and not virtual:
         raise typer.BadParameter("--faults are those of a rig with --virtual")
     check_output(out, ".db")
@@ -134,6 +154,7 @@ def serve(
             known = Faults.parse(faults)
             device = stack.enter_context(VirtualLink(Twin(loaded), speed=speed, faults=known))
         chosen, twins = _chosen_twin(loaded, store, parameter_file, set_name)
+        holds = None if controller is None else read_controller(controller, loaded)
         levels = None if noise is None else ProcessNoise.load(noise)
         healthy = None if calibration is None else MonitorCalibration.load(calibration)
         if allow_control:
@@ -146,6 +167,8 @@ def serve(
         def made() -> TwinBeside:
             if allow_control:
                 Guard.of(chosen.twin)  # compiles
+            if holds is not None:
+                compile_loop(chosen.twin, holds)
             return beside_of(chosen)
 
         recorder = None
@@ -185,6 +208,7 @@ def serve(
             recording=out,
             silence=silence,
             champion=champion,
+            controller=holds,
             about={"operator": getpass.getuser()},
             raised=raised,
         )

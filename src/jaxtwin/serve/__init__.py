@@ -9,6 +9,8 @@ why a rig has changed, and `LiveRefit` refits the champion, both from the last m
 (`_recent_samples`) and in processes of their own (`_child_process`), as a virtual rig has one
 (`_virtual_link`). `PageServer` (`_page_server`) assembles everything; `_live_demo` is a story.
 
+A run is commanded by a held duty or by a controller at held references (`_commands`).
+
 The web server (`_web_server`) runs in a second thread. It reads the ring and the history, and
 leaves orders (`_orders`) at a desk (`_desk`), which the loop takes: a run is commanded by
 `jaxtwin.live.operate`, behind all interlocks. `_access` says who may ask for what, `_stream` is the

@@ -2,6 +2,7 @@ from ._access import Access as Access
 from ._access import Refusal as Refusal
 from ._app import web_app as web_app
 from ._champion import Champion as Champion
+from ._commands import compile_loop as compile_loop
 from ._desk import Desk as Desk
 from ._frame_ring import Batch as Batch
 from ._frame_ring import FrameRing as FrameRing

@@ -161,7 +161,8 @@ class _Web:
         if isinstance(body, Refusal):
             return _refused(body)
         try:
-            order = order_of(kind, body, self._page.twin.rig.lowest_duty)
+            outputs = len(self._page.ring.newest_of("layout").get("outputs", ()))
+            order = order_of(kind, body, self._page.twin.rig.lowest_duty, outputs)
         except JaxtwinError as error:
             return _refused(Refusal(400, str(error)))
         try:

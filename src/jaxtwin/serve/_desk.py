@@ -25,6 +25,21 @@ class DriveOrder:
 
 @final
 @dataclass(frozen=True)
+class HoldOrder:
+    """Hold the outputs of the controller at references, behind all interlocks.
+
+    - `references`: the reference of each output, degC.
+    - `seconds`: for how long, s of the rig; the cells are off after it.
+    - `reset`: whether a trip of the device is ended first.
+    """
+
+    references: tuple[float, ...]
+    seconds: float
+    reset: bool = False
+
+
+@final
+@dataclass(frozen=True)
 class PromoteOrder:
     """Make a version of the store the champion. `version` is its alias or number."""
 
@@ -48,7 +63,10 @@ class RefitOrder:
     seconds: float
 
 
-Order = RefitOrder | DriveOrder | PromoteOrder | RollbackOrder
+RunOrder = DriveOrder | HoldOrder
+"""What commands the rig: it begins a run, or changes one that goes on."""
+
+Order = RunOrder | RefitOrder | PromoteOrder | RollbackOrder
 
 
 @final

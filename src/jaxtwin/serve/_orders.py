@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .._errors import JaxtwinError
-from ._desk import DriveOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
+from ._desk import DriveOrder, HoldOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
 from ._recent_samples import KEPT, SPACING
 
 LONGEST = 86_400.0
@@ -15,11 +15,14 @@ LONGEST = 86_400.0
 LONGEST_TEXT = 300
 """The longest reason, letters."""
 
-KINDS = ("drive", "promote", "rollback", "refit")
+COLDEST, HOTTEST = -100.0, 500.0
+"""The range of references, degC; those that no duty can hold are refused when they are tried."""
+
+KINDS = ("drive", "hold", "promote", "rollback", "refit")
 """The kinds of orders, which are the ends of their addresses."""
 
 
-def order_of(kind: str, body: bytes, lowest: Sequence[float]) -> Order:
+def order_of(kind: str, body: bytes, lowest: Sequence[float], outputs: int) -> Order:
     """Reads an order.
 
     **Arguments:**
@@ -27,6 +30,7 @@ def order_of(kind: str, body: bytes, lowest: Sequence[float]) -> Order:
     - `kind`: one of `KINDS`.
     - `body`: the JSON.
     - `lowest`: the lowest duty of each cell and heater.
+    - `outputs`: the number of outputs of the controller, 0 without one.
 
     **Raises:** `JaxtwinError` that names the field and what is allowed.
     """
@@ -34,11 +38,12 @@ def order_of(kind: str, body: bytes, lowest: Sequence[float]) -> Order:
     match kind:
         case "drive":
             check_names(fields, {"duty", "seconds", "reset"})
-            reset = fields.get("reset", False)
-            if not isinstance(reset, bool):
-                raise JaxtwinError(f"reset: expected true or false, got {reset!r}")
-            duty = _duty(fields.get("duty"), lowest)
-            return DriveOrder(duty, _number("seconds", fields.get("seconds"), 1.0, LONGEST), reset)
+            duty = _numbers("duty", fields, [(low, 1.0) for low in lowest])
+            return DriveOrder(duty, _seconds(fields), _reset(fields))
+        case "hold":
+            check_names(fields, {"references", "seconds", "reset"})
+            references = _numbers("references", fields, [(COLDEST, HOTTEST)] * outputs)
+            return HoldOrder(references, _seconds(fields), _reset(fields))
         case "promote":
             check_names(fields, {"version", "reason"})
             version = fields.get("version")
@@ -78,10 +83,24 @@ def check_names(fields: dict[str, Any], known: set[str]) -> None:
         raise JaxtwinError(f"expected {expected}, got {unknown[0]!r}")
 
 
-def _duty(value: Any, lowest: Sequence[float]) -> tuple[float, ...]:
-    if not isinstance(value, list) or len(value) != len(lowest):
-        raise JaxtwinError(f"duty: expected a list of {len(lowest)} numbers, got {value!r}")
-    return tuple(_number("duty", one, low, 1.0) for one, low in zip(value, lowest, strict=True))
+def _numbers(
+    name: str, fields: dict[str, Any], ranges: Sequence[tuple[float, float]]
+) -> tuple[float, ...]:
+    value = fields.get(name)
+    if not isinstance(value, list) or len(value) != len(ranges):
+        raise JaxtwinError(f"{name}: expected a list of {len(ranges)} numbers, got {value!r}")
+    return tuple(_number(name, one, *ends) for one, ends in zip(value, ranges, strict=True))
+
+
+def _seconds(fields: dict[str, Any]) -> float:
+    return _number("seconds", fields.get("seconds"), 1.0, LONGEST)
+
+
+def _reset(fields: dict[str, Any]) -> bool:
+    reset = fields.get("reset", False)
+    if not isinstance(reset, bool):
+        raise JaxtwinError(f"reset: expected true or false, got {reset!r}")
+    return reset
 
 
 def _number(name: str, value: Any, low: float, high: float) -> float:

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, final
 
 from .._celsius import ZERO_CELSIUS
+from ..control import AbstractController
 from ..live import Alarms, Event, Finding, RecordConsumer, Replay, RigConnection
 from ..live._stop_request import StopRequest
 from ._access import Access
@@ -41,6 +42,7 @@ class PageServer:
     - `silence`: the time without data after which there is an alarm, s.
     - `champion`: the store whose champion is followed; None: there is no store.
     - `consumers`: makes those who get the records too, from the page and its desk.
+    - `controller`: holds references on order; None: nobody does.
     - `about`: what a recording keeps of each run.
     - `raised`: called with each new finding.
     """
@@ -58,10 +60,12 @@ class PageServer:
         silence: float | int = 10.0,
         champion: Champion | None = None,
         consumers: Callable[[Page, Desk], Sequence[RecordConsumer]] = lambda page, desk: (),
+        controller: AbstractController | None = None,
         about: Mapping[str, Any] | None = None,
         raised: Callable[[Finding], object] = lambda _: None,
     ):
         is_live = isinstance(source, RigConnection)
+        outputs = () if controller is None else controller.output_names(beside.twin.channels)
         ring, rig = FrameRing(), beside.twin.rig
         self._source, self._raised = source, raised
         self._records = recording is not None
@@ -74,6 +78,7 @@ class PageServer:
                 "is_live": is_live,
                 "recording": "" if recording is None else recording.name,
                 "control": access.allow_control,
+                "outputs": outputs,
             },
             self._on_finding,
         )
@@ -101,6 +106,7 @@ class PageServer:
             diagnosis=self._diagnosis,
             refit=self._refit,
             champion=champion,
+            controller=controller,
             about=about,
         )
         self._web = WebServer(web_app(self.page, self.desk, access), opened)

@@ -5,7 +5,10 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any, Literal, final
 
+import numpy as np
+
 from .._errors import JaxtwinError, RecordingError, SafetyStop, StoreError
+from ..control import AbstractController
 from ..live import (
     AlarmInterlock,
     Finding,
@@ -23,7 +26,17 @@ from ..live import (
 from ..live._switch_off import switch_off
 from ..monitoring._finding_log import KINDS
 from ._champion import Champion
-from ._desk import Answer, Desk, DriveOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
+from ._commands import Command, HeldDuty, HeldReferences, described, plan_of
+from ._desk import (
+    Answer,
+    Desk,
+    DriveOrder,
+    Order,
+    PromoteOrder,
+    RefitOrder,
+    RollbackOrder,
+    RunOrder,
+)
 from ._live_diagnosis import LiveDiagnosis
 from ._live_refit import LiveRefit
 from ._page import Page
@@ -55,6 +68,7 @@ class RigLoop:
     - `diagnosis`: says why the rig has changed; None: nobody does.
     - `champion`: the store whose champion is followed; None: there is no store.
     - `refit`: refits that champion when it is asked; None: nobody does.
+    - `controller`: holds references on order; None: nobody does.
     - `about`: what a recording keeps of each run, such as who started the server.
     """
 
@@ -68,16 +82,18 @@ class RigLoop:
         diagnosis: LiveDiagnosis | None = None,
         champion: Champion | None = None,
         refit: LiveRefit | None = None,
+        controller: AbstractController | None = None,
         about: Mapping[str, Any] | None = None,
     ):
         self._source, self._page, self._desk, self._champion = source, page, desk, champion
         self._diagnosis, self._refit = diagnosis, refit
         beside = [one for one in (diagnosis, refit) if one is not None]
         self._service = Service(source, [*consumers, *beside, page])
-        self._about = about or {}
+        self._controller, self._about = controller, about or {}
         self._interlock = AlarmInterlock()
-        self._held: tuple[float, ...] = ()
-        self._ends = self._elapsed = 0.0
+        self._order: RunOrder | None = None
+        self._command: Command = HeldDuty((), 0.0)
+        self._began = self._elapsed = 0.0
         self._show_run("idle", "")
         self._show_twins()
 
@@ -128,15 +144,18 @@ class RigLoop:
         if taken is None:
             return
         order, answer = taken
-        if isinstance(order, DriveOrder):
-            self._held, self._ends = order.duty, self._elapsed + order.seconds
-            self._show_run("driving", "")
-            answer.set_result(Answer(True, "the duty was changed"))
-        else:
+        if not isinstance(order, RunOrder):
             self._obey(order, answer)
+            return
+        try:
+            self._begin(order)
+        except JaxtwinError as error:
+            answer.set_result(Answer(False, str(error)))
+            return
+        answer.set_result(Answer(True, f"the rig is {described(order)} from now on"))
 
     def _obey(self, order: Order, answer: "Future[Answer]") -> None:
-        if isinstance(order, DriveOrder):
+        if isinstance(order, RunOrder):
             self._drive(order, answer)
             return
         if isinstance(order, RefitOrder):
@@ -144,24 +163,39 @@ class RigLoop:
             return
         answer.set_result(self._move(order))
 
-    def _drive(self, order: DriveOrder, answer: "Future[Answer]") -> None:
+    def _begin(self, order: RunOrder) -> None:
+        """Commands the rig by an order from now on.
+
+        **Raises:** `ControlError` if it cannot be obeyed; the order before goes on.
+        """
+        assert isinstance(self._source, RigConnection)
+        if isinstance(order, DriveOrder):
+            command: Command = HeldDuty(order.duty, order.seconds)
+        else:
+            command = HeldReferences(
+                self._source, self._page.twin, self._controller, order, self._command
+            )
+        self._order, self._command, self._began = order, command, self._elapsed
+        self._page.say("notice", described(order))
+        self._show_run("driving", "")
+
+    def _drive(self, order: RunOrder, answer: "Future[Answer]") -> None:
         """Commands the rig until the time is over, a stop, or an interlock."""
         connection = self._source
         if not isinstance(connection, RigConnection):
             answer.set_result(Answer(False, "a replay drives nothing"))
             return
+        self._elapsed = 0.0
         try:
             locks = interlocks_of(self._page.twin)
+            self._begin(order)
         except JaxtwinError as error:
             answer.set_result(Answer(False, str(error)))
             return
         limits, self._interlock = connection.rig.limits, AlarmInterlock()
         more = [self._interlock] if limits is not None and limits.stop_on_alarm else []
         guard = Guard([*locks, *more])
-        answer.set_result(Answer(True, "the rig is driven"))
-        self._held, self._ends, self._elapsed = order.duty, order.seconds, 0.0
-        self._show_run("driving", "")
-        self._page.say("notice", f"driven with a duty of {_percent(order.duty)}")
+        answer.set_result(Answer(True, f"the rig is {described(order)}"))
         level, text = "plain", ""
         try:
             outcome = operate(
@@ -169,7 +203,7 @@ class RigLoop:
                 guard,
                 self._duty,
                 reset=order.reset,
-                about={**self._about, "plan": {"duty": order.duty, "duration_s": order.seconds}},
+                about={**self._about, "plan": plan_of(order)},
                 stop=self._desk.stop,
                 consumers=[_DuringRun(self)],
                 on_alarm=self._page.on_finding,
@@ -183,11 +217,12 @@ class RigLoop:
             level, text = "critical", f"{error}; the cells are off"
         self._desk.take_stop()  # it ended the run, and nothing more
         self._page.say(level, text)
+        self._order, self._command = None, HeldDuty((), 0.0)
         self._show_run("idle", text)
 
-    def _duty(self, moment: Moment) -> tuple[float, ...] | None:
+    def _duty(self, moment: Moment) -> Sequence[float] | np.ndarray | None:
         self._elapsed = moment.time
-        return None if moment.time >= self._ends else self._held
+        return self._command(moment._replace(time=moment.time - self._began))
 
     def _stop(self) -> None:
         """Stops a rig that this program does not drive: its device trips."""
@@ -253,7 +288,8 @@ class RigLoop:
         self._page.on_finding(Finding("not-recorded", str(error), severity="critical"))
 
     def _show_run(self, state: RunState, text: str) -> None:
-        self._page.ring.append("run", {"state": state, "duty": list(self._held), "text": text})
+        plan = {} if self._order is None else plan_of(self._order)
+        self._page.ring.append("run", {"state": state, "text": text, **plan})
 
     def _show_twins(self) -> None:
         if self._champion is not None:
@@ -272,7 +308,3 @@ class _DuringRun:
 
     def on_time(self, state: RigState, now: int) -> None:
         self._loop.look()
-
-
-def _percent(duty: tuple[float, ...]) -> str:
-    return ", ".join(f"{100 * part:.0f} %" for part in duty)

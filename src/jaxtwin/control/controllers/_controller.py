@@ -163,6 +163,15 @@ class AbstractController(eqx.Module):
         **Raises:** `ControlError` if the rig does not have a channel that the controller measures.
         """
 
+    def output_names(self, channels: Sequence[str]) -> tuple[str, ...]:
+        """Returns the name of each output: those of the channels of the rig whose mean it is."""
+        names = []
+        for row in np.asarray(self.output_weights(channels)):
+            counted = [channel for channel, weight in zip(channels, row, strict=True) if weight]
+            everything = len(counted) == len(channels) > 1
+            names.append("mean of all" if everything else " ".join(counted))
+        return tuple(names)
+
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weight of each channel of a rig in each number of the measurement: the
         outputs, and then what the controller watches without a reference. By default it watches

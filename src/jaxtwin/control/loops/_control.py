@@ -73,23 +73,10 @@ def control(
     returns something other than duty cycles.
     """
 
-    def duty(moment: Moment) -> Float[np.ndarray, " cells"] | None:
-        before = loop.decision
-        asked = loop(moment)
-        decision = loop.decision
-        if decision is not None and decision is not before:
-            content = {
-                name: np.asarray(value).tolist() for name, value in decision._asdict().items()
-            }
-            connection.note(Document(connection.clock.now(), "decision", "control", content))
-            if on_decision is not None:
-                on_decision(decision)
-        return asked
-
     return operate(
         connection,
         guard,
-        duty,
+        loop.recorded(connection, on_decision),
         reset=reset,
         about={"control": loop.plan, **(about or {})},
         stop=stop,
@@ -189,6 +176,12 @@ class LiveLoop:
         self._limits = controller.channel_limits()
         self._exceeded: dict[tuple[str, float], ExceededLimit] = {}
 
+    def continue_from(self, other: "LiveLoop") -> None:
+        """Takes over the state of another loop of the same controller, whose references and
+        duration end: the integrals go on."""
+        if other._sample is not None:
+            self._state, self._duty, self._sample = other._state, other._duty, -1
+
     def margins(self) -> LoopMargins | None:
         """Computes the margins of the loop at the last references; None for a controller that is
         not linear."""
@@ -231,6 +224,31 @@ class LiveLoop:
             self._exceeded[key] = one.after(self._exceeded.get(key))
         self.decision = Decision(moment.time, reference, outputs, self._duty)
         return self._duty
+
+    def recorded(
+        self,
+        connection: RigConnection,
+        on_decision: Callable[[Decision], None] | None = None,
+    ) -> Callable[[Moment], Float[np.ndarray, " cells"] | None]:
+        """Returns the loop as a command that notes its decisions in the recording of a connection.
+
+        **Arguments:** those of `control`.
+        """
+
+        def duty(moment: Moment) -> Float[np.ndarray, " cells"] | None:
+            before = self.decision
+            asked = self(moment)
+            decision = self.decision
+            if decision is not None and decision is not before:
+                content = {
+                    name: np.asarray(value).tolist() for name, value in decision._asdict().items()
+                }
+                connection.note(Document(connection.clock.now(), "decision", "control", content))
+                if on_decision is not None:
+                    on_decision(decision)
+            return asked
+
+        return duty
 
     def _measured(self, moment: Moment) -> Float[np.ndarray, " readings"] | None:
         """Returns the measurement by the last valid readings; None before the first.

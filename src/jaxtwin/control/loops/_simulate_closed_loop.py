@@ -1,11 +1,9 @@
 """Simulates a closed loop: checks the arguments, and labels the signals."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from ..._errors import ControlError, SimulationError
@@ -79,19 +77,7 @@ def simulate_closed_loop(
             f"{plant.rig.name}: closed loop: the temperatures or the duty do not stay finite; look "
             "at the controller's parameters"
         )
-    weights = np.asarray(conditions.output_weights)
     ambient = np.asarray(conditions.ambient).reshape(-1)[: len(loop.time)]
-    names = _output_names(weights, plant.channels)
+    names = chosen.output_names(plant.channels)
     limits, off = chosen.channel_limits(), conditions.switched_off
     return ClosedLoopRun.of(plant, loop, names, ambient, limits, off, is_linear=chosen.is_linear)
-
-
-def _output_names(
-    weights: Float[np.ndarray, "outputs channels"], channels: Sequence[str]
-) -> tuple[str, ...]:
-    names = []
-    for row in weights:
-        counted = [channel for channel, weight in zip(channels, row, strict=True) if weight]
-        everything = len(counted) == len(channels) > 1
-        names.append("mean of all" if everything else " ".join(counted))
-    return tuple(names)

@@ -51,7 +51,12 @@ const minutes = make("input", { type: "number", id: "minutes", min: "0.1", max: 
 const reset = make("input", { type: "checkbox", id: "reset" });
 const start = make("button", { type: "submit" }, "Start");
 const state = make("p", { class: "state" });
-let sliders = [];
+const hold = make("button", { type: "button", click: () => command("hold", {
+  references: references.map((field) => Number(field.value)), ...howLong(),
+}) }, "Hold the temperatures");
+let sliders = [], references = [];
+
+const howLong = () => ({ seconds: 60 * Number(minutes.value), reset: reset.checked });
 
 async function command(kind, content) {
   if (!token.get()) {
@@ -85,17 +90,21 @@ function buildControl(layout) {
     return { slider, row: make("div", { class: "row" }, make("label", { for: `duty-${k}` }, `Duty of ${part.name}`), slider, shown) };
   });
   sliders = drive.map(({ slider }) => slider);
+  const outputs = layout.outputs ?? [];
+  references = outputs.map((_, k) => make("input", { type: "number", id: `reference-${k}`, step: "0.1" }));
   const form = make("form", {
     submit: (event) => {
       event.preventDefault();
-      const duty = sliders.map((slider) => Number(slider.value) / 100);
-      command("drive", { duty, seconds: 60 * Number(minutes.value), reset: reset.checked });
+      command("drive", { duty: sliders.map((slider) => Number(slider.value) / 100), ...howLong() });
     },
   },
     ...drive.map(({ row }) => row),
+    start,
+    ...outputs.map((name, k) => make("div", { class: "row" },
+      make("label", { for: `reference-${k}` }, `Temperature of ${name}, °C`), references[k])),
+    ...(outputs.length ? [hold] : []),
     make("div", { class: "row" }, make("label", { for: "minutes" }, "Minutes (of the rig)"), minutes),
-    make("div", { class: "row" }, make("label", { for: "reset" }, "End a trip of the device first"), reset),
-    start);
+    make("div", { class: "row" }, make("label", { for: "reset" }, "End a trip of the device first"), reset));
   controlBox.replaceChildren(make("h2", { id: "control-title" }, "Commands"),
     make("form", { class: "row", submit: (event) => event.preventDefault() },
       make("label", { for: "token" }, "Token"), field),
@@ -104,17 +113,18 @@ function buildControl(layout) {
   controlBox.hidden = !(layout.control || token.get()) || !layout.is_live;
 }
 
-function run({ state: now, duty, text }) {
+function run({ state: now, duty, references: held, text }) {
   // What is driven already, unless somebody has moved a slider.
-  if (now === "driving" && sliders.every((slider) => slider.value === "0")) {
+  if (duty && sliders.every((slider) => slider.value === "0")) {
     sliders.forEach((slider, k) => {
       slider.value = String(Math.round(100 * duty[k]));
       slider.dispatchEvent(new Event("input"));
     });
   }
-  setText(start, now === "driving" ? "Change the duty" : "Start");
-  const held = duty.map((part) => `${numberText(100 * part, 0)} %`).join(", ");
-  setText(state, now === "driving" ? `The rig is driven: ${held}.` : text ? `Not driven: ${text}.` : "Not driven.");
+  setText(start, now === "driving" ? "Hold this duty instead" : "Drive with this duty");
+  const what = duty?.map((part) => `${numberText(100 * part, 0)} %`) ?? held?.map((one) => `${numberText(one)} °C`);
+  setText(state, now === "driving" ? `The rig is ${duty ? "driven" : "held"}: ${what.join(", ")}.`
+    : text ? `Not driven: ${text}.` : "Not driven.");
 }
 
 // The stream. Browsers allow six connections to a host, so that a hidden page has none.

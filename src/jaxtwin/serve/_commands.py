@@ -1,0 +1,92 @@
+"""What commands the rig in a run of the page: a held duty, or a controller at held references."""
+
+import contextlib
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias, final
+
+import numpy as np
+
+from .._celsius import ZERO_CELSIUS
+from .._errors import ControlError
+from .._jax_settings import own_settings
+from ..control import AbstractController, LiveLoop
+from ..live import Moment, RigConnection
+from ..physics import Twin
+from ._desk import DriveOrder, HoldOrder, RunOrder
+
+Command: TypeAlias = Callable[[Moment], Sequence[float] | np.ndarray | None]
+"""The duty at a moment since the order, -1 to 1; None ends the run."""
+
+
+@final
+class HeldDuty(NamedTuple):
+    """A duty that is held for some seconds of the rig."""
+
+    duty: tuple[float, ...]
+    seconds: float
+
+    def __call__(self, moment: Moment) -> Sequence[float] | None:
+        return None if moment.time >= self.seconds else self.duty
+
+
+def compile_loop(twin: Twin, controller: AbstractController) -> None:
+    """Compiles what an order to hold references needs, before a rig waits for it."""
+    room = float(twin.system().ambient_temperature) - ZERO_CELSIUS
+    outputs = len(controller.output_names(twin.channels))
+    # At the room's temperature no cell has to do anything. A controller that cannot even hold that
+    # has been compiled when it is refused.
+    with own_settings(), contextlib.suppress(ControlError):
+        LiveLoop(twin, controller, [room] * outputs, duration=controller.sample_time_s)
+
+
+@final
+class HeldReferences:
+    """A controller at the references of an order. It takes over from the command before it: from
+    its own state if that was the same controller, otherwise from the duty that it finds. Its
+    decisions are recorded.
+
+    **Arguments:**
+
+    - `connection`: the connection to the rig.
+    - `twin`: the twin, for which the loop is checked.
+    - `controller`: the controller; None: there is none.
+    - `order`: the order.
+    - `before`: the command until now.
+
+    **Raises:** `ControlError` without a controller, and for references out of reach; the errors of
+    `LiveLoop`.
+    """
+
+    def __init__(
+        self,
+        connection: RigConnection,
+        twin: Twin,
+        controller: AbstractController | None,
+        order: HoldOrder,
+        before: Command,
+    ):
+        if controller is None:
+            raise ControlError("references: expected a server with --controller")
+        samples = max(round(order.seconds / controller.sample_time_s), 1)
+        duration = samples * controller.sample_time_s
+        self._loop = LiveLoop(twin, controller, order.references, duration=duration)
+        if isinstance(before, HeldReferences):
+            self._loop.continue_from(before._loop)
+        self._command = self._loop.recorded(connection)
+
+    def __call__(self, moment: Moment) -> np.ndarray | None:
+        return self._command(moment)
+
+
+def plan_of(order: RunOrder) -> dict[str, Any]:
+    """An order as a recording and the page keep it."""
+    if isinstance(order, DriveOrder):
+        return {"duty": order.duty, "duration_s": order.seconds}
+    return {"references": order.references, "duration_s": order.seconds}
+
+
+def described(order: RunOrder) -> str:
+    """An order in words, behind "the rig is"."""
+    if isinstance(order, DriveOrder):
+        return f"driven with a duty of {', '.join(f'{100 * part:.0f} %' for part in order.duty)}"
+    return f"held at {', '.join(f'{one:g} °C' for one in order.references)}"
