@@ -31,11 +31,12 @@ class HeldDuty(NamedTuple):
 
 def compile_loop(twin: Twin, controller: AbstractController) -> None:
     """Compiles what an order to hold references needs, before a rig waits for it."""
-    room = float(twin.system().ambient_temperature) - ZERO_CELSIUS
+    with own_settings():
+        room = float(twin.system().ambient_temperature) - ZERO_CELSIUS
     outputs = len(controller.output_names(twin.channels))
     # At the room's temperature no cell has to do anything. A controller that cannot even hold that
     # has been compiled when it is refused.
-    with own_settings(), contextlib.suppress(ControlError):
+    with contextlib.suppress(ControlError):
         LiveLoop(twin, controller, [room] * outputs, duration=controller.sample_time_s)
 
 
