@@ -16,8 +16,9 @@ from ._options import (
     WatchedArgument,
     WatchedLinkOption,
 )
+from ._output import check_output
 from ._record import ALARMED
-from ._sources import open_twin
+from ._sources import label_of, open_twin
 from ._watch import show
 
 if TYPE_CHECKING:
@@ -42,6 +43,10 @@ def observe(
         ),
     ] = None,
     alarm: AnyAlarmOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Record, with the estimates beside the readings, .db."),
+    ] = None,
     speed: ReplaySpeedOption = 1.0,
     duration: DurationOption = None,
     parameter_file: ParameterFileOption = None,
@@ -53,6 +58,8 @@ def observe(
 
     A monitor tests each reading. What it finds is in the line of the last event; an alarm is also
     in the log, and runs the command that --alarm names. The exit code is 4 where there was one.
+    With --out a live rig is recorded, and what the observer estimates once a second, in a table of
+    its own.
     """
     from ..live import Screen
     from ..monitoring import LiveMonitor, MonitorCalibration
@@ -68,5 +75,8 @@ def observe(
         monitor = LiveMonitor(observer, on_finding, calibration=healthy, sample_time=sample_time)
         return Screen(twin, observer, monitor.follower), [monitor]
 
-    if show(source, link or [], made, speed, duration, baud, alarm):
+    if out is not None and not link:
+        raise typer.BadParameter("--out records a live rig, with --link; a recording is there")
+    check_output(out, ".db")
+    if show(source, link or [], made, speed, duration, baud, alarm, out, label_of(parameter_file)):
         raise typer.Exit(ALARMED)
