@@ -167,7 +167,7 @@ class AugmentedModel(eqx.Module):
         self.relaxation = () if error is None else tuple(error.relaxation)
         cells = len(system.wiring.cold)
         self.layout = Layout(
-            modes=len(system.capacitance),
+            modes=stepper.field.modes.rates.size,
             duty=0 if system.lag is None else cells,
             heats=cells,
             common=1 + len(self.relaxation),
@@ -231,7 +231,7 @@ class AugmentedModel(eqx.Module):
         """
         parts = self._driven(mean)
         end, duty, path = self._evolve(parts, reached, commands, dt, levels)
-        decay = self._decay(dt)
+        decay = self.decay(dt)
         driven, first = self.layout.driven, self.layout.of("room").start
         slopes = self._slopes(parts, reached, commands, dt, levels)
         kept = jnp.diag(decay[:driven])[first:]
@@ -250,7 +250,7 @@ class AugmentedModel(eqx.Module):
     ) -> tuple[Float[Array, " state"], Float[Array, " cells"]]:
         """The same without the derivative and the noise."""
         end, duty, path = self._evolve(self._driven(mean), reached, commands, dt, levels)
-        return self._after(mean * self._decay(dt), end, duty), path[-1]
+        return self._after(mean * self.decay(dt), end, duty), path[-1]
 
     def _after(
         self,
@@ -412,7 +412,7 @@ class AugmentedModel(eqx.Module):
             heat = heat + base.capacitance / system.capacitance * changed - original
         return self.shapes.T @ heat
 
-    def _decay(self, dt: Float[Array, ""]) -> Float[Array, " state"]:
+    def decay(self, dt: Float[Array, ""]) -> Float[Array, " state"]:
         """The factor of each entry that does not depend on others over a step; 0 for the rest."""
         layout, noise = self.layout, self.noise
         decay = jnp.ones(layout.size, dt.dtype)
@@ -449,6 +449,12 @@ class AugmentedModel(eqx.Module):
         late = (cold + hot) * noise.command_time
         heated = sides * noise.heat * jnp.sqrt(dt)
         roots = jnp.concatenate([late, heated])
+        block = layout.of("modes")
+        return jnp.diag(self.walks(dt)).at[block, block].set(roots.T @ roots)
+
+    def walks(self, dt: Float[Array, ""]) -> Float[Array, " state"]:
+        """The variance that a step adds to each entry beside the modes."""
+        layout, noise = self.layout, self.noise
         walks = jnp.zeros(layout.size, dt.dtype)
         walks = walks.at[layout.of("room")].set(jnp.asarray(noise.room) ** 2 * dt)
         if self.directions is not None:
@@ -461,9 +467,7 @@ class AugmentedModel(eqx.Module):
         ):
             walks = walks.at[layout.of(part)].set(_regained(level, time, dt))
         common = layout.of("common").start
-        walks = walks.at[common].set(_regained(noise.common, noise.common_time, dt))
-        block = layout.of("modes")
-        return jnp.diag(walks).at[block, block].set(roots.T @ roots)
+        return walks.at[common].set(_regained(noise.common, noise.common_time, dt))
 
     def to_degC(self, deviation: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Temperatures in degC for deviations from the reference, K."""
