@@ -19,10 +19,10 @@ typedef struct {
     model_real moved[MODEL_ROWS][MODEL_STATES];
 } model_state;
 
-/* The parts of x: amplitudes of the modes; from MODEL_ROOM - MODEL_DUTY on the duty behind the
-   driver's lag; at MODEL_ROOM the room; from MODEL_HEATS on heat into the node that each cell heats,
-   W; from MODEL_COMMON on the error that all readings share, and from MODEL_OWN on that of each
-   channel, K. */
+/* The parts of x: amplitudes of the modes; before MODEL_ROOM the duty behind the driver's lag, if
+   there is one; at MODEL_ROOM the room; from MODEL_HEATS on heat into the node that each cell
+   heats, W; from MODEL_COMMON on the error that all readings share, and from MODEL_OWN on that of
+   each channel, K. */
 
 /* From the mean of the first readings, degC, and duty cycles that have been commanded for long. */
 void model_init(model_state *state, model_real reading, const model_real duty[MODEL_CELLS]);

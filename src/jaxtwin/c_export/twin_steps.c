@@ -1,5 +1,5 @@
-/* An estimated duty of a heater may be below 0 by its error, and then cools as much as it would heat
-   above. */
+/* An estimated duty of a heater may be below 0 by its error, and then cools as much as it would
+   heat above. */
 #ifdef MODEL_HAS_HEATERS
 #define MODEL_IS_HEATER(cell) (model_is_heater[cell] > 0)
 #else
