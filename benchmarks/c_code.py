@@ -3,10 +3,11 @@
     python -m benchmarks.c_code
 
 What `export_c` writes for `dual-cell`, two cells and 15 channels: linear models, the nonlinear twin
-with all its modes and with twelve, and controllers. Compiled by cc for the machine at hand. Bytes
-of code and constants are those of the object file with -Os, by `size`; the state is the struct of
-the header; times are means over an hour of steps of a second with -O2, outputs included, in the
-fastest of some runs. Models get random steps of the duty, controllers the readings of their loop.
+with all its modes and with twelve, its observer, and controllers. Compiled by cc for the machine at
+hand. Bytes of code and constants are those of the object file with -Os, by `size`; the state is the
+struct of the header; times are means over an hour of steps of a second with -O2, outputs included,
+in the fastest of some runs. Models get random steps of the duty, controllers the readings of their
+loop, observers both.
 """
 
 import argparse
@@ -20,6 +21,7 @@ import numpy as np
 import jaxtwin as jt
 from jaxtwin.c_export import export_c
 from jaxtwin.control import LQI, MPC, PID, DecoupledPI
+from jaxtwin.observers import live_observer
 from jaxtwin.simulation import reduce_stepper
 
 from ._machine import machine
@@ -54,6 +56,15 @@ OF_CONTROLLER = """
     for (i = 0; i < STEPS; ++i) {
         model_step(&state, rows[i], rows[i] + MODEL_OUTPUTS, duty);
         sum += duty[0];
+    }
+"""
+OF_OBSERVER = """
+    model_init(&state, rows[0][MODEL_CELLS], duty);
+    for (i = 0; i < STEPS; ++i) {
+        model_predict(&state, rows[i]);
+        model_correct(&state, rows[i] + MODEL_CELLS, MODEL_AMBIENT);
+        model_nodes(&state, nodes);
+        sum += nodes[0];
     }
 """
 MAIN = """
@@ -118,6 +129,11 @@ def programs(twin: jt.Twin) -> list[tuple[str, Any, str, np.ndarray]]:
     design = warm.reduce(4).discretise(1.0)
     stepper = jt.Stepper(twin, 1.0)
     example = np.random.default_rng(1).uniform(-0.3, 1.0, (60, 2)).repeat(60, axis=0)
+    small = reduce_stepper(stepper, 12, example)
+    plan = jt.Experiment(np.arange(float(STEPS)), duty)
+    readings = jt.simulate(twin, plan).to_recording(noise=0.1, seed=0).temperatures
+    assert readings is not None
+    read = np.hstack([duty, readings])
     two: dict[str, Any] = {"measured": OUTPUTS, "limits": (0, 1)}
     more = {"rate_limit": 0.05, "temperature_limits": {"T11": (0, 55)}}
     controllers = {
@@ -133,7 +149,9 @@ def programs(twin: jt.Twin) -> list[tuple[str, Any, str, np.ndarray]]:
         ("linear, 30 states", mean.discretise(1.0), OF_MODEL, duty),
         ("linear, 6 states", mean.reduce(6).discretise(1.0), OF_MODEL, duty),
         ("nonlinear twin, all 30 modes", stepper, OF_TWIN, duty),
-        ("nonlinear twin, 12 modes", reduce_stepper(stepper, 12, example), OF_TWIN, duty),
+        ("nonlinear twin, 12 modes", small, OF_TWIN, duty),
+        ("observer, all 30 modes", live_observer(twin), OF_OBSERVER, read),
+        ("observer, 12 modes", live_observer(twin, stepper=small), OF_OBSERVER, read),
     ]
     for name, controller in controllers.items():
         loop = jt.simulate_closed_loop(twin, controller, "0:30,600:35,1800:28", duration=STEPS)

@@ -44,6 +44,7 @@ from .observers import Forecast as Forecast  # expected readings with bands
 from .observers import Observed as Observed  # a recording that an observer followed
 from .observers import ProcessNoise as ProcessNoise  # what a twin does not know of its rig
 from .observers import estimate_noise as estimate_noise  # and how to find it
+from .observers import match_innovations as match_innovations  # values by an observer's likelihood
 from .observers import observe as observe  # what a rig is doing, from its readings
 from .physics import Netlist as Netlist  # nodes, links, cells: the common form of every rig
 from .physics import ThermoelectricModule as ThermoelectricModule  # a Peltier cell; DC sweeps

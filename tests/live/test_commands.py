@@ -100,6 +100,7 @@ LINK = ["--link", "socket://127.0.0.1:1"]
         (["drive", "dual-cell", "--link", "x://y", "--duty", "0:1", "--out", "s.db"], "x://y"),
         (["drive", "dual-cell", *LINK], "give either --duty or --plan"),
         (["drive", "dual-cell", *LINK, "--plan", "no.csv"], "no.csv: expected a file"),
+        (["observe", "a.db", "--out", "b.db"], "--out records a live rig, with --link"),
         (["watch", "missing.db"], "missing.db: no such recording"),
         (["watch", "dual-cell"], "a rig is watched with --link"),
     ],
@@ -166,6 +167,28 @@ def test_a_rig_is_recorded_until_a_polite_kill(twin: Twin, tmp_path: Path) -> No
     assert samples_in(out) > 0
     with Session(out) as session:
         assert session.database.execute("SELECT ended FROM runs").fetchone() == ("stopped",)
+
+
+@pytest.mark.slow
+def test_an_observed_rig_is_recorded_with_its_estimates(tmp_path: Path) -> None:
+    server, stop, out = TcpServer("127.0.0.1:0"), threading.Event(), tmp_path / "session.db"
+    device = VirtualRig(Twin("tclab"))
+    thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
+    thread.start()
+    try:
+        words = ["observe", "tclab", "--link", server.url, "--out", str(out), "--duration", "3"]
+        assert run(words) == 0
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+    with Session(out) as session:
+        found = session.estimates()
+        (label,) = session.database.execute("SELECT DISTINCT twin FROM estimates").fetchone()
+    assert label == "values of the rig file"
+    place = found.columns.index("channel_T1_degC")
+    np.testing.assert_allclose(found.values[:, place], 23.0, atol=1.0)  # at rest in its room
+    assert len(found.time) > 0
 
 
 def documents_in(file: Path) -> list[tuple[str, dict]]:

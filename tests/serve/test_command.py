@@ -110,6 +110,7 @@ def test_a_served_virtual_rig_is_commanded_and_stopped_and_its_recording_is_cont
             process.communicate()
     with Session("session.db") as session:
         assert report(session)["events"]["not-recorded"] == 1  # the gap between the two
+        assert set(session.estimates().run) == {1, 2}
 
 
 def _read(address: str) -> bytes:

@@ -1,10 +1,11 @@
-"""C for a microcontroller: models and controllers as C99 sources.
+"""C for a microcontroller: models, observers and controllers as C99 sources.
 
-`_export_c` is the entry. The C stands in C files (`controller.c`, `linear_model.c`, `twin.c`, with
-their headers); `_sources` puts the name of the exported files into them, and writes the header with
-sizes and numbers, which `_controller_c`, `_discrete_model_c` and `_stepper_c` (with
-`_stepper_tables` and `_input_tables`) compute and `_text` writes as C. A controller's class gives
-its law, whose C is in `control/controllers/laws/`.
+`_export_c` is the entry. The C stands in C files (`controller.c`, `linear_model.c`, `twin.c` and
+`observer.c`, which share `twin_steps.c`, with their headers); `_sources` puts the name of the
+exported files into them, and writes the header with sizes and numbers, which `_controller_c`,
+`_discrete_model_c`, `_observer_c` and `_stepper_c` (with `_stepper_tables` and `_input_tables`)
+compute and `_text` writes as C. A controller's class gives its law, whose C is in
+`control/controllers/laws/`.
 """
 
 from ._export_c import CSources, export_c

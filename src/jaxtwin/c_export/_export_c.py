@@ -11,10 +11,12 @@ from .._errors import ControlError
 from .._whole_file import write_whole_file
 from ..control import AbstractController, DiscreteModel
 from ..control.linear._discrete_model import check_at_rest
+from ..observers import ExtendedKalmanFilter
 from ..rig import Rig
 from ..simulation import Stepper
 from ._controller_c import controller_c
 from ._discrete_model_c import discrete_model_c
+from ._observer_c import observer_c
 from ._stepper_c import stepper_c
 
 PRECISIONS = ("double", "float")
@@ -38,7 +40,7 @@ class CSources:
 
 
 def export_c(
-    model: DiscreteModel | Stepper | AbstractController,
+    model: DiscreteModel | Stepper | ExtendedKalmanFilter | AbstractController,
     folder: str | os.PathLike[str],
     *,
     rig: Rig | None = None,
@@ -46,9 +48,9 @@ def export_c(
     precision: Literal["double", "float"] = "double",
     origin: str = "",
 ) -> CSources:
-    """Writes a model, a twin or a controller as `name.h`, `name.c` and `name_numbers.h`, which
-    `name.c` includes. The code is C99, allocates no memory, and needs no library but `math.h`,
-    which a linear model does not need.
+    """Writes a model, a twin, an observer or a controller as `name.h`, `name.c` and
+    `name_numbers.h`, which `name.c` includes. The code is C99, allocates no memory, and needs no
+    library but `math.h`, which a linear model does not need.
 
     The whole state is in a struct, so that several models can run beside each other:
 
@@ -72,6 +74,18 @@ def export_c(
     jt.export_c(jt.Stepper(twin, 1.0), "firmware", name="plate")
     ```
 
+    An observer reads the channels, each of which may be missing (NaN), and estimates the nodes with
+    their standard deviations:
+
+    ```c
+    rig_init(&state, reading, duty);           /* the mean of the first readings */
+    for (;;) {                                 /* every RIG_SAMPLE_TIME_S */
+        rig_correct(&state, readings, ambient);
+        rig_nodes(&state, nodes);
+        rig_predict(&state, duty);
+    }
+    ```
+
     A controller has two functions, as in Python. For a missing measurement (NaN) it uses the last
     one. After 3 s without a measurement its duty is 0 until it is initialised again, as in
     `simulate_closed_loop`:
@@ -90,8 +104,8 @@ def export_c(
     **Arguments:**
 
     - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first if memory is
-      short), a `Stepper` of a twin, or a controller whose class has a
-      `law`.
+      short), a `Stepper` of a twin, an observer from `live_observer`, whose sample time is that of
+      the code, or a controller whose class has a `law`.
     - `rig`: the rig of a controller, which determines its cells and channels. None for a model or a
       twin, which contain them.
     - `folder`: the folder of the files, which is made if it does not exist. Existing files of these
@@ -122,10 +136,12 @@ def export_c(
             raise ControlError(f"export_c: rig: expected none beside a model, got {rig.name}")
         if isinstance(model, Stepper):
             code = stepper_c(model, name, precision, origin)
+        elif isinstance(model, ExtendedKalmanFilter):
+            code = observer_c(model, name, precision, origin)
         else:
             expected = (
-                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, or a controller "
-                "such as a PID"
+                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, an observer, or a "
+                "controller such as a PID"
             )
             of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
             check_at_rest("export_c: model", model.offset)

@@ -7,7 +7,7 @@ generated: the sizes, which the header needs (`model_sizes.h`, inserted into it)
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -109,6 +109,12 @@ def defines(
         comment = f" /* {comments[key]} */" if comments and key in comments else ""
         lines.append(f"#define {name.upper()}_{key} {text}{comment}\n")
     return "".join(lines)
+
+
+def whole_numbers(name: str, key: str, values: Sequence[int]) -> str:
+    """An array of whole numbers as C."""
+    text = ", ".join(map(str, values))
+    return f"static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
 
 
 def included(file: Path, given: Mapping[str, str]) -> str:

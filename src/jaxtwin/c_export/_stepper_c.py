@@ -5,15 +5,13 @@ In `twin.c` the decay of the modes in a step, $(e^{-\lambda h} - 1) z$, is compu
 factors keep all digits of a `float` even if a slow mode decays by a thousandth.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..simulation import Stepper
 from ._input_tables import input_lines, input_numbers, input_tables
-from ._sources import Code, Parts, code_of, defines, type_of_numbers
+from ._sources import Code, Parts, code_of, defines, type_of_numbers, whole_numbers
 from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_tables
 from ._text import comment_block
 
@@ -38,13 +36,13 @@ def stepper_c(
             tables["rate"] = (rates, "by which the modes decay, 1/s")
         numbers = defines(name, stepper_constants(stepper, sizes), precision, COMMENTS)
         numbers += "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
-        numbers += _whole_numbers(name, "side", sizes.sides)
+        numbers += whole_numbers(name, "side", sizes.sides)
         inputs = stepper.system.wiring.inputs
         if inputs:
             tables |= input_tables(stepper)
             numbers += "\n/* Inputs and shares of their states, which have a number. */\n"
             for key, found in input_numbers(inputs).items():
-                numbers += _whole_numbers(name, key, found)
+                numbers += whole_numbers(name, key, found)
         parts = Parts(
             _about(stepper, sizes, name, precision, origin),
             _sizes(stepper, sizes, name, precision, with_slopes=with_slopes),
@@ -53,11 +51,6 @@ def stepper_c(
             sizes.modes + sizes.cells * (1 + sizes.queue) + len(inputs),
         )
         return code_of("twin", name, precision, parts)
-
-
-def _whole_numbers(name: str, key: str, values: Sequence[int]) -> str:
-    text = ", ".join(map(str, values))
-    return f"static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
 
 
 def _sizes(

@@ -1,6 +1,7 @@
 """`jaxtwin observe`: what a rig is doing, by an observer, and what is expected of it."""
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,7 +18,8 @@ from ._options import (
     WatchedArgument,
     WatchedLinkOption,
 )
-from ._sources import open_twin
+from ._output import check_output
+from ._sources import label_of, open_twin
 from ._watch import show
 
 if TYPE_CHECKING:
@@ -34,6 +36,10 @@ def observe(
     sample_time: SampleTimeOption = 1.0,
     calibration: CalibrationOption = None,
     alarm: AnyAlarmOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Record, with the estimates beside the readings, .db."),
+    ] = None,
     speed: ReplaySpeedOption = 1.0,
     duration: DurationOption = None,
     parameter_file: ParameterFileOption = None,
@@ -45,6 +51,8 @@ def observe(
 
     A monitor tests each reading. What it finds is in the line of the last event; an alarm is also
     in the log, and runs the command that --alarm names. The exit code is 5 where there was one.
+    With --out a live rig is recorded, and what the observer estimates once a second, in a table of
+    its own.
     """
     from ..live import Screen
 
@@ -55,5 +63,8 @@ def observe(
         monitor = MonitorOptions(noise, calibration, sample_time).monitor(twin, on_finding)
         return Screen(twin, monitor.observer, monitor.follower), [monitor]
 
-    if show(source, link or [], made, speed, duration, baud, alarm):
+    if out is not None and not link:
+        raise typer.BadParameter("--out records a live rig, with --link; a recording is there")
+    check_output(out, ".db")
+    if show(source, link or [], made, speed, duration, baud, alarm, out, label_of(parameter_file)):
         raise typer.Exit(ALARMED)

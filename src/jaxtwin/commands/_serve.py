@@ -27,7 +27,7 @@ from ._options import (
 )
 from ._output import check_output, say
 from ._signals import stop_signals
-from ._sources import open_store, open_twin
+from ._sources import label_of, open_store, open_twin
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -250,8 +250,8 @@ def _chosen_twin(
     if store is not None:
         twins = open_store(store)
         return _of_version(rig, twins.version("champion")), twins
-    label = f"values of {parameter_file.name}" if parameter_file else "values of the rig file"
-    return _ChosenTwin(open_twin(rig, set_name, parameter_file), label, None), None
+    twin = open_twin(rig, set_name, parameter_file)
+    return _ChosenTwin(twin, label_of(parameter_file), None), None
 
 
 def _of_version(rig: "Rig", version: "TwinVersion") -> _ChosenTwin:

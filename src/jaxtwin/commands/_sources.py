@@ -48,6 +48,11 @@ def open_twin(
     return Twin(rig, values)
 
 
+def label_of(parameter_file: Path | None) -> str:
+    """What a twin with the values of a parameter file, or of the rig file, is called."""
+    return f"values of {parameter_file.name}" if parameter_file else "values of the rig file"
+
+
 def open_fit(rig: "Rig", parameter_file: Path | None) -> "Fit | None":
     """The fit in a parameter file; None if the file holds only values, or there is no file.
 

@@ -11,6 +11,7 @@ from ._alarm_command import AlarmCommand
 from ._options import (
     BaudOption,
     DurationOption,
+    NoiseOption,
     ParameterFileOption,
     ReplaySpeedOption,
     SetOption,
@@ -24,7 +25,7 @@ from ._sources import open_twin
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..live import Finding, RecordConsumer, Replay, RigConnection, Screen
+    from ..live import Finding, RecordConsumer, Recorder, Replay, RigConnection, Screen
     from ..rig import Rig
 
     Made = Callable[[Rig, Callable[[Finding], None]], tuple[Screen, list[RecordConsumer]]]
@@ -42,13 +43,21 @@ def watch(
     duration: DurationOption = None,
     parameter_file: ParameterFileOption = None,
     set_name: SetOption = None,
+    noise: NoiseOption = None,
     baud: BaudOption = 115_200,
 ) -> None:
-    """Show a live rig or a recording, and the twin's prediction beside it."""
+    """Show a live rig or a recording, and the twin's prediction beside it.
+
+    With --noise an observer reads the rig, and its estimates and forecasts have bands, as in
+    'observe', which also tests the readings and records.
+    """
     from ..live import Screen
+    from ..observers import ProcessNoise, live_observer
 
     def made(rig: "Rig", _: object) -> "tuple[Screen, list[RecordConsumer]]":
-        return Screen(open_twin(rig, set_name, parameter_file)), []
+        twin = open_twin(rig, set_name, parameter_file)
+        levels = None if noise is None else ProcessNoise.load(noise)
+        return Screen(twin, None if levels is None else live_observer(twin, levels)), []
 
     show(source, link or [], made, speed, duration, baud)
 
@@ -61,15 +70,20 @@ def show(
     duration: float | None,
     baud: int,
     alarm: str | None = None,
+    out: Path | None = None,
+    label: str = "",
 ) -> bool:
     """Shows a source in the terminal until it ends, a signal arrives or the time is over.
+
+    A live rig is recorded into `out`, with what the screen's observer estimates by the twin that
+    `label` names.
 
     **Returns:** whether there was an alarm. Each runs the command `alarm`, and is an event that the
     screen shows.
     """
     from rich.live import Live
 
-    from ..live import Event, RigConnection, Service
+    from ..live import EstimateJournal, Event, Recorder, RigConnection, Service
 
     found: list[Finding] = []
     with stop_signals() as stop, contextlib.ExitStack() as stack:
@@ -78,8 +92,14 @@ def show(
         # This compiles before the link is opened, because it takes a second and data do not wait
         # for ever.
         screen, before = made(rig, found.append)
-        connection = stack.enter_context(_source(source, rig, links, speed, baud))
-        service = Service(connection, [*before, screen])
+        recorder = None
+        if out is not None:
+            recorder = stack.enter_context(Recorder(out, rig, append=out.exists()))
+        connection = stack.enter_context(_source(source, rig, links, speed, baud, recorder))
+        consumers: list[RecordConsumer] = [*before, screen]
+        if recorder is not None and isinstance(connection, RigConnection):
+            consumers.append(EstimateJournal(connection.note, lambda: (screen.follower, label)))
+        service = Service(connection, consumers)
         live = stack.enter_context(Live(screen.render(), refresh_per_second=1 / REDRAW))
         begin = shown = time.monotonic()
         while not (stop.is_set() or connection.ended):
@@ -122,8 +142,10 @@ def _rig(source: str, links: list[str]) -> "Rig":
 
 
 def _source(
-    source: str, rig: "Rig", links: list[str], speed: float, baud: int
+    source: str, rig: "Rig", links: list[str], speed: float, baud: int, recorder: "Recorder | None"
 ) -> "RigConnection | Replay":
     from ..live import Replay, connect
 
-    return connect(rig, *links, baud=baud) if links else Replay(source, speed=speed)
+    if links:
+        return connect(rig, *links, journal=recorder, baud=baud)
+    return Replay(source, speed=speed)

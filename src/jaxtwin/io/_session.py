@@ -145,6 +145,20 @@ class Session:
         where = "ambient_degC IS NOT NULL"
         return self._series("samples", ("ambient_degC",), where, clocks)
 
+    def estimates(self, clocks: list[DeviceClock] | None = None) -> Series:
+        """What an observer estimated while it was recorded, and its standard deviations, by names
+        with units; without rows if none did."""
+        known = self.clocks() if clocks is None else clocks
+        rate = known[-1].clock.rate if known else 1.0
+        with damage_as_recording_error(self.file):
+            fields = self.database.execute("PRAGMA table_info(estimates)").fetchall()
+            names = tuple(str(name) for _, name, *_ in fields)[4:]
+            quoted = "".join(', "{}"'.format(name.replace('"', '""')) for name in names)
+            query = f"SELECT arrival, run{quoted} FROM estimates ORDER BY id"
+            rows = self.database.execute(query).fetchall() if names else []
+            table = np.array(rows, np.float64).reshape(-1, 2 + len(names))
+        return Series(table[:, 0] * 1e-9 * rate, table[:, 2:], names, table[:, 1].astype(np.int64))
+
     def experiment(
         self,
         *,

@@ -15,8 +15,9 @@ before it:
 - `virtual_rig/`: the simulated rig behind the protocol
 
 Beside the rooms: `_operate` commands a rig behind its guard, `_drive` by a plan, `_readiness` says
-when it may begin, `_switch_off` ends; `_follower`, `_alarms`, `_publisher` and `_screen` are
-consumers; `_prove` and `_provocations` test that the interlocks act; `_json` is a record as JSON.
+when it may begin, `_switch_off` ends; `_follower`, `_estimate_journal`, `_alarms`, `_publisher` and
+`_screen` are consumers; `_prove` and `_provocations` test that the interlocks act; `_json` is a
+record as JSON.
 
 docs/reliability.md states the guarantees, docs/protocol.md specifies the protocol. The public names
 stand in `__init__.pyi` and are imported when they are first used.

@@ -4,6 +4,7 @@
 from ._alarms import Alarms as Alarms
 from ._drive import drive as drive
 from ._drive import follow as follow
+from ._estimate_journal import EstimateJournal as EstimateJournal
 from ._follower import Follower as Follower
 from ._json import record_as_json as record_as_json
 from ._json import state_as_json as state_as_json
@@ -53,6 +54,7 @@ from .protocol._records import LinkState as LinkState
 from .protocol._records import Reading as Reading
 from .protocol._records import Record as Record
 from .protocol._records import Sample as Sample
+from .protocol._records import StateEstimate as StateEstimate
 from .protocol._rig_connection import RigConnection as RigConnection
 from .protocol._rig_connection import connect as connect
 from .protocol._rig_state import RigState as RigState

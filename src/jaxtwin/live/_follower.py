@@ -48,6 +48,16 @@ class Follower:
         self._start(float(room) - ZERO_CELSIUS)
 
     @property
+    def observer(self) -> AbstractObserver[Any]:
+        """What it follows with."""
+        return self._observer
+
+    @property
+    def time(self) -> int:
+        """The host time up to which it has followed the rig, ns."""
+        return self._time
+
+    @property
     def state(self) -> Any:
         """Its state, as arrays of NumPy."""
         return self._state

@@ -15,6 +15,7 @@ from .protocol._records import (
     Reading,
     Record,
     Sample,
+    StateEstimate,
 )
 from .protocol._rig_state import RigState
 
@@ -24,9 +25,9 @@ MILLIKELVIN = 3  # digits of a temperature
 def record_as_json(record: Record, rig: Rig) -> dict[str, Any]:
     """A record as a dictionary that JSON can hold.
 
-    **Returns:** `kind` (`reading`, `duty`, `event`, `command`, `document`), `time`, its arrival, s
-    since 1970, and what a record of that kind holds: temperatures (degC) by the names of channels,
-    None for a channel that has failed, and counts by the names of cells.
+    **Returns:** `kind` (`reading`, `duty`, `estimate`, `event`, `command`, `document`), `time`, its
+    arrival, s since 1970, and what a record of that kind holds: temperatures (degC) by the names of
+    channels, None for a channel that has failed, and counts by the names of cells.
     """
     return {"kind": _kind(record), "time": record.arrival * 1e-9, **_content(record, rig)}
 
@@ -66,6 +67,8 @@ def _kind(record: Record) -> str:
             return "command"
         case Document():
             return "document"
+        case StateEstimate():
+            return "estimate"
     return "event"
 
 
@@ -93,6 +96,8 @@ def _content(record: Record, rig: Rig) -> dict[str, Any]:
             return {"link": record.link, "command": record.kind, "pwm": list(record.pwm)}
         case Document():
             return {"document": record.kind, "uid": record.uid, **record.content}
+        case StateEstimate():
+            return {"twin": record.twin, **{k: _number(v) for k, v in record.values.items()}}
 
 
 def _number(value: float) -> float | None:

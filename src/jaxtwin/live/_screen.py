@@ -74,6 +74,11 @@ class Screen:
         self._last = ""
         self._now = 0
 
+    @property
+    def follower(self) -> Follower:
+        """The twin beside the rig."""
+        return self._follower
+
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes the next record, and what is known of the rig after it."""
         if self._follows:

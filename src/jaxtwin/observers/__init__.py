@@ -10,13 +10,15 @@ in which a fit is uncertain (`_uncertain_values`), the distribution at the start
 algebra of normal distributions (`_gaussian`). `observe` (`_observe`) runs it over a recording
 (`_filter_run`); the result, `Observed`, forecasts (`_forecast_run`) and smooths (`_smoother`).
 `live_observer` makes a filter for a rig
-that is read as it runs. `estimate_noise` (`_estimate_noise`) finds the levels of a `ProcessNoise`.
+that is read as it runs. `estimate_noise` (`_estimate_noise`) finds the levels of a `ProcessNoise`,
+and `match_innovations` (`_match_innovations`) the values of a twin by the likelihood of a filter.
 """
 
 from ._estimate_noise import estimate_noise
 from ._estimates import Estimate, Estimates
 from ._forecast import Forecast
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+from ._match_innovations import match_innovations
 from ._observe import live_observer, observe
 from ._observed import Observed
 from ._observer import AbstractObserver
@@ -36,5 +38,6 @@ __all__ = [
     "ProcessNoise",
     "estimate_noise",
     "live_observer",
+    "match_innovations",
     "observe",
 ]

@@ -37,12 +37,15 @@ from .._compilation import persistent_jit_unoptimised
 from ..physics import System, Twin
 from ..physics._input_effects import Conditions
 from ..simulation import Stepper
-from ..simulation._exponential import Inputs
+from ..simulation._exponential import Inputs, vanishing
 from ..simulation._stepper import losses
 from ..simulation._variable_step import linear_step, variable_step
 from ._commands import Commands
 from ._process_noise import ProcessNoise
 from ._uncertain_values import UncertainDirections
+
+NEAR = 1e-4
+"""Rates whose difference times a step is smaller have the derivative in place of a quotient."""
 
 DRIVEN = ("modes", "duty", "room", "heats", "values")
 """The parts on which the first two after a step depend. They are the first; the others decay."""
@@ -167,7 +170,7 @@ class AugmentedModel(eqx.Module):
         self.relaxation = () if error is None else tuple(error.relaxation)
         cells = len(system.wiring.cold)
         self.layout = Layout(
-            modes=len(system.capacitance),
+            modes=stepper.field.modes.rates.size,
             duty=0 if system.lag is None else cells,
             heats=cells,
             common=1 + len(self.relaxation),
@@ -231,7 +234,7 @@ class AugmentedModel(eqx.Module):
         """
         parts = self._driven(mean)
         end, duty, path = self._evolve(parts, reached, commands, dt, levels)
-        decay = self._decay(dt)
+        decay = self.decay(dt)
         driven, first = self.layout.driven, self.layout.of("room").start
         slopes = self._slopes(parts, reached, commands, dt, levels)
         kept = jnp.diag(decay[:driven])[first:]
@@ -250,7 +253,7 @@ class AugmentedModel(eqx.Module):
     ) -> tuple[Float[Array, " state"], Float[Array, " cells"]]:
         """The same without the derivative and the noise."""
         end, duty, path = self._evolve(self._driven(mean), reached, commands, dt, levels)
-        return self._after(mean * self._decay(dt), end, duty), path[-1]
+        return self._after(mean * self.decay(dt), end, duty), path[-1]
 
     def _after(
         self,
@@ -346,6 +349,7 @@ class AugmentedModel(eqx.Module):
         def forces(z: Array, duty: Array, room: Array, heats: Array, values: Array) -> Array:
             base, system, conditions = self._systems(values, levels)
             held = self._force(z, duty, room[0], heats, base, system)
+            held = held - vanishing(self.stepper.field.mass, held)
             lost = losses(self.stepper, z, room[0])
             free = self.stepper.field.force(z, Inputs(duty, room[0], lost, conditions))
             return jnp.stack([held, free])
@@ -412,7 +416,7 @@ class AugmentedModel(eqx.Module):
             heat = heat + base.capacitance / system.capacitance * changed - original
         return self.shapes.T @ heat
 
-    def _decay(self, dt: Float[Array, ""]) -> Float[Array, " state"]:
+    def decay(self, dt: Float[Array, ""]) -> Float[Array, " state"]:
         """The factor of each entry that does not depend on others over a step; 0 for the rest."""
         layout, noise = self.layout, self.noise
         decay = jnp.ones(layout.size, dt.dtype)
@@ -435,9 +439,7 @@ class AugmentedModel(eqx.Module):
         """The covariance of the noise that a step adds."""
         layout, noise, modes = self.layout, self.noise, self.stepper.field.modes
         system = self.stepper.system
-        # Random heat is held during the step: fast modes forget most of it.
-        fading = -jnp.expm1(-modes.rates * dt) / jnp.where(dt > 0, modes.rates * dt, 1.0)
-        sides = modes.sides * fading
+        sides = self._faded_sides(dt)
         temperatures = modes.sides @ z + self.stepper.reference
 
         def heat(duty: Array) -> Array:
@@ -449,6 +451,36 @@ class AugmentedModel(eqx.Module):
         late = (cold + hot) * noise.command_time
         heated = sides * noise.heat * jnp.sqrt(dt)
         roots = jnp.concatenate([late, heated])
+        block = layout.of("modes")
+        return jnp.diag(self.walks(dt)).at[block, block].set(roots.T @ roots)
+
+    def _faded_sides(self, dt: Float[Array, ""]) -> Float[Array, "sides modes"]:
+        """What heat into each side of the cells, held during a step, leaves in the modes at its
+        end, per unit of its integral: fast modes forget most of it.
+
+        The derivative is that of the function of the matrix of the network (Daleckii and Krein, see
+        Higham, *Functions of Matrices*, 2008, theorem 3.11), whose change the field has.
+        """
+        field = self.stepper.field
+        rates, heat = field.modes.rates, field.modes.sides.T
+        decayed = jnp.where(dt > 0, rates * dt, 1.0)
+        fading = -jnp.expm1(-rates * dt) / decayed
+        apart = rates[:, None] - rates
+        is_near = jnp.abs(apart) * dt < NEAR
+        slope = dt * (jnp.exp(-rates * dt) - fading) / decayed
+        secant = (fading[:, None] - fading) / jnp.where(is_near, 1.0, apart)
+        by_change = jnp.where(is_near, (slope[:, None] + slope) / 2, secant)
+        change = by_change * (field.stiffness - field.mass * rates)
+
+        def faded(heat: Array) -> Array:
+            entering = heat - vanishing(field.mass, heat)
+            return fading * entering + vanishing(change, entering)
+
+        return jax.vmap(faded, in_axes=1)(heat)
+
+    def walks(self, dt: Float[Array, ""]) -> Float[Array, " state"]:
+        """The variance that a step adds to each entry beside the modes."""
+        layout, noise = self.layout, self.noise
         walks = jnp.zeros(layout.size, dt.dtype)
         walks = walks.at[layout.of("room")].set(jnp.asarray(noise.room) ** 2 * dt)
         if self.directions is not None:
@@ -461,9 +493,7 @@ class AugmentedModel(eqx.Module):
         ):
             walks = walks.at[layout.of(part)].set(_regained(level, time, dt))
         common = layout.of("common").start
-        walks = walks.at[common].set(_regained(noise.common, noise.common_time, dt))
-        block = layout.of("modes")
-        return jnp.diag(walks).at[block, block].set(roots.T @ roots)
+        return walks.at[common].set(_regained(noise.common, noise.common_time, dt))
 
     def to_degC(self, deviation: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Temperatures in degC for deviations from the reference, K."""

@@ -78,7 +78,11 @@ def observe(
 
 
 def live_observer(
-    twin: Twin, noise: ProcessNoise | None = None, sample_time: float = 1.0
+    twin: Twin,
+    noise: ProcessNoise | None = None,
+    sample_time: float = 1.0,
+    *,
+    stepper: Stepper | None = None,
 ) -> ExtendedKalmanFilter:
     """Makes a filter for a rig that is read as it runs, with the values of the twin taken as exact
     but for those that the noise names.
@@ -88,12 +92,16 @@ def live_observer(
     - `twin`: the twin; all of its channels are read.
     - `noise`: the levels of the noise; None: usual ones.
     - `sample_time`: the time between two readings, s.
+    - `stepper`: a stepper of the twin with fewer modes, from `reduce_stepper`, for a device with
+      little memory; None for all modes.
 
     **Raises:** `ObserverError` if a level of the noise is not positive, or for unknown names.
     """
     levels = _usual_levels(twin, sample_time) if noise is None else noise
     levels.check()
-    stepper, step = stable_stepper(twin, min(sample_time, LONGEST_STEP))
+    step = min(sample_time, LONGEST_STEP)
+    if stepper is None:
+        stepper, step = stable_stepper(twin, step)
     none = np.zeros((0, 0))
     directions = uncertain_directions(twin, {}, none, None, levels.names)
     with own_settings():

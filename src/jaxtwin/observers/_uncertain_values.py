@@ -202,7 +202,7 @@ def uncertainty_of_fit(
         rows = (*match.rows, *own)
         covariance = np.diag([0.0] * len(match.rows) + [(r.prior_spread or 0.0) ** 2 for r in own])
         covariance[: len(match.rows), : len(match.rows)] = of_match
-    starts = _starts(rig)
+    starts = start_parameters(rig)
     kept = [number for number, row in enumerate(rows) if row.name not in starts]
     return {rows[n].name: rows[n] for n in kept}, covariance[np.ix_(kept, kept)]
 
@@ -218,7 +218,9 @@ def room_spread(fitted: Twin | Fit) -> float:
     return max((spread for spread in spreads if spread is not None), default=2.0)
 
 
-def _starts(rig: Rig) -> frozenset[str]:
+def start_parameters(rig: Rig) -> frozenset[str]:
+    """The parameters of temperatures at the start and of the room, which are states of an
+    observer."""
     return (
         room_parameters(rig)
         | plate_parameters(rig)

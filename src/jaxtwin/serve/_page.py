@@ -9,7 +9,7 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._normal_distribution import QUANTILE_975
-from ..live import Event, Finding, Gap, LinkChange, Reading, Record, RigState
+from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState
 from ..live.protocol._clock import seconds
 from ..observers._moments import Moment
 from ..physics import Twin
@@ -96,6 +96,11 @@ class Page:
     def twin(self) -> Twin:
         """The twin that follows the rig."""
         return self._beside.twin
+
+    @property
+    def followed(self) -> tuple[Follower, str]:
+        """What follows the rig, and what its twin is called."""
+        return self._follower, self._beside.label
 
     def follow(self, beside: TwinBeside) -> None:
         """Goes on with another twin, which begins to find the rig."""

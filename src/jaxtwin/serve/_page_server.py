@@ -10,7 +10,15 @@ from typing import Any, final
 
 from .._celsius import ZERO_CELSIUS
 from ..control import AbstractController
-from ..live import Alarms, Event, Finding, RecordConsumer, Replay, RigConnection
+from ..live import (
+    Alarms,
+    EstimateJournal,
+    Event,
+    Finding,
+    RecordConsumer,
+    Replay,
+    RigConnection,
+)
 from ..live._stop_request import StopRequest
 from ._access import Access
 from ._app import web_app
@@ -98,6 +106,8 @@ class PageServer:
             disk = recording or Path.cwd() / "-"
             alarms = Alarms(names, hottest, silence, disk, now, self.page.on_finding)
             watching.append(alarms)
+            if recording is not None:
+                watching.append(EstimateJournal(source.note, lambda: self.page.followed))
         self.loop = RigLoop(
             source,
             self.page,

@@ -143,10 +143,10 @@ class ModalField(eqx.Module):
             force = force + self._losses(amplitudes, inputs.ambient)
         # The change of C acts on the slope, which itself contains the change. Two rounds of this
         # substitution are exact up to second derivatives.
-        bent = _vanishing(self.stiffness, amplitudes)
+        bent = vanishing(self.stiffness, amplitudes)
         slope = force - modes.rates * amplitudes
-        slope = slope - bent - _vanishing(self.mass, slope)
-        return force - bent - _vanishing(self.mass, slope)
+        slope = slope - bent - vanishing(self.mass, slope)
+        return force - bent - vanishing(self.mass, slope)
 
     def _switched_heat(
         self, system: System, amplitudes: Float[Array, " modes"], inputs: Inputs
@@ -205,7 +205,7 @@ def loss_force(
 
 
 @jax.custom_jvp
-def _vanishing(matrix: Array, vector: Array) -> Array:
+def vanishing(matrix: Array, vector: Array) -> Array:
     """Multiplies by a matrix that is zero in value, while its derivative is not."""
     del matrix
     # Not `zeros_like`, which has no batch axis where `vector` has one: JAX (0.10.2) then cannot
@@ -213,10 +213,10 @@ def _vanishing(matrix: Array, vector: Array) -> Array:
     return 0.0 * vector
 
 
-@_vanishing.defjvp
-def _vanishing_jvp(primals: Any, tangents: Any) -> Any:
+@vanishing.defjvp
+def vanishing_jvp(primals: Any, tangents: Any) -> Any:
     (matrix, vector), (d_matrix, d_vector) = primals, tangents
-    return _vanishing(matrix, vector), d_matrix @ vector + _vanishing(matrix, d_vector)
+    return vanishing(matrix, vector), d_matrix @ vector + vanishing(matrix, d_vector)
 
 
 @final

@@ -1,5 +1,8 @@
 r"""A steady-state Kalman filter that also estimates disturbances of the plant.
 
+It is the filter of `jaxtwin.observers` for a plant that is linear, when its covariance has come to
+rest: correction and prediction are then products with fixed matrices.
+
 The states are those of the plant and, for each output, a disturbance, expressed as the change of
 the output at rest, K. The disturbance is a random walk and acts like a duty. The model therefore
 agrees with the readings at rest, whatever its error:
@@ -13,18 +16,18 @@ disturbance models without offset).
 
 from typing import final
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..linear._riccati import filter_gain
+from ._estimator import AbstractEstimator
 from ._law import Table
 from ._plant import Plant
 
 
 @final
-class KalmanFilter(eqx.Module):
+class KalmanFilter(AbstractEstimator):
     """A steady-state Kalman filter. All duty cycles and temperatures are deviations from the
     plant's operating point.
 
@@ -44,23 +47,27 @@ class KalmanFilter(eqx.Module):
     by_reading: Float[Array | np.ndarray, "state output"]
 
     def init(
-        self, duty: Float[Array, " cell"], outputs: Float[Array, " output"]
+        self, duty: Float[Array, " cell"], readings: Float[Array, " output"]
     ) -> Float[Array, " state"]:
-        """The states at rest under a duty, with the disturbance that explains the outputs."""
+        """The states at rest under a duty, with the disturbance that explains the readings."""
         at_rest = jnp.asarray(self.by_duty) @ duty
-        return at_rest + jnp.asarray(self.by_reading) @ (outputs - self.C @ at_rest)
+        return at_rest + jnp.asarray(self.by_reading) @ (readings - self.C @ at_rest)
 
     def correct(
-        self, states: Float[Array, " state"], outputs: Float[Array, " output"]
+        self, estimate: Float[Array, " state"], readings: Float[Array, " output"]
     ) -> Float[Array, " state"]:
-        """Corrects the predicted states by a reading."""
-        return states + self.L @ (outputs - self.C @ states)
+        """Corrects the predicted states by readings."""
+        return estimate + self.L @ (readings - self.C @ estimate)
+
+    def states(self, estimate: Float[Array, " state"]) -> Float[Array, " state"]:
+        """The estimate itself."""
+        return estimate
 
     def predict(
-        self, states: Float[Array, " state"], duty: Float[Array, " cell"]
+        self, estimate: Float[Array, " state"], duty: Float[Array, " cell"]
     ) -> Float[Array, " state"]:
         """Predicts the states of the next sample."""
-        return jnp.asarray(self.A) @ states + jnp.asarray(self.B) @ duty
+        return jnp.asarray(self.A) @ estimate + jnp.asarray(self.B) @ duty
 
 
 def error_gain(drift: float, reading_noise: float, sample_time_s: float) -> float:

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from ...observers import ExtendedKalmanFilter
 from ...rig import Rig
 from ...rig._units import Kind
 from ..linear._discrete_model import DiscreteModel
@@ -40,6 +41,7 @@ from ._controller_fields import (
     matrix,
 )
 from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._estimator import AbstractEstimator
 from ._file_model import (
     MODEL_FIELDS,
     PER_KELVIN,
@@ -56,6 +58,7 @@ from ._kalman import KalmanFilter, kalman_filter, kalman_tables
 from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
 from ._pid import WEIGHT, Parameter, as_parameter
 from ._plant import Plant, check_designed_for, plant_of
+from ._twin_estimator import TwinEstimator, refuse_observed
 
 GAINS = {
     "Kx": PLAIN,
@@ -67,10 +70,10 @@ GAINS = {
 
 
 class LQIState(NamedTuple):
-    """The state of an `LQI`: the predicted states, the integrated errors (K s), and the part of the
-    initial duty that no integral can hold."""
+    """The state of an `LQI`: the predicted states (with an observer its estimate), the integrated
+    errors (K s), and the part of the initial duty that no integral can hold."""
 
-    states: Float[Array, " state"]
+    states: PyTree
     integral: Float[Array, " outputs"]
     duty_offset: Float[Array, " cells"]
 
@@ -102,6 +105,7 @@ class LQI(AbstractDutyLimitedController):
       reading noise determines how much the filter trusts the model.
     - `setpoint_weight`: b, the part of the duty for a new reference that is applied at once. With 0
       the integral provides all of it, which overshoots least.
+    - `observer`: an observer of the twin, as in `MPC`.
     - `limits`: limits of the duty, as in `PID`. At a limit the integral is set back by
       back-calculation, and the filter uses the duty that the cells get.
 
@@ -122,6 +126,8 @@ class LQI(AbstractDutyLimitedController):
     N: Parameter
     setpoint_weight: Parameter
     kalman: KalmanFilter
+    observed: TwinEstimator | None
+    """The filter with what an observer knows, if there is one."""
     duty: Float[Array | np.ndarray, " cells"]
     outputs: Float[Array | np.ndarray, " outputs"]
     limits: tuple[float, float] = eqx.field(static=True)
@@ -143,6 +149,7 @@ class LQI(AbstractDutyLimitedController):
         reading_noise: Numbers = 0.1,
         setpoint_weight: Numbers = 0.0,
         limits: Sequence[float | int] | None = None,
+        observer: ExtendedKalmanFilter | None = None,
     ):
         self.limits = checked_limits("LQI", limits)
         self.has_own_limits = limits is not None
@@ -174,6 +181,9 @@ class LQI(AbstractDutyLimitedController):
         self.Kt = np.linalg.pinv(self.Ki)
         self.N = (np.eye(cells) + self.Kx @ plant.rest_states) @ plant.inverse
         self.kalman = kalman_filter("LQI", plant, w, v, h)
+        self.observed = None
+        if observer is not None:
+            self.observed = TwinEstimator("LQI", observer, plant, self.kalman)
         self.duty, self.outputs = plant.duty, plant.outputs
         self.designed_for = plant.rig
 
@@ -193,8 +203,18 @@ class LQI(AbstractDutyLimitedController):
 
     @property
     def is_linear(self) -> bool:
-        """True within the limits."""
-        return True
+        """True within the limits, without an observer."""
+        return self.observed is None
+
+    @property
+    def estimator(self) -> AbstractEstimator:
+        """What estimates the states: the Kalman filter, alone or with an observer."""
+        return self.kalman if self.observed is None else self.observed
+
+    def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
+        """Returns the weights of the outputs, and all channels for an observer."""
+        outputs = self.output_weights(channels)
+        return outputs if self.observed is None else np.vstack([outputs, np.eye(len(channels))])
 
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
@@ -217,6 +237,7 @@ class LQI(AbstractDutyLimitedController):
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the gains, and the model."""
+        refuse_observed("save_controller: controller", self.observed)
         gains = [f"{name} = {as_matrix(getattr(self, name), unit)}" for name, unit in GAINS.items()]
         return [
             *point_lines(self.duty, self.outputs),
@@ -237,6 +258,7 @@ class LQI(AbstractDutyLimitedController):
 
     def law(self, cells: int) -> Law:
         """The law, with its Kalman filter."""
+        refuse_observed("export_c: model", self.observed)
         Kx, Ki, Kt, N = (np.asarray(getattr(self, name), float) for name in GAINS)
         check_designed_cells(len(Ki), cells)
         states, outputs = np.shape(self.kalman.L)
@@ -264,30 +286,40 @@ class LQI(AbstractDutyLimitedController):
         )
 
     def init(
-        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " outputs"]
+        self, duty: Float[ArrayLike, " cells"], measurement: Float[ArrayLike, " readings"]
     ) -> PyTree:
         """The state with which the duty stays where it is while the reference equals the
         measurement."""
-        u, y = jnp.asarray(duty) - self.duty, jnp.asarray(measurement) - self.outputs
-        states = self.kalman.init(u, y)
-        missing = u - self._feedback(states, y)
+        u, (y, read) = jnp.asarray(duty) - self.duty, self._parts(measurement)
+        estimate = self.estimator.init(u, read)
+        missing = u - self._feedback(self.estimator.states(estimate), y)
         integral = jnp.asarray(self.Kt) @ missing
-        return LQIState(states, integral, missing - self.Ki @ integral)
+        return LQIState(estimate, integral, missing - self.Ki @ integral)
 
     def step(
         self,
         state: PyTree,
         reference: Float[ArrayLike, " outputs"],
-        measurement: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " readings"],
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Computes the duty of a sample and the next state."""
-        r, y = jnp.asarray(reference) - self.outputs, jnp.asarray(measurement) - self.outputs
-        states = self.kalman.correct(state.states, y)
+        r, (y, read) = jnp.asarray(reference) - self.outputs, self._parts(measurement)
+        estimate = self.estimator.correct(state.states, read)
+        states = self.estimator.states(estimate)
         asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.duty_offset
         duty = jnp.clip(asked, *self.limits)
         integral = state.integral + self.sample_time_s * (r - y) + self.Kt @ (duty - asked)
-        later = self.kalman.predict(states, duty - self.duty)
+        later = self.estimator.predict(estimate, duty - self.duty)
         return duty, LQIState(later, integral, state.duty_offset)
+
+    def _parts(
+        self, measurement: Float[ArrayLike, " readings"]
+    ) -> tuple[Float[Array, " outputs"], Float[Array, " read"]]:
+        """Computes the deviations of the outputs from the operating point, and what the estimator
+        reads: the same, or all channels."""
+        readings, count = jnp.asarray(measurement), len(self.outputs)
+        outputs = readings[:count] - self.outputs
+        return outputs, jnp.concatenate([outputs, readings[count:]])
 
     def _feedback(
         self, states: Float[Array, " state"], reference: Float[Array, " outputs"]

@@ -36,6 +36,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import names_of, true_or_false, whole_number
 from ..._errors import ControlError
+from ...observers import ExtendedKalmanFilter
 from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import (
@@ -64,6 +65,7 @@ from ._controller_fields import (
     FileContents,
 )
 from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._estimator import AbstractEstimator
 from ._evenness import AbstractEvennessCost
 from ._file_model import (
     MODEL_FIELDS,
@@ -92,6 +94,7 @@ from ._mpc_programs import (
 )
 from ._plant import Plant, check_designed_for, plant_of
 from ._quadratic_program import QuadraticProgram, minimised
+from ._twin_estimator import TwinEstimator, refuse_observed
 
 SLOWNESS = 1 / 3
 """How fast the allowance follows, relative to the slowest pole of the model. While a plate warms
@@ -102,11 +105,11 @@ _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
 
 
 class MPCState(NamedTuple):
-    """The state of an `MPC`: the predicted states, the duty that the cells get, the errors of the
-    model at the watched channels, and how much farther from their centre than the model expects the
-    points are at rest, K."""
+    """The state of an `MPC`: the predicted states (with an observer its estimate), the duty that
+    the cells get, the errors of the model at the watched channels, and how much farther from their
+    centre than the model expects the points are at rest, K."""
 
-    states: Float[Array, " state"]
+    states: PyTree
     duty: Float[Array, " cells"]
     errors: Float[Array, " watched"]
     allowance: Float[Array, ""]
@@ -145,6 +148,9 @@ class MPC(AbstractDutyLimitedController):
       computes all of them for a plate.
     - `excess_deviation`: the accepted excess over a temperature limit, and of a point over the
       farthest one at rest, K. With a smaller value the limit is stricter.
+    - `observer`: an observer of the twin (`jaxtwin.observers.live_observer`), from which the Kalman
+      filter knows what the twin does beyond the linear model; None for the filter alone. It reads
+      all channels at every sample. Such a controller has no file and no C.
     - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole
       horizon, so that it acts before a step of the reference comes.
 
@@ -170,6 +176,8 @@ class MPC(AbstractDutyLimitedController):
 
     condensed: Condensed
     kalman: KalmanFilter
+    observed: TwinEstimator | None
+    """The filter with what an observer knows, if there is one."""
     gain: Float[Array | np.ndarray, "outputs cells"]
     inverse: Float[Array | np.ndarray, "cells outputs"]
     disturbed: Float[Array | np.ndarray, "cells disturbances"]
@@ -221,6 +229,7 @@ class MPC(AbstractDutyLimitedController):
         points: Sequence[str] = (),
         point_errors: Float[np.ndarray, "points channels"] | None = None,
         preview: bool = False,
+        observer: ExtendedKalmanFilter | None = None,
     ):
         self.limits = checked_limits("MPC", limits)
         self.has_own_limits = limits is not None
@@ -274,6 +283,9 @@ class MPC(AbstractDutyLimitedController):
         if self.point_names:
             self.of_channels = means_of(self.measured, self.read_channels)
         self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
+        self.observed = None
+        if observer is not None:
+            self.observed = TwinEstimator("MPC", observer, plant, self.kalman)
         self.gain, self.inverse, self.disturbed = plant.gain, plant.inverse, plant.disturbed
         self.duty, self.outputs = plant.duty, plant.outputs
         self.designed_for = plant.rig
@@ -300,8 +312,14 @@ class MPC(AbstractDutyLimitedController):
     @property
     def is_linear(self) -> bool:
         """True within the limits; not with points that are to be even, because the most even rest
-        lies where the hottest or the coldest point changes."""
-        return self.evenness is None or self.evenness.is_quadratic
+        lies where the hottest or the coldest point changes, and not with an observer."""
+        is_smooth = self.evenness is None or self.evenness.is_quadratic
+        return self.observed is None and is_smooth
+
+    @property
+    def estimator(self) -> AbstractEstimator:
+        """What estimates the states: the Kalman filter, alone or with an observer."""
+        return self.kalman if self.observed is None else self.observed
 
     @property
     def preview_samples(self) -> int:
@@ -316,9 +334,11 @@ class MPC(AbstractDutyLimitedController):
         }
 
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
-        """Returns the weights of the outputs, and those of the other channels that are read."""
+        """Returns the weights of the outputs, those of the other channels that are read, and all
+        channels for an observer."""
         watched = means_of([(name,) for name in self.read_channels], channels)
-        return np.vstack([self.output_weights(channels), watched])
+        weights = np.vstack([self.output_weights(channels), watched])
+        return weights if self.observed is None else np.vstack([weights, np.eye(len(channels))])
 
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
@@ -328,10 +348,12 @@ class MPC(AbstractDutyLimitedController):
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the deviations, the limits, and the model."""
+        refuse_observed("save_controller: controller", self.observed)
         return mpc_lines(self)
 
     def law(self, cells: int) -> Law:
         """The law: its Kalman filter, its target at rest and its plan."""
+        refuse_observed("export_c: model", self.observed)
         return mpc_law(self, cells)
 
     def init(
@@ -344,8 +366,9 @@ class MPC(AbstractDutyLimitedController):
         """
         read, watched = self._parts(measurement)
         u = jnp.asarray(duty) - self.duty
-        states = self.kalman.init(u, read)
-        return MPCState(states, u, self._missed(states, watched), jnp.zeros((), u.dtype))
+        estimate = self.estimator.init(u, read)
+        errors = self._missed(self.estimator.states(estimate), watched)
+        return MPCState(estimate, u, errors, jnp.zeros((), u.dtype))
 
     def step(
         self,
@@ -361,17 +384,19 @@ class MPC(AbstractDutyLimitedController):
             now = jnp.clip(now, state.duty - self.reach, state.duty + self.reach)
         # Rounding must not violate the hard limits.
         now = jnp.clip(now, low, high)
-        later = seen._replace(states=self.kalman.predict(seen.states, now), duty=now)
+        later = seen._replace(states=self.estimator.predict(seen.states, now), duty=now)
         return jnp.clip(now + self.duty, *self.limits), later
 
     def _parts(
         self, measurement: Float[ArrayLike, " readings"]
     ) -> tuple[Float[Array, " read"], Float[Array, " watched"]]:
-        """Computes the deviations of what the filter reads, and of the watched channels, from the
-        operating point."""
+        """Computes what the estimator reads, and the deviations of the watched channels from the
+        operating point. The filter reads deviations too, an observer all channels."""
         readings, count = jnp.asarray(measurement), len(self.outputs)
-        watched = readings[count:] - jnp.asarray(self.watched.at)
-        return readings[:count] - self.outputs if self.points is None else watched, watched
+        last = count + len(self.read_channels)
+        watched = readings[count:last] - jnp.asarray(self.watched.at)
+        read = readings[:count] - self.outputs if self.points is None else watched
+        return jnp.concatenate([read, readings[last:]]), watched
 
     def _missed(
         self, states: Float[Array, " state"], watched: Float[Array, " watched"]
@@ -388,8 +413,9 @@ class MPC(AbstractDutyLimitedController):
         of the next samples, as deviations from the operating point."""
         read, watched = self._parts(measurement)
         if self.points is not None:
-            read = read - state.errors
-        states = self.kalman.correct(state.states, read)
+            read = jnp.concatenate([read[: len(watched)] - state.errors, read[len(watched) :]])
+        estimate = self.estimator.correct(state.states, read)
+        states = self.estimator.states(estimate)
         missed = self._missed(states, watched) - state.errors
         errors = state.errors + jnp.asarray(self.watched.L) * missed
         limits = self.limits[0] - self.duty, self.limits[1] - self.duty
@@ -413,7 +439,7 @@ class MPC(AbstractDutyLimitedController):
             self.soft_temperatures,
             errors,
         )
-        return MPCState(states, state.duty, errors, allowance), program
+        return MPCState(estimate, state.duty, errors, allowance), program
 
     def _rest(
         self,

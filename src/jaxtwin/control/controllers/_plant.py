@@ -25,6 +25,14 @@ class Temperatures(NamedTuple):
     at: Float[np.ndarray, " temperature"]
 
 
+class NodeProjection(NamedTuple):
+    """The first states of a plant by the temperatures of the rig's nodes, less `at`, degC. The
+    other states follow from the commands."""
+
+    matrix: Float[np.ndarray, "first node"]
+    at: Float[np.ndarray, " node"]
+
+
 class Plant(NamedTuple):
     """The plant $x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
 
@@ -35,6 +43,7 @@ class Plant(NamedTuple):
       duty; `inverse`: the smallest duty that changes the outputs at rest by 1 K.
     - `read`: C of what the filter reads. `disturbed`: the duty like which a disturbance of 1 K
       acts, at most one for each cell.
+    - `projection`: its states by the nodes of the rig; None if they are not known.
     """
 
     A: Float[np.ndarray, "state state"]
@@ -51,6 +60,7 @@ class Plant(NamedTuple):
     read: Float[np.ndarray, "reading state"]
     disturbed: Float[np.ndarray, "cell disturbance"]
     rig: str = ""
+    projection: NodeProjection | None = None
 
 
 def check_designed_for(controller: str, designed_for: str, rig: Rig) -> None:
@@ -116,7 +126,10 @@ def plant_of(
         Temperatures(C[last:], temperatures[last:]),
         model.sample_time_s,
     )
-    return plant._replace(rig=point.rig)
+    projection = None
+    if model.projection is not None:
+        projection = NodeProjection(np.asarray(model.projection), np.asarray(point.nodes))
+    return plant._replace(rig=point.rig, projection=projection)
 
 
 def checked_plant(

@@ -21,12 +21,14 @@ input moves or no output shows, such as differences between mirror images on a s
 
 
 class Balanced(NamedTuple):
-    """A balanced model without the states that no input moves or no output shows."""
+    """A balanced model without the states that no input moves or no output shows; `into` are its
+    states by those of the original model."""
 
     A: Float[np.ndarray, "kept kept"]
     B: Float[np.ndarray, "kept input"]
     C: Float[np.ndarray, "output kept"]
     hankel: Float[np.ndarray, " kept"]
+    into: Float[np.ndarray, "kept state"]
 
 
 def balanced(
@@ -50,14 +52,14 @@ def balanced(
     scale = 1 / np.sqrt(hankel[kept])
     into = scale[:, None] * (left[:, kept].T @ shown.T)
     back = moved @ right[kept].T * scale
-    return Balanced(into @ A @ back, into @ B, C @ back, hankel[kept])
+    return Balanced(into @ A @ back, into @ B, C @ back, hankel[kept], into)
 
 
 def residualised(
     model: Balanced, order: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A, B, C and D of the model whose states beyond the first ones are always at rest."""
-    A, B, C, _ = model
+    A, B, C, *_ = model
     kept, left_out = slice(order), slice(order, None)
     rest = np.linalg.solve(A[left_out, left_out], np.hstack([A[left_out, kept], B[left_out]]))
     by_state, by_input = rest[:, :order], rest[:, order:]

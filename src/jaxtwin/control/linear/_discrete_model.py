@@ -43,6 +43,8 @@ class DiscreteModel(eqx.Module):
     - `sample_time_s`: the sample time, s.
     - `state_names`, `input_names`, `output_names`: names of states, inputs and outputs.
     - `offset`: $b$, the change of the states in a sample at the operating point, K; None at rest.
+    - `projection`: the first states by the deviations of the rig's nodes; the others follow from
+      the commands. None if they are not known.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -55,6 +57,7 @@ class DiscreteModel(eqx.Module):
     input_names: tuple[str, ...] = eqx.field(static=True)
     output_names: tuple[str, ...] = eqx.field(static=True)
     offset: Float[Array | np.ndarray, " state"] | None = None
+    projection: Float[Array | np.ndarray, "first node"] | None = None
 
     def start(
         self, duty: ArrayLike | float | int | None = None

@@ -57,6 +57,8 @@ class LinearModel(eqx.Module):
       at rest. Frequency response, poles and margins do not depend on it.
     - `is_delayed`, `is_lagged`: whether there are any, which determines the number of states of a
       discrete model. None: yes if they are positive or traced by JAX.
+    - `projection`: the states by the temperatures of the rig's nodes, as deviations; None for a
+      model whose states are these temperatures, or are not known by them.
 
     **Raises:** `ControlError` if shapes or names do not agree, or if a delay or a lag is negative.
     """
@@ -69,6 +71,7 @@ class LinearModel(eqx.Module):
     delay_s: Float[Array | np.ndarray, ""]
     lag_s: Float[Array | np.ndarray, ""]
     rates: Float[Array | np.ndarray, " state"] | None
+    projection: Float[Array | np.ndarray, "state node"] | None
     state_names: tuple[str, ...] = eqx.field(static=True)
     input_names: tuple[str, ...] = eqx.field(static=True)
     output_names: tuple[str, ...] = eqx.field(static=True)
@@ -91,6 +94,7 @@ class LinearModel(eqx.Module):
         rates: ArrayLike | None = None,
         is_delayed: bool | None = None,
         is_lagged: bool | None = None,
+        projection: Float[Array | np.ndarray, "state node"] | None = None,
     ):
         with settings_for(A, B, C, D, delay_s, lag_s):
             self.A, self.B, self.C, self.D, self.delay_s, self.lag_s = (
@@ -102,6 +106,7 @@ class LinearModel(eqx.Module):
             self.operating_point = operating_point or OperatingPoint(
                 np.zeros(inputs), np.zeros(states), np.zeros(outputs), np.zeros(())
             )
+        self.projection = projection
         self.state_names = _names("state_names", state_names, "x", states)
         self.input_names = _names("input_names", input_names, "u", inputs)
         self.output_names = _names("output_names", output_names, "y", outputs)
@@ -161,6 +166,7 @@ class LinearModel(eqx.Module):
             input_names=self.input_names,
             output_names=self.output_names,
             offset=offset,
+            projection=self._projection,
         )
 
     def at_rest(self) -> "LinearModel":
@@ -218,6 +224,7 @@ class LinearModel(eqx.Module):
             rates=self.rates,
             is_delayed=self.is_delayed,
             is_lagged=self.is_lagged,
+            projection=self.projection,
         )
 
     def frequency_response(
@@ -302,6 +309,7 @@ class LinearModel(eqx.Module):
                 f"moves and the outputs show, got {order}"
             )
         A, B, C, D = residualised(balanced, order)
+        whole = self._projection
         # The states that were left out as rounding had a gain too.
         D = D + np.asarray(self.dcgain) - (D - C @ np.linalg.solve(A, B))
         return LinearModel(
@@ -317,6 +325,7 @@ class LinearModel(eqx.Module):
             lag_s=self.lag_s,
             is_delayed=self.is_delayed,
             is_lagged=self.is_lagged,
+            projection=None if whole is None else balanced.into[:order] @ whole,
         )
 
     def to_control(self, *, pade_order: int | None = None) -> "control.StateSpace":
@@ -378,6 +387,13 @@ class LinearModel(eqx.Module):
     def plot(self) -> "Figure":
         """Plots the Bode diagram: `jaxtwin.plots.plot_bode`."""
         return picture("plot_bode", self)
+
+    @property
+    def _projection(self) -> Float[Array | np.ndarray, "state node"] | None:
+        """The states by the deviations of the nodes, if these are known."""
+        if self.projection is None and self.state_names == self.operating_point.node_names:
+            return np.eye(len(self.state_names))
+        return self.projection
 
     def _balanced(self) -> Balanced:
         return balanced(np.asarray(self.A), np.asarray(self.B), np.asarray(self.C))

@@ -159,5 +159,20 @@ class Document:
     content: Mapping[str, Any]
 
 
-Record = Greeting | Sample | Reading | Gap | LinkChange | Event | Command | Document
+@final
+@dataclass(frozen=True)
+class StateEstimate:
+    """What an observer of the rig estimates at a time: the host's, of the reading before.
+
+    - `twin`: the twin that it observes with, for people.
+    - `values`: name with unit -> number, such as `node_P1.TH_degC` with `node_P1.TH_spread_K`, the
+      standard deviation.
+    """
+
+    arrival: int
+    twin: str
+    values: Mapping[str, float]
+
+
+Record = Greeting | Sample | Reading | Gap | LinkChange | Event | Command | Document | StateEstimate
 """The records of which a recorded session consists."""

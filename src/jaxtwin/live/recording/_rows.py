@@ -15,7 +15,9 @@ from ..protocol._records import (
     Reading,
     Record,
     Sample,
+    StateEstimate,
 )
+from ._tables import create_estimates
 
 
 @final
@@ -38,6 +40,7 @@ class RowWriter:
         self._run, self._shift, self._cells = run, shift, cells
         self._keep_frames = keep_frames
         self._greetings: dict[tuple[str, str], int] = {}
+        self._estimated: tuple[str, ...] | None = None
 
     def insert(self, record: Record) -> None:
         """Writes a record, inside the caller's transaction."""
@@ -68,6 +71,12 @@ class RowWriter:
             case Document(arrival, kind, uid, content):
                 text = json.dumps(content)
                 self._row("documents", (None, self._run, arrival + shift, kind, uid, text))
+            case StateEstimate(arrival, twin, values):
+                if self._estimated != tuple(values):
+                    create_estimates(self._database, tuple(values))
+                    self._estimated = tuple(values)
+                row = (None, self._run, arrival + shift, twin, *values.values())
+                self._row("estimates", row)
             case Command(link, arrival, number, pwm, owner, kind):
                 counts = pwm or [None] * self._cells
                 what = number, owner, kind, *counts

@@ -4,6 +4,7 @@ programs."""
 import json
 import platform
 import sqlite3
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -100,18 +101,44 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
         [(key, json.dumps(value)) for key, value in metadata.items()],
     )
     for table in _APPEND_ONLY:
-        # A run is alive until it has ended.
-        when = "WHEN OLD.ended IS NOT NULL " if table == "runs" else ""
-        for action, condition in (("UPDATE", when), ("DELETE", "")):
-            database.execute(
-                f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} {condition}"
-                "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
-            )
-        # Without this, INSERT OR REPLACE would delete a row and not call the trigger of DELETE.
-        key = {"frames": "reading", "session": "key"}.get(table, "id")
+        make_append_only(database, table)
+    database.execute(f"PRAGMA user_version = {FORMAT}")
+
+
+def create_estimates(database: sqlite3.Connection, names: Sequence[str]) -> None:
+    """Makes the table of an observer's estimates, inside the caller's transaction; a recording
+    without an observer has none.
+
+    **Raises:** `RecordingError` if there is one with other names.
+    """
+    columns = ["id", "run", "arrival", "twin", *names]
+    there = [row[1] for row in database.execute("PRAGMA table_info(estimates)")]
+    if not there:
+        quoted = "".join(', "{}" REAL'.format(name.replace('"', '""')) for name in names)
+        fields = f"id INTEGER PRIMARY KEY, run INTEGER, arrival INTEGER, twin TEXT{quoted}"
+        database.execute(f"CREATE TABLE estimates ({fields})")
+        make_append_only(database, "estimates")
+    elif there != columns:
+        odd = next(name for name in (*columns, *there) if name not in there or name not in columns)
+        raise RecordingError(
+            f"estimates: expected the columns that the recording has, got others, such as {odd!r}; "
+            "record into a new file"
+        )
+
+
+def make_append_only(database: sqlite3.Connection, table: str) -> None:
+    """Makes triggers that refuse every change of a row."""
+    # A run is alive until it has ended.
+    when = "WHEN OLD.ended IS NOT NULL " if table == "runs" else ""
+    for action, condition in (("UPDATE", when), ("DELETE", "")):
         database.execute(
-            f"CREATE TRIGGER {table}_insert BEFORE INSERT ON {table} "
-            f"WHEN EXISTS (SELECT 1 FROM {table} WHERE {key} = NEW.{key}) "
+            f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} {condition}"
             "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
         )
-    database.execute(f"PRAGMA user_version = {FORMAT}")
+    # Without this, INSERT OR REPLACE would delete a row and not call the trigger of DELETE.
+    key = {"frames": "reading", "session": "key"}.get(table, "id")
+    database.execute(
+        f"CREATE TRIGGER {table}_insert BEFORE INSERT ON {table} "
+        f"WHEN EXISTS (SELECT 1 FROM {table} WHERE {key} = NEW.{key}) "
+        "BEGIN SELECT RAISE(ABORT, 'a recording is append-only'); END"
+    )

@@ -1,0 +1,271 @@
+/* An estimated duty of a heater may be below 0 by its error, and then cools as much as it would
+   heat above. */
+#ifdef MODEL_HAS_HEATERS
+#define MODEL_IS_HEATER(cell) (model_is_heater[cell] > 0)
+#else
+#define MODEL_IS_HEATER(cell) 0
+#endif
+
+/* The current through a connected cell, within what its controller allows, A. */
+static model_real model_limited(model_real current)
+{
+#ifdef MODEL_IMAX
+    return model_fmin(model_fmax(current, -MODEL_IMAX), MODEL_IMAX);
+#else
+    return current;
+#endif
+}
+
+/* What the inputs besides duty and ambient change: the temperatures of bodies and the conductances
+   of links, as differences from those of the rig file, and the voltage of the supply. Each is a sum
+   of products of powers of inputs and of the shares of their states. */
+#if MODEL_INPUTS > 0
+#define MODEL_SUPPLY(effects) effects[MODEL_EFFECTS - 1]
+
+static model_real model_share(const model_real *inputs, int number)
+{
+    const int from = model_input_of[number];
+    const model_real level = model_input_scale[from] * inputs[from] + model_input_offset[from];
+    if (model_input_state[number] < 0) {
+        return level;
+    }
+    return model_fmax(1 - model_fabs(level - (model_real)model_input_state[number]), 0);
+}
+
+static void model_effects(const model_real *inputs, model_real *effects)
+{
+    int i, j, n;
+    for (i = 0; i < MODEL_EFFECTS; ++i) {
+        effects[i] = 0;
+    }
+    for (j = 0; j < MODEL_PRODUCTS; ++j) {
+        model_real product = 1;
+        for (n = 0; n < MODEL_SHARES; ++n) {
+            if (model_exponent[j][n] < 0 || model_exponent[j][n] > 0) {
+                product *= model_pow(model_share(inputs, n), model_exponent[j][n]);
+            }
+        }
+        for (i = 0; i < MODEL_EFFECTS; ++i) {
+            effects[i] += model_by_product[i][j] * product;
+        }
+    }
+}
+#else
+#define MODEL_SUPPLY(effects) MODEL_VS
+#endif
+
+/* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. Those of a heater are
+   the same node. */
+static void model_heat(int cell, model_real duty, model_real cold, model_real hot,
+                       model_real supply, model_real flow[2])
+{
+    const model_real loop = model_R[cell] + MODEL_RON;
+    const model_real emf = model_alpha[cell] * (hot - cold);
+    const model_real share = MODEL_IS_HEATER(cell) ? duty : model_fabs(duty);
+#ifdef MODEL_MEAN_VOLTAGE
+    const model_real drive = -duty * supply;
+    const model_real current = model_limited((drive - emf) / (loop + share * MODEL_RS));
+    const model_real square = current * current;
+#else
+    const model_real cools = duty < 0 ? supply : 0;
+    const model_real drive = duty > 0 || MODEL_IS_HEATER(cell) ? -supply : cools;
+    const model_real on = model_limited((drive - emf) / (loop + MODEL_RS));
+#ifdef MODEL_BRAKES
+    const model_real off = -emf / loop;
+    const model_real current = share * on + (1 - share) * off;
+    const model_real square = share * on * on + (1 - share) * off * off;
+#else
+    const model_real current = share * on;
+    const model_real square = share * on * on;
+#endif
+#endif
+    const model_real peltier = model_alpha[cell] * current;
+    model_real joule = (model_real)0.5 * model_R[cell] * square;
+#ifdef MODEL_HAS_POWERS
+    if (model_power[cell] > 0) {
+        joule = (model_real)0.5 * share * model_power[cell];
+    }
+#endif
+    flow[0] = joule - peltier * cold;
+    flow[1] = joule + peltier * hot;
+}
+
+/* What drives the modes beside their own decay. Of the sides of the cells, the cold ones are the
+   first. */
+static void model_force(const model_real *z, const model_real *duty, const model_real *steady,
+                        const model_real *effects, model_real *force)
+{
+    model_real at[2 * MODEL_CELLS], flow[2 * MODEL_CELLS], both[2];
+    int i, j, m;
+    for (i = 0; i < 2 * MODEL_CELLS; ++i) {
+        at[i] = 0;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            at[i] += model_shape[model_side[i]][m] * z[m];
+        }
+    }
+    for (i = 0; i < MODEL_CELLS; ++i) {
+        model_heat(i, duty[i], MODEL_T0 + at[i], MODEL_T0 + at[MODEL_CELLS + i],
+                   MODEL_SUPPLY(effects), both);
+        flow[i] = both[0];
+        flow[MODEL_CELLS + i] = both[1];
+    }
+    for (i = 0; i < 2 * MODEL_CELLS; ++i) {
+        for (j = 0; j < 2 * MODEL_CELLS; ++j) {
+            flow[i] += model_linearised_conductance[i][j] * at[j];
+        }
+    }
+    for (m = 0; m < MODEL_MODES; ++m) {
+        force[m] = steady[m];
+        for (i = 0; i < 2 * MODEL_CELLS; ++i) {
+            force[m] += model_shape[model_side[i]][m] * flow[i];
+        }
+    }
+#ifdef MODEL_LINKS
+    for (i = 0; i < MODEL_LINKS; ++i) {
+        model_real heat = 0;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            heat += model_across[i][m] * z[m];
+        }
+        heat *= effects[MODEL_BODIES + i];
+        for (m = 0; m < MODEL_MODES; ++m) {
+            force[m] -= model_across[i][m] * heat;
+        }
+    }
+#endif
+#if MODEL_INPUTS == 0
+    (void)effects;
+#endif
+}
+
+/* Forces by the ambient, by coolant and the like, and by what the plate loses beyond its linear
+   losses. */
+static void model_losses(const model_real *z, model_real ambient, const model_real *effects,
+                         model_real *force)
+{
+    int m;
+#ifdef MODEL_LINKS
+    int link;
+#endif
+#if MODEL_INPUTS > 0 && MODEL_BODIES > 0
+    int body;
+#endif
+#ifdef MODEL_ELEMENTS
+    const model_real room = MODEL_T0 + ambient;
+    int i;
+#endif
+    for (m = 0; m < MODEL_MODES; ++m) {
+        force[m] = model_surroundings[m] * ambient;
+#ifdef MODEL_HAS_RESERVOIRS
+        force[m] += model_reservoirs[m];
+#endif
+#if MODEL_INPUTS > 0 && MODEL_BODIES > 0
+        for (body = 0; body < MODEL_BODIES; ++body) {
+            force[m] += model_by_body[m][body] * effects[body];
+        }
+#endif
+    }
+#ifdef MODEL_LINKS
+    for (link = 0; link < MODEL_LINKS; ++link) {
+        /* At the ends that are no nodes. */
+        model_real heat = model_link_ambient[link] * ambient + model_link_held[link];
+#if MODEL_BODIES > 0
+        for (body = 0; body < MODEL_BODIES; ++body) {
+            heat += model_link_body[link][body] * effects[body];
+        }
+#endif
+        heat *= effects[MODEL_BODIES + link];
+        for (m = 0; m < MODEL_MODES; ++m) {
+            force[m] -= model_across[link][m] * heat;
+        }
+    }
+#endif
+#if MODEL_INPUTS == 0
+    (void)effects;
+#endif
+#ifdef MODEL_ELEMENTS
+    for (i = 0; i < MODEL_ELEMENTS; ++i) {
+        model_real at = 0, rise, hot, film, left;
+        for (m = 0; m < MODEL_MODES; ++m) {
+            at += model_shape[i][m] * z[m];
+        }
+        rise = at - ambient;
+        hot = room + rise;
+        film = model_exp(MODEL_HALF_EXPONENT
+                         * model_log((rise * rise + MODEL_CALM) * MODEL_FILM_SCALE));
+        left = model_linearised_loss[i] * at - model_film[i] * (film - 1) * rise;
+        left -= model_radiating[i] * rise * (hot + room) * (hot * hot + room * room);
+        for (m = 0; m < MODEL_MODES; ++m) {
+            force[m] += model_shape[i][m] * left;
+        }
+    }
+#else
+    (void)z;
+#endif
+}
+
+/* The forces that all stages share, at a stage of a part of a step. */
+#ifdef MODEL_ELEMENTS
+#define MODEL_STEADY(stage) (first[m] + model_at[part][stage] * slope[m])
+#else
+#define MODEL_STEADY(stage) first[m]
+#endif
+
+/* A part of a step by ETDRK4-B (Krogstad, J. Comput. Phys. 203, 2005, eq. 51), under the duty that
+   reaches the cells at its start, middle and end. The losses are those at the start of the step,
+   first, and grow by slope in half a step. */
+static void model_advance(model_real *z, int part, const model_real *start,
+                          const model_real *middle, const model_real *end,
+                          const model_real *first, const model_real *slope,
+                          const model_real *effects)
+{
+    model_real p[MODEL_MODES], b[MODEL_MODES];
+    model_real f0[MODEL_MODES], fa[MODEL_MODES], fb[MODEL_MODES], fc[MODEL_MODES];
+    int m;
+#ifndef MODEL_ELEMENTS
+    (void)slope;
+#endif
+    for (m = 0; m < MODEL_MODES; ++m) {
+        p[m] = MODEL_STEADY(0);
+    }
+    model_force(z, start, p, effects, f0);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        p[m] = MODEL_STEADY(1);
+        b[m] = z[m] + model_half_decay[part][m] * z[m];
+        b[m] += model_half[part][m] * f0[m];
+    }
+    model_force(b, middle, p, effects, fa);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        b[m] = z[m] + model_half_decay[part][m] * z[m];
+        b[m] += model_half_start[part][m] * f0[m] + model_half_middle[part][m] * fa[m];
+    }
+    model_force(b, middle, p, effects, fb);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        p[m] = MODEL_STEADY(2);
+        b[m] = z[m] + model_decay[part][m] * z[m];
+        b[m] += model_whole_start[part][m] * f0[m] + model_whole_middle[part][m] * fb[m];
+    }
+    model_force(b, end, p, effects, fc);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        z[m] += model_decay[part][m] * z[m] + model_first[part][m] * f0[m]
+                + model_middle[part][m] * (fa[m] + fb[m]) + model_last[part][m] * fc[m];
+    }
+}
+
+/* How the losses change in half a step: from those at the start, first, to those in the middle. */
+#ifdef MODEL_ELEMENTS
+static void model_loss_slope(const model_real *z, const model_real *duty, model_real ambient,
+                             const model_real *effects, const model_real *first,
+                             const model_real *heat, model_real *slope)
+{
+    model_real b[MODEL_MODES];
+    int m;
+    model_force(z, duty, first, effects, slope);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        b[m] = z[m] + model_to_half_decay[m] * z[m] + model_to_half[m] * slope[m];
+    }
+    model_losses(b, ambient, effects, slope);
+    for (m = 0; m < MODEL_MODES; ++m) {
+        slope[m] += (heat == 0 ? 0 : heat[m]) - first[m];
+    }
+}
+#endif

@@ -1,0 +1,141 @@
+"""MPC and LQI with an observer of the twin: what it knows, and loops without offset."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxtwin import ControlError, Twin, export_c, linearize, simulate_closed_loop
+from jaxtwin.control import LQI, MPC, DiscreteModel, HeatInput, LinearModel, save_controller
+from jaxtwin.control.controllers._kalman import kalman_filter
+from jaxtwin.control.controllers._plant import plant_of
+from jaxtwin.control.controllers._twin_estimator import TwinEstimator
+from jaxtwin.observers import ExtendedKalmanFilter, live_observer
+from jaxtwin.observers._gaussian import Gaussian, corrected, moved
+
+OUTPUTS = ["TAM", "TCM"]
+
+
+@pytest.fixture(scope="module")
+def linear(twin: Twin) -> LinearModel:
+    return linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0})
+
+
+@pytest.fixture(scope="module")
+def model(linear: LinearModel) -> DiscreteModel:
+    return linear.reduce(4).discretise(1.0)
+
+
+@pytest.fixture(scope="module")
+def observer(twin: Twin) -> ExtendedKalmanFilter:
+    return live_observer(twin)
+
+
+def estimator_of(model: DiscreteModel, observer: ExtendedKalmanFilter) -> TwinEstimator:
+    plant = plant_of("test", model, [(name,) for name in OUTPUTS])
+    kalman = kalman_filter("test", plant, np.full(2, 0.1), np.full(2, 0.1), 1.0)
+    return TwinEstimator("test", observer, plant, kalman)
+
+
+def known_at_rest(
+    estimator: TwinEstimator, nodes: np.ndarray, channels: np.ndarray, room: float
+) -> np.ndarray:
+    """What the observer adds to the plant with the rig at given temperatures, and a room."""
+    with jax.enable_x64(True):
+        start = estimator.init(jnp.zeros(2), jnp.concatenate([jnp.zeros(2), channels]))
+        kalman = estimator.observer
+        state = kalman.init(nodes, estimator.duty)
+        place = kalman.model.layout.of("room")
+        warmer = state.mean.at[place].set(kalman.model.from_degC(jnp.asarray(room)))
+        state = eqx.tree_at(lambda s: s.mean, state, warmer)
+        silent = jnp.concatenate([jnp.zeros(2), jnp.full(len(channels), jnp.nan)])
+        found = eqx.filter_jit(estimator.correct)(start._replace(twin=state), silent)
+        return np.asarray(found.known)
+
+
+def test_the_gain_of_a_controllers_filter_is_that_of_an_observer_at_rest(model: DiscreteModel):
+    """The algebra of the observers, repeated until the covariance does not change."""
+    plant = plant_of("test", model, [(name,) for name in OUTPUTS])
+    drift, noise = np.array([0.2, 0.1]), np.array([0.1, 0.3])
+    kalman = kalman_filter("test", plant, drift, noise, 1.0)
+    process = np.diag(np.r_[np.zeros(len(kalman.A) - 2), drift**2])
+    with jax.enable_x64(True):
+        A, C = jnp.asarray(kalman.A), jnp.asarray(kalman.C)
+        at, both, variance = jnp.zeros(len(A)), jnp.ones(2, bool), jnp.asarray(noise**2)
+
+        def seen(covariance: jax.Array, innovation: jax.Array) -> Gaussian:
+            cautious = jnp.zeros(len(A), bool)
+            return corrected(Gaussian(at, covariance), innovation, C, variance, both, cautious)[0]
+
+        def sample(_: int, covariance: jax.Array) -> jax.Array:
+            after = seen(covariance, jnp.zeros(2))
+            return moved(after, after.mean, A, jnp.zeros(0), jnp.asarray(process)).covariance
+
+        rest = jax.lax.fori_loop(0, 20_000, sample, jnp.eye(len(A)))
+        gain = [seen(rest, innovation).mean for innovation in jnp.eye(2)]
+    np.testing.assert_allclose(kalman.L, np.transpose(gain), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_an_observer_adds_nothing_at_the_operating_point_and_the_room_beside_it(
+    twin: Twin, linear: LinearModel, observer: ExtendedKalmanFilter
+):
+    """A room that is 0.3 K warmer warms the outputs at rest by what the twin's equations say."""
+    point = linear.operating_point
+    estimator = estimator_of(linear.discretise(1.0), observer)
+    nodes, channels = np.asarray(point.nodes), np.asarray(point.outputs)
+    room = float(point.ambient)
+    np.testing.assert_allclose(known_at_rest(estimator, nodes, channels, room), 0.0, atol=2e-4)
+    known = known_at_rest(estimator, nodes, channels, room + 0.3)
+    warmer = linearize(twin, duty=np.asarray(point.duty), ambient=room + 0.3).operating_point
+    rows = [twin.channels.index(name) for name in OUTPUTS]
+    change = np.asarray(linear.C)[rows] @ (np.asarray(warmer.nodes) - nodes)
+    # A linear model misses how losses grow with the temperature.
+    np.testing.assert_allclose(known, change, rtol=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("design", [MPC, LQI])
+def test_heat_that_no_model_knows_leaves_no_offset(
+    design: type[MPC] | type[LQI],
+    twin: Twin,
+    model: DiscreteModel,
+    observer: ExtendedKalmanFilter,
+):
+    """10 W beside the cells, as a hand on the plate; by the filter's integral of what it misses."""
+    controller = design(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
+    hand = HeatInput(elements=("V14", "V15"), start=300, end=1200, heat=10.0)
+    run = simulate_closed_loop(
+        twin, controller, "0:40/40", duration=1200, noise=False, disturbances=[hand]
+    )
+    error = np.asarray(run.output) - 40.0
+    time = np.asarray(run.time)
+    assert np.abs(error[(time > 300) & (time < 400)]).max() > 0.2
+    np.testing.assert_allclose(error[time > 1100].mean(axis=0), 0.0, atol=0.02)
+
+
+def test_a_controller_with_an_observer_has_no_file_and_no_c(
+    twin: Twin, model: DiscreteModel, observer: ExtendedKalmanFilter, tmp_path
+):
+    for design in (MPC, LQI):
+        controller = design(model, measured=OUTPUTS, observer=observer)
+        assert not controller.is_linear
+        with pytest.raises(ControlError, match=r"export_c: model: expected one without"):
+            export_c(controller, tmp_path, rig=twin.rig)
+        with pytest.raises(ControlError, match=r"save_controller: controller: expected one witho"):
+            save_controller(tmp_path / "loop.toml", controller, twin.rig)
+
+
+def test_an_observer_of_another_rig_or_beside_a_foreign_model_is_refused(
+    model: DiscreteModel, observer: ExtendedKalmanFilter
+):
+    other = live_observer(Twin("tclab"))
+    with pytest.raises(ControlError, match=r"MPC: observer: expected one of dual-cell, got one of"):
+        MPC(model, measured=OUTPUTS, observer=other)
+    few = eqx.tree_at(lambda k: k.model.columns, observer, np.arange(3))
+    with pytest.raises(ControlError, match=r"reads all 15 channels of dual-cell.*reads 3"):
+        MPC(model, measured=OUTPUTS, observer=few)
+    unknown = eqx.tree_at(lambda m: m.projection, model, None)
+    with pytest.raises(ControlError, match=r"not made by linearize"):
+        MPC(unknown, measured=OUTPUTS, observer=observer)
