@@ -27,7 +27,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, PyTree
+from jaxtyping import Array, ArrayLike, Float, Int, PyTree
 
 from ..._arguments import true_or_false, whole_number
 from ..._celsius import ZERO_CELSIUS
@@ -188,7 +188,7 @@ class NonlinearMPC(AbstractDutyLimitedController):
         self.temperature_limits = checked_temperature_limits(
             temperature_limits, twin.channels, where
         )
-        self.stepper = to_numpy(Stepper(twin, self.sample_time_s / self._steps))
+        self.stepper = to_numpy(Stepper(twin, self.sample_time_s / self.steps))
         delay = 0.0 if self.stepper.system.delay is None else float(self.stepper.system.delay)
         if self.horizon * self.sample_time_s <= delay:
             raise ControlError(
@@ -287,7 +287,7 @@ class NonlinearMPC(AbstractDutyLimitedController):
             read = self._read(stepper, deviation)[:outputs]
             return jnp.concatenate([flow + heat @ disturbance, read - seen[:outputs]])
 
-        def newton(_: int, point: Array) -> Array:
+        def newton(_: Int[Array, ""], point: Array) -> Array:
             return point - solve(jax.jacfwd(missing)(point), missing(point))
 
         start = jnp.zeros(nodes + unknown, u.dtype)
@@ -309,9 +309,11 @@ class NonlinearMPC(AbstractDutyLimitedController):
         references = jnp.atleast_2d(jnp.asarray(reference, dtype))
         references = jnp.broadcast_to(references, (self.horizon, references.shape[1]))
         seen = self._corrected(stepper, state, jnp.asarray(measurement, dtype))
-        path = seen.path
-        for _ in range(self.iterations):
-            path = self._improved(stepper, seen._replace(path=path), references)
+
+        def improved(_: Int[Array, ""], path: Path) -> Path:
+            return self._improved(stepper, seen._replace(path=path), references)
+
+        path = jax.lax.fori_loop(0, self.iterations, improved, seen.path)
         low, high = self.limits
         now = path.duty[0]
         if self.reach is not None:
@@ -321,7 +323,7 @@ class NonlinearMPC(AbstractDutyLimitedController):
         heat = jnp.asarray(self.heat, dtype) @ seen.disturbance
         starts = jnp.stack([seen.estimate, path.states[-1]])
         expected, last = jax.vmap(
-            lambda start, held: after_interval(stepper, self._steps, start, held, heat)
+            lambda start, held: after_interval(stepper, self.steps, start, held, heat)
         )(starts, jnp.stack([now, path.duty[-1]]))
         moved = Path(
             jnp.concatenate([path.states[1:], last[None]]),
@@ -364,7 +366,7 @@ class NonlinearMPC(AbstractDutyLimitedController):
         upward = (wanted >= 0) | (self.limits[0] >= 0)
         found = condensed_path(
             stepper,
-            self._steps,
+            self.steps,
             seen.estimate,
             seen.path,
             jnp.asarray(self.heat, dtype) @ seen.disturbance,
@@ -406,20 +408,30 @@ class NonlinearMPC(AbstractDutyLimitedController):
         )
         soft = None
         if self.temperature_limits:
-            limits = np.tile([ends for _, *ends in self.temperature_limits], (self.horizon, 1))
-            limited = still[:, outputs:].reshape(-1, 1), by_moves[:, outputs:].reshape(-1, size)
+            lowest, highest = self._limits_of_samples()
             none = jnp.zeros((len(self.temperature_limits), cells), dtype)
-            soft = SoftLimits(*limited, *jnp.asarray(limits.T, dtype), none)
+            soft = SoftLimits(
+                still[:, outputs:].reshape(-1, 1),
+                by_moves[:, outputs:].reshape(-1, size),
+                jnp.asarray(lowest, dtype),
+                jnp.asarray(highest, dtype),
+                rest_gain=none,
+            )
         return plan_program(
             condensed,
             jnp.ones(1, dtype),  # what is constant in the program stands by this "state"
             seen.duty,
             Rest(jnp.zeros((self.horizon, 0), dtype), off[:0], off[:0]),
-            tuple(jnp.full(cells, limit, dtype) for limit in self.limits),
+            (jnp.full(cells, self.limits[0], dtype), jnp.full(cells, self.limits[1], dtype)),
             self.reach,
             SoftTemperatures(soft, None, None, jnp.asarray(self.excess_deviation, dtype)),
             seen.errors,
         )
+
+    def _limits_of_samples(self) -> Float[np.ndarray, "2 rows"]:
+        """The lowest and the highest temperature of each limited channel in each sample, degC."""
+        ends = [ends for _, *ends in self.temperature_limits]
+        return np.tile(ends, (self.horizon, 1)).T
 
     def _read(
         self, stepper: Stepper, deviation: Float[Array, " nodes"]
@@ -435,7 +447,7 @@ class NonlinearMPC(AbstractDutyLimitedController):
         return in_precision(self.stepper, jnp.zeros(()).dtype)
 
     @property
-    def _steps(self) -> int:
+    def steps(self) -> int:
         """The steps of the prediction in a sample."""
         return math.ceil(self.sample_time_s / LONGEST_STEP * (1 - 1e-9))
 
