@@ -196,9 +196,9 @@ class NonlinearMPC(AbstractDutyLimitedController):
                 f"takes, got {self.horizon} of {self.sample_time_s:g} s"
             )
         # The filter knows no delay and no lag: what it explains is heat, which has neither.
-        middle = max(self.limits, key=abs) / 2
+        lowest, highest = self.limits
         model = replace(
-            linearize(twin, duty=middle),
+            linearize(twin, duty=(highest if highest >= -lowest else lowest) / 2),
             delay_s=np.zeros(()), lag_s=np.zeros(()), is_delayed=False, is_lagged=False,
         )  # fmt: skip
         limited = tuple(name for name, *_ in self.temperature_limits)
