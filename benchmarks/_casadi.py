@@ -102,7 +102,7 @@ def _built(
     if setting.compiled:
         options |= {"jit": True, "compiler": "shell", "jit_cleanup": False}
         options["jit_options"] = {"flags": FLAGS, "cleanup": False}
-    numbers = np.stack([_numbers(network) for network in networks], axis=1)
+    numbers = np.stack([numbers_of(network) for network in networks], axis=1)
     p, x, t = ca.SX.sym("p", len(numbers)), ca.SX.sym("x", first.nodes), ca.SX.sym("t")
     before, command = ca.SX.sym("before", len(first.cold)), ca.SX.sym("u", len(first.cold))
     since = ca.SX.sym("since")
@@ -113,7 +113,7 @@ def _built(
         "x": x,
         "t": t,
         "p": ca.vertcat(p, before, command, since),
-        "ode": _rate(first, x, p, duty),
+        "ode": rate_of(first, x, p, duty),
     }
     x0, of_draw = ca.MX.sym("x0", x.shape[0]), ca.MX.sym("numbers", p.shape[0])
     gain, ambient = ca.MX.sym("gain", len(first.gain)), ca.MX.sym("ambient")
@@ -162,11 +162,11 @@ def _parts(network: Equations) -> list[Float[np.ndarray, " part"]]:
     ]
 
 
-def _numbers(network: Equations) -> Float[np.ndarray, " numbers"]:
+def numbers_of(network: Equations) -> Float[np.ndarray, " numbers"]:
     return np.concatenate(_parts(network))
 
 
-def _rate(network: Equations, x: ca.SX, numbers: ca.SX, duty: ca.SX) -> ca.SX:
+def rate_of(network: Equations, x: ca.SX, numbers: ca.SX, duty: ca.SX) -> ca.SX:
     """The equations once more, symbolically, for duty cycles that are never negative."""
     sizes = [0, *(len(part) for part in _parts(network))]
     between, air, per_C, alpha, R, per_loop, per_on, losses, others = ca.vertsplit(

@@ -10,7 +10,17 @@ from typing import Any
 
 import jax
 
-LIBRARIES = ("jaxtwin", "jax", "jaxlib", "diffrax", "numpy", "scipy", "casadi", "lmfit")
+LIBRARIES = (
+    "jaxtwin",
+    "jax",
+    "jaxlib",
+    "diffrax",
+    "numpy",
+    "scipy",
+    "casadi",
+    "do-mpc",
+    "lmfit",
+)
 
 
 def machine() -> dict[str, Any]:

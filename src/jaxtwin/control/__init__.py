@@ -10,8 +10,9 @@ lag apart (`_linear_model`); `_hold` makes $x_{k+1} = A x_k + B u_k$ of it, dela
 in `_pid`, those of the others in a file each; `_riccati` in `linear/` designs the gains of an `LQI`
 and of its Kalman filter (`_kalman`), which may know what an observer finds (`_twin_estimator`). An
 `MPC` minimises quadratic programs at each sample (`_mpc_programs`), of its outputs, and of what
-makes many points uneven (`_evenness`, `_uniformity_mpc`). A class says the fields of its file and
-its law in C, which is in `controllers/laws/`.
+makes many points uneven (`_evenness`, `_uniformity_mpc`). A `NonlinearMPC` plans on the twin itself
+(`_multiple_shooting`). A class says the fields of its file and its law in C, which is in
+`controllers/laws/`.
 
 `loops/` closes the loop $u_k = K(r_k, y_k)$: around a nonlinear twin, in one compiled scan over
 `Stepper` (`_closed_loop`), through a `Scenario` of references, disturbances and errors of the

@@ -21,6 +21,7 @@ from .controllers._kalman import KalmanFilter as KalmanFilter  # with the distur
 from .controllers._law import Law as Law  # the law of a controller in C
 from .controllers._lqi import LQI as LQI  # state feedback with integral action
 from .controllers._mpc import MPC as MPC  # hard limits of duty and rate
+from .controllers._nonlinear_mpc import NonlinearMPC as NonlinearMPC  # the twin is its model
 from .controllers._pid import PID as PID
 from .controllers._relay import Relay as Relay  # an oscillation at the critical frequency
 from .controllers._uniformity_mpc import UniformityMPC as UniformityMPC  # the most even plate

@@ -23,7 +23,6 @@ slowly follows what the disturbances make of it.
 """
 
 import copy
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, NamedTuple, final
@@ -78,11 +77,13 @@ from ._mpc_law import mpc_law
 from ._mpc_limits import (
     channels_of,
     check_horizon,
+    check_reach,
     checked_control_horizon,
     checked_evenness,
     checked_point_errors,
     checked_rate,
     checked_temperature_limits,
+    reach_of,
 )
 from ._mpc_programs import (
     ROOM_ON_THE_WAY,
@@ -239,7 +240,8 @@ class MPC(AbstractDutyLimitedController):
         self.rate_limit = None if rate_limit is None else checked_rate(rate_limit)
         self.counts = None
         self.control_horizon = checked_control_horizon(control_horizon, self.horizon)
-        self.temperature_limits = checked_temperature_limits(temperature_limits, model)
+        channels = model.output_names if isinstance(model, DiscreteModel) else None
+        self.temperature_limits = checked_temperature_limits(temperature_limits, channels)
         self.evenness = checked_evenness(evenness, points)
         self.point_names = names_of("MPC: points", points, ControlError)
         limited = [name for name, *_ in self.temperature_limits]
@@ -301,12 +303,7 @@ class MPC(AbstractDutyLimitedController):
         assert isinstance(limited, MPC)
         # The field is no leaf, and no design depends on it.
         object.__setattr__(limited, "counts", rig.driver.counts)
-        if limited.rate_limit is not None and limited.reach == 0:
-            raise ControlError(
-                f"MPC: rate_limit: expected at least a count of the driver in a sample, "
-                f"{1 / (rig.driver.counts * self.sample_time_s):.3g} 1/s, got {self.rate_limit:g} "
-                "1/s"
-            )
+        check_reach("MPC", self.rate_limit, self.sample_time_s, rig.driver.counts)
         return limited
 
     @property
@@ -486,12 +483,7 @@ class MPC(AbstractDutyLimitedController):
     @property
     def reach(self) -> float | None:
         """The largest change of the duty in a sample; None for any."""
-        if self.rate_limit is None:
-            return None
-        reach = self.rate_limit * self.sample_time_s
-        if self.counts is None:
-            return reach
-        return math.floor(reach * self.counts * (1 + 1e-9)) / self.counts
+        return reach_of(self.rate_limit, self.sample_time_s, self.counts)
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape

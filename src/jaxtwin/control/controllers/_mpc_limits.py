@@ -1,6 +1,7 @@
 """The arguments of an `MPC`, checked: limits of the rate and of temperatures, horizons, and points
 that are to be even."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +11,6 @@ from jaxtyping import Float
 from ..._arguments import finite_number, mapping_of, whole_number
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
-from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import EvenPoints
 from ._evenness import EVENNESS_COSTS, AbstractEvennessCost
 from ._plant import Plant
@@ -20,20 +20,22 @@ SMALLEST_RESPONSE = 1e-6
 horizon is not reached by it."""
 
 
-def checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, float, float], ...]:
-    """Returns the temperature limits with numbers as floats.
+def checked_temperature_limits(
+    limits: Any, channels: Sequence[str] | None, controller: str = "MPC"
+) -> tuple[tuple[str, float, float], ...]:
+    """Returns the temperature limits with numbers as floats. The channels that they may name are
+    those of the model; None if it names none.
 
     **Raises:** `ControlError` if they are not a mapping from channels to (lowest, highest).
     """
-    where = "MPC: temperature_limits"
+    where = f"{controller}: temperature_limits"
     if limits is None:
         return ()
     mapping_of(where, limits, "name -> (lowest, highest)", ControlError)
     found = []
     for name, pair in limits.items():
-        known = model.output_names if isinstance(model, DiscreteModel) else tuple(limits)
-        if name not in known:
-            raise ControlError(f"{where}: {unknown_name('channel', name, known)}")
+        if channels is not None and name not in channels:
+            raise ControlError(f"{where}: {unknown_name('channel', name, channels)}")
         try:
             lowest, highest = (float(limit) for limit in pair)
             if not -np.inf < lowest < highest < np.inf:
@@ -47,28 +49,53 @@ def checked_temperature_limits(limits: Any, model: Any) -> tuple[tuple[str, floa
     return tuple(found)
 
 
-def checked_rate(rate_limit: float | int) -> float:
+def checked_rate(rate_limit: float | int, controller: str = "MPC") -> float:
     """Returns the limit of the rate of the duty, 1/s.
 
     **Raises:** `ControlError` if it is not a number above 0.
     """
-    number = finite_number("MPC: rate_limit", rate_limit, ControlError)
+    number = finite_number(f"{controller}: rate_limit", rate_limit, ControlError)
     if number <= 0:
-        raise ControlError(f"MPC: rate_limit: expected a number above 0, 1/s, got {number:g}")
+        raise ControlError(
+            f"{controller}: rate_limit: expected a number above 0, 1/s, got {number:g}"
+        )
     return number
 
 
-def checked_control_horizon(control_horizon: Any, horizon: int) -> int:
+def reach_of(rate_limit: float | None, sample_time_s: float, counts: int | None) -> float | None:
+    """Returns the largest change of the duty in a sample, in whole counts of a driver if it is
+    known; None for any."""
+    if rate_limit is None:
+        return None
+    reach = rate_limit * sample_time_s
+    return reach if counts is None else math.floor(reach * counts * (1 + 1e-9)) / counts
+
+
+def check_reach(
+    controller: str, rate_limit: float | None, sample_time_s: float, counts: int
+) -> None:
+    """Refuses a rate limit of less than a count of the driver in a sample.
+
+    **Raises:** `ControlError`.
+    """
+    if reach_of(rate_limit, sample_time_s, counts) == 0:
+        raise ControlError(
+            f"{controller}: rate_limit: expected at least a count of the driver in a sample, "
+            f"{1 / (counts * sample_time_s):.3g} 1/s, got {rate_limit:g} 1/s"
+        )
+
+
+def checked_control_horizon(control_horizon: Any, horizon: int, controller: str = "MPC") -> int:
     """Returns the number of samples in which the planned duty changes.
 
     **Raises:** `ControlError` if it is not a whole number from 1 to the horizon.
     """
     if control_horizon is None:
         return horizon
-    number = whole_number("MPC: control_horizon", control_horizon, 1, ControlError)
+    number = whole_number(f"{controller}: control_horizon", control_horizon, 1, ControlError)
     if number > horizon:
         raise ControlError(
-            f"MPC: control_horizon: expected at most the horizon, {horizon}, got {number}"
+            f"{controller}: control_horizon: expected at most the horizon, {horizon}, got {number}"
         )
     return number
 
