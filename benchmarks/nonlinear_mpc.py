@@ -243,7 +243,8 @@ def page(answer: dict[str, Any]) -> str:
         "## The optimum\n\n"
         "From the room, without the driver's delay, against IPOPT on a collocation of degree 4. "
         "do-mpc's default degree is 2. All start without a plan, from idle cells: one iteration is "
-        "what the first sample of a loop gets. Costs are those of the plans on the twin, step by step.\n\n"
+        "what the first sample of a loop gets. Costs are those of the plans on the twin, step by "
+        "step.\n\n"
     )
     text += table(
         ("references, degC", "way", "first move", "off", "whole plan off", "cost", "above IPOPT's"),

@@ -72,7 +72,7 @@ from ._plant import check_designed_for, plant_of
 from ._quadratic_program import QuadraticProgram, minimised
 
 LONGEST_STEP = 2.0
-"""The longest step of the prediction, s: its errors are below a millikelvin on the bundled rigs."""
+"""The longest step of the prediction, s: its errors are below a millikelvin on `dual-cell`."""
 
 NEWTON_STEPS = 12
 """Steps of the search for the state at rest with which a controller takes over."""
@@ -106,7 +106,7 @@ class NonlinearMPC(AbstractDutyLimitedController):
 
     It is worth its time where the plate goes far: the heat of a cell grows with the square of its
     current, its gain falls as the plate warms, and the losses grow faster than the rise. Near one
-    operating point `MPC` does the same in a twentieth of the time.
+    operating point `MPC` does the same in a seventh of the time.
 
     **Arguments:** deviations and noises are single numbers, or one for each output or cell.
 
