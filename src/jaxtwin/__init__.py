@@ -1,4 +1,4 @@
-"""Digital twins of multizone thermoelectric rigs: simulate, match to recordings, analyse.
+"""Digital twins of thermal rigs: simulate, match to recordings, analyse, run beside the rig.
 
 The public names are listed in `__init__.pyi`, one line each. A name is imported when it is first
 used, so that `import jaxtwin` itself takes very little time. Importing changes no setting of JAX.
