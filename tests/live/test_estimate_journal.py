@@ -8,7 +8,6 @@ import pytest
 from folded import feed
 from hand_clock import START
 
-from jaxtwin import RecordingError
 from jaxtwin.io import Session
 from jaxtwin.live import (
     EstimateJournal,
@@ -99,14 +98,27 @@ def test_a_recording_has_the_table_only_with_an_observer_and_appends_to_it(
         assert found.columns == ("room_degC", "room_spread_K")
         assert found.values[:, 0].tolist() == [22.0, 23.0]
         assert found.run.tolist() == [2, 3]
-    other = Recorder(file, rig, append=True)
-    with pytest.raises(RecordingError, match=r"estimates: expected the columns.*'heat_P1_W'"):
-        other.write([estimate(3, heat_P1_W=1.0)])
-    other.close()
     database = sqlite3.connect(file)
     with pytest.raises(sqlite3.IntegrityError, match="append-only"):
         database.execute("UPDATE estimates SET room_degC = 0")
     database.close()
+
+
+def test_estimates_of_another_kind_are_dropped_and_the_readings_kept(rig: Rig, tmp_path: Path):
+    """Such as those of a rig file that has one body more now."""
+    file = tmp_path / "session.db"
+    with Recorder(file, rig) as recorder:
+        recorder.write([GREETING, estimate(0, room_degC=21.0, room_spread_K=0.5)])
+    with Recorder(file, rig, append=True) as recorder:
+        recorder.write([GREETING, reading(1), estimate(1, heat_P1_W=1.0), reading(2)])
+        recorder.write([estimate(2, heat_P1_W=1.0), reading(3)])
+    with Session(file) as session:
+        assert session.estimates().values.tolist() == [[21.0, 0.5]]
+        rows = session.database.execute("SELECT count(*) FROM readings").fetchone()
+        assert rows == (3,)
+        query = "SELECT detail FROM events WHERE kind = 'estimates-dropped'"
+        ((detail,),) = session.database.execute(query).fetchall()
+        assert "'heat_P1_W'" in detail
 
 
 def test_a_replay_goes_on_without_estimates_and_json_has_them(rig: Rig, tmp_path: Path):

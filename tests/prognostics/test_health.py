@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 import numpy as np
@@ -98,6 +98,8 @@ def test_dates_are_taken_as_text_and_as_dates():
     fits = [session(2.0)] * 3
     texts = jt.health(fits, ["2026-01-01", "2026-01-02T12:00", "2026-01-05T00:00+00:00"])
     assert texts.times.tolist() == [0.0, 1.5, 4.0]
+    mixed = jt.health(fits, ["2026-01-01", date(2026, 1, 2), datetime(2026, 1, 5, tzinfo=UTC)])
+    assert mixed.times.tolist() == [0.0, 1.0, 4.0]
     days = jt.health(fits, [date(2026, 1, 1), date(2026, 1, 2), date(2026, 2, 1)])
     assert days.times.tolist() == [0.0, 1.0, 31.0]
 

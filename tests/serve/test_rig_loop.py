@@ -209,6 +209,16 @@ def test_references_that_nobody_can_hold_are_refused(
     assert not any(bench.device.pwm)
 
 
+def test_an_order_whose_client_has_gone_is_void() -> None:
+    bench = Bench()
+    bench.turn(1.0)
+    gone = bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    assert gone.cancel()
+    bench.turn(2.0)
+    assert bench.frame("run")["state"] == "idle"
+    assert bench.desk.next() is None
+
+
 def test_a_stop_ends_a_run_at_once_and_the_program_goes_on() -> None:
     watch = When(lambda: None)
     bench = Bench(consumers=(watch,))
@@ -291,6 +301,20 @@ def test_an_alarm_of_the_monitor_ends_a_run_where_the_rig_file_says_so(
     is_stopped = stops and kind == "sudden"
     end = "alarm, sudden: something changed" if is_stopped else "the time is over"
     assert end in bench.frame("run")["text"]
+    assert not any(bench.device.pwm)
+
+
+def test_an_alarm_that_is_there_already_lets_no_run_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = twin().rig.limits
+    assert limits is not None
+    rig = replace(twin().rig, limits=replace(limits, stop_on_alarm=True))
+    bench = Bench(twin=Twin(rig, twin().values))
+    bench.turn(3.0)
+    there = (Finding("sudden", "something changed"),)
+    monkeypatch.setattr(Page, "present", there)
+    bench.desk.ask(DriveOrder((0.3, 0.2), 10.0))
+    bench.loop.turn()
+    assert "something changed" in bench.frame("run")["text"]
     assert not any(bench.device.pwm)
 
 

@@ -31,6 +31,7 @@ def recording(tmp_path: Path) -> Path:
 
 def answers(view: RigView, request: dict[str, Any]) -> list[dict[str, Any]]:
     """What a view gets that asks after the thread has ended."""
+    assert view._thread is not None
     view._thread.join(60)
     messages: list[dict[str, Any]] = []
     with pytest.MonkeyPatch.context() as patch:
@@ -81,6 +82,7 @@ def test_a_damaged_recording_ends_with_its_error_on_the_page(recording: Path) ->
 def test_a_view_that_is_closed_polls_no_more(recording: Path) -> None:
     view = RigView(Replay(recording, speed=0.1), twin())
     view.close()
+    assert view._thread is not None
     assert not view._thread.is_alive()
 
 

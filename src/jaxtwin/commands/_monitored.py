@@ -57,12 +57,12 @@ class MonitorOptions(NamedTuple):
         """
         from ..rig import load_rig
 
-        if not wanted and (noise is not None or calibration is not None):
-            raise typer.BadParameter("--noise and --calibration are for the monitor; add --monitor")
         limits = load_rig(rig).limits if is_driven else None
-        if not wanted and (limits is None or not limits.stop_on_alarm):
-            return None
-        return cls(noise, calibration, sample_time)
+        if wanted or (limits is not None and limits.stop_on_alarm):
+            return cls(noise, calibration, sample_time)
+        if noise is not None or calibration is not None:
+            raise typer.BadParameter("--noise and --calibration are for the monitor; add --monitor")
+        return None
 
     def monitor(self, twin: "Twin", on_finding: "Callable[[Finding], None]") -> "LiveMonitor":
         """Makes a monitor. This compiles for some seconds, which a rig should not wait for.

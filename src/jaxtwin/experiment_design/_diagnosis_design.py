@@ -166,7 +166,8 @@ class DiagnosisDesign:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The numbers as plain Python objects, for JSON; infinite times are None."""
+        """The numbers as plain Python objects, for JSON; times that are infinite, and those of
+        schedules that are too hot, are None."""
         return {
             "rig": self.rig,
             "faults": list(self.faults),

@@ -134,13 +134,17 @@ def match_innovations(fit: Fit, noise: ProcessNoise, *, max_iterations: int = 50
 
 
 def _status(gain: float, values: int, readings: int, iterations: int) -> str:
-    """What was gained, in a sentence. The maximum over so many values exceeds the likelihood of the
-    true ones by half their number, on average."""
+    """What was gained, in a sentence. Twice the logarithm of the likelihood's maximum over so many
+    values is above that of the true ones by a number whose distribution is chi square (S. S. Wilks,
+    Ann. Math. Statist. 9 (1938) 60-62)."""
+    from scipy.stats import chi2
+
     of_all = f"of {readings} readings rises by {gain:.1f}"
-    if gain > values / 2:
-        said = "more than chance"
+    by_chance = float(chi2.ppf(0.95, max(values, 1))) / 2
+    if gain > by_chance:
+        said = f"more than the {by_chance:.1f} of chance"
     else:
-        said = f"nothing is gained: {values} free values give {values / 2:g} by chance"
+        said = f"nothing is gained: {by_chance:.1f} may be chance"
     return (
         f"match of innovations, {iterations} iterations: the log-likelihood {of_all} from the "
         f"values of the match, {said}"
@@ -261,10 +265,18 @@ def _uncertainty(
     """The uncertainty by the curvature of the likelihood."""
     unknowns = problem.unknowns
     rows = []
-    for row, is_held in zip(np.diag(DIFFERENCE * scale), score.is_held, strict=True):
+    # Away from the nearer bound.
+    middle = (unknowns.lower() + unknowns.upper()) / 2
+    inward = np.where(np.isfinite(middle) & (vector > middle), -1.0, 1.0)
+    for row, is_held in zip(np.diag(DIFFERENCE * scale * inward), score.is_held, strict=True):
         moved = slope if is_held else score(vector + row)[1]
         rows.append((moved - slope) / row.sum())
     hessian = np.stack(rows)
+    if not np.isfinite(hessian).all():
+        raise ObserverError(
+            "match_innovations: the likelihood beside its maximum is not finite; expected values "
+            "further from where the twin has no meaning"
+        )
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2 * np.outer(scale, scale))
     information = (vectors * np.maximum(values, 0.0)) @ vectors.T / np.outer(scale, scale)
     # What the match says of the values that are held.

@@ -240,10 +240,10 @@ def _day(number: int, time: object) -> float:
                 f"health: times: session {number}: expected a date such as '2026-01-31', got "
                 f"{time!r}"
             ) from None
+    if isinstance(time, date) and not isinstance(time, datetime):
+        time = datetime(time.year, time.month, time.day)
     if isinstance(time, datetime):
         return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp() / DAY
-    if isinstance(time, date):
-        return float(time.toordinal())
     return finite_number(f"health: times: session {number}", time, MatchError)
 
 

@@ -43,7 +43,7 @@ class Trend:
       independent.
     - `degrees_of_freedom`: those of Student's distribution of both, the sessions less two.
     - `spread`: $\tau$, the standard deviation of a session from the line, beyond its own error.
-    - `spread_interval`: its 95 % interval; the upper end may be infinite.
+    - `spread_interval`: its 95 % interval.
     """
 
     centre: float

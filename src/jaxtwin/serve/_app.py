@@ -165,11 +165,15 @@ class _Web:
             order = order_of(kind, body, self._page.twin.rig.lowest_duty, outputs)
         except JaxtwinError as error:
             return _refused(Refusal(400, str(error)))
+        asked = self._desk.ask(order)
         try:
-            asked = asyncio.wrap_future(self._desk.ask(order))
-            answer = await asyncio.wait_for(asked, ANSWER_SECONDS)
+            answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_SECONDS)
         except TimeoutError:
-            return _refused(Refusal(504, "the loop around the rig does not answer"))
+            if asked.cancel():
+                text = "the loop around the rig does not answer; the order is void"
+            else:
+                text = "the order was taken and takes long; the log says what becomes of it"
+            return _refused(Refusal(504, text))
         return JSONResponse({"text": answer.text}, 200 if answer.obeyed else 409, HEADERS)
 
     async def _body(self, request: Request, *, is_stop: bool) -> bytes | Refusal:

@@ -1,17 +1,16 @@
 """What commands the rig in a run of the page: a held duty, or a controller at held references."""
 
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias, final
 
 import numpy as np
 
-from .._celsius import ZERO_CELSIUS
 from .._errors import ControlError
-from .._jax_settings import own_settings
 from ..control import AbstractController, LiveLoop
+from ..io import Experiment
 from ..live import Moment, RigConnection
 from ..physics import Twin
+from ..simulation import simulate
 from ._desk import DriveOrder, HoldOrder, RunOrder
 
 Command: TypeAlias = Callable[[Moment], Sequence[float] | np.ndarray | None]
@@ -31,13 +30,13 @@ class HeldDuty(NamedTuple):
 
 def compile_loop(twin: Twin, controller: AbstractController) -> None:
     """Compiles what an order to hold references needs, before a rig waits for it."""
-    with own_settings():
-        room = float(twin.system().ambient_temperature) - ZERO_CELSIUS
-    outputs = len(controller.output_names(twin.channels))
-    # At the room's temperature no cell has to do anything. A controller that cannot even hold that
-    # has been compiled when it is refused.
-    with contextlib.suppress(ControlError):
-        LiveLoop(twin, controller, [room] * outputs, duration=controller.sample_time_s)
+    # Where the middle of the allowed duty leads to is a point that can be held.
+    lowest, highest = controller.limits
+    middle = np.maximum(np.full(len(twin.rig.driven), (lowest + highest) / 2), twin.rig.lowest_duty)
+    held = Experiment([0.0, controller.sample_time_s], np.tile(middle, (2, 1)))
+    rest = simulate(twin, held, initial="steady").temperatures[-1]
+    references = np.asarray(controller.output_weights(twin.channels)) @ rest
+    LiveLoop(twin, controller, references, duration=controller.sample_time_s)
 
 
 @final

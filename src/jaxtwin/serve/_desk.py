@@ -1,5 +1,6 @@
 """What clients ask for, from the threads of the server to the loop around the rig."""
 
+import contextlib
 import queue
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -119,8 +120,11 @@ class Desk:
         return answer
 
     def next(self) -> "tuple[Order, Future[Answer]] | None":
-        """Takes the next order; None if there is none."""
-        try:
-            return self._orders.get_nowait()
-        except queue.Empty:
-            return None
+        """Takes the next order; None if there is none. An order whose client no longer waits is
+        void: who was told that nobody answers must not start a heater later."""
+        with contextlib.suppress(queue.Empty):
+            while True:
+                order, answer = self._orders.get_nowait()
+                if answer.set_running_or_notify_cancel():
+                    return order, answer
+        return None

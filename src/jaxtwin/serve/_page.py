@@ -102,6 +102,11 @@ class Page:
         """What follows the rig, and what its twin is called."""
         return self._follower, self._beside.label
 
+    @property
+    def present(self) -> tuple[Finding, ...]:
+        """The findings of the monitor that are there now."""
+        return tuple(self._beside.monitor.present)
+
     def follow(self, beside: TwinBeside) -> None:
         """Goes on with another twin, which begins to find the rig."""
         self._beside = beside

@@ -11,6 +11,7 @@ from .._errors import JaxtwinError, RecordingError, SafetyStop, StoreError
 from ..control import AbstractController
 from ..live import (
     AlarmInterlock,
+    Document,
     Finding,
     Guard,
     Moment,
@@ -176,6 +177,8 @@ class RigLoop:
                 self._source, self._page.twin, self._controller, order, self._command
             )
         self._order, self._command, self._began = order, command, self._elapsed
+        begun = {"after_s": self._elapsed, **plan_of(order)}
+        self._source.note(Document(self._source.clock.now(), "order", "page", begun))
         self._page.say("notice", described(order))
         self._show_run("driving", "")
 
@@ -193,6 +196,8 @@ class RigLoop:
             answer.set_result(Answer(False, str(error)))
             return
         limits, self._interlock = connection.rig.limits, AlarmInterlock()
+        for finding in self._page.present:  # an alarm that was there before the run
+            self.on_finding(finding)
         more = [self._interlock] if limits is not None and limits.stop_on_alarm else []
         guard = Guard([*locks, *more])
         answer.set_result(Answer(True, f"the rig is {described(order)}"))
@@ -214,7 +219,7 @@ class RigLoop:
             level, text = "critical", str(error)
         except RecordingError as error:
             self._go_on_unrecorded(error)
-            level, text = "critical", f"{error}; the cells are off"
+            level, text = "critical", str(error)
         self._desk.take_stop()  # it ended the run, and nothing more
         self._page.say(level, text)
         self._order, self._command = None, HeldDuty((), 0.0)

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any, final
 
-from .._errors import JaxtwinError
 from ..live import Replay, RigConnection, Service
 from ..monitoring import MonitorCalibration
 from ..observers import ProcessNoise
@@ -34,6 +33,8 @@ class RigView(NotebookWidget):
     **Raises:** `RecordingError` for a recording of another rig; `JaxtwinError` without anywidget.
     """
 
+    _thread: threading.Thread | None = None  # until it begins; a view that is refused is closed too
+
     def __init__(
         self,
         source: RigConnection | Replay,
@@ -43,9 +44,9 @@ class RigView(NotebookWidget):
         calibration: MonitorCalibration | None = None,
         name: str = "",
     ):
-        super().__init__("rig_view")
         if isinstance(source, Replay):
             source.check_rig(twin.rig)
+        super().__init__("rig_view")
         self.problem: Exception | None = None
         self._source = source
         self._ring = FrameRing(on_frame=self._on_frame)
@@ -68,8 +69,9 @@ class RigView(NotebookWidget):
 
     def close(self) -> None:
         """Ends the thread, closes the source, and removes the views."""
-        self._over.set()
-        self._thread.join()
+        if self._thread is not None:
+            self._over.set()
+            self._thread.join()
         super().close()
 
     def _run(self) -> None:
@@ -79,7 +81,7 @@ class RigView(NotebookWidget):
                 service = Service(self._source, [self._page])
                 service.run(self._over.is_set)
                 service.take([])  # the last frames
-        except JaxtwinError as error:
+        except Exception as error:  # nobody else would see that the values are old from now on
             self.problem = error
             self._page.problem = str(error)
             self._page.say("critical", str(error))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, final
 import numpy as np
 import traitlets
 
-from .._errors import JaxtwinError, ParameterError
+from .._errors import ParameterError
 from .._name_suggestions import unknown_name
 from ..io import Experiment
 from ..matching import Fit
@@ -58,6 +58,7 @@ class Sliders(NotebookWidget):
     `RecordingError` if experiment and rig do not match; `JaxtwinError` without anywidget.
     """
 
+    _newest: NewestRequest[SliderRequest] | None = None  # of those that are refused
     about = traitlets.Dict().tag(sync=True)
     values = traitlets.Dict().tag(sync=True)
     duty = traitlets.List().tag(sync=True)
@@ -70,20 +71,21 @@ class Sliders(NotebookWidget):
         *,
         duration: float | int = 1000.0,
     ):
-        super().__init__("sliders")
         rig = twin.twin.rig if isinstance(twin, Fit) else twin.rig
         held = [] if experiment is not None else [HELD_DUTY] * len(rig.driven)
         time = np.linspace(0.0, float(duration), POINTS)
-        self._experiment = experiment or Experiment(time, np.tile(held, (POINTS, 1)))
-        self._given = twin_of_experiment(twin, self._experiment)
-        first = simulate(self._given, self._experiment)  # compiles, and refuses what does not fit
+        ran = experiment or Experiment(time, np.tile(held, (POINTS, 1)))
+        chosen_twin = twin_of_experiment(twin, ran)
+        first = simulate(chosen_twin, ran)  # compiles, and refuses what does not fit
         rows = rig.parameters
         chosen = [name for name, row in rows.items() if row.free] if names is None else list(names)
         for name in chosen:
             if name not in rows:
                 raise ParameterError(f"{rig.name}: {unknown_name('parameter', name, rows)}")
-        given = {name: float(self._given.values[name]) for name in chosen}
-        layout = rig_layout(self._given)
+        given = {name: float(chosen_twin.values[name]) for name in chosen}
+        layout = rig_layout(chosen_twin)
+        super().__init__("sliders")
+        self._experiment, self._given = ran, chosen_twin
         self.about = {
             **layout,
             "channels": [one for one in layout["channels"] if one["name"] in first.channels],
@@ -110,14 +112,15 @@ class Sliders(NotebookWidget):
 
     def close(self) -> None:
         """Ends the thread, and removes the views."""
-        self._newest.close()
+        if self._newest is not None:
+            self._newest.close()
         super().close()
 
     @traitlets.validate("values")
     def _checked_values(self, proposal: Any) -> dict[str, float]:
         values = {name: float(value) for name, value in proposal["value"].items()}
         self._given.with_values(values)
-        return values
+        return {**self.values, **values}  # those that are not named stay
 
     @property
     def _drawn(self) -> np.ndarray:
@@ -126,6 +129,7 @@ class Sliders(NotebookWidget):
         return np.unique(np.linspace(0, count - 1, min(count, POINTS)).round().astype(int))
 
     def _ask(self) -> None:
+        assert self._newest is not None
         self._newest.ask(SliderRequest(dict(self.values), list(self.duty)))
 
     def _answer(self, request: SliderRequest) -> None:
@@ -136,7 +140,7 @@ class Sliders(NotebookWidget):
                 duty = np.tile(np.asarray(request.duty, float), (len(experiment.time), 1))
                 experiment = Experiment(experiment.time, duty)
             run = simulate(self._given.with_values(request.values), experiment)
-        except JaxtwinError as error:
+        except Exception as error:  # the thread has to go on, and nobody else would say it
             self.show("problem", str(error))
             return
         self._draw(run)

@@ -114,7 +114,7 @@ def checked_loop(
         surroundings = np.full((1, 1), room)
         # One sample stands for all of constant references: the checks are compiled for a number.
         few = samples[:1] if (samples == samples[0]).all() else samples
-        check_reach(system, weights, few, times, surroundings, controller.limits)
+        check_reach(system, weights, few, times[: len(few)], surroundings, controller.limits)
         check_stability(twin, controller, weights, few)
     return samples
 
@@ -169,10 +169,11 @@ class LiveLoop:
             off = np.zeros(len(twin.rig.driven))
             still = self._references[0]
             readings = np.full(len(self._weights), still[0])
-            self._state: Any = jax.tree.map(np.asarray, controller.init(off, readings))
+            self._state: Any = jax.tree.map(np.asarray, _begun(controller, off, readings))
             _step(controller, self._state, self._ahead[0], readings)
         self._silence = float(silence)
         self._sample: int | None = None
+        self._time = self._phase = 0.0
         self._duty = np.zeros(len(twin.rig.driven))
         self._lowest = np.array(twin.rig.lowest_duty)
         self._limits = controller.channel_limits()
@@ -180,9 +181,12 @@ class LiveLoop:
 
     def continue_from(self, other: "LiveLoop") -> None:
         """Takes over the state of another loop of the same controller, whose references and
-        duration end: the integrals go on."""
-        if other._sample is not None:
-            self._state, self._duty, self._sample = other._state, other._duty, -1
+        duration end here: its integrals and its samples go on."""
+        if other._sample is None:
+            return
+        self._state, self._duty, self._sample = other._state, other._duty, 0
+        passed = other._time + other._phase - other._sample * self._controller.sample_time_s
+        self._phase = max(passed, 0.0)
 
     def margins(self) -> LoopMargins | None:
         """Computes the margins of the loop at the last references; None for a controller that is
@@ -198,9 +202,11 @@ class LiveLoop:
 
     def __call__(self, moment: Moment) -> Float[np.ndarray, " cells"] | None:
         """Returns the duty at a moment; None at the end of the run."""
+        self._time = moment.time
         if moment.time >= self._duration - SAMPLE_TOLERANCE:
             return None
-        sample = int((moment.time + SAMPLE_TOLERANCE) / self._controller.sample_time_s)
+        passed = moment.time + self._phase + SAMPLE_TOLERANCE
+        sample = int(passed / self._controller.sample_time_s)
         if self._sample is not None and sample <= self._sample:
             return self._duty
         measurement = self._measured(moment)
@@ -208,15 +214,16 @@ class LiveLoop:
             return self._duty
         with own_settings():
             if self._sample is None:
-                begun = self._controller.init(np.asarray(moment.duty, float), measurement)
+                begun = _begun(self._controller, np.asarray(moment.duty, float), measurement)
                 self._state = jax.tree.map(np.asarray, begun)
-            asked, state = _step(self._controller, self._state, self._ahead[sample], measurement)
+            ahead = self._ahead[min(sample, len(self._ahead) - 1)]
+            asked, state = _step(self._controller, self._state, ahead, measurement)
             self._state = jax.tree.map(np.asarray, state)
         duty = np.asarray(asked, float)
         if duty.shape != self._duty.shape or not np.isfinite(duty).all():
             raise SafetyStop(f"stopped: the controller asked for duty {duty}", "controller")
         self._sample, self._duty = sample, np.clip(duty, self._lowest, 1.0)
-        reference = self._references[sample]
+        reference = self._references[min(sample, len(self._references) - 1)]
         outputs = measurement[: len(reference)]
         watched = measurement[None, len(reference) :]
         for one in exceeded_soft_limits(
@@ -269,6 +276,15 @@ class LiveLoop:
                 "controller",
             )
         return measurement
+
+
+@persistent_jit
+def _begun(
+    controller: AbstractController,
+    duty: Float[Array | np.ndarray, " cells"],
+    measurement: Float[Array | np.ndarray, " readings"],
+) -> PyTree:
+    return controller.init(duty, measurement)
 
 
 @persistent_jit

@@ -41,6 +41,7 @@ class RowWriter:
         self._keep_frames = keep_frames
         self._greetings: dict[tuple[str, str], int] = {}
         self._estimated: tuple[str, ...] | None = None
+        self._keeps_estimates = True
 
     def insert(self, record: Record) -> None:
         """Writes a record, inside the caller's transaction."""
@@ -73,10 +74,15 @@ class RowWriter:
                 self._row("documents", (None, self._run, arrival + shift, kind, uid, text))
             case StateEstimate(arrival, twin, values):
                 if self._estimated != tuple(values):
-                    create_estimates(self._database, tuple(values))
                     self._estimated = tuple(values)
-                row = (None, self._run, arrival + shift, twin, *values.values())
-                self._row("estimates", row)
+                    problem = create_estimates(self._database, self._estimated)
+                    self._keeps_estimates = not problem
+                    if problem:  # what an observer says must not stop the readings
+                        what = None, None, "estimates-dropped", problem
+                        self._row("events", (None, self._run, "", arrival + shift, *what))
+                if self._keeps_estimates:
+                    row = (None, self._run, arrival + shift, twin, *values.values())
+                    self._row("estimates", row)
             case Command(link, arrival, number, pwm, owner, kind):
                 counts = pwm or [None] * self._cells
                 what = number, owner, kind, *counts

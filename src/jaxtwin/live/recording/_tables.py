@@ -105,11 +105,11 @@ def create_tables(database: sqlite3.Connection, metadata: dict[str, Any]) -> Non
     database.execute(f"PRAGMA user_version = {FORMAT}")
 
 
-def create_estimates(database: sqlite3.Connection, names: Sequence[str]) -> None:
+def create_estimates(database: sqlite3.Connection, names: Sequence[str]) -> str:
     """Makes the table of an observer's estimates, inside the caller's transaction; a recording
     without an observer has none.
 
-    **Raises:** `RecordingError` if there is one with other names.
+    **Returns:** `""`, or what is wrong if there is one with other names.
     """
     columns = ["id", "run", "arrival", "twin", *names]
     there = [row[1] for row in database.execute("PRAGMA table_info(estimates)")]
@@ -120,10 +120,11 @@ def create_estimates(database: sqlite3.Connection, names: Sequence[str]) -> None
         make_append_only(database, "estimates")
     elif there != columns:
         odd = next(name for name in (*columns, *there) if name not in there or name not in columns)
-        raise RecordingError(
+        return (
             f"estimates: expected the columns that the recording has, got others, such as {odd!r}; "
             "record into a new file"
         )
+    return ""
 
 
 def make_append_only(database: sqlite3.Connection, table: str) -> None:

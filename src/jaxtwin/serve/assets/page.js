@@ -51,9 +51,11 @@ const minutes = make("input", { type: "number", id: "minutes", min: "0.1", max: 
 const reset = make("input", { type: "checkbox", id: "reset" });
 const start = make("button", { type: "submit" }, "Start");
 const state = make("p", { class: "state" });
-const hold = make("button", { type: "button", click: () => command("hold", {
-  references: references.map((field) => Number(field.value)), ...howLong(),
-}) }, "Hold the temperatures");
+// An empty or unreadable field is no zero.
+const hold = make("button", { type: "button", click: () => {
+  if (references.some((field) => field.value === "")) setText(said, "Give a temperature for each output.");
+  else command("hold", { references: references.map((field) => Number(field.value)), ...howLong() });
+} }, "Hold the temperatures");
 let sliders = [], references = [];
 
 const howLong = () => ({ seconds: 60 * Number(minutes.value), reset: reset.checked });
@@ -91,7 +93,10 @@ function buildControl(layout) {
   });
   sliders = drive.map(({ slider }) => slider);
   const outputs = layout.outputs ?? [];
-  references = outputs.map((_, k) => make("input", { type: "number", id: `reference-${k}`, step: "0.1" }));
+  const given = references.map((field) => field.value);
+  references = outputs.map((_, k) => make("input", {
+    type: "number", id: `reference-${k}`, step: "0.1", value: given[k] ?? "",
+  }));
   const form = make("form", {
     submit: (event) => {
       event.preventDefault();

@@ -39,7 +39,8 @@ class SlidersView {
       ...this.rows.map(({ row }) => row));
     const columns = [card("Parameters", parameters, reset)];
     const isHeld = this.model.get("duty").length > 0;
-    if (isHeld) columns.unshift(card("Duty", ...about.driven.map((part, k) => this.#duty(part, k))));
+    this.held = isHeld ? about.driven.map((part, k) => this.#duty(part, k)) : [];
+    if (isHeld) columns.unshift(card("Duty", ...this.held.map(({ row }) => row)));
     const plateBox = make("div");
     if (about.plate) {
       this.when = make("input", {
@@ -114,8 +115,12 @@ class SlidersView {
         show();
       },
     });
+    const set = () => {
+      slider.value = String(100 * this.model.get("duty")[k]);
+      show();
+    };
     show();
-    return make("label", { class: "row" }, make("span", {}, part.name), slider, shown);
+    return { set, row: make("label", { class: "row" }, make("span", {}, part.name), slider, shown) };
   }
 
   #reset() {
@@ -125,7 +130,7 @@ class SlidersView {
 
   /** Sets all sliders to the values of the model, such as those that Python has set. */
   show() {
-    for (const { set } of this.rows) set();
+    for (const { set } of [...this.rows, ...this.held]) set();
   }
 
   #run(content, buffers) {
@@ -145,7 +150,7 @@ class SlidersView {
   }
 
   #drawCharts() {
-    if (!this.expected) return;
+    if (!this.expected || !this.recording) return;
     const { series, recording, expected } = this;
     const measured = recording.measured ?? expected.map((row) => row.map(() => null));
     const isApart = this.shown === "residuals";
@@ -160,7 +165,7 @@ class SlidersView {
   }
 
   #drawPlate() {
-    if (!this.plate || !this.expected) return;
+    if (!this.plate || !this.expected || !this.recording) return;
     const { time, measured } = this.recording;
     const at = Math.round(Number(this.when.value) * (time.length - 1));
     const count = this.elements.length / time.length;
@@ -177,10 +182,12 @@ function render({ model, el }) {
   const show = () => view.show();
   model.on("msg:custom", take);
   model.on("change:values", show);
+  model.on("change:duty", show);
   model.send({ kind: "hello" });
   return () => {
     model.off("msg:custom", take);
     model.off("change:values", show);
+    model.off("change:duty", show);
     view.destroy();
   };
 }
