@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from faulty_runs import bench
@@ -176,7 +177,10 @@ def test_findings_are_raised_on_the_links_that_alarms_have(
     Path("pid.toml").write_text(
         'format = 1\nrig = "tclab"\nkind = "pid"\nsample_time = "1 s"\nKp = "0.01 1/K"\n'
     )
-    made = lambda options, twin, on_finding: Announcer(finding, on_finding)  # noqa: E731
+
+    def made(options: Any, twin: Any, on_finding: Any) -> Announcer:
+        return Announcer(finding, on_finding)
+
     monkeypatch.setattr(MonitorOptions, "monitor", made)
     words = {
         "record": ["--monitor", "--duration", "4"],
