@@ -226,11 +226,7 @@ class _Search:
         candidates = [candidate for candidate in candidates if candidate.objective < math.inf]
         if not candidates:
             coolest = min(candidate.evaluated.reading for candidate in found)
-            raise MatchError(
-                f"design_experiment: {self.prior.twin.rig.name}: expected {self.hottest}, got at "
-                f"least {coolest:.1f} degC; use other bounds, a smaller margin or a shorter "
-                "duration"
-            )
+            self.hottest.refuse(self.prior.twin.rig.name, coolest)
         ends = []
         for start, candidate in enumerate(candidates[:starts]):
 

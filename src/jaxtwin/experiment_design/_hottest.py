@@ -1,9 +1,10 @@
 """The highest temperatures that a schedule may reach."""
 
 import math
-from typing import NamedTuple, final
+from typing import NamedTuple, NoReturn, final
 
 from .._celsius import ZERO_CELSIUS
+from .._errors import MatchError
 from ..physics import Twin
 from ..rig._limits import SOLDER
 
@@ -28,6 +29,16 @@ class Hottest(NamedTuple):
     def allows(self, reading: float, side: float) -> bool:
         """Whether temperatures are below; those that are not finite are not."""
         return reading <= self.reading and side <= self.side
+
+    def refuse(self, rig: str, coolest: float) -> NoReturn:
+        """Says that even the coolest schedule of a rig is too hot.
+
+        **Raises:** `MatchError`.
+        """
+        raise MatchError(
+            f"design_experiment: {rig}: expected {self}, got at least {coolest:.1f} degC; use "
+            "other bounds, a smaller margin or a shorter duration"
+        )
 
     def __str__(self) -> str:
         return (

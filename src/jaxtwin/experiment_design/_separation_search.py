@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import final
 
-from .._errors import MatchError
 from .._waiting import advanced
 from ._diagnosis_design import DiagnosisDesign, PlannedTest, SeparationStep
 from ._evidence import LEAST, Evidence, EvidenceProblem
@@ -44,11 +43,7 @@ class SeparationSearch:
         allowed = [candidate for candidate in allowed if candidate.objective < math.inf]
         if not allowed:
             coolest = min(candidate.evaluated.reading for candidate in found)
-            raise MatchError(
-                f"design_experiment: {self._problem.twin.rig.name}: expected {self._hottest}, got "
-                f"at least {coolest:.1f} degC; use other bounds, a smaller margin or a shorter "
-                "duration"
-            )
+            self._hottest.refuse(self._problem.twin.rig.name, coolest)
         ends = []
         for start, candidate in enumerate(allowed[:starts]):
 
