@@ -86,7 +86,7 @@ def an_hour(key: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("key", KEYS)
-@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("precision", ["double", pytest.param("float", marks=pytest.mark.long)])
 def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
     key: str, precision: Literal["double", "float"], tmp_path: Path
 ):
@@ -148,6 +148,7 @@ def test_a_reading_after_2_s_is_early_enough(tmp_path: Path):
     assert asked(sources, reference, gap).all()
 
 
+@pytest.mark.slow
 def test_it_starts_without_a_bump(tmp_path: Path):
     """From the duty that the cells have, in C as in Python."""
     begin = MAIN.replace("model_init(", "duty[0] = 0.3; duty[1] = 0.6; model_init(")

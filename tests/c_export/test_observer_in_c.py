@@ -116,10 +116,16 @@ OBSERVERS = {
     "cell and heaters": (Twin(cell_and_heater("on-off")), None, 1.0),
 }
 
+SIMILAR = ("mean voltage, no lag, no delay", "a single cell")
+"""Those that the other ones contain."""
+
 
 @pytest.mark.slow
 @pytest.mark.c_compiler
-@pytest.mark.parametrize("kind", OBSERVERS)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=pytest.mark.long if kind in SIMILAR else ()) for kind in OBSERVERS],
+)
 def test_the_observer_in_c_estimates_what_python_does(kind: str, tmp_path: Path):
     twin, noise, sample_time = OBSERVERS[kind]
     kalman = live_observer(twin, noise, sample_time)
@@ -130,7 +136,7 @@ def test_the_observer_in_c_estimates_what_python_does(kind: str, tmp_path: Path)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.c_compiler
 def test_with_twelve_modes_and_in_float_it_estimates_the_same_within_the_band(tmp_path: Path):
     """C against Python with the same modes in double; in float against that."""

@@ -80,7 +80,7 @@ def test_random_programs_have_daqp_s_minimum(decades: int):
     assert active > 40 * size / 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_programs_of_a_run_have_daqp_s_minimum(twin: Twin):
     """Those of an MPC on `dual-cell` while it warms up, at the limits of the duty, of its rate and
     of a temperature."""

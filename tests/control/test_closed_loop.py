@@ -157,6 +157,7 @@ def test_a_stall_and_a_failed_channel_end_with_the_cells_off(twin: Twin, pid: PI
     assert np.all(brief.duty[70:] != 0)
 
 
+@pytest.mark.slow
 def test_recalibrations_are_those_of_the_virtual_rig(twin: Twin, pid: PID):
     conditions = scenario(twin, pid, 35, duration=DURATION, faults="jumps=60", noise=False, seed=5)
     # Frames of the virtual rig have the same: tests/live/test_virtual_rig.py.

@@ -59,7 +59,9 @@ def clock() -> HandClock:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("reads", ["the mean", "every channel"])
+@pytest.mark.parametrize(
+    "reads", ["the mean", pytest.param("every channel", marks=pytest.mark.long)]
+)
 def test_the_rig_does_what_the_simulated_loop_did(
     twin: Twin, pid: PID, clock: HandClock, tmp_path: Path, reads: str
 ):
@@ -177,7 +179,7 @@ def test_dropped_frames_do_not_stop_a_run(twin: Twin, pid: PID, clock: HandClock
     assert device.twin.temperatures.mean() > 20
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mean_stays_within_half_a_kelvin_with_a_loosened_contact(
     twin: Twin, pid: PID, clock: HandClock
 ):
@@ -312,6 +314,7 @@ def test_a_reading_without_a_number_holds_the_last_one_and_then_stops(twin: Twin
         loop(Moment(6.0, values, old, off, None))
 
 
+@pytest.mark.slow
 def test_an_old_reading_of_what_is_not_controlled_stops_nothing(twin: Twin):
     loop = LiveLoop(twin, PID(0.1, measured=["TAM"]), 40, duration=60)
     old = np.where(np.array(twin.channels) == "TAM", 0.0, 100.0)
@@ -361,7 +364,7 @@ def test_a_loop_that_is_not_stable_is_refused_before_there_is_a_connection_or_a_
     assert not (tmp_path / "run.db").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_relay_on_a_rig_finds_what_it_finds_in_the_simulated_loop(
     twin: Twin,
     clock: HandClock,

@@ -25,7 +25,7 @@ def found(twin: Twin) -> Frontier:
     return frontier(START, twin, 24, weights=[100, 0, 20], rounds=5, **SETTINGS)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_more_weight_gives_a_more_even_plate_that_is_slower(found: Frontier):
     assert found.weights.tolist() == [0, 20, 100]
     plate_range = np.median(found.measure("largest_plate_range"), axis=1)

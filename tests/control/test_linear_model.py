@@ -199,7 +199,9 @@ def test_models_of_many_draws_are_those_of_each():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("keywords", [{"duty": [0.4, 0.3]}, {"temperatures": 30.0}])
+@pytest.mark.parametrize(
+    "keywords", [pytest.param({"duty": [0.4, 0.3]}, marks=pytest.mark.long), {"temperatures": 30.0}]
+)
 def test_derivatives_by_a_parameter_are_exact(keywords, float64):
     twin = Twin("single-cell" if "temperatures" in keywords else "dual-cell")
 

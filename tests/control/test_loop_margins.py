@@ -33,6 +33,7 @@ def test_a_pi_has_the_margins_of_the_loop_written_out(single: Twin):
     np.testing.assert_allclose(found.sensitivity_peaks, found.sensitivity_peak, rtol=1e-2)
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_not_stable_or_fragile_says_so(single: Twin):
     assert loop_margins(single, PID(0.1, 0.002), 35.0).summary().startswith("sensitivity peak 1.")
     wild = loop_margins(single, PID(5.0, 0.5), 35.0)

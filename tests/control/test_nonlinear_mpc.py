@@ -49,6 +49,7 @@ def first(controller: MPC | NonlinearMPC, duty: float, measured: float, referenc
         )
 
 
+@pytest.mark.slow
 def test_the_plan_is_the_optimum_of_the_twin(cell: Twin):
     """Scipy's least squares over `Stepper`, with derivatives by differences: the same residuals,
     written a second time."""
@@ -109,6 +110,7 @@ def test_unknown_heat_leaves_no_offset(cell: Twin):
     np.testing.assert_allclose([before[0], end[0]], 50.0, atol=0.15)
 
 
+@pytest.mark.slow
 def test_limits_of_the_duty_its_rate_and_a_temperature_hold(cell: Twin):
     """The reference lies behind the limit of the same channel."""
     limits: Any = {cell.channels[0]: (0, 45)}

@@ -54,6 +54,7 @@ def known_at_rest(
         return np.asarray(found.known)
 
 
+@pytest.mark.slow
 def test_the_gain_of_a_controllers_filter_is_that_of_an_observer_at_rest(model: DiscreteModel):
     """The algebra of the observers, repeated until the covariance does not change."""
     plant = plant_of("test", model, [(name,) for name in OUTPUTS])

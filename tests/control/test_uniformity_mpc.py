@@ -206,7 +206,7 @@ def followed(mpc: MPC, reference: float, samples: int, heat: float = 0.0) -> np.
     return np.array(rows)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_rod_is_no_less_even_on_the_way_than_at_rest():
     """But for the room of 3 % on the way, without an error of the model. A plan that looks at the
     outputs alone is less even."""
@@ -219,6 +219,7 @@ def test_the_rod_is_no_less_even_on_the_way_than_at_rest():
     assert np.ptp(followed(mean, 30.0, 120), axis=1).max() > rest + 1.0
 
 
+@pytest.mark.slow
 def test_heat_that_the_model_does_not_know_leaves_no_offset_of_the_mean():
     even = followed(designed(RangeCost(), limits=(0, 1)), 30.0, 300, heat=0.1)
     assert even[-1].mean() == pytest.approx(30.0, abs=0.02)

@@ -51,6 +51,7 @@ def test_a_fault_is_named_with_its_size_and_onset_in_their_bands(
     assert cause.until is None
 
 
+@pytest.mark.slow
 def test_an_open_lid_is_a_loss_in_watt_per_kelvin():
     (cause,) = found("leak", "H1", 2.0).causes
     usual = suspects(bench())["leak H1"]
@@ -88,6 +89,7 @@ def test_a_fault_of_ones_own_is_a_function():
     assert cause.best.lower <= 2.0 <= cause.best.upper  # twice as much dust
 
 
+@pytest.mark.slow
 def test_a_channel_that_is_stuck_is_named():
     duty, readings = clean()
     noise = np.random.default_rng(1).normal(0.0, 0.15, readings.shape)
@@ -107,6 +109,7 @@ def test_a_fault_that_ends_has_an_end():
     assert cause.best.lower <= 2.0 <= cause.best.upper
 
 
+@pytest.mark.slow
 def test_innovations_that_say_too_much_in_healthy_runs_count_less():
     """With an observer that takes readings for three times as exact as they are, healthy runs show
     by how much its statistics are too large."""

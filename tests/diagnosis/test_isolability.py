@@ -29,6 +29,7 @@ def test_faults_that_look_the_same_are_never_told_apart():
     assert "age H1 and weaken H1 are not told apart" in both().summary()
 
 
+@pytest.mark.slow
 def test_a_gain_is_found_at_once_and_a_resistance_later():
     times = dict(zip(both().names, both().detection, strict=True))
     assert times["gain T1"] < 5 < times["age H1"] < 200

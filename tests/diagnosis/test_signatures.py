@@ -86,7 +86,7 @@ def test_a_signature_is_the_difference_of_two_observers(model: str, part: str, n
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_signature_of_a_cell_is_the_difference_of_two_observers_with_a_lag_and_a_delay():
     twin, onset = Twin("dual-cell"), 200
     plan = Experiment.schedule("0:0.5/0.2,150:0.3/0.7,210:0.6/0.4", duration=280, step=1, cells=2)
@@ -143,6 +143,7 @@ def test_faults_that_change_the_nodes_are_refused_in_a_sentence():
             suspected(model, [odd])
 
 
+@pytest.mark.slow
 def test_a_fault_of_no_effect_is_never_found():
     nothing = Suspect("nothing", lambda _: lambda system: system)
     arrays = suspected(healthy().observer.model, [nothing])

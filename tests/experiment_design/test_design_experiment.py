@@ -111,7 +111,7 @@ def test_information_on_a_cooling_block_is_that_of_an_exponential(tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("criterion", ["D", "A"])
+@pytest.mark.parametrize("criterion", [pytest.param("D", marks=pytest.mark.long), "A"])
 def test_the_search_finds_the_best_of_all_schedules(tmp_path: Path, criterion: Any):
     """All 27 schedules of three steps and three levels, by finite differences of `simulate`."""
     names, bounds = ["C_load", "R_loss"], (-0.5, 0.5)
@@ -170,7 +170,7 @@ def test_the_design_is_better_than_what_it_is_compared_with(design: ExperimentDe
     assert errors[-1] == pytest.approx(design.best.mean_error)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_matches_of_designed_recordings_err_as_predicted(design: ExperimentDesign):
     """Sixteen times both recordings with other noise. The squared errors in units of the predicted
     ones have a chi-squared distribution with as many degrees of freedom as there are matches."""

@@ -16,6 +16,7 @@ from jaxtwin.experiment_design._schedules import make_schedules
 PAIR = ["loosen H1", "age H1"]
 
 
+@pytest.mark.slow
 def test_of_all_schedules_the_best_is_found():
     """Four of two cells, two levels and a single step."""
     design = jt.design_experiment(
@@ -36,6 +37,7 @@ def test_of_all_schedules_the_best_is_found():
     assert math.isinf(every[0].separation)
 
 
+@pytest.mark.slow
 def test_the_time_is_that_of_isolability():
     """The same duty, with the onset at the start, of which a sample is left out."""
     schedules = make_schedules(
@@ -49,6 +51,7 @@ def test_the_time_is_that_of_isolability():
     assert later - 1 <= found.separation <= later + 1e-9
 
 
+@pytest.mark.slow
 def test_faults_that_look_alike_are_told_apart_by_nothing():
     """V² / R: a weak supply of a heater, and a higher resistance of it."""
     design = jt.design_experiment(
@@ -79,6 +82,7 @@ def test_between_two_samples_the_time_is_that_of_a_line():
     assert _crossing(time, np.zeros(3)) == math.inf
 
 
+@pytest.mark.slow
 def test_a_schedule_that_gets_too_hot_is_left_out():
     """tclab at full duty of both heaters passes 50 °C; its limit is 85 °C."""
     design = jt.design_experiment(

@@ -63,6 +63,7 @@ def test_steps_that_do_not_depend_on_each_other_are_best_after_one_pass():
     assert passes == [1, 2]
 
 
+@pytest.mark.slow
 @given(arrays(np.int64, 27, elements=st.integers(0, 50)), st.integers(0, 100))
 def test_no_other_level_of_a_single_step_is_better_than_the_end(table: np.ndarray, seed: int):
     """For any objective of the 27 schedules, in hundredths, so that every gain counts."""

@@ -68,6 +68,7 @@ def test_it_trips_on_the_first_alarm_and_on_no_notice():
     assert interlock.settings == {"stop_on_alarm": True}
 
 
+@pytest.mark.slow
 def test_a_sensor_that_comes_loose_stops_a_run_if_it_is_wanted(clock: HandClock):
     """Its readings are 5 % nearer to the room from 150 s on, which no other interlock minds."""
     plan = Experiment.schedule("0:0.5/0.4", duration=200, cells=2)
@@ -99,6 +100,7 @@ def test_a_sensor_that_comes_loose_stops_a_run_if_it_is_wanted(clock: HandClock)
     assert ends == {False: "completed", True: "alarm"}
 
 
+@pytest.mark.slow
 def test_no_other_interlock_waits_for_it(clock: HandClock):
     """A rig that is too hot is stopped, whatever a monitor says."""
     rig = bench().rig

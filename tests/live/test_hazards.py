@@ -29,21 +29,24 @@ def test_the_cells_are_off_in_time(twins: tuple[Twin, Twin], hazard: Hazard) -> 
 
 
 CONTROLLED = (
+    "sensor: open",
+    "controller: NaN",
+    "host: killed",
     "camera: all pixels 0",
     "camera: image stands still",
-    "sensor: open",
     "cell 19 K above the room inside",
     "sensor: on the bench",
     "bridge: full duty",
     "bridge: stuck at the last duty",
     "commands: lost",
-    "controller: NaN",
     "controller: raises",
-    "host: killed",
 )
 
 
-@pytest.mark.parametrize("name", CONTROLLED)
+@pytest.mark.parametrize(
+    "name",
+    [*CONTROLLED[:3], *(pytest.param(name, marks=pytest.mark.long) for name in CONTROLLED[3:])],
+)
 def test_a_controller_of_a_file_is_stopped_as_a_schedule_is(
     twins: tuple[Twin, Twin], name: str, tmp_path: Path
 ) -> None:

@@ -28,7 +28,7 @@ def proven(rig: Rig, device: VirtualRig, clock: HandClock) -> list[Proof]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed", [1.0, 5.0])
+@pytest.mark.parametrize("speed", [1.0, pytest.param(5.0, marks=pytest.mark.long)])
 def test_every_step_is_proven_on_a_rig_that_obeys(
     relayed: Rig, clock: HandClock, speed: float
 ) -> None:

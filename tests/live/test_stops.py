@@ -234,6 +234,7 @@ def test_a_device_that_is_gone_is_an_alarm_and_not_waited_for_without_end(
     assert (clock.now() - begin) * 1e-9 < 40
 
 
+@pytest.mark.slow
 def test_an_alarm_that_fails_does_not_end_the_stop(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin)
     stuck(device, [], frees=20.0)

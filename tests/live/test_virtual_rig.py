@@ -193,6 +193,7 @@ def test_a_command_beyond_full_duty_is_refused(twin: Twin) -> None:
     assert device.pwm == (100, 0)
 
 
+@pytest.mark.slow
 def test_faults_happen_when_they_should(twin: Twin) -> None:
     device, clock = VirtualRig(twin, faults=Faults.parse("loosen=P1@5/100,fail=P2@8")), HandClock()
     before = device.twin.system

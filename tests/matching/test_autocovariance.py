@@ -66,6 +66,7 @@ def test_the_meat_is_that_of_the_estimated_autocovariance():
     np.testing.assert_allclose(meat, expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_linear_model_in_first_order_noise_has_the_covariance_of_the_theory():
     # Least squares of y = X b + e: cov b = (X'X)^-1 X' Gamma X (X'X)^-1, Gamma_ts = rho^|t-s|.
     slopes = slow_and_fast()

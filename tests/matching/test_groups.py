@@ -132,7 +132,7 @@ def first(rig: Rig, monday) -> Fit:
     return match(Twin(rig), monday)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_profile_of_a_value_of_a_group_has_its_standard_error_and_prior(both: Fit):
     """The reading is linear in the camera's shift for a tenth of a millimetre: the excess is the
     square of the number of standard errors, as by hand, with the prior between groups in both."""
@@ -206,7 +206,7 @@ def test_the_row_of_a_groups_parameter_is_what_all_groups_share(both: Fit):
     assert math.sqrt(1 / 3) < row.relative_standard_error < math.sqrt(1 / 3) + 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_sets_have_values_for_each_group(rig: Rig, monday, friday, both: Fit):
     """The same as a match of the set by itself; a group that is missing in a set is refused."""
     days = ["monday", "monday", "friday", "friday"]
@@ -408,7 +408,7 @@ def test_what_is_given_is_of_a_single_group():
         check_given(small_results.fit(), ["sunday", "friday"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_better_start_gets_weights_of_its_own(rig: Rig):
     """Three steps from a far start leave twice the residuals of the best start, whose weights are
     not those of the far one."""

@@ -149,7 +149,7 @@ def test_a_hidden_start_stays_among_those_of_the_matched_recordings(fit: Fit):
         assert abs(found.values["T_wall"] - truth) < 3.5 * np.sqrt(found.covariance[place, place])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bands_of_unseen_recordings_hold_as_often_as_they_say_and_are_not_wide(fit: Fit):
     """Readings span 20 K. The noise alone makes a band of 0.2 K."""
     result = validate(fit, [session(seed) for seed in range(10, 18)])

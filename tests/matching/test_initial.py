@@ -22,7 +22,10 @@ def warm(schedule: str, seed: int, initial: float | str | np.ndarray) -> Experim
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("initial", [WARM, "steady", np.array([45.0, 40.0, 30.0, 28.0])])
+@pytest.mark.parametrize(
+    "initial",
+    [pytest.param(WARM, marks=pytest.mark.long), "steady", np.array([45.0, 40.0, 30.0, 28.0])],
+)
 def test_a_match_from_given_temperatures_finds_the_truth(
     initial: float | str | np.ndarray, tmp_path: Path
 ):

@@ -60,7 +60,7 @@ def value(fit: Fit | None) -> float:
     return fit["C_load"].value
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_with_hubers_loss_outliers_of_the_only_channel_do_not_bias_the_match(
     benches: list[Experiment],
 ):

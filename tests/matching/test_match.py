@@ -67,6 +67,7 @@ def test_the_truth_is_recovered_without_noise(clean):
     assert clean.converged
 
 
+@pytest.mark.slow
 def test_the_history_begins_at_the_start_and_never_rises(clean, start: Twin):
     assert clean.history[0].values["R_E"] == pytest.approx(float(start.values["R_E"]))
     costs = [step.cost for step in clean.history]
@@ -123,7 +124,7 @@ def test_bounds_hold_and_are_reported(start: Twin):
     assert not fit["R_Tez"].at_bound
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_further_starts_reach_the_same_optimum(start: Twin):
     shown: list[Iteration] = []
     fit = match(

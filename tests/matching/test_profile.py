@@ -72,7 +72,7 @@ def known_error(name: str, rho: float) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rho", [0.0, 0.8])
+@pytest.mark.parametrize("rho", [pytest.param(0.0, marks=pytest.mark.long), 0.8])
 def test_the_excess_at_three_standard_errors_is_nine(rho: float):
     """A parabola of the curvature 1 / se^2, by hand; in K^2 it would be a hundredth of that."""
     fit = fits(rho)[0]
@@ -83,7 +83,7 @@ def test_the_excess_at_three_standard_errors_is_nine(rho: float):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rho", [0.0, 0.8])
+@pytest.mark.parametrize("rho", [pytest.param(0.0, marks=pytest.mark.long), 0.8])
 def test_the_interval_holds_the_truth_in_95_of_100_and_is_no_wider_than_needed(rho: float):
     """Of 60 intervals of 95 %, 51 or more hold the truth but for one study in a thousand."""
     intervals = np.array([profile(fit, "T_start", points=5).interval for fit in fits(rho)])

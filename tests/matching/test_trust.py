@@ -101,7 +101,9 @@ def test_without_corrections_none_are_found_and_the_cameras_error_is_below_0_3_k
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("part", "limit"), [(1.0, 2e-5), (0.5, 2e-6)])
+@pytest.mark.parametrize(
+    ("part", "limit"), [pytest.param(1.0, 2e-5, marks=pytest.mark.long), (0.5, 2e-6)]
+)
 def test_the_jacobian_is_that_of_the_residuals(
     start: Twin, monkeypatch: pytest.MonkeyPatch, part: float, limit: float
 ):
@@ -227,7 +229,7 @@ def test_with_hubers_loss_outliers_do_not_bias_the_match(start: Twin):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [8.0, 5000.0])
+@pytest.mark.parametrize("size", [pytest.param(8.0, marks=pytest.mark.long), 5000.0])
 def test_an_outlier_is_worth_no_more_than_a_missing_sample(start: Twin, size: float):
     """A reading that is wrong by 8 K, or by the 5000 K of a broken line."""
     clean = recording(2, False, "day 1")
@@ -278,7 +280,7 @@ def test_a_hand_before_the_camera_is_found_and_shaded(start: Twin):
     assert len(middle) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_profile_agrees_with_the_standard_error_where_the_model_is_nearly_linear(calm: Fit):
     row = calm["h_A"]
     told: set[int] = set()
@@ -309,7 +311,7 @@ def test_a_prediction_band_holds_the_true_run(calm: Fit):
     assert noise < np.median(band.upper - band.lower) < noise + 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_many_sets_in_one_batch_have_honest_intervals(start: Twin):
     # Of 64 intervals of 95 %, 54 hold the truth but for one study in a thousand.
     sets = [

@@ -154,6 +154,7 @@ def test_a_surprise_moves_cautious_entries_as_far_as_one_of_four_standard_deviat
     np.testing.assert_allclose(found.state.covariance, joseph, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_accurate_readings_leave_a_symmetric_and_positive_covariance():
     """They are a million times as accurate as the state before, and nearly all alike."""
     random, count = np.random.default_rng(10), 100

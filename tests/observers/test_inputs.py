@@ -37,6 +37,7 @@ def test_the_lid_is_no_surprise(observed: Observed):
     assert observed.ahead(60.0).rmse < 0.04
 
 
+@pytest.mark.slow
 def test_a_forecast_knows_the_lid_of_the_recording(observed: Observed, run: Run):
     forecast = observed.forecast(200.0, at=190.0)
     expected = run.temperatures[np.isin(run.time, forecast.time)]

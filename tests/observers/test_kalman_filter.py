@@ -175,7 +175,7 @@ def test_a_linear_twins_filter_is_the_textbooks(
     np.testing.assert_allclose(covariances, wanted, rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_transition_has_the_derivatives_of_the_exponential_of_the_matrix(
     twin: Twin, kalman: ExtendedKalmanFilter
 ):
@@ -191,7 +191,7 @@ def test_a_transition_has_the_derivatives_of_the_exponential_of_the_matrix(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("duty", [[0.8, 0.3], [-0.5, 1.0]])
+@pytest.mark.parametrize("duty", [pytest.param([0.8, 0.3], marks=pytest.mark.long), [-0.5, 1.0]])
 def test_a_transition_has_the_derivatives_of_a_step_of_any_twin(duty: list[float]):
     """It linearises once a step, not in each stage: a warm plate that loses heat nonlinearly, cells
     whose duty has just changed, and a slow parameter."""
@@ -212,6 +212,7 @@ def test_a_transition_has_the_derivatives_of_a_step_of_any_twin(duty: list[float
     np.testing.assert_allclose(transition.slope[rest], wanted[rest], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_step_of_the_mean_alone_is_the_step(kalman: ExtendedKalmanFilter):
     state = kalman.init(START, np.zeros(2))
     given = jnp.array([0.5, 0.1]), jnp.asarray(0.9)

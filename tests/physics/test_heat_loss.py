@@ -55,7 +55,7 @@ def test_no_rise_loses_nothing(float64):
     assert float(loss(1.0, 0.25, 0.01).heat(jnp.array([0.0]), jnp.array(290.0))[0]) == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_default_solver_agrees_with_kvaerno(twin):
     ours = simulate(twin, DRIVE)
     other = simulate(twin, DRIVE, solver=diffrax.Kvaerno5())

@@ -79,7 +79,7 @@ def test_a_cell_covers_its_area_of_one_face(place: str):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("float64")
-@pytest.mark.parametrize("angle", ["", '\nangle = "30 deg"'])
+@pytest.mark.parametrize("angle", [pytest.param("", marks=pytest.mark.long), '\nangle = "30 deg"'])
 def test_derivatives_in_x_and_y_are_central_differences(angle: str):
     rig = placed_rig(MOVING + angle, grid=COARSE)
 
@@ -126,7 +126,7 @@ def test_a_heater_on_the_plate_heats_what_is_under_it():
     assert run.channel("T_far")[-1] > run.channel("T_near")[-1] + 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_readings_converge_with_the_resolution():
     """Grids of 2, 1 and 0.5 cm, against one of 0.25 cm. The lines of the grid cut the cell at other
     places each time, so that errors do not fall evenly; from 2 to 0.5 cm they fall by more than 6,

@@ -70,6 +70,7 @@ def test_a_picture_where_the_rig_file_says_has_the_weights_of_a_rig_without_regi
     np.testing.assert_allclose(found[1].sum(), AT_EDGE**2 * expected[1].sum(), rtol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [-0.7, -0.2, 0.0, 0.3, 1.2])
 def test_an_edge_of_a_zone_at_the_outline_is_spread_over_a_pixel(rig: Rig, shift: float):
     """T2 ends at the right edge of the plate. What of it lies on the plate is averaged over all

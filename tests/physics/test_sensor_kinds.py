@@ -82,6 +82,7 @@ def test_a_spot_between_four_elements_weighs_them_by_symmetry(tmp_path: Path):
     assert weights[0].sum() == pytest.approx(4 / (3 * np.pi) / 2 / 2, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_spot_reads_what_its_weights_say_also_with_gain_and_lag(tmp_path: Path):
     elements = "".join(
         channel(f'nodes = ["V{row}{column}"]', f"E{row}{column}")

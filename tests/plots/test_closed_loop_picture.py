@@ -41,6 +41,7 @@ def test_the_signals_of_a_closed_loop_are_drawn():
     assert power.get_ylabel() == "power, W"
 
 
+@pytest.mark.slow
 def test_the_range_of_the_plate_is_drawn_for_each_loop_beside_the_best():
     twin = fit().twin
     runs = {

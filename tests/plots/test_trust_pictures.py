@@ -73,6 +73,7 @@ def test_the_cameras_error_is_shown_and_taken_away():
         assert [list(np.atleast_1d(line.get_xdata())) for line in ticks] == [[20.0]]
 
 
+@pytest.mark.slow
 def test_masked_spans_are_visible_in_every_picture_of_residuals():
     result = disturbed()
     pictures = [

@@ -16,6 +16,7 @@ def _fits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         session(value).save(f"{name}.toml")
 
 
+@pytest.mark.slow
 def test_the_trend_is_in_text_json_and_chart(capsys: pytest.CaptureFixture[str]):
     words = "health a.toml b.toml c.toml --times 2026-01-01,2026-01-11,2026-01-21 --name R_E"
     assert run([*words.split(), "--json", "h.json", "--out", "h.png"]) == 0

@@ -40,6 +40,7 @@ def test_sessions_that_agree_have_no_spread_and_the_errors_of_weighted_least_squ
     assert found.line_error(0.0) == pytest.approx(np.sqrt(covariance[0, 0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "spread"), [(3, 0.1), (5, 0.0), (5, 0.1), (10, 0.3)])
 def test_intervals_contain_slope_and_spread_as_often_as_they_say(count: int, spread: float):
     """95 % of 200 simulated series each, whose count has a standard deviation of 3.1. Without a

@@ -45,6 +45,7 @@ def changed() -> jt.Refit:
     return jt.refit(last(), session(4, R_1=85.0))
 
 
+@pytest.mark.slow
 def test_the_prior_of_a_session_is_the_posterior_and_what_is_forgotten():
     """Kalman's prediction of a random walk: variances add, and twice the step is four times the
     variance."""

@@ -48,6 +48,7 @@ def result(twin: Twin, recording: Experiment) -> GlobalSensitivity:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_all_outputs_are_those_of_single_runs(
     twin: Twin, recording: Experiment, result: GlobalSensitivity
 ):

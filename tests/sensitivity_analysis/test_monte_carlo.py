@@ -40,6 +40,7 @@ def result(twin: Twin, recording: Experiment) -> jt.Sensitivity:
     return sensitivity(twin, recording, draws=60, seed=5, names=NAMES)
 
 
+@pytest.mark.slow
 def test_costs_are_the_mean_squared_errors_of_single_runs(
     twin: Twin, recording: Experiment, result: jt.Sensitivity
 ):

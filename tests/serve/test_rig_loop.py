@@ -192,6 +192,7 @@ def test_references_are_held_and_changed_without_a_jump_of_the_duty() -> None:
     assert "the time is over; the cells are off" in bench.lines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "references", "message"),
     [({}, (30.0, 30.0), "--controller"), ({"controller": True}, (300.0, 30.0), "can hold")],
@@ -284,6 +285,7 @@ def test_an_interlock_ends_a_run_that_the_page_began() -> None:
     assert "not started" in bench.frame("run")["text"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sudden", "disk"])
 @pytest.mark.parametrize("stops", [True, False])
 def test_an_alarm_of_the_monitor_ends_a_run_where_the_rig_file_says_so(

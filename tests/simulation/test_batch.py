@@ -91,7 +91,7 @@ def test_float32_is_good_to_a_few_millikelvin_also_where_the_circuit_is_stiff(
     np.testing.assert_allclose(single, whole, atol=3e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_losses_in_float32_change_a_batch_by_less_than_ten_microkelvin(dual_cell, monkeypatch):
     monkeypatch.setenv(VARIABLE, "off")  # so that both take the same steps
     # Single runs compute all losses in float64. Draws from thick still air to a strong draught.
@@ -270,7 +270,7 @@ def test_a_function_of_the_trajectory_is_a_reduction_beside_those_with_a_name(tw
     np.testing.assert_allclose(reduced["final"], whole[:, -1], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_diffrax_solver_runs_all_draws_side_by_side(twin):
     """Kvaerno5 at its own tolerance against the default solver; an invalid draw stays alone."""
     short = Experiment(np.arange(61.0), np.full((61, 2), 0.5))

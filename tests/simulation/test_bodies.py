@@ -98,6 +98,7 @@ def twin_on_unknown_water() -> Twin:
     return Twin(hand_rig(cell='sink = "block"', more=bodies))
 
 
+@pytest.mark.slow
 def test_draws_have_a_coolant_each():
     water = np.array([5.0, 9.0, 30.0])
     drawn = simulate_batch(twin_on_unknown_water(), EXPERIMENT, {"T_water": water})
@@ -151,7 +152,7 @@ def test_mirror_images_on_coolants_of_their_own_stay_apart():
     assert nodes[0] < 12 < 28 < nodes[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_plate_of_many_elements_feels_coolant_below_it(make_rig: MakeRig):
     """Such plates run in a few modes of the network, which must know the coolant; `Stepper` takes
     all modes."""

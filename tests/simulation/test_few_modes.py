@@ -59,13 +59,14 @@ def test_readings_and_sides_in_few_modes_are_those_in_all():
     assert few.rates[-1] == modes.rates[-1]  # that of the heater
 
 
+@pytest.mark.slow
 def test_a_network_of_not_many_nodes_keeps_its_modes():
     modes, few = modes_of(Twin(placed_rig(AT, grid=GRID.replace('"1 cm"', '"2 cm"'), parts=HEATER)))
     assert modes.rates.size < MANY
     assert few is modes
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_match_on_a_fine_grid_finds_the_place_of_the_cell():
     """A recording of a cell at (5.3, 3.7) cm, matched from (5.0, 4.0) cm in few modes."""
     place = 'at = ["x_1", "y_1"]\nsize = "4 cm"\ncontact_resistance = "R_contact"'

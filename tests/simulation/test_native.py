@@ -82,7 +82,9 @@ def by_jax(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize(
+    "rig", [*RIGS[:2], "tclab", *(pytest.param(rig, marks=pytest.mark.long) for rig in RIGS[4:])]
+)
 def test_draws_are_those_of_jax(rig, by_jax):
     """Reversals, lags and delays that differ between draws, heaters, losses, bodies: whatever a
     bundled rig has."""

@@ -67,7 +67,7 @@ def case(name: str, precision: str, mark: pytest.MarkDecorator, **driver: str) -
     [
         case("paper-2024", "float64", pytest.mark.slow),
         case("dual-cell", "float32", pytest.mark.long),
-        case("single-cell", "float64", pytest.mark.slow, **LIMITED),
+        case("single-cell", "float64", pytest.mark.long, **LIMITED),
         case("printer-bed", "float32", pytest.mark.long),
         case("paper-2024", "float32", pytest.mark.long),
         case("dual-cell", "float64", pytest.mark.long),

@@ -88,6 +88,7 @@ def test_inputs_act_in_all_modes_as_in_the_stepper_itself():
     np.testing.assert_allclose(found.nodes, expected.nodes, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_idle_plate_in_another_room_is_as_warm_as_the_room(twelve: Stepper):
     """The first law: where all temperatures are those of the room, no heat flows."""
     still = twelve.step(twelve.start(25.0), [0.0, 0.0], 25.0, steps=1000)

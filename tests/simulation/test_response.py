@@ -106,7 +106,7 @@ def assert_equal_slopes(found, expected, relative: float) -> None:
 
 
 @pytest.fixture(
-    scope="module", params=["paper-2024", pytest.param("dual-cell", marks=pytest.mark.slow)]
+    scope="module", params=["paper-2024", pytest.param("dual-cell", marks=pytest.mark.long)]
 )
 def twin(request) -> Twin:
     """With the camera's zones moved where the rig has a camera that can be: zones have a kink where

@@ -58,6 +58,7 @@ def test_a_box_of_three_nodes_is_as_by_hand(duty):
         assert run.states[time] == pytest.approx(by_hand(duty, time), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_energy_is_conserved():
     """The heat stored, and that lost to the room, is the energy that the heaters drew."""
     time = np.arange(0, 1200.5, 0.5)

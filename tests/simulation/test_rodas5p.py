@@ -75,6 +75,7 @@ def test_order_is_five_on_stiff_equations_whose_solution_is_known(solver, rate, 
     assert errors[0] < 1e-5
 
 
+@pytest.mark.slow
 def test_continuous_output_is_of_fourth_order(float64):
     times = jnp.linspace(0.0, 2.0, 101)
     expected = jax.vmap(known)(times)
@@ -137,6 +138,7 @@ def test_a_batch_is_the_same_as_one_by_one(solver, float64):
     np.testing.assert_allclose(batch, jnp.stack(alone), rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_state_may_be_a_tree(float64):
     """An oscillator as two named numbers, over a period."""
     solution = diffrax.diffeqsolve(

@@ -87,7 +87,7 @@ def test_with_respect_to_start_and_duty_they_are_those_of_differences(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("derivative", [forwards_twice, backwards_over_forwards])
-@pytest.mark.parametrize("name", ["R_pc", "C_side"])
+@pytest.mark.parametrize("name", ["R_pc", pytest.param("C_side", marks=pytest.mark.long)])
 def test_with_respect_to_a_parameter_and_the_duty_they_are_those_of_differences(
     name: str, derivative: Callable[..., np.ndarray]
 ):

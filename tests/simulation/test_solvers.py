@@ -27,7 +27,7 @@ def dual_cell() -> Twin:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("values", ["startup", "initial"])
+@pytest.mark.parametrize("values", [pytest.param("startup", marks=pytest.mark.long), "initial"])
 def test_default_solver_is_of_fourth_order(values, circuits, twins, float64):
     """Halving equal steps over 16 s lowers the error sixteenfold, on the rig's equations."""
     twin, circuit = twins[values], circuits[values]
@@ -59,7 +59,7 @@ def largest_difference(twin: Twin, solver, **options) -> float:
     return np.abs(twin.simulate(STEPS).states - other.states).max()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_kvaerno5_gives_the_same_on_the_paper_s_circuit(twins):
     """Voltage averaging; a stiff solver of diffrax's own."""
     assert largest_difference(twins["startup"], diffrax.Kvaerno5()) < 1e-3
@@ -250,8 +250,10 @@ def test_samples_between_the_ends_of_long_steps_follow_fast_modes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rig", ["single-cell", "pcr-block", "dual-cell"])
-@pytest.mark.parametrize("hold", [0.2, 1.0, 3.0])
+@pytest.mark.parametrize(
+    "rig", ["single-cell", pytest.param("pcr-block", marks=pytest.mark.long), "dual-cell"]
+)
+@pytest.mark.parametrize("hold", [0.2, pytest.param(1.0, marks=pytest.mark.long), 3.0])
 def test_samples_between_two_changes_of_the_duty_are_as_exact_as_those_at_them(
     rig: str, hold: float
 ):

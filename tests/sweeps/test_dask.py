@@ -75,6 +75,7 @@ def test_draws_are_the_same_to_the_last_bit_and_functions_of_a_script_travel(
     np.testing.assert_array_equal(distributed["hottest"], alone["hottest"])
 
 
+@pytest.mark.long
 def test_the_command_finds_the_scheduler(stored, tmp_path, real_sweep, client, monkeypatch):
     monkeypatch.chdir(tmp_path)
     address = client.scheduler_info()["address"]

@@ -81,7 +81,7 @@ def test_killed_at_random_moments_no_draw_is_lost_or_done_twice(
     assert stored(folder) == stored(tmp_path / "whole")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_command_goes_on(stored, tmp_path, real_sweep):
     """The command line with the true engine, killed after its first chunk."""
     folder = tmp_path / "out"

@@ -93,6 +93,7 @@ def test_a_group_is_predicted_by_the_other_groups_alone(days: list[Experiment]):
     assert result.rmse < 1.0
 
 
+@pytest.mark.slow
 def test_the_true_rig_predicts_an_unseen_day_to_the_noise(truth: Twin, days: list[Experiment]):
     """Ambient and start come from the first minute, in which the drive is off."""
     result = validate(truth, days[1])
