@@ -77,6 +77,22 @@ def test_it_gives_what_the_function_gives():
     np.testing.assert_array_equal(found["y"], [3.0, 12.0])
 
 
+@pytest.mark.parametrize("slope", [np.float64(3.0), np.array(3.0), 3.0])
+def test_a_bound_argument_is_as_if_it_were_given(slope: Any):
+    function = another_process()
+    bound = function.bind(Line(slope, "bound"))
+    for x in (np.array([1.0, 2.0]), np.array([5.0, 0.0])):
+        for precise in (False, True):
+            with jax.enable_x64(precise):
+                line, found = bound(x)
+                given, expected = function(Line(slope, "bound"), x)
+            assert (line.name, found["power"]) == ("bound", 1)
+            np.testing.assert_array_equal(found["y"], expected["y"])
+            assert found["y"].dtype == expected["y"].dtype
+            assert np.asarray(line.slope).dtype == np.asarray(given.slope).dtype
+    assert traced == ["bound", "bound"]  # once for each precision
+
+
 @pytest.fixture
 def optimised() -> Iterator[None]:
     """Quick runs of the tests compile everything without most optimisations."""

@@ -157,6 +157,10 @@ class PersistentJit(Generic[P, T]):
         program, arrays = self._program_for(leaves, structure)
         return program(arrays)
 
+    def bind(self, first: Any) -> "BoundJit[T]":
+        """The function with a first argument that stays the same from call to call."""
+        return BoundJit(self, first)
+
     def prepare(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Compiles or loads the program for such arguments, and does not run it. Another thread can
         do other work in the meantime."""
@@ -164,11 +168,7 @@ class PersistentJit(Generic[P, T]):
 
     def _program_for(self, leaves: list[Any], structure: Any) -> tuple[_Program, list[Any]]:
         """The program for some arguments, and their arrays."""
-        static = tuple(_Traced if eqx.is_array(leaf) else leaf for leaf in leaves)
-        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-        # 1, 1.0 and True are equal, and compile to different programs.
-        kinds = tuple(map(type, static))
-        key = (structure, static, kinds, tuple(map(_signature, arrays)), _settings())
+        static, arrays, key = _taken_apart(leaves, structure)
         program = self._programs.get(key)
         if program is None:
             # Threads wait for a program that another one compiles; different programs are compiled
@@ -243,6 +243,44 @@ class PersistentJit(Generic[P, T]):
             except jax.errors.JaxRuntimeError:  # another version of XLA may not have the option
                 compiled = lowered.compile()
         return _Program(compiled, output)
+
+
+@final
+class BoundJit(Generic[T]):
+    """A compiled function whose first argument stays the same.
+
+    A loop that runs for hours calls the same function with the same observer or controller, which
+    has more than a hundred arrays. They are flattened and brought to the device once, so that a
+    call costs what its other arguments cost.
+    """
+
+    def __init__(self, function: PersistentJit[..., T], first: Any) -> None:
+        self._function = function
+        self._first = first
+        self._programs: dict[Hashable, tuple[_Program, list[Any]]] = {}
+
+    def __call__(self, *args: Any) -> T:
+        """Calls the function; not inside a trace, which the function itself is for."""
+        leaves, structure = jax.tree.flatten(args)
+        _, arrays, key = _taken_apart(leaves, structure)
+        if key not in self._programs:
+            program, all_arrays = self._function._program_for(
+                *jax.tree.flatten(((self._first, *args), {}))
+            )
+            same = all_arrays[: len(all_arrays) - len(arrays)]
+            # By the settings of this call, which are part of the key.
+            self._programs[key] = program, [jax.device_put(array) for array in same]
+        program, same = self._programs[key]
+        return program([*same, *arrays])
+
+
+def _taken_apart(leaves: list[Any], structure: Any) -> tuple[tuple[Any, ...], list[Any], Hashable]:
+    """The static leaves, the arrays, and what tells the program for them from others."""
+    static = tuple(_Traced if eqx.is_array(leaf) else leaf for leaf in leaves)
+    arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+    # 1, 1.0 and True are equal, and compile to different programs.
+    kinds = tuple(map(type, static))
+    return static, arrays, (structure, static, kinds, tuple(map(_signature, arrays)), _settings())
 
 
 def _signature(array: Any) -> Hashable:

@@ -37,6 +37,8 @@ class Follower:
         """The prediction of them, before they corrected anything, degC."""
         with jax.enable_x64(True):
             self._observer: AbstractObserver[Any] = OpenLoop(twin) if observer is None else observer
+        self._predict = _predicted.bind(self._observer)
+        self._take_readings = _corrected.bind(self._observer)
         self._driver = twin.rig.driver
         room = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
         self.ambient = math.nan
@@ -105,9 +107,7 @@ class Follower:
     def _step(self, dt: float) -> Float[np.ndarray, " channels"]:
         with jax.enable_x64(True):
             room = np.float64(self.ambient)
-            state, predicted = _predicted(
-                self._observer, self._state, self._duty, room, np.float64(dt)
-            )
+            state, predicted = self._predict(self._state, self._duty, room, np.float64(dt))
         # The state is kept as NumPy arrays, because it is read between two steps.
         self._state = jax.tree.map(np.asarray, state)
         return np.asarray(predicted)
@@ -116,7 +116,7 @@ class Follower:
         with jax.enable_x64(True):
             room = np.float64(self.ambient)
             mask = np.isfinite(readings)
-            state = _corrected(self._observer, self._state, readings, mask, room)
+            state = self._take_readings(self._state, readings, mask, room)
         self._state = jax.tree.map(np.asarray, state)
 
 

@@ -53,7 +53,7 @@ class LiveMonitor:
         self.observer = observer
         """The filter."""
         monitor = Monitor(observer, calibration, response_of(observer), false_alarm_time)
-        self._monitor = monitor
+        self._take = _stepped.bind(monitor)
         self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, KEPT)
         with jax.enable_x64(True):
             self._state = jax.tree.map(np.asarray, monitor.init())
@@ -98,7 +98,7 @@ class LiveMonitor:
         with jax.enable_x64(True):
             sample = seen(self.follower.state, expected, readings, ambient, np.float64(dt))
             sample = jax.tree.map(np.asarray, sample)
-            state, evidences = _stepped(self._monitor, self._state, sample)
+            state, evidences = self._take(self._state, sample)
         # Kept as NumPy arrays, because they are read between two steps.
         self._state = jax.tree.map(np.asarray, state)
         return jax.tree.map(np.asarray, evidences)

@@ -161,6 +161,7 @@ class LiveLoop:
         self.decision: Decision | None = None
         """The last decision; None before the first."""
         self._twin, self._controller = twin, controller
+        self._decide = _step.bind(controller)
         self._weights = np.asarray(controller.reading_weights(twin.channels), float)
         self._references = checked_loop(twin, controller, references, duration, ambient)
         self._ahead = references_ahead(self._references, controller.preview_samples)
@@ -170,7 +171,7 @@ class LiveLoop:
             still = self._references[0]
             readings = np.full(len(self._weights), still[0])
             self._state: Any = jax.tree.map(np.asarray, _begun(controller, off, readings))
-            _step(controller, self._state, self._ahead[0], readings)
+            self._decide(self._state, self._ahead[0], readings)
         self._silence = float(silence)
         self._sample: int | None = None
         self._time = self._phase = 0.0
@@ -217,7 +218,7 @@ class LiveLoop:
                 begun = _begun(self._controller, np.asarray(moment.duty, float), measurement)
                 self._state = jax.tree.map(np.asarray, begun)
             ahead = self._ahead[min(sample, len(self._ahead) - 1)]
-            asked, state = _step(self._controller, self._state, ahead, measurement)
+            asked, state = self._decide(self._state, ahead, measurement)
             self._state = jax.tree.map(np.asarray, state)
         duty = np.asarray(asked, float)
         if duty.shape != self._duty.shape or not np.isfinite(duty).all():
