@@ -54,7 +54,7 @@ def test_another_solver_ends_at_the_same_optimum(
     assert [step.number for step in fit.history] == [0, shown[-1]]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_another_solver_stays_inside_the_bounds(recording: Experiment):
     solver = optx.LevenbergMarquardt(TOLERANCE, TOLERANCE)
     bounds = {"C_load": (26.0, 60.0)}

@@ -1,7 +1,7 @@
 """Descents by any least-squares solver of optimistix, which supports neither bounds nor rounds."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -63,15 +63,12 @@ def _descend_once(
         # Plain arrays would be constants of the compiled solve.
         arrays = jax.tree.map(jnp.asarray, (objective, space))
         first = earlier.steps[0] if earlier else _step(0, _evaluate(vector, arrays[0]), vector)
-        solution = optx.least_squares(
-            _unbounded_residuals,
-            solver,
-            jnp.asarray(space.to_unbounded(vector)),
-            args=arrays,
-            options=FORWARD,
-            max_steps=max(1, max_iterations - done),
-            throw=False,
-        )
+        begin, left = space.to_unbounded(vector), max(1, max_iterations - done)
+        # The limit is a part of the program, which all rounds share; only a round that would exceed
+        # what is left of it needs a program of its own.
+        solution = _solve(solver, begin, arrays, max_iterations)
+        if solution.stats["num_steps"] > left:
+            solution = _solve(solver, begin, arrays, left)
         end = np.asarray(arrays[1].from_unbounded(solution.value))
         found = jax.tree.map(np.asarray, _evaluate(end, arrays[0]))
         iterations = done + int(solution.stats["num_steps"])
@@ -88,6 +85,25 @@ def _descend_once(
         objective=objective,
         evaluation=found.evaluation,
         optimiser=None,
+    )
+
+
+@persistent_jit
+def _solve(
+    solver: optx.AbstractLeastSquaresSolver,
+    start: Float[np.ndarray | Array, " unknowns"],
+    arrays: tuple[Objective, SearchSpace],
+    max_steps: int,
+) -> optx.Solution[Any, Any]:
+    """One program for all rounds and starts; by itself optimistix compiles parts of each solve."""
+    return optx.least_squares(
+        _unbounded_residuals,
+        solver,
+        jnp.asarray(start),
+        args=arrays,
+        options=FORWARD,
+        max_steps=max_steps,
+        throw=False,
     )
 
 
