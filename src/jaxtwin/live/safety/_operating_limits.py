@@ -4,14 +4,17 @@ import math
 from dataclasses import dataclass
 from typing import final
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike, Float
 
 from ..._celsius import ZERO_CELSIUS
+from ..._compilation import persistent_jit
 from ..._errors import JaxtwinError
 from ...physics import Twin
 from ...rig._limits import SOLDER
-from ...simulation import Stepper
+from ...simulation import Stepper, StepperState
 
 COLDEST = -73.0
 """The lowest temperature that a module of a single stage reaches, degC."""
@@ -87,9 +90,7 @@ class OperatingLimits:
             hottest=given.temperature - ZERO_CELSIUS,
             lowest=lowest,
             cell=inside - ZERO_CELSIUS if inside is not None else SOLDER if rig.cells else math.inf,
-            rate=_fastest(Stepper(twin, 1 / PROBES_PER_SECOND))
-            if given.rate is None
-            else given.rate,
+            rate=_rate(twin) if given.rate is None else given.rate,
             jump=6 * rig.noise + (0.0 if rig.camera is None else _CAMERA_JUMP),
             frozen=frozen if given.frozen is None else given.frozen,
             deviation=_DEVIATION if given.deviation is None else given.deviation,
@@ -118,17 +119,25 @@ def _number(value: ArrayLike) -> float:
     return np.asarray(value).item()
 
 
-def _fastest(stepper: Stepper) -> float:
+def _rate(twin: Twin) -> float:
+    with jax.enable_x64(True):
+        return float(_fastest(Stepper(twin, 1 / PROBES_PER_SECOND)))
+
+
+@persistent_jit
+def _fastest(stepper: Stepper) -> Float[Array, ""]:
     """The fastest change of any reading, K/s: heated, cooled, as far as the rig can cool, and
     heated again with full duty."""
     lowest = stepper.system.wiring.lowest_duty
-    full = np.ones_like(lowest)
-    state = stepper.start()
-    reading, fastest = np.asarray(stepper.channels(state)), 0.0
-    for duty in (full, lowest, full):
-        for _ in range(PROBE_SECONDS):
-            state = stepper.step(state, duty, steps=PROBES_PER_SECOND)
-            changed = np.asarray(stepper.channels(state))
-            fastest = max(fastest, float(np.abs(changed - reading).max()))
-            reading = changed
-    return RATE_FACTOR * fastest
+    duties = jnp.repeat(
+        jnp.array([jnp.ones_like(lowest), lowest, jnp.ones_like(lowest)]), PROBE_SECONDS, axis=0
+    )
+
+    def second(state: StepperState, duty: Array) -> tuple[StepperState, Array]:
+        state = stepper.step(state, duty, steps=PROBES_PER_SECOND)
+        return state, stepper.channels(state)
+
+    start = stepper.start()
+    _, after = jax.lax.scan(second, start, duties)
+    readings = jnp.concatenate([stepper.channels(start)[None], after])
+    return RATE_FACTOR * jnp.abs(jnp.diff(readings, axis=0)).max()
