@@ -10,7 +10,7 @@ import pytest
 
 from jaxtwin import Twin, linearize, simulate_closed_loop
 from jaxtwin.control import MPC
-from jaxtwin.control.controllers._quadratic_program import QuadraticProgram, minimised
+from jaxtwin._quadratic_program import QuadraticProgram, minimised
 
 pytestmark = pytest.mark.daqp
 

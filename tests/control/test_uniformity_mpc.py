@@ -26,7 +26,7 @@ from jaxtwin.control import (
     most_even_point,
 )
 from jaxtwin.control.controllers._mpc import MPCState
-from jaxtwin.control.controllers._quadratic_program import QuadraticProgram, minimised
+from jaxtwin._quadratic_program import QuadraticProgram, minimised
 
 ROOM, ELEMENTS = 16.0, 6
 CHANNELS = ("a", "b", "c")

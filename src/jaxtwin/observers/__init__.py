@@ -19,11 +19,13 @@ from ._estimates import Estimate, Estimates
 from ._forecast import Forecast
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._match_innovations import match_innovations
+from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
 from ._observe import live_observer, observe
 from ._observed import Observed
 from ._observer import AbstractObserver
 from ._open_loop import OpenLoop, OpenLoopState
 from ._process_noise import ProcessNoise
+from ._state_bounds import StateBounds
 
 __all__ = [
     "AbstractObserver",
@@ -32,10 +34,13 @@ __all__ = [
     "ExtendedKalmanFilter",
     "Forecast",
     "KalmanState",
+    "MovingHorizonEstimator",
+    "MovingHorizonState",
     "Observed",
     "OpenLoop",
     "OpenLoopState",
     "ProcessNoise",
+    "StateBounds",
     "estimate_noise",
     "live_observer",
     "match_innovations",

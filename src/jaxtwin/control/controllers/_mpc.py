@@ -94,7 +94,7 @@ from ._mpc_programs import (
     rest_program,
 )
 from ._plant import Plant, check_designed_for, plant_of
-from ._quadratic_program import QuadraticProgram, minimised
+from ..._quadratic_program import QuadraticProgram, minimised
 from ._twin_estimator import TwinEstimator, refuse_observed
 
 SLOWNESS = 1 / 3

@@ -69,7 +69,7 @@ from ._multiple_shooting import (
     condensed_path,
 )
 from ._plant import check_designed_for, plant_of
-from ._quadratic_program import QuadraticProgram, minimised
+from ..._quadratic_program import QuadraticProgram, minimised
 
 LONGEST_STEP = 2.0
 """The longest step of the prediction, s: its errors are below a millikelvin on `dual-cell`."""
