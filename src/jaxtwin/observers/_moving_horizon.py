@@ -33,6 +33,9 @@ from ._state_bounds import BoundRows, StateBounds, bound_rows
 from ._window import Step, Window, begun, later, linearised, read
 from ._window_smoother import corrected_by, filtered_window, most_likely, moved_by
 
+HORIZON = 20
+"""The usual number of steps in a window."""
+
 
 class MovingHorizonState(NamedTuple):
     """What a `MovingHorizonEstimator` knows.
@@ -80,7 +83,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
     def __init__(
         self,
         kalman: ExtendedKalmanFilter,
-        horizon: int = 20,
+        horizon: int = HORIZON,
         bounds: StateBounds | None = None,
         *,
         iterations: int = 1,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._arguments import of_kind
+from .._celsius import ZERO_CELSIUS
 from .._errors import ObserverError
 from .._name_suggestions import unknown_name
 from ._augmented_model import AugmentedModel
@@ -49,9 +50,7 @@ class BoundRows(NamedTuple):
     highest: Float[Array | np.ndarray, " bounds"]
 
 
-def bound_rows(
-    where: str, model: AugmentedModel, bounds: StateBounds | None
-) -> BoundRows:
+def bound_rows(where: str, model: AugmentedModel, bounds: StateBounds | None) -> BoundRows:
     """Makes rows of bounds.
 
     **Raises:** `ObserverError` for something that is not bounds, an unknown cell or node, or a pair
@@ -86,7 +85,7 @@ def bound_rows(
 
 def _zero(model: AugmentedModel) -> float:
     """The reference of the state, degC."""
-    return float(model.to_degC(np.zeros(())))
+    return float(model.stepper.reference) - ZERO_CELSIUS
 
 
 def _place(where: str, kind: str, name: str, known: Sequence[str]) -> int:

@@ -11,7 +11,6 @@ from ._commands import Commands
 from ._gaussian import Gaussian
 from ._kalman_filter import ExtendedKalmanFilter, Measured
 
-
 Tree = TypeVar("Tree")
 
 
@@ -54,9 +53,7 @@ class Linearised(NamedTuple):
     read: Reading
 
 
-def begun(
-    kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: int
-) -> Window:
+def begun(kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: int) -> Window:
     """A window in which nothing has happened yet."""
     dtype = start.mean.dtype
     size, readings = len(start.mean), 1 + len(kalman.model.columns)
@@ -113,7 +110,9 @@ def read(window: Window, measured: Measured) -> Window:
         mask=measured.mask | old.mask,
         opened=measured.opened + old.opened,
     )
-    return window._replace(measured=jax.tree.map(lambda many, one: many.at[-1].set(one), rows, both))
+    return window._replace(
+        measured=jax.tree.map(lambda many, one: many.at[-1].set(one), rows, both)
+    )
 
 
 def _repeated(tree: Tree, count: int) -> Tree:

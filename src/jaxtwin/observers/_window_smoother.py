@@ -8,10 +8,9 @@ this distribution that of a quadratic program,
 $$\min_v \tfrac12 (v - C \mu)^T S^{-1} (v - C \mu), \quad a \le v \le b, \quad S = C \Sigma C^T,$$
 
 whose unknowns are only the bounded ones; with the multipliers $\lambda = S^{-1} (v - C \mu)$ the
-states are $\mu + \Sigma C^T \lambda$. What $\Sigma$ multiplies is a force $f_k$ on the state of each
-sample: it moves that state by $P_k f_k$ in the filter, as readings would that leave its covariance
-as it is. This is the interior of moving-horizon estimation with the states eliminated (Rao,
-Rawlings and Mayne, IEEE Trans. Autom. Control 48, 2003), without a matrix of all of them.
+states are $\mu + \Sigma C^T \lambda$. What $\Sigma$ multiplies is a force $f_k$ on the state of
+each sample: it moves that state by $P_k f_k$ in the filter, as readings would that leave its
+covariance as it is. No matrix of all states is made.
 """
 
 from typing import NamedTuple

@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ...observers import ExtendedKalmanFilter
 from ...rig import Rig
 from ...rig._units import Kind
 from ..linear._discrete_model import DiscreteModel
@@ -58,7 +57,7 @@ from ._kalman import KalmanFilter, kalman_filter, kalman_tables
 from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
 from ._pid import WEIGHT, Parameter, as_parameter
 from ._plant import Plant, check_designed_for, plant_of
-from ._twin_estimator import TwinEstimator, refuse_observed
+from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 GAINS = {
     "Kx": PLAIN,
@@ -149,7 +148,7 @@ class LQI(AbstractDutyLimitedController):
         reading_noise: Numbers = 0.1,
         setpoint_weight: Numbers = 0.0,
         limits: Sequence[float | int] | None = None,
-        observer: ExtendedKalmanFilter | None = None,
+        observer: TwinObserver | None = None,
     ):
         self.limits = checked_limits("LQI", limits)
         self.has_own_limits = limits is not None

@@ -35,7 +35,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import names_of, true_or_false, whole_number
 from ..._errors import ControlError
-from ...observers import ExtendedKalmanFilter
+from ..._quadratic_program import QuadraticProgram, minimised
 from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import (
@@ -94,8 +94,7 @@ from ._mpc_programs import (
     rest_program,
 )
 from ._plant import Plant, check_designed_for, plant_of
-from ..._quadratic_program import QuadraticProgram, minimised
-from ._twin_estimator import TwinEstimator, refuse_observed
+from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 SLOWNESS = 1 / 3
 """How fast the allowance follows, relative to the slowest pole of the model. While a plate warms
@@ -230,7 +229,7 @@ class MPC(AbstractDutyLimitedController):
         points: Sequence[str] = (),
         point_errors: Float[np.ndarray, "points channels"] | None = None,
         preview: bool = False,
-        observer: ExtendedKalmanFilter | None = None,
+        observer: TwinObserver | None = None,
     ):
         self.limits = checked_limits("MPC", limits)
         self.has_own_limits = limits is not None

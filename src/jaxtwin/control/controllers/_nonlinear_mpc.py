@@ -34,6 +34,7 @@ from ..._celsius import ZERO_CELSIUS
 from ..._errors import ControlError
 from ..._jax_settings import in_precision, to_numpy
 from ..._lapack import solve
+from ..._quadratic_program import QuadraticProgram, minimised
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
@@ -69,7 +70,6 @@ from ._multiple_shooting import (
     condensed_path,
 )
 from ._plant import check_designed_for, plant_of
-from ..._quadratic_program import QuadraticProgram, minimised
 
 LONGEST_STEP = 2.0
 """The longest step of the prediction, s: its errors are below a millikelvin on `dual-cell`."""
