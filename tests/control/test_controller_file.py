@@ -13,7 +13,7 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import ControlError, JaxtwinError, Twin
+from jaxtwin import ControlError, JaxtwinError, Twin, linearize
 from jaxtwin.control import (
     LQI,
     MPC,
@@ -24,6 +24,7 @@ from jaxtwin.control import (
     OperatingPoint,
     RangeCost,
     Relay,
+    loop_margins,
     read_controller,
     save_controller,
 )
@@ -229,6 +230,9 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
     controller = of_models(twin)[number].for_rig(twin.rig)
     save_controller(path, controller, twin.rig)
     again = read_controller(path, twin.rig)
+    # A file has the gains of a filter, and not the noises for which they were designed.
+    kept = {"weights": None} if isinstance(controller, LQI) else {"noises": None}
+    controller = with_values(controller, kept)
     assert jax.tree.structure(again) == jax.tree.structure(controller)
     for found, value in zip(jax.tree.leaves(again), jax.tree.leaves(controller), strict=True):
         np.testing.assert_allclose(found, value, rtol=1e-9, atol=1e-12)
@@ -237,6 +241,26 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
             np.testing.assert_array_equal(getattr(again, name), getattr(controller, name))
     save_controller(tmp_path / "again.toml", again, twin.rig)
     assert (tmp_path / "again.toml").read_text() == path.read_text()
+
+
+@pytest.mark.parametrize(("design", "noise", "is_fragile"), [(LQI, 0.1, True), (MPC, 1.0, False)])
+def test_a_file_says_how_far_from_instability_its_loop_is(
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    design: type[LQI] | type[MPC],
+    noise: float,
+    is_fragile: bool,
+):
+    """On its own model, which for a linear twin is the twin; a fragile loop is a warning."""
+    twin = Twin("tclab")
+    model = linearize(twin, temperatures=40.0).discretise(5.0)
+    path = tmp_path / "loop.toml"
+    made = design(model, measured=["T1", "T2"], limits=(0, 1), reading_noise=noise)
+    save_controller(path, made, twin.rig)
+    said = loop_margins(twin, made, 40.0).summary()
+    assert f"# on its own model: {said}" in path.read_text().splitlines()
+    assert [said in record.getMessage() for record in caplog.records] == [True] * is_fragile
+    assert ("fragile" in said) == is_fragile
 
 
 @pytest.mark.slow

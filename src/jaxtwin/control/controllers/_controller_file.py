@@ -17,6 +17,7 @@ Ki = "0.002 1/(K s)"
 """
 
 import json
+import logging
 import os
 import warnings
 from collections.abc import Mapping
@@ -43,10 +44,13 @@ from ._controller_fields import (
     quantity,
 )
 from ._decoupled_pi import DecoupledPI
+from ._linear_controller import design_summary
 from ._lqi import LQI
 from ._mpc import MPC
 from ._pid import PID
 from ._relay import Relay
+
+log = logging.getLogger("jaxtwin")
 
 FORMAT = 1
 
@@ -107,6 +111,9 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
 def save_controller(path: str | os.PathLike[str], controller: AbstractController, rig: Rig) -> None:
     """Writes a controller for a rig to a .toml file. If writing fails, the file is left as it was.
 
+    The file of an `LQI` or an `MPC` states in a comment how far from instability their loop is on
+    their own model; if the loop is fragile, the logger `jaxtwin` warns.
+
     **Arguments:**
 
     - `path`: the .toml file.
@@ -130,8 +137,13 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
             f"register_controller adds a class), got {controller!r}"
         )
     controller = controller.for_rig(rig)
-    lines = [
-        f"format = {FORMAT}",
+    lines = [f"format = {FORMAT}"]
+    if (found := design_summary(controller)) is not None:
+        text, is_fragile = found
+        lines.append(f"# on its own model: {text}")
+        if is_fragile:
+            log.warning("save_controller: %s: on its own model: %s", path, text)
+    lines += [
         f"rig = {json.dumps(rig.name)}",
         f"kind = {json.dumps(controller.kind)}",
         f'sample_time = "{controller.sample_time_s!r} s"',

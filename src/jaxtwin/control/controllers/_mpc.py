@@ -70,7 +70,7 @@ from ._file_model import (
     MODEL_FIELDS,
     designed,
 )
-from ._kalman import KalmanFilter, error_gain, kalman_filter
+from ._kalman import KalmanFilter, error_gain, kalman_filter, plant_of_filter
 from ._law import Law
 from ._mpc_file import mpc_contents, mpc_lines
 from ._mpc_law import mpc_law
@@ -93,7 +93,7 @@ from ._mpc_programs import (
     plan_program,
     rest_program,
 )
-from ._plant import Plant, check_designed_for, plant_of
+from ._plant import Plant, Temperatures, check_designed_for, plant_of
 from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 SLOWNESS = 1 / 3
@@ -102,6 +102,13 @@ up, what is not linear in it looks like a disturbance that will be over at rest.
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
 _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
+
+
+class MPCNoises(NamedTuple):
+    """The noises with which the filter of an `MPC` was designed."""
+
+    drift: Float[Array | np.ndarray, " disturbances"]
+    reading_noise: Float[Array | np.ndarray, " read"]
 
 
 class MPCState(NamedTuple):
@@ -182,6 +189,8 @@ class MPC(AbstractDutyLimitedController):
     inverse: Float[Array | np.ndarray, "cells outputs"]
     disturbed: Float[Array | np.ndarray, "cells disturbances"]
     deviations: Deviations
+    noises: MPCNoises | None
+    """Those of its design; None for the filter of a file."""
     watched: WatchedChannels
     soft: SoftLimits | None
     points: EvenPoints | None
@@ -262,7 +271,7 @@ class MPC(AbstractDutyLimitedController):
         (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
         self.excess = np.asarray(excess)
         self.adaptation = np.asarray(1 - np.abs(np.linalg.eigvals(plant.A)).max() ** SLOWNESS)
-        self.deviations = Deviations(y, u, change)
+        self.deviations, self.noises = Deviations(y, u, change), MPCNoises(w, v)
         predicted = predict(plant, self.horizon, self.control_horizon)
         squares = self.evenness is not None and self.evenness.is_quadratic
         self.condensed = condense(plant, predicted, self.deviations, tracks_points=squares)
@@ -312,6 +321,41 @@ class MPC(AbstractDutyLimitedController):
         is_smooth = self.evenness is None or self.evenness.is_quadratic
         return self.observed is None and is_smooth
 
+    def design_weights(self) -> Mapping[str, Float[np.ndarray, "..."]]:
+        """Returns accepted deviations and noises; none for a filter of a file, with an observer, or
+        with points that are to be even."""
+        if self.noises is None or self.observed is not None or self.points is not None:
+            return {}
+        y, u, change = self.deviations
+        named = {
+            "output_deviation": y,
+            "duty_deviation": u,
+            "duty_change_deviation": change,
+            **self.noises._asdict(),
+        }
+        return {name: np.asarray(part) for name, part in named.items()}
+
+    def redesigned(self, weights: Mapping[str, Numbers]) -> AbstractController:
+        """Returns the controller that the same model gives with other deviations and noises."""
+        point = np.asarray(self.duty, float), np.asarray(self.outputs, float)
+        watched = Temperatures(np.asarray(self.watched.C), np.asarray(self.watched.at))
+        made = MPC(
+            plant_of_filter(
+                "MPC", self.kalman, point, watched, self.sample_time_s, self.designed_for
+            ),
+            measured=self.measured,
+            horizon=self.horizon,
+            control_horizon=self.control_horizon,
+            limits=self.limits,
+            rate_limit=self.rate_limit,
+            temperature_limits={name: limits for name, *limits in self.temperature_limits},
+            excess_deviation=float(self.excess),
+            preview=self.preview,
+            **{**self.design_weights(), **weights},
+        )
+        object.__setattr__(made, "counts", self.counts)
+        return made
+
     @property
     def estimator(self) -> AbstractEstimator:
         """What estimates the states: the Kalman filter, alone or with an observer."""
@@ -340,7 +384,8 @@ class MPC(AbstractDutyLimitedController):
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
         model, settings = mpc_contents(cls, contents)
-        return designed(cls, model, settings, contents.refuse)
+        made = designed(cls, model, settings, contents.refuse)
+        return eqx.tree_at(lambda made: made.noises, made, None)
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the deviations, the limits, and the model."""
