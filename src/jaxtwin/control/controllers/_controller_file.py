@@ -44,6 +44,7 @@ from ._controller_fields import (
     quantity,
 )
 from ._decoupled_pi import DecoupledPI
+from ._gain_scheduled import GainScheduled
 from ._linear_controller import design_summary
 from ._lqi import LQI
 from ._mpc import MPC
@@ -87,7 +88,7 @@ def _register(controller: object) -> None:
     add_kind(_KINDS, controller, where, "files, such as 'pid'", ControlError)
 
 
-for _controller_class in (PID, DecoupledPI, LQI, MPC, Relay):
+for _controller_class in (PID, DecoupledPI, GainScheduled, LQI, MPC, Relay):
     register_controller(_controller_class)
 
 
@@ -99,8 +100,8 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     - `path`: the .toml file.
     - `rig`: the rig that the file must name.
 
-    **Returns:** a `PID`, a `DecoupledPI`, an `LQI`, an `MPC`, a `Relay`, or a controller of a class
-    that `register_controller` has added.
+    **Returns:** a `PID`, a `DecoupledPI`, a `GainScheduled`, an `LQI`, an `MPC`, a `Relay`, or a
+    controller of a class that `register_controller` has added.
 
     **Raises:** `ControlError` if the file cannot be read, is for another rig, or has a field or a
     value that is not allowed. The message names the file and the field.

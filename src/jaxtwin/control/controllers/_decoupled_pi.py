@@ -206,6 +206,24 @@ class DecoupledPI(AbstractDutyLimitedController):
         )
         return DecoupledPIState(asked - proportional)
 
+    def taken_over(
+        self,
+        before: "DecoupledPI",
+        state: PyTree,
+        reference: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> PyTree:
+        """The state with which this controller asks for the duty that another one would, from its
+        state."""
+        r, y = jnp.asarray(reference), jnp.asarray(measurement)
+
+        def proportional(controller: DecoupledPI) -> Array:
+            error = jnp.asarray(controller.setpoint_weight) * r - y
+            return controller._gained(error, controller.Kp_mean, controller.Kp_difference)
+
+        was = jnp.asarray(before.decoupling) @ (proportional(before) + state.integral)
+        return DecoupledPIState(self._undo(was) - proportional(self))
+
     def step(
         self,
         state: PyTree,

@@ -22,7 +22,6 @@ $c_k$ is free. $h_k$ is what the model expects at rest without disturbances, and
 slowly follows what the disturbances make of it.
 """
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, NamedTuple, final
@@ -36,7 +35,6 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ..._arguments import names_of, true_or_false, whole_number
 from ..._errors import ControlError
 from ..._quadratic_program import QuadraticProgram, minimised
-from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import (
     Condensed,
@@ -52,7 +50,6 @@ from ._condensed_program import (
 from ._controller import (
     AbstractController,
     Numbers,
-    TemperatureLimit,
     checked_deviations,
     checked_measured,
     means_of,
@@ -63,7 +60,7 @@ from ._controller_fields import (
     ControllerField,
     FileContents,
 )
-from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._duty_limits import checked_limits
 from ._estimator import AbstractEstimator
 from ._evenness import AbstractEvennessCost
 from ._file_model import (
@@ -77,13 +74,11 @@ from ._mpc_law import mpc_law
 from ._mpc_limits import (
     channels_of,
     check_horizon,
-    check_reach,
     checked_control_horizon,
     checked_evenness,
     checked_point_errors,
     checked_rate,
     checked_temperature_limits,
-    reach_of,
 )
 from ._mpc_programs import (
     ROOM_ON_THE_WAY,
@@ -93,7 +88,8 @@ from ._mpc_programs import (
     plan_program,
     rest_program,
 )
-from ._plant import Plant, Temperatures, check_designed_for, plant_of
+from ._plant import Plant, Temperatures, plant_of
+from ._predictive_controller import AbstractPredictiveController
 from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 SLOWNESS = 1 / 3
@@ -123,7 +119,7 @@ class MPCState(NamedTuple):
 
 
 @final
-class MPC(AbstractDutyLimitedController):
+class MPC(AbstractPredictiveController):
     """Model predictive control, designed on a linear model.
 
     ```python
@@ -195,7 +191,7 @@ class MPC(AbstractDutyLimitedController):
     soft: SoftLimits | None
     points: EvenPoints | None
     evenness: AbstractEvennessCost | None
-    excess: Float[Array | np.ndarray, ""]
+    excess_deviation: Float[Array | np.ndarray, ""]
     adaptation: Float[Array | np.ndarray, ""]
     of_channels: Float[Array | np.ndarray, "outputs watched"]
     """The outputs as means of the watched channels; without points there are none of them."""
@@ -269,7 +265,7 @@ class MPC(AbstractDutyLimitedController):
             )
         )
         (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
-        self.excess = np.asarray(excess)
+        self.excess_deviation = np.asarray(excess)
         self.adaptation = np.asarray(1 - np.abs(np.linalg.eigvals(plant.A)).max() ** SLOWNESS)
         self.deviations, self.noises = Deviations(y, u, change), MPCNoises(w, v)
         predicted = predict(plant, self.horizon, self.control_horizon)
@@ -299,20 +295,6 @@ class MPC(AbstractDutyLimitedController):
         self.gain, self.inverse, self.disturbed = plant.gain, plant.inverse, plant.disturbed
         self.duty, self.outputs = plant.duty, plant.outputs
         self.designed_for = plant.rig
-
-    def for_rig(self, rig: Rig) -> "MPC":
-        """Returns the controller with the limits of a rig, and the counts of its driver.
-
-        **Raises:** `ControlError` for another rig than that of the model, or a rate limit of less
-        than a count in a sample.
-        """
-        check_designed_for("MPC", self.designed_for, rig)
-        limited = copy.copy(super().for_rig(rig))
-        assert isinstance(limited, MPC)
-        # The field is no leaf, and no design depends on it.
-        object.__setattr__(limited, "counts", rig.driver.counts)
-        check_reach("MPC", self.rate_limit, self.sample_time_s, rig.driver.counts)
-        return limited
 
     @property
     def is_linear(self) -> bool:
@@ -349,7 +331,7 @@ class MPC(AbstractDutyLimitedController):
             limits=self.limits,
             rate_limit=self.rate_limit,
             temperature_limits={name: limits for name, *limits in self.temperature_limits},
-            excess_deviation=float(self.excess),
+            excess_deviation=float(self.excess_deviation),
             preview=self.preview,
             **{**self.design_weights(), **weights},
         )
@@ -360,18 +342,6 @@ class MPC(AbstractDutyLimitedController):
     def estimator(self) -> AbstractEstimator:
         """What estimates the states: the Kalman filter, alone or with an observer."""
         return self.kalman if self.observed is None else self.observed
-
-    @property
-    def preview_samples(self) -> int:
-        """The horizon, with `preview`."""
-        return self.horizon if self.preview else 0
-
-    def channel_limits(self) -> Mapping[str, TemperatureLimit]:
-        """Returns the temperature limits."""
-        return {
-            name: TemperatureLimit(lowest, highest, float(self.excess))
-            for name, lowest, highest in self.temperature_limits
-        }
 
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weights of the outputs, those of the other channels that are read, and all
@@ -522,12 +492,7 @@ class MPC(AbstractDutyLimitedController):
     @property
     def soft_temperatures(self) -> SoftTemperatures:
         """The temperatures that its programs limit softly, and those that they make even."""
-        return SoftTemperatures(self.soft, self.points, self.evenness, self.excess)
-
-    @property
-    def reach(self) -> float | None:
-        """The largest change of the duty in a sample; None for any."""
-        return reach_of(self.rate_limit, self.sample_time_s, self.counts)
+        return SoftTemperatures(self.soft, self.points, self.evenness, self.excess_deviation)
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape

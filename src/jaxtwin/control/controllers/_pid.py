@@ -206,6 +206,21 @@ class PID(AbstractDutyLimitedController):
         last = (jnp.asarray(self.derivative_weight) - 1) * y
         return PIDState(integral, jnp.zeros_like(integral), last + jnp.zeros_like(y))
 
+    def taken_over(
+        self,
+        before: "PID",
+        state: PyTree,
+        reference: Float[ArrayLike, " outputs"],
+        measurement: Float[ArrayLike, " outputs"],
+    ) -> PyTree:
+        """The state with which this controller asks for the duty that another one would, from its
+        state."""
+        r, y = jnp.asarray(reference), jnp.asarray(measurement)
+        was = before.Kp * (before.setpoint_weight * r - y)
+        return state._replace(
+            integral=state.integral + was - self.Kp * (self.setpoint_weight * r - y)
+        )
+
     def step(
         self,
         state: PyTree,
