@@ -2,13 +2,15 @@ r"""Gain scheduling: a PI or PID controller whose parameters follow the temperat
 
 Between two operating points the parameters are interpolated along the scheduling variable, the mean
 of the outputs or of their references. When they change, the integral takes over what the
-proportional part then asks less or more, so that the duty does not jump (bumpless transfer):
+proportional part asks less or more at rest, so that the duty at rest does not change (bumpless
+transfer):
 
-$$I \leftarrow I + K_p^-\,(b^- r - y) - K_p\,(b\,r - y).$$
+$$I \leftarrow I + K_p^-\,(b^- - 1)\,y - K_p\,(b - 1)\,y.$$
 
-About a steady state the loop is therefore that of the controller with the parameters of this state
-(Kaminer, Pascoal, Khargonekar and Coleman, Automatica 31, 1995; Åström and Hägglund, *Advanced PID
-Control*, 2006, chapters 9.3 and 13).
+The gain of an error changes at once. If the integral took this over too, a large step through
+several gains would wind it up. About a steady state the loop is that of the controller with the
+parameters of this state (Kaminer, Pascoal, Khargonekar and Coleman, Automatica 31, 1995; Åström and
+Hägglund, *Advanced PID Control*, 2006, chapters 9.3 and 13).
 """
 
 import copy
@@ -177,7 +179,7 @@ class GainScheduled(AbstractChannelGroupController):
         followed = measurement if self.by == "measurement" else reference
         at = jnp.mean(jnp.asarray(followed, state.at.dtype))
         before, now = self.controller_at(state.at), self.controller_at(at)
-        taken = now.taken_over(before, state.controller, reference, measurement)
+        taken = now.taken_over(before, state.controller, measurement)
         duty, later = now.step(taken, reference, measurement)
         return duty, GainScheduledState(later, at)
 

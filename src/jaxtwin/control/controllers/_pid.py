@@ -207,19 +207,13 @@ class PID(AbstractDutyLimitedController):
         return PIDState(integral, jnp.zeros_like(integral), last + jnp.zeros_like(y))
 
     def taken_over(
-        self,
-        before: "PID",
-        state: PyTree,
-        reference: Float[ArrayLike, " outputs"],
-        measurement: Float[ArrayLike, " outputs"],
+        self, before: "PID", state: PyTree, measurement: Float[ArrayLike, " outputs"]
     ) -> PyTree:
-        """The state with which this controller asks for the duty that another one would, from its
-        state."""
-        r, y = jnp.asarray(reference), jnp.asarray(measurement)
-        was = before.Kp * (before.setpoint_weight * r - y)
-        return state._replace(
-            integral=state.integral + was - self.Kp * (self.setpoint_weight * r - y)
-        )
+        """The state with which this controller asks for the duty that another one asks for from its
+        state, if the reference equals the measurement."""
+        y = jnp.asarray(measurement)
+        was, now = (one.Kp * (one.setpoint_weight - 1) * y for one in (before, self))
+        return state._replace(integral=state.integral + was - now)
 
     def step(
         self,
