@@ -243,6 +243,17 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
     assert (tmp_path / "again.toml").read_text() == path.read_text()
 
 
+def test_a_file_names_an_anti_windup_that_is_not_the_usual_one(tmp_path: Path, twin: Twin):
+    path = tmp_path / "pid.toml"
+    save_controller(path, PID(0.1, 0.001, anti_windup="clamping"), twin.rig)
+    assert 'anti_windup = "clamping"' in path.read_text()
+    again = read_controller(path, twin.rig)
+    assert isinstance(again, PID)
+    assert again.anti_windup == "clamping"
+    with pytest.raises(ControlError, match="anti_windup: expected 'back-calculation' or 'clampi"):
+        read(tmp_path, path.read_text().replace("clamping", "off"), twin)
+
+
 @pytest.mark.parametrize(("design", "noise", "is_fragile"), [(LQI, 0.1, True), (MPC, 1.0, False)])
 def test_a_file_says_how_far_from_instability_its_loop_is(
     tmp_path: Path,

@@ -65,6 +65,32 @@ def test_the_duty_does_not_jump_when_the_parameters_change(controllers: Any):
     assert np.abs(other - asked).max() > 1e-3
 
 
+@pytest.mark.slow
+def test_a_plate_that_is_cooled_is_another_plant():
+    """The numbers of docs/control.md: neither PID is both robust and quick at both temperatures."""
+    twin = Twin("dual-cell")
+    cooling = PID(Kp=0.16, Ki=0.0042, limits=(-1, 1))
+    heating = PID(Kp=0.055, Ki=0.0013, limits=(-1, 1))
+    scheduled = GainScheduled([cooling, heating], at=[10, 15])
+    peaks, settled = {}, {}
+    for name, one in (("cooling", cooling), ("heating", heating), ("scheduled", scheduled)):
+        peaks[name] = [loop_margins(twin, one, at).sensitivity_peak for at in (10.0, 40.0)]
+        settled[name] = [
+            simulate_closed_loop(
+                twin, one, f"0:{start},400:{end}", duration=900, noise=False, initial=start
+            ).measures()["value"]["settling_time"]
+            for start, end in ((14.0, 10.0), (36.0, 40.0))
+        ]
+    np.testing.assert_allclose(peaks["cooling"], [1.59, 4.14], atol=0.01)
+    np.testing.assert_allclose(peaks["heating"], [1.18, 1.59], atol=0.01)
+    np.testing.assert_allclose(peaks["scheduled"], [1.59, 1.59], atol=0.01)
+    np.testing.assert_allclose(settled["cooling"], [34, 122], atol=1)
+    np.testing.assert_allclose(settled["heating"], [166, 79], atol=1)
+    np.testing.assert_allclose(settled["scheduled"], [60, 79], atol=1)
+    apart = GainScheduled([cooling, heating], at=[10, 40])
+    assert loop_margins(twin, apart, 20.0).sensitivity_peak > 3.2
+
+
 @pytest.mark.usefixtures("float64")
 def test_equal_controllers_are_one(twin: Twin):
     scheduled = GainScheduled([COLD, COLD], at=[30.0, 40.0])

@@ -48,7 +48,11 @@ def in_python(controller: AbstractController, twin: Twin) -> np.ndarray:
     weights = controller.reading_weights(twin.channels)
     readings = np.column_stack([rows["T1"], rows["T2"]]) @ weights.T
     references = np.column_stack([rows["reference.1"], rows["reference.2"]])
-    state, step, duty = controller.init(BEFORE, readings[0]), eqx.filter_jit(controller.step), BEFORE
+    state, step, duty = (
+        controller.init(BEFORE, readings[0]),
+        eqx.filter_jit(controller.step),
+        BEFORE,
+    )
     found = []
     for second in range(SECONDS):
         if second % controller.sample_time_s == 0:

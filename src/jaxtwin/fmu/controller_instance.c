@@ -108,7 +108,7 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
 }
 
 /* Refuses references and duty cycles that are no numbers, duty cycles beyond full duty, and those
-   that are taken over of a controller that runs. A channel may be NaN: a reading that is missing. */
+   that are taken over of a controller that runs. A channel may be NaN, a missing reading. */
 static int set(instance_t *self, const uint32_t *numbers, size_t count, const double *values)
 {
     size_t k;
