@@ -115,6 +115,7 @@ def both_ends(path: Array) -> tuple[Array, Array]:
     return path[:-1], path[1:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", ["tclab", "pcr-block"])
 def test_the_way_through_a_window_is_the_minimum_that_scipy_finds(rig: str):
     """With heats that may not be below a bound where they would be."""

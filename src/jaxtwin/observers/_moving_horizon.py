@@ -10,7 +10,7 @@ $F$ with its further states, the noises $Q$ and $R$ and the readings $h$ are tho
 Kalman filter. The first term is the arrival cost: $\bar x_0$ is what was estimated at that sample
 when it was the last one, and $P$ follows from the filter's Riccati equation.
 
-It is solved by multiple shooting: all steps of the window are linearised side by side, each at a
+It is solved by multiple shooting with the Hessian of Gauss and Newton: all steps of the window are linearised side by side, each at a
 state of its own, and the program that is left (`_window_smoother`) gives the next states. One such
 iteration a sample, from the states of the sample before, is the real-time iteration.
 """
@@ -62,7 +62,8 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
     node that cannot be colder than the bath around it. An extended Kalman filter cannot be told
     so, and an estimate that is cut off at a bound leaves the other states as wrong as before.
     Without an active bound it is that filter, with its equations linearised again at what later
-    readings say; on a linear twin it is the Kalman filter exactly.
+    readings say, and without its caution about values of the twin where a reading is far off; on a
+    linear twin it is the Kalman filter exactly.
 
     **Arguments:**
 
