@@ -20,6 +20,7 @@ from jaxtwin.control import (
     PID,
     DecoupledPI,
     FunctionController,
+    GainScheduled,
     LinearModel,
     OperatingPoint,
     RangeCost,
@@ -377,7 +378,11 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
     """The files of some controllers."""
     path = tmp_path_factory.mktemp("files") / "controller.toml"
     made = []
-    for controller in of_models(twin):
+    pids = [
+        PID(0.1, 0.001, anti_windup="clamping"),
+        PID(0.2, [0.001, 0.002], anti_windup="clamping"),
+    ]
+    for controller in [*of_models(twin), GainScheduled(pids, at=[20.5, 40.25])]:
         save_controller(path, controller, twin.rig)
         made.append(path.read_text(encoding="utf-8"))
     return made
@@ -385,7 +390,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=50)
-@given(st.integers(0, 4), damages)
+@given(st.integers(0, 5), damages)
 def test_a_damaged_file_is_refused_or_a_controller(
     tmp_path_factory: pytest.TempPathFactory,
     twin: Twin,

@@ -10,9 +10,10 @@ $F$ with its further states, the noises $Q$ and $R$ and the readings $h$ are tho
 Kalman filter. The first term is the arrival cost: $\bar x_0$ is what was estimated at that sample
 when it was the last one, and $P$ follows from the filter's Riccati equation.
 
-It is solved by multiple shooting with the Hessian of Gauss and Newton: all steps of the window are linearised side by side, each at a
-state of its own, and the program that is left (`_window_smoother`) gives the next states. One such
-iteration a sample, from the states of the sample before, is the real-time iteration.
+It is solved by multiple shooting with the Hessian of Gauss and Newton: all steps of the window are
+linearised side by side, each at a state of its own, and the program that is left
+(`_window_smoother`) gives the next states. One such iteration a sample, from the states of the
+sample before, is the real-time iteration.
 """
 
 from dataclasses import replace
