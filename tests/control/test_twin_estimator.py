@@ -45,6 +45,7 @@ def known_at_rest(
     with jax.enable_x64(True):
         start = estimator.init(jnp.zeros(2), jnp.concatenate([jnp.zeros(2), channels]))
         kalman = estimator.observer
+        assert isinstance(kalman, ExtendedKalmanFilter)
         state = kalman.init(nodes, estimator.duty)
         place = kalman.model.layout.of("room")
         warmer = state.mean.at[place].set(kalman.model.from_degC(jnp.asarray(room)))
