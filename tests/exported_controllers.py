@@ -34,6 +34,9 @@ CONTROLLERS = {
         limits=(0, 0.9),
         measured=[LEFT, RIGHT],
     ),
+    "clamped": PID(
+        0.2, 0.004, 1.0, 5.0, measured=[LEFT, RIGHT], limits=(0, 0.6), anti_windup="clamping"
+    ),
     "proportional": PID(0.05, Kd=1.0, measured=[LEFT], limits=(-0.5, 0.5)),
     "decoupled": DecoupledPI(
         0.1,

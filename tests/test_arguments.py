@@ -21,7 +21,7 @@ import diffrax
 import numpy as np
 import optimistix
 from jaxtwin import *
-from jaxtwin import control, live, matching, plots, rig as rigs
+from jaxtwin import control, live, matching, observers, plots, rig as rigs
 from jaxtwin.data import synthetic_recordings
 rig = load_rig("paper-2024")
 twin = Twin(rig)
@@ -51,6 +51,18 @@ NAMES = "expected one name or several.*, got .*"
 FUNCTION = "expected a function or None.*, got .*"
 
 CASES = {
+    "control.PID(0.1, anti_windup='none')": (
+        "ControlError",
+        "PID: anti_windup: expected 'back-calculation' or 'clamping', got 'none'",
+    ),
+    "observers.MovingHorizonEstimator(observers.live_observer(twin), bounds={'room': (1, 2)})": (
+        "ObserverError",
+        "MovingHorizonEstimator: bounds: expected a StateBounds, got {'room'",
+    ),
+    "control.GainScheduled([pid, pid], at=[30, 40], by='room')": (
+        "ControlError",
+        "GainScheduled: by: expected 'measurement' or 'reference', got 'room'",
+    ),
     "plots.style('light').__enter__()": (
         "ParameterError",
         "style: expected paper, grey or dark, got 'light'",

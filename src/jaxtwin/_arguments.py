@@ -20,8 +20,14 @@ Kind = TypeVar("Kind")
 Failure = type[JaxtwinError]
 
 
-def of_kind(where: str, value: object, kind: type[Kind], expected: str, error: Failure) -> Kind:
-    """Checks that a value is of a class, and returns it.
+def of_kind(
+    where: str,
+    value: object,
+    kind: type[Kind] | tuple[type[Kind], ...],
+    expected: str,
+    error: Failure,
+) -> Kind:
+    """Checks that a value is of a class, or of one of several, and returns it.
 
     **Arguments:**
 

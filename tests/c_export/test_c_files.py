@@ -27,6 +27,7 @@ STRICT += [f"-W{name}" for name in WARNINGS.split()]
 LAW_FILES = {
     "of the mean": "pid.c",
     "of each output": "pid.c",
+    "clamped": "pid.c",
     "proportional": "pid.c",
     "decoupled": "decoupled_pi.c",
     "state feedback": "lqi.c",

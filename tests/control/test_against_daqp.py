@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxtwin import Twin, linearize, simulate_closed_loop
+from jaxtwin._quadratic_program import QuadraticProgram, minimised
 from jaxtwin.control import MPC
-from jaxtwin.control.controllers._quadratic_program import QuadraticProgram, minimised
 
 pytestmark = pytest.mark.daqp
 

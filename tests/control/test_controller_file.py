@@ -13,17 +13,19 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import ControlError, JaxtwinError, Twin
+from jaxtwin import ControlError, JaxtwinError, Twin, linearize
 from jaxtwin.control import (
     LQI,
     MPC,
     PID,
     DecoupledPI,
     FunctionController,
+    GainScheduled,
     LinearModel,
     OperatingPoint,
     RangeCost,
     Relay,
+    loop_margins,
     read_controller,
     save_controller,
 )
@@ -229,6 +231,9 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
     controller = of_models(twin)[number].for_rig(twin.rig)
     save_controller(path, controller, twin.rig)
     again = read_controller(path, twin.rig)
+    # A file has the gains of a filter, and not the noises for which they were designed.
+    kept = {"weights": None} if isinstance(controller, LQI) else {"noises": None}
+    controller = with_values(controller, kept)
     assert jax.tree.structure(again) == jax.tree.structure(controller)
     for found, value in zip(jax.tree.leaves(again), jax.tree.leaves(controller), strict=True):
         np.testing.assert_allclose(found, value, rtol=1e-9, atol=1e-12)
@@ -237,6 +242,37 @@ def test_a_controller_of_a_model_is_read_again(tmp_path: Path, twin: Twin, numbe
             np.testing.assert_array_equal(getattr(again, name), getattr(controller, name))
     save_controller(tmp_path / "again.toml", again, twin.rig)
     assert (tmp_path / "again.toml").read_text() == path.read_text()
+
+
+def test_a_file_names_an_anti_windup_that_is_not_the_usual_one(tmp_path: Path, twin: Twin):
+    path = tmp_path / "pid.toml"
+    save_controller(path, PID(0.1, 0.001, anti_windup="clamping"), twin.rig)
+    assert 'anti_windup = "clamping"' in path.read_text()
+    again = read_controller(path, twin.rig)
+    assert isinstance(again, PID)
+    assert again.anti_windup == "clamping"
+    with pytest.raises(ControlError, match="anti_windup: expected 'back-calculation' or 'clampi"):
+        read(tmp_path, path.read_text().replace("clamping", "off"), twin)
+
+
+@pytest.mark.parametrize(("design", "noise", "is_fragile"), [(LQI, 0.1, True), (MPC, 1.0, False)])
+def test_a_file_says_how_far_from_instability_its_loop_is(
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    design: type[LQI] | type[MPC],
+    noise: float,
+    is_fragile: bool,
+):
+    """On its own model, which for a linear twin is the twin; a fragile loop is a warning."""
+    twin = Twin("tclab")
+    model = linearize(twin, temperatures=40.0).discretise(5.0)
+    path = tmp_path / "loop.toml"
+    made = design(model, measured=["T1", "T2"], limits=(0, 1), reading_noise=noise)
+    save_controller(path, made, twin.rig)
+    said = loop_margins(twin, made, 40.0).summary()
+    assert f"# on its own model: {said}" in path.read_text().splitlines()
+    assert [said in record.getMessage() for record in caplog.records] == [True] * is_fragile
+    assert ("fragile" in said) == is_fragile
 
 
 @pytest.mark.slow
@@ -342,7 +378,11 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
     """The files of some controllers."""
     path = tmp_path_factory.mktemp("files") / "controller.toml"
     made = []
-    for controller in of_models(twin):
+    pids = [
+        PID(0.1, 0.001, anti_windup="clamping"),
+        PID(0.2, [0.001, 0.002], anti_windup="clamping"),
+    ]
+    for controller in [*of_models(twin), GainScheduled(pids, at=[20.5, 40.25])]:
         save_controller(path, controller, twin.rig)
         made.append(path.read_text(encoding="utf-8"))
     return made
@@ -350,7 +390,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=50)
-@given(st.integers(0, 4), damages)
+@given(st.integers(0, 5), damages)
 def test_a_damaged_file_is_refused_or_a_controller(
     tmp_path_factory: pytest.TempPathFactory,
     twin: Twin,

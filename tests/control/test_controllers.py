@@ -67,6 +67,14 @@ def test_back_calculation_keeps_the_integral_from_winding_up():
     assert answers(without, far + past, [[0.0]] * 3600 + [[101.0]] * 30)[3629, 0] == 1
 
 
+def test_clamping_stops_the_integral_at_a_limit_until_the_error_turns():
+    """P is 0.19 and a sample adds 0.095: beyond the limit of 1 first with an integral of 0.855."""
+    pid = PID(Kp=0.002, Ki=0.001, anti_windup="clamping")
+    found = answers(pid, [[95.0]] * 600, [[0.0]] * 598 + [[96.0]] * 2)
+    np.testing.assert_allclose(found[8:598, 0], 1 - np.r_[0.05, np.zeros(589)], atol=1e-12)
+    np.testing.assert_allclose(found[598:, 0], [0.853, 0.852], atol=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "controller",
@@ -185,6 +193,10 @@ def test_groups_of_channels_are_means():
         ({"Kp": 1.0, "sample_time_s": 0}, "PID: sample_time_s: expected a number above 0"),
         ({"Kp": 1.0 + 2.0j}, "PID: Kp: expected finite"),
         ({"Kp": 1.0, "measured": []}, "PID: measured: expected channels"),
+        (
+            {"Kp": 1.0, "anti_windup": "clamping", "tracking_time_s": 3.0},
+            "PID: tracking_time_s: expected None with clamping",
+        ),
     ],
 )
 def test_invalid_parameters_of_a_controller_are_refused(arguments: dict, message: str):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, minimize
 
-from jaxtwin.control.controllers._quadratic_program import QuadraticProgram, minimised
+from jaxtwin._quadratic_program import QuadraticProgram, minimised
 
 minimum = jax.jit(minimised)
 

@@ -2,13 +2,24 @@
 
 from typing import Any
 
+import equinox as eqx
+import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import jaxtwin as jt
 from jaxtwin import ControlError, ParameterError, Twin
-from jaxtwin.control import LQI, PID, Tuning, sensitivity_peak
+from jaxtwin._jax_settings import own_settings
+from jaxtwin.control import (
+    LQI,
+    MPC,
+    PID,
+    DiscreteModel,
+    Tuning,
+    loop_margins,
+    sensitivity_peak,
+)
 from jaxtwin.control.tuning._objective import checked_objective
 from jaxtwin.control.tuning._search_box import SearchBox
 from jaxtwin.control.tuning._side_by_side_sqp import Evaluation, descents
@@ -48,11 +59,13 @@ def test_derivatives_are_those_of_differences(twin: Twin):
     """Of the measures through the loop, and of the sensitivity peak of the linearised one."""
     asked = problem(twin)
     values = asked.vector.values
-    found, peak = asked.loops([values], 2), asked.linear
+    found, peak = asked.loops([asked.vector.line(values)], 2), asked.linear
     assert peak is not None
     for place, size in enumerate(1e-5 * values):
         step = size * np.eye(2)[place]
-        up, down = asked.loops([values + step, values - step], 2).values
+        up, down = asked.loops(
+            [asked.vector.line(v) for v in (values + step, values - step)], 2
+        ).values
         smooth = [list(asked.objective.measures).index(name) for name in SMOOTH]
         difference = (up - down)[:, smooth] / (2 * size)
         np.testing.assert_allclose(found.slopes[0][:, smooth, place], difference, rtol=2e-4)
@@ -188,7 +201,83 @@ def test_a_draw_that_no_rig_can_have_is_refused_by_its_number(twin: Twin):
         jt.tune(START, twin, 24, duration=150, draws={"R_E": [2.0, 1.9, -1.0]})
 
 
-def test_a_controller_without_usual_gains_needs_names(twin: Twin):
+def test_gains_of_a_file_have_no_weights_that_could_be_tuned(twin: Twin):
+    """A file of an `LQI` has its gains alone."""
     lqi = LQI(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
     with pytest.raises(ControlError, match="expected names of parameters for a LQI"):
-        jt.tune(lqi, twin, 24, duration=150)
+        jt.tune(eqx.tree_at(lambda c: c.weights, lqi, None), twin, 24, duration=150)
+
+
+def test_a_name_that_is_no_weight_beside_one_that_is(twin: Twin):
+    lqi = LQI(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
+    with pytest.raises(ControlError, match="unknown weight 'Kx'"):
+        jt.tune(lqi, twin, 24, duration=150, tuned=["drift", "Kx"])
+
+
+@pytest.fixture(scope="module")
+def tclab_model() -> DiscreteModel:
+    return jt.linearize(Twin("tclab"), temperatures=40.0).discretise(5.0)
+
+
+DESIGNS = [(LQI, {}), (MPC, {"horizon": 6, "temperature_limits": {"T1": (0, 60)}})]
+
+
+@pytest.mark.parametrize(("design", "settings"), DESIGNS)
+def test_another_design_is_that_of_the_constructor(
+    design: type[LQI] | type[MPC], settings: dict[str, Any], tclab_model: DiscreteModel
+):
+    given: dict[str, Any] = {"measured": ["T1", "T2"], "limits": (0, 1), **settings}
+    other = design(tclab_model, **given).redesigned({"duty_deviation": [0.2, 0.3], "drift": 0.5})
+    asked = design(tclab_model, **given, duty_deviation=[0.2, 0.3], drift=0.5)
+    assert jax.tree.structure(other) == jax.tree.structure(asked)
+    for a, b in zip(jax.tree.leaves(other), jax.tree.leaves(asked), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("design", "settings"), DESIGNS)
+def test_derivatives_by_weights_are_those_of_differences(
+    design: type[LQI] | type[MPC], settings: dict[str, Any], tclab_model: DiscreteModel
+):
+    """Of the measures of loops, and of the sensitivity peak."""
+    start = design(tclab_model, measured=["T1", "T2"], limits=(0, 1), **settings)
+    asked = tuning_problem(
+        "tune", start, Twin("tclab"), [40.0, 35.0], 200, tuned=None,
+        objective="integral_squared_error", draws=None, tail_weight=0.5, sensitivity_limit=1.8,
+        starts=2, seed=0, workers=None, settings={"noise": False},
+    )  # fmt: skip
+    values, smooth = asked.vector.values, [list(asked.objective.measures).index(SMOOTH[0])]
+    assert asked.linear is not None
+
+    def measured(values: np.ndarray) -> tuple[np.ndarray, float]:
+        assert asked.linear is not None
+        with own_settings():
+            peak = asked.linear.peak(values).value
+        return asked.loops([asked.vector.line(values)], 2).values[0, 0][smooth], peak
+
+    found = asked.loops([asked.vector.line(values)], 2).slopes[0, 0][smooth]
+    with own_settings():
+        peak = asked.linear.peak(values)
+    for place in range(len(values)):
+        step = 2e-4 * values[place] * np.eye(len(values))[place]
+        more, less = measured(values + step), measured(values - step)
+        apart = 4e-4 * values[place]
+        np.testing.assert_allclose(
+            found[:, place], (more[0] - less[0]) / apart, rtol=1e-4, atol=1e-6
+        )
+        np.testing.assert_allclose(peak.slope[place], (more[1] - less[1]) / apart, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_a_fragile_lqi_becomes_robust_by_its_weights(tclab_model: DiscreteModel):
+    """Its margins are said with it."""
+    twin, start = Twin("tclab"), LQI(tclab_model, measured=["T1", "T2"], limits=(0, 1))
+    assert "fragile" in loop_margins(twin, start, [40.0, 35.0]).summary()
+    tuning = jt.tune(
+        start, twin, [40.0, 35.0], duration=200, sensitivity_limit=1.6, starts=1, rounds=14
+    )
+    assert tuning.margins is not None
+    assert tuning.margins.sensitivity_peak < 1.6 * 1.001
+    assert "tolerates gains" in tuning._repr_html_()
+    assert isinstance(tuning.controller, LQI)
+    assert tuning.controller.designed_for == "tclab"

@@ -11,7 +11,7 @@ from jaxtwin.control import LQI, MPC, DiscreteModel, HeatInput, LinearModel, sav
 from jaxtwin.control.controllers._kalman import kalman_filter
 from jaxtwin.control.controllers._plant import plant_of
 from jaxtwin.control.controllers._twin_estimator import TwinEstimator
-from jaxtwin.observers import ExtendedKalmanFilter, live_observer
+from jaxtwin.observers import ExtendedKalmanFilter, MovingHorizonEstimator, live_observer
 from jaxtwin.observers._gaussian import Gaussian, corrected, moved
 
 OUTPUTS = ["TAM", "TCM"]
@@ -45,6 +45,7 @@ def known_at_rest(
     with jax.enable_x64(True):
         start = estimator.init(jnp.zeros(2), jnp.concatenate([jnp.zeros(2), channels]))
         kalman = estimator.observer
+        assert isinstance(kalman, ExtendedKalmanFilter)
         state = kalman.init(nodes, estimator.duty)
         place = kalman.model.layout.of("room")
         warmer = state.mean.at[place].set(kalman.model.from_degC(jnp.asarray(room)))
@@ -140,3 +141,21 @@ def test_an_observer_of_another_rig_or_beside_a_foreign_model_is_refused(
     unknown = eqx.tree_at(lambda m: m.projection, model, None)
     with pytest.raises(ControlError, match=r"not made by linearize"):
         MPC(unknown, measured=OUTPUTS, observer=observer)
+
+
+@pytest.mark.slow
+def test_a_moving_horizon_without_bounds_informs_an_mpc_as_the_filter_does():
+    """On a linear twin they are the same observer, so that the loops are the same."""
+    twin = Twin("tclab")
+    model = linearize(twin, temperatures=40.0).discretise(5.0)
+    kalman = live_observer(twin, sample_time=5.0)
+    runs = [
+        simulate_closed_loop(
+            twin,
+            MPC(model, measured=[["T1"], ["T2"]], observer=observer),
+            [40.0, 35.0],
+            duration=200,
+        )
+        for observer in (kalman, MovingHorizonEstimator(kalman, 6))
+    ]
+    np.testing.assert_allclose(runs[0].duty, runs[1].duty, atol=1e-8)

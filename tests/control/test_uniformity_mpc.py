@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
 from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
+from jaxtwin._quadratic_program import QuadraticProgram, minimised
 from jaxtwin.control import (
     MPC,
     AbstractEvennessCost,
@@ -26,7 +27,6 @@ from jaxtwin.control import (
     most_even_point,
 )
 from jaxtwin.control.controllers._mpc import MPCState
-from jaxtwin.control.controllers._quadratic_program import QuadraticProgram, minimised
 
 ROOM, ELEMENTS = 16.0, 6
 CHANNELS = ("a", "b", "c")

@@ -17,6 +17,7 @@ from .controllers._evenness import RangeCost as RangeCost  # hottest less coldes
 from .controllers._evenness import SquaresCost as SquaresCost  # of all deviations
 from .controllers._evenness import WorstPointCost as WorstPointCost  # minimax
 from .controllers._function_controller import FunctionController as FunctionController
+from .controllers._gain_scheduled import GainScheduled as GainScheduled  # over operating points
 from .controllers._kalman import KalmanFilter as KalmanFilter  # with the disturbance
 from .controllers._law import Law as Law  # the law of a controller in C
 from .controllers._lqi import LQI as LQI  # state feedback with integral action

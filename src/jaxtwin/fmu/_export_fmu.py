@@ -1,4 +1,5 @@
-"""A twin as an FMU: a zip file with a description, C sources, and a binary for this machine."""
+"""A twin or a controller as an FMU: a zip file with a description, C, and a binary for this
+machine."""
 
 import hashlib
 import os
@@ -11,22 +12,25 @@ import tempfile
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, final
+from typing import Literal, NamedTuple, final
 
 import numpy as np
 
-from .._arguments import path_of
+from .._arguments import of_kind, path_of
 from .._errors import ControlError
 from .._whole_file import check_ending, write_whole_file
 from ..c_export._sources import defines, included, renamed
 from ..c_export._stepper_c import stepper_c
 from ..c_export._text import table
+from ..control import AbstractController
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
+from ..rig import Rig
 from ..simulation import Stepper
+from ._controller_sources import controller_parts
 from ._model_description import build_description, model_description
-from ._variables import variables_of
+from ._variables import Variable, variables_of
 
 VERSIONS = ("2.0", "3.0")
 
@@ -59,15 +63,17 @@ class FMU:
 
 
 def export_fmu(
-    twin: Twin | Fit,
+    model: Twin | Fit | AbstractController,
     path: str | os.PathLike[str],
     *,
-    step_size: float | int = 1.0,
+    rig: Rig | None = None,
+    step_size: float | int | None = None,
     version: Literal["2.0", "3.0"] = "2.0",
     compiler: str | None = "cc",
     origin: str = "",
 ) -> FMU:
-    """Writes a twin as an FMU for model exchange and co-simulation, which other simulators run.
+    """Writes a twin as an FMU for model exchange and co-simulation, which other simulators run; or
+    a controller, for co-simulation.
 
     ```python
     jt.export_fmu(jt.Twin("dual-cell"), "dual-cell.fmu")
@@ -82,11 +88,19 @@ def export_fmu(
     end of the last step. In model exchange the simulator's solver integrates the temperatures of
     the nodes and the driver's lag, and the driver's delay is a series of time events.
 
+    The FMU of a controller is that of `export_c`. Its inputs are the references (`reference.1`,
+    degC) and the channels that it reads, with the names of the twin's outputs; its outputs the duty
+    cycles (`duty.P1`). It takes over the duty `start_duty.P1`, a parameter. A sample is taken at
+    the beginning of the communication step in which it is due, and its duty is there at the end.
+
     **Arguments:**
 
-    - `twin`: the rig and its parameters; or a fit, of which the nominal twin is used.
+    - `model`: the rig and its parameters; or a fit, of which the nominal twin is used; or a
+      controller whose class has a law in C.
+    - `rig`: the rig of a controller; None for a twin.
     - `path`: the path of the file, which ends in .fmu. An existing file is replaced.
-    - `step_size`: the step of co-simulation, s.
+    - `step_size`: the step of co-simulation of a twin, s; None for 1 s. A controller has its sample
+      time.
     - `version`: the version of FMI.
     - `compiler`: the C compiler for the binary, with the options of cc or gcc. With None the file
       contains only sources, for simulators that compile them.
@@ -97,15 +111,15 @@ def export_fmu(
     **Raises:** `ControlError` for another version or ending, and if the compiler is not found
     or fails; `SimulationError` and `ParameterError` as `Stepper` does.
     """
-    plant = nominal_twin("export_fmu: twin", twin, ControlError)
     if version not in VERSIONS:
         raise ControlError(f"export_fmu: version: expected '2.0' or '3.0', got {version!r}")
     check_ending(path, [".fmu"], ControlError)
     target = path_of("export_fmu: path", path, ControlError)
-    stepper = Stepper(plant, step_size)
-    name = "twin_" + re.sub(r"\W", "_", plant.rig.name, flags=re.ASCII)
-    variables = variables_of(stepper)
-    sources = _sources(stepper, name, version, origin)
+    if isinstance(model, AbstractController):
+        contents = _of_controller(model, rig, step_size, version, origin)
+    else:
+        contents = _of_twin(model, rig, step_size, version, origin)
+    name, variables, sources = contents.name, contents.variables, contents.sources
     compiled = [file for file in sources if file.endswith(".c")]
     token = hashlib.sha256("".join(sources.values()).encode()).hexdigest()[:32]
     sources = {file: text.replace("@TOKEN@", token) for file, text in sources.items()}
@@ -115,12 +129,14 @@ def export_fmu(
     files["modelDescription.xml"] = model_description(
         variables,
         version=version,
-        title=plant.rig.name,
+        title=contents.title,
         identifier=name,
         token=token,
-        step_size=float(step_size),
+        step_size=contents.step_size,
         generator="jaxtwin",
         sources=compiled,
+        about=contents.about,
+        has_model_exchange=contents.has_model_exchange,
     )
     binary = None
     if compiler is not None:
@@ -132,6 +148,67 @@ def export_fmu(
         for causality in ("input", "output")
     }
     return FMU(target, names["input"], names["output"], binary)
+
+
+class _Contents(NamedTuple):
+    """What is in an FMU: its name in C and for people, its variables, and file name -> C, with a
+    placeholder for the token."""
+
+    name: str
+    title: str
+    about: str
+    variables: list[Variable]
+    sources: dict[str, str]
+    step_size: float
+    has_model_exchange: bool
+
+
+def _of_twin(
+    twin: Twin | Fit, rig: Rig | None, step_size: float | int | None, version: str, origin: str
+) -> _Contents:
+    plant = nominal_twin("export_fmu: model", twin, ControlError)
+    if rig is not None:
+        raise ControlError("export_fmu: rig: expected None for a twin, which has its own, got one")
+    step = 1.0 if step_size is None else float(step_size)
+    stepper = Stepper(plant, step)
+    name = _identifier("twin", plant.rig)
+    sources = _sources(stepper, name, version, origin)
+    about = "A twin of a thermoelectric rig"
+    return _Contents(name, plant.rig.name, about, variables_of(stepper), sources, step, True)
+
+
+def _of_controller(
+    controller: AbstractController,
+    rig: Rig | None,
+    step_size: float | int | None,
+    version: str,
+    origin: str,
+) -> _Contents:
+    of_kind("export_fmu: rig", rig, Rig, "the rig of the controller", ControlError)
+    assert rig is not None
+    if step_size is not None:
+        raise ControlError(
+            "export_fmu: step_size: expected None for a controller, which has its sample time of "
+            f"{controller.sample_time_s:g} s, got {step_size!r}"
+        )
+    name = _identifier("controller", rig)
+    variables, code, numbers = controller_parts(controller, rig, name, origin)
+    wrapper = "fmi2.c" if version == "2.0" else "fmi3.c"
+    instance = included(Path(__file__).with_name("controller_instance.c"), {})
+    text = included(Path(__file__).with_name(wrapper), {"instance.c": instance})
+    sources = {
+        f"{name}.h": code.header,
+        f"{name}_numbers.h": code.numbers,
+        f"{name}.c": code.source,
+        f"{name}_fmu.h": f'#define {name.upper()}_TOKEN "@TOKEN@"\n' + numbers,
+        wrapper: renamed(text, name),
+    }
+    title, about = f"{rig.name} controller", "A controller of a thermoelectric rig"
+    return _Contents(name, title, about, variables, sources, controller.sample_time_s, False)
+
+
+def _identifier(kind: str, rig: Rig) -> str:
+    return f"{kind}_" + re.sub(r"\W", "_", rig.name, flags=re.ASCII)
 
 
 def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str, str]:

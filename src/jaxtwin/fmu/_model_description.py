@@ -25,8 +25,10 @@ def model_description(
     step_size: float,
     generator: str,
     sources: Sequence[str],
+    about: str = "A twin of a thermoelectric rig",
+    has_model_exchange: bool = True,
 ) -> bytes:
-    """The description of a twin for model exchange and co-simulation.
+    """The description of a model for co-simulation, and for model exchange.
 
     **Arguments:**
 
@@ -36,6 +38,7 @@ def model_description(
     - `token`: the text that shows that binary and description belong together.
     - `step_size`: the step of the twin, s.
     - `sources`: the files to compile.
+    - `about`: what it is. `has_model_exchange`: whether a solver from outside can integrate it.
     """
     is_2 = version == "2.0"
     root = ET.Element(
@@ -44,7 +47,7 @@ def model_description(
             "fmiVersion": version,
             "modelName": title,
             "guid" if is_2 else "instantiationToken": token,
-            "description": "A twin of a thermoelectric rig",
+            "description": about,
             "generationTool": generator,
             "variableNamingConvention": "flat",
         },
@@ -59,6 +62,8 @@ def model_description(
         "ModelExchange": common,
         "CoSimulation": {**common, "canHandleVariableCommunicationStepSize": "true"},
     }
+    if not has_model_exchange:
+        del of_kind["ModelExchange"]
     for kind, attributes in of_kind.items():
         interface = ET.SubElement(root, kind, attributes)
         if is_2:
@@ -84,6 +89,8 @@ def model_description(
     groups = {"Outputs": outputs, "Derivatives": slopes, "InitialUnknowns": outputs + slopes}
     if is_2:
         for kind, references in groups.items():
+            if not references:
+                continue  # the standard allows no empty group
             group = ET.SubElement(structure, kind)
             for reference in references:
                 ET.SubElement(group, "Unknown", {"index": str(reference + 1)})
@@ -114,6 +121,8 @@ def _attributes(variable: Variable) -> dict[str, str]:
         "variability": "discrete" if variable.is_discrete else "continuous",
         "description": variable.description,
     }
+    if variable.causality == "parameter":
+        attributes["variability"] = "fixed"
     if variable.causality == "local" and variable.state is None:
         attributes["initial"] = "exact"
     return attributes

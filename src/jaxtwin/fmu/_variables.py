@@ -7,7 +7,7 @@ import numpy as np
 from ..rig import Input
 from ..simulation import Stepper
 
-Causality = Literal["independent", "input", "output", "local"]
+Causality = Literal["independent", "parameter", "input", "output", "local"]
 
 
 class Variable(NamedTuple):

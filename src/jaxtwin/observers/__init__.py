@@ -4,14 +4,17 @@ An observer (`_observer`) is a pure object with arrays as its state, so that it 
 `vmap` and `grad`. `OpenLoop` (`_open_loop`) is the twin that only follows the duty;
 `ExtendedKalmanFilter` (`_kalman_filter`) corrects its state by the readings.
 
+`MovingHorizonEstimator` (`_moving_horizon`) looks at the last samples (`_window`) together, within
+bounds (`_state_bounds`), by the filter and a smoother of its window (`_window_smoother`).
+
 The filter is built from parts: the twin with further states (`_augmented_model`), a step of any
 length in the modes of its network, the commands in the driver's delay (`_commands`), the directions
 in which a fit is uncertain (`_uncertain_values`), the distribution at the start (`_start`), and the
 algebra of normal distributions (`_gaussian`). `observe` (`_observe`) runs it over a recording
 (`_filter_run`); the result, `Observed`, forecasts (`_forecast_run`) and smooths (`_smoother`).
-`live_observer` makes a filter for a rig
-that is read as it runs. `estimate_noise` (`_estimate_noise`) finds the levels of a `ProcessNoise`,
-and `match_innovations` (`_match_innovations`) the values of a twin by the likelihood of a filter.
+`live_observer` makes a filter for a rig that is read as it runs. `estimate_noise`
+(`_estimate_noise`) finds the levels of a `ProcessNoise`, and `match_innovations`
+(`_match_innovations`) the values of a twin by the likelihood of a filter.
 """
 
 from ._estimate_noise import estimate_noise
@@ -19,11 +22,13 @@ from ._estimates import Estimate, Estimates
 from ._forecast import Forecast
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._match_innovations import match_innovations
+from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
 from ._observe import live_observer, observe
 from ._observed import Observed
 from ._observer import AbstractObserver
 from ._open_loop import OpenLoop, OpenLoopState
 from ._process_noise import ProcessNoise
+from ._state_bounds import StateBounds
 
 __all__ = [
     "AbstractObserver",
@@ -32,10 +37,13 @@ __all__ = [
     "ExtendedKalmanFilter",
     "Forecast",
     "KalmanState",
+    "MovingHorizonEstimator",
+    "MovingHorizonState",
     "Observed",
     "OpenLoop",
     "OpenLoopState",
     "ProcessNoise",
+    "StateBounds",
     "estimate_noise",
     "live_observer",
     "match_innovations",

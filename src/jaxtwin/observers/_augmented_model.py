@@ -243,6 +243,28 @@ class AugmentedModel(eqx.Module):
         transition = Transition(after, jnp.concatenate([slopes, kept]), decay[driven:], noise)
         return transition, path[-1]
 
+    def exact_step(
+        self,
+        mean: Float[Array, " state"],
+        reached: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+        levels: Float[ArrayLike, " inputs"] | None,
+    ) -> tuple[Transition, Float[Array, " cells"]]:
+        """The same with the derivatives of all stages of the step, those of `step_of_mean`: for an
+        optimum that is to be that of the step itself."""
+        driven = self.layout.driven
+
+        def moved(first: Array) -> tuple[Array, tuple[Array, Array]]:
+            before = jnp.concatenate([first, mean[driven:]])
+            end, duty, path = self._evolve(self._driven(before), reached, commands, dt, levels)
+            after = self._after(before * self.decay(dt), end, duty)
+            return after[:driven], (after, path)
+
+        slope, (after, path) = jax.jacfwd(moved, has_aux=True)(mean[:driven])
+        noise = self._noise(mean[self.layout.of("modes")], reached, path, dt)
+        return Transition(after, slope, self.decay(dt)[driven:], noise), path[-1]
+
     def step_of_mean(
         self,
         mean: Float[Array, " state"],

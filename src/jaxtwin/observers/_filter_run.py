@@ -14,6 +14,7 @@ from ..io import Experiment
 from ..simulation._input_levels import input_levels
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
+from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
 
 GAP = 1.5
 """A time between two samples that is longer than this many longest steps is a gap."""
@@ -103,6 +104,28 @@ def following(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples
 
 filtered = persistent_jit(following)
 """The same as a program of its own."""
+
+
+@persistent_jit
+def estimated(
+    estimator: MovingHorizonEstimator,
+    reading: Float[Array | np.ndarray, ""],
+    duty: Float[Array | np.ndarray, " cells"],
+    samples: Samples,
+) -> Filtered:
+    """The latest states of a moving-horizon estimator after all samples, from a first reading,
+    degC, with a duty that the driver has reached."""
+
+    def take(state: MovingHorizonState, sample: Samples) -> tuple[MovingHorizonState, Filtered]:
+        state = estimator.step(state, sample.duty, sample.dt, sample.levels)
+        expected = estimator.readings(state, sample.ambient)
+        covariance = estimator.kalman.reading_covariance(state.latest)
+        state = estimator.correct(
+            state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
+        )
+        return state, Filtered(state.latest, expected, covariance)
+
+    return jax.lax.scan(take, estimator.init(reading, duty), samples)[1]
 
 
 @persistent_jit

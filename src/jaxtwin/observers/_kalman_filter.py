@@ -1,7 +1,7 @@
 """The extended Kalman filter of a twin."""
 
 from dataclasses import replace
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -42,6 +42,21 @@ class KalmanState(eqx.Module):
     def gaussian(self) -> Gaussian:
         """Mean and covariance."""
         return Gaussian(self.mean, self.covariance)
+
+
+class Measured(NamedTuple):
+    """What is measured at a sample: the room, which is first, and the channels.
+
+    - `values`: deviations from the reference, K; anything where `mask` is false.
+    - `variance`: that of the noise of each, K^2.
+    - `mask`: those that count.
+    - `opened`: the variance that the state has in addition, because the camera corrected itself.
+    """
+
+    values: Float[Array, " readings"]
+    variance: Float[Array, " readings"]
+    mask: Bool[Array, " readings"]
+    opened: Float[Array, " state"]
 
 
 @final
@@ -142,10 +157,10 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> tuple[KalmanState, Transition]:
         """The state after a single step, and the linearisation of the step at the state before."""
-        commands, dt = self._commands(state, command, dt)
+        commands, dt = self.commands(state, command, dt)
         transition, duty = self.model.step(state.mean, state.duty, commands, dt, levels)
         after = moved(state.gaussian, *transition)
-        return self._stepped(state, after, duty, commands, dt), transition
+        return self.stepped(state, after, duty, commands, dt), transition
 
     def step_of_mean(
         self,
@@ -156,18 +171,18 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     ) -> KalmanState:
         """The state after a single step with the covariance left as it was, which is what most of
         the time goes into."""
-        commands, dt = self._commands(state, command, dt)
+        commands, dt = self.commands(state, command, dt)
         mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt, levels)
-        return self._stepped(state, Gaussian(mean, state.covariance), duty, commands, dt)
+        return self.stepped(state, Gaussian(mean, state.covariance), duty, commands, dt)
 
-    def _commands(
+    def commands(
         self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
     ) -> tuple[Commands, Float[Array, ""]]:
         """The commands during a step, and its length as an array."""
         dt = jnp.asarray(dt, state.mean.dtype)
         return state.commands.given(jnp.asarray(command, dt.dtype), self.spacing), dt
 
-    def _stepped(
+    def stepped(
         self,
         before: KalmanState,
         after: Gaussian,
@@ -175,6 +190,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         commands: Commands,
         dt: Float[Array, ""],
     ) -> KalmanState:
+        """The state after a step whose distribution, duty in the cells and commands are known."""
         return replace(
             before,
             mean=after.mean,
@@ -212,24 +228,48 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         ambient: Float[ArrayLike, ""],
     ) -> Correction:
         """What the room, which is first, and the readings say."""
-        model = self.model
-        measured = model.from_degC(jnp.asarray(readings, state.mean.dtype))
-        used = jnp.asarray(mask) & jnp.isfinite(measured)
-        expected = model.read(state.mean)
-        innovation = measured - expected.mean
-        variance = self.reading_variance(state)
-        opened = self.opened(state.gaussian, expected, innovation, variance, used)
-        place = model.layout.of("room").start
-        room = model.from_degC(jnp.asarray(ambient, state.mean.dtype)) - state.mean[place]
-        of_room = jnp.zeros_like(state.mean).at[place].set(1.0)
-        slope = jnp.concatenate([of_room[None], expected.slope])
+        measured = self.measured(state, readings, mask, ambient)
+        expected = self.expected(state.mean)
         return corrected(
-            opened,
-            jnp.concatenate([room[None], innovation]),
-            slope,
+            Gaussian(state.mean, state.covariance + jnp.diag(measured.opened)),
+            measured.values - expected.mean,
+            expected.slope,
+            measured.variance,
+            measured.mask,
+            jnp.zeros(state.mean.shape, bool).at[self.model.layout.of("values")].set(True),
+        )
+
+    def measured(
+        self,
+        state: KalmanState,
+        readings: Float[ArrayLike, " channels"],
+        mask: Bool[ArrayLike, " channels"],
+        ambient: Float[ArrayLike, ""],
+    ) -> Measured:
+        """The room, which is first, and the readings with their noise, where a state expects
+        them."""
+        model = self.model
+        values = model.from_degC(jnp.asarray(readings, state.mean.dtype))
+        used = jnp.asarray(mask) & jnp.isfinite(values)
+        expected = model.read(state.mean)
+        variance = self.reading_variance(state)
+        opened = self._opened(state.gaussian, expected, values - expected.mean, variance, used)
+        room = model.from_degC(jnp.asarray(ambient, state.mean.dtype))
+        return Measured(
+            jnp.concatenate([room[None], values]),
             jnp.concatenate([jnp.reshape(model.noise.ambient**2, 1), variance]),
             jnp.concatenate([jnp.isfinite(room)[None], used]),
-            jnp.zeros(state.mean.shape, bool).at[model.layout.of("values")].set(True),
+            opened,
+        )
+
+    def expected(self, mean: Float[Array, " state"]) -> Reading:
+        """The room, which is first, and the readings that a mean lets expect."""
+        place = self.model.layout.of("room").start
+        of_room = jnp.zeros_like(mean).at[place].set(1.0)
+        seen = self.model.read(mean)
+        return Reading(
+            jnp.concatenate([mean[place][None], seen.mean]),
+            jnp.concatenate([of_room[None], seen.slope]),
         )
 
     def reading_variance(self, state: KalmanState) -> Float[Array, " channels"]:
@@ -247,9 +287,21 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     ) -> Gaussian:
         """The state before readings of which all channels jumped: if the camera has corrected
         itself, its common error is unknown again."""
-        parts = len(self.model.relaxation)
+        variance = self._opened(state, expected, innovation, variance, used)
+        return Gaussian(state.mean, state.covariance + jnp.diag(variance))
+
+    def _opened(
+        self,
+        state: Gaussian,
+        expected: Reading,
+        innovation: Float[Array, " channels"],
+        variance: Float[Array, " channels"],
+        used: Bool[Array, " channels"],
+    ) -> Float[Array, " state"]:
+        """The variance that the state gains by a jump of all channels."""
+        parts, none = len(self.model.relaxation), jnp.zeros_like(state.mean)
         if not parts:
-            return state
+            return none
         count = jnp.maximum(used.sum(), 1)
         weights = used / count
         row = weights @ expected.slope
@@ -258,8 +310,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         # As much as it takes to explain the jump.
         opened = jnp.clip(common**2 - OPENED_AT**2 * spread, 0.0, self.model.noise.jump**2)
         first = self.model.layout.of("common").start + 1
-        places = jnp.arange(first, first + parts)
-        return Gaussian(state.mean, state.covariance.at[places, places].add(opened))
+        return none.at[first : first + parts].set(opened)
 
     def readings(
         self, state: KalmanState, ambient: Float[ArrayLike, ""]

@@ -16,11 +16,13 @@ from ..simulation import Stepper
 from ..simulation._simulate import checked_channels
 from ..simulation._stepper import assembled
 from ._augmented_model import AugmentedModel
-from ._filter_run import filtered, samples_of, started
+from ._filter_run import estimated, filtered, samples_of, started
 from ._kalman_filter import ExtendedKalmanFilter
+from ._moving_horizon import HORIZON, MovingHorizonEstimator
 from ._observed import Observed
 from ._process_noise import ProcessNoise
 from ._start import first_reading
+from ._state_bounds import StateBounds
 from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of_fit
 
 LONGEST_STEP = 10.0
@@ -37,8 +39,12 @@ def observe(
     fit: Twin | Fit,
     experiment: Experiment,
     noise: ProcessNoise | None = None,
+    *,
+    bounds: StateBounds | None = None,
+    horizon: int | None = None,
 ) -> Observed:
-    """Follows a recording with an extended Kalman filter.
+    """Follows a recording with an extended Kalman filter, or within bounds with a moving-horizon
+    estimator.
 
     The state of the filter contains the temperatures of all nodes, the room, heats that the twin
     does not explain, the errors of the readings, and the values of the twin that the fit is least
@@ -51,11 +57,15 @@ def observe(
     - `experiment`: the recording, matched or not. A missing reading says nothing, each by itself.
     - `noise`: the noise of rig and readings, as `jaxtwin.estimate_noise` finds it; None: usual
       levels.
+    - `bounds`, `horizon`: what the state cannot be, and the number of steps in the window of a
+      `MovingHorizonEstimator`; None for both is the filter alone, None for one of them no bounds,
+      or 20 steps.
 
     **Returns:** what the filter knew after each sample.
 
     **Raises:** `ObserverError` if the recording has no readings, if a level of the noise is not
-    positive, or if the filter diverges; `SimulationError` for a recording of another rig, or
+    positive, if a bound is not
+    valid, or if the filter diverges; `SimulationError` for a recording of another rig, or
     without a column for one of its inputs.
     """
     of_kind("observe: experiment", experiment, Experiment, "an Experiment", ObserverError)
@@ -63,10 +73,16 @@ def observe(
         noise = usual_noise(fit, [experiment])
     kalman = filter_for(fit, experiment, noise)
     samples, is_sample = samples_of(kalman, experiment)
+    estimator = None
+    if bounds is not None or horizon is not None:
+        steps = HORIZON if horizon is None else horizon
+        estimator = MovingHorizonEstimator(kalman, steps, bounds)
     with own_settings():
-        first = np.asarray(first_reading(experiment))
-        start = started(kalman, first, np.zeros_like(samples.duty[0]))
-        found = filtered(kalman, start, samples)
+        first, idle = np.asarray(first_reading(experiment)), np.zeros_like(samples.duty[0])
+        if estimator is None:
+            found = filtered(kalman, started(kalman, first, idle), samples)
+        else:
+            found = estimated(estimator, first, idle, samples)
     wrong = ~np.isfinite(np.asarray(found.states.mean)).all(axis=1)
     if wrong.any():
         at = experiment.time[0] + float(np.cumsum(samples.dt)[int(wrong.argmax())])
@@ -74,7 +90,7 @@ def observe(
             f"{experiment.name or 'experiment'}: the filter diverged at {at:g} s; expected values "
             "and noise with which the twin follows the recording"
         )
-    return Observed(experiment, kalman, samples, is_sample, found)
+    return Observed(experiment, kalman, samples, is_sample, found, estimator)
 
 
 def live_observer(

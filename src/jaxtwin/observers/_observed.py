@@ -21,6 +21,7 @@ from ._forecast import Forecast
 from ._forecast_run import expected_ahead, expected_from, starts_of
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments
+from ._moving_horizon import MovingHorizonEstimator
 from ._process_noise import ProcessNoise
 from ._smoother import smoothed
 
@@ -42,6 +43,7 @@ class Observed:
     - `observer`: the filter. It goes on, live, from `state`.
     - `samples`: its samples and further times in its gaps. `is_sample`: which of them are samples.
     - `filtered`: the states of the filter, and what it expected.
+    - `estimator`: the moving-horizon estimator that found these states; None for the filter.
     """
 
     experiment: Experiment
@@ -49,6 +51,7 @@ class Observed:
     samples: Samples
     is_sample: Bool[np.ndarray, " times"]
     filtered: Filtered
+    estimator: MovingHorizonEstimator | None = None
 
     @property
     def time(self) -> Float[np.ndarray, " samples"]:
@@ -116,7 +119,16 @@ class Observed:
         return self._estimates("filtered", found)
 
     def smooth(self) -> Estimates:
-        """Returns the state of the rig at each sample, given all readings."""
+        """Returns the state of the rig at each sample, given all readings.
+
+        **Raises:** `ObserverError` for a recording that was followed within bounds, which a
+        smoother does not know.
+        """
+        if self.estimator is not None:
+            raise ObserverError(
+                "smooth: expected a recording that was observed without bounds and horizon; a "
+                "horizon as long as the recording takes in all readings"
+            )
         with own_settings():
             found = smoothed(self.observer, self.filtered.states, self.samples)
         return self._estimates("smoothed", found)

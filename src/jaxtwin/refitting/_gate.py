@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from .._errors import ControlError
 from ..control.controllers._controller import AbstractController
-from ..control.loops._loop_margins import USUAL_PEAK, loop_margins
+from ..control.linear._margins import USUAL_PEAK
+from ..control.loops._loop_margins import loop_margins
 from ..matching import Fit
 from ..monitoring import Monitored
 from ..rig._units import unit_scale

@@ -143,6 +143,20 @@ class AbstractController(eqx.Module):
         it is the same for all rigs."""
         return self
 
+    def design_weights(self) -> Mapping[str, Float[np.ndarray, "..."]]:
+        """Returns the weights of the controller's design, such as accepted deviations, by the names
+        with which `redesigned` takes them; all are above 0. By default there are none."""
+        return {}
+
+    def redesigned(self, weights: Mapping[str, Numbers]) -> "AbstractController":
+        """Returns the controller that the same design gives with other weights.
+
+        **Raises:** `ControlError` if there is no such design.
+        """
+        raise ControlError(
+            f"redesigned: expected a designed controller, got a {type(self).__name__}"
+        )
+
     def law(self, cells: int) -> Law:
         """Returns the controller's law in C for a rig with so many cells. By default there is none.
 

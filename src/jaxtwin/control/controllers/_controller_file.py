@@ -17,6 +17,7 @@ Ki = "0.002 1/(K s)"
 """
 
 import json
+import logging
 import os
 import warnings
 from collections.abc import Mapping
@@ -43,10 +44,14 @@ from ._controller_fields import (
     quantity,
 )
 from ._decoupled_pi import DecoupledPI
+from ._gain_scheduled import GainScheduled
+from ._linear_controller import design_summary
 from ._lqi import LQI
 from ._mpc import MPC
 from ._pid import PID
 from ._relay import Relay
+
+log = logging.getLogger("jaxtwin")
 
 FORMAT = 1
 
@@ -83,7 +88,7 @@ def _register(controller: object) -> None:
     add_kind(_KINDS, controller, where, "files, such as 'pid'", ControlError)
 
 
-for _controller_class in (PID, DecoupledPI, LQI, MPC, Relay):
+for _controller_class in (PID, DecoupledPI, GainScheduled, LQI, MPC, Relay):
     register_controller(_controller_class)
 
 
@@ -95,8 +100,8 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     - `path`: the .toml file.
     - `rig`: the rig that the file must name.
 
-    **Returns:** a `PID`, a `DecoupledPI`, an `LQI`, an `MPC`, a `Relay`, or a controller of a class
-    that `register_controller` has added.
+    **Returns:** a `PID`, a `DecoupledPI`, a `GainScheduled`, an `LQI`, an `MPC`, a `Relay`, or a
+    controller of a class that `register_controller` has added.
 
     **Raises:** `ControlError` if the file cannot be read, is for another rig, or has a field or a
     value that is not allowed. The message names the file and the field.
@@ -106,6 +111,9 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
 
 def save_controller(path: str | os.PathLike[str], controller: AbstractController, rig: Rig) -> None:
     """Writes a controller for a rig to a .toml file. If writing fails, the file is left as it was.
+
+    The file of an `LQI` or an `MPC` states in a comment how far from instability their loop is on
+    their own model; if the loop is fragile, the logger `jaxtwin` warns.
 
     **Arguments:**
 
@@ -130,8 +138,13 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
             f"register_controller adds a class), got {controller!r}"
         )
     controller = controller.for_rig(rig)
-    lines = [
-        f"format = {FORMAT}",
+    lines = [f"format = {FORMAT}"]
+    if (found := design_summary(controller)) is not None:
+        text, is_fragile = found
+        lines.append(f"# on its own model: {text}")
+        if is_fragile:
+            log.warning("save_controller: %s: on its own model: %s", path, text)
+    lines += [
         f"rig = {json.dumps(rig.name)}",
         f"kind = {json.dumps(controller.kind)}",
         f'sample_time = "{controller.sample_time_s!r} s"',

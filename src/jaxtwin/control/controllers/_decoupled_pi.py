@@ -198,13 +198,16 @@ class DecoupledPI(AbstractDutyLimitedController):
     ) -> PyTree:
         """The state with which the duty stays where it is while the reference equals the
         measurement."""
-        asked = self._undo(jnp.asarray(duty))
-        proportional = self._gained(
-            (jnp.asarray(self.setpoint_weight) - 1) * jnp.asarray(measurement),
-            self.Kp_mean,
-            self.Kp_difference,
-        )
-        return DecoupledPIState(asked - proportional)
+        return DecoupledPIState(self._undo(jnp.asarray(duty)) - self._at_rest(measurement))
+
+    def taken_over(
+        self, before: "DecoupledPI", state: PyTree, measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state with which this controller asks for the duty that another one asks for from its
+        state, if the reference equals the measurement."""
+        y = jnp.asarray(measurement)
+        asked = jnp.asarray(before.decoupling) @ (before._at_rest(y) + state.integral)
+        return DecoupledPIState(self._undo(asked) - self._at_rest(y))
 
     def step(
         self,
@@ -229,6 +232,11 @@ class DecoupledPI(AbstractDutyLimitedController):
             )
         )
         return duty, DecoupledPIState(integral)
+
+    def _at_rest(self, measurement: Float[ArrayLike, " outputs"]) -> Float[Array, " cells"]:
+        """The proportional part if the reference equals the measurement."""
+        weighted = (jnp.asarray(self.setpoint_weight) - 1) * jnp.asarray(measurement)
+        return self._gained(weighted, self.Kp_mean, self.Kp_difference)
 
     def _gained(
         self,

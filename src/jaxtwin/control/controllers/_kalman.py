@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 from ..linear._riccati import filter_gain
 from ._estimator import AbstractEstimator
 from ._law import Table
-from ._plant import Plant
+from ._plant import Plant, Temperatures, checked_plant
 
 
 @final
@@ -102,6 +102,28 @@ def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[s
         "at": (outputs, "operating point, degC"),
     }
     return {name: (np.asarray(values, float), text) for name, (values, text) in tables.items()}
+
+
+def plant_of_filter(
+    where: str,
+    kalman: KalmanFilter,
+    point: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " output"]],
+    watched: Temperatures,
+    sample_time_s: float,
+    rig: str,
+) -> Plant:
+    """Makes the plant that a filter of outputs was designed for.
+
+    **Arguments:**
+
+    - `point`: duty and outputs of the operating point.
+    """
+    A, B, C = (np.asarray(matrix, float) for matrix in (kalman.A, kalman.B, kalman.C))
+    states = len(A) - min(B.shape[1], len(C))
+    matrices = A[:states, :states], B[:states], C[:, :states]
+    none = Temperatures(np.zeros((0, states)), np.zeros(0))
+    plant = checked_plant(where, matrices, point, watched, none, sample_time_s)
+    return plant._replace(rig=rig)
 
 
 def kalman_filter(

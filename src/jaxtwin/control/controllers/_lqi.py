@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ...observers import ExtendedKalmanFilter
 from ...rig import Rig
 from ...rig._units import Kind
 from ..linear._discrete_model import DiscreteModel
@@ -54,11 +53,11 @@ from ._file_model import (
     read_model,
     read_table,
 )
-from ._kalman import KalmanFilter, kalman_filter, kalman_tables
+from ._kalman import KalmanFilter, kalman_filter, kalman_tables, plant_of_filter
 from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
 from ._pid import WEIGHT, Parameter, as_parameter
-from ._plant import Plant, check_designed_for, plant_of
-from ._twin_estimator import TwinEstimator, refuse_observed
+from ._plant import Plant, Temperatures, check_designed_for, plant_of
+from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 GAINS = {
     "Kx": PLAIN,
@@ -67,6 +66,16 @@ GAINS = {
     "N": PER_KELVIN,
 }
 """The gains of an LQI in its file."""
+
+
+class LQIWeights(NamedTuple):
+    """The weights with which an `LQI` was designed."""
+
+    output_deviation: Float[Array | np.ndarray, " outputs"]
+    integral_deviation: Float[Array | np.ndarray, " outputs"]
+    duty_deviation: Float[Array | np.ndarray, " cells"]
+    drift: Float[Array | np.ndarray, " outputs"]
+    reading_noise: Float[Array | np.ndarray, " outputs"]
 
 
 class LQIState(NamedTuple):
@@ -128,6 +137,8 @@ class LQI(AbstractDutyLimitedController):
     kalman: KalmanFilter
     observed: TwinEstimator | None
     """The filter with what an observer knows, if there is one."""
+    weights: LQIWeights | None
+    """Those of its design; None for gains of a file."""
     duty: Float[Array | np.ndarray, " cells"]
     outputs: Float[Array | np.ndarray, " outputs"]
     limits: tuple[float, float] = eqx.field(static=True)
@@ -149,7 +160,7 @@ class LQI(AbstractDutyLimitedController):
         reading_noise: Numbers = 0.1,
         setpoint_weight: Numbers = 0.0,
         limits: Sequence[float | int] | None = None,
-        observer: ExtendedKalmanFilter | None = None,
+        observer: TwinObserver | None = None,
     ):
         self.limits = checked_limits("LQI", limits)
         self.has_own_limits = limits is not None
@@ -169,6 +180,7 @@ class LQI(AbstractDutyLimitedController):
                 ("reading_noise", reading_noise, outputs),
             )
         )
+        self.weights = LQIWeights(y, q, u, w, v)
         A = np.block(
             [[plant.A, np.zeros((states, outputs))], [-h * plant.C, np.eye(outputs)]],
         )
@@ -194,6 +206,28 @@ class LQI(AbstractDutyLimitedController):
         """
         check_designed_for("LQI", self.designed_for, rig)
         return super().for_rig(rig)
+
+    def design_weights(self) -> Mapping[str, Float[np.ndarray, "..."]]:
+        """Returns accepted deviations and noises; none for gains of a file, or with an observer."""
+        if self.weights is None or self.observed is not None:
+            return {}
+        return {name: np.asarray(part) for name, part in self.weights._asdict().items()}
+
+    def redesigned(self, weights: Mapping[str, Numbers]) -> AbstractController:
+        """Returns the controller that the same model gives with other deviations and noises."""
+        point = np.asarray(self.duty, float), np.asarray(self.outputs, float)
+        states = len(self.kalman.A) - min(self.kalman.B.shape[1], len(self.kalman.C))
+        none = Temperatures(np.zeros((0, states)), np.zeros(0))
+        plant = plant_of_filter(
+            "LQI", self.kalman, point, none, self.sample_time_s, self.designed_for
+        )
+        return LQI(
+            plant,
+            measured=self.measured,
+            setpoint_weight=self.setpoint_weight,
+            limits=self.limits,
+            **{**self.design_weights(), **weights},
+        )
 
     @classmethod
     def check_parameters(cls, **values: Any) -> None:
@@ -229,7 +263,8 @@ class LQI(AbstractDutyLimitedController):
             name: matrix(found[name], f"gains.{name}", unit, shape, contents.refuse)
             for (name, unit), shape in zip(GAINS.items(), shapes, strict=True)
         }
-        lqi = with_values(designed(cls, model, settings, contents.refuse), gains)
+        made = with_values(designed(cls, model, settings, contents.refuse), gains)
+        lqi = eqx.tree_at(lambda made: made.weights, made, None)
         loop = lqi._loop_of(model.plant)
         expected = "gains with which the loop on the model is stable"
         check_stable(loop, "gains", expected, contents.refuse)

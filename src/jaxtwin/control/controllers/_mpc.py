@@ -22,7 +22,6 @@ $c_k$ is free. $h_k$ is what the model expects at rest without disturbances, and
 slowly follows what the disturbances make of it.
 """
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, NamedTuple, final
@@ -35,8 +34,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import names_of, true_or_false, whole_number
 from ..._errors import ControlError
-from ...observers import ExtendedKalmanFilter
-from ...rig import Rig
+from ..._quadratic_program import QuadraticProgram, minimised
 from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import (
     Condensed,
@@ -52,7 +50,6 @@ from ._condensed_program import (
 from ._controller import (
     AbstractController,
     Numbers,
-    TemperatureLimit,
     checked_deviations,
     checked_measured,
     means_of,
@@ -63,27 +60,25 @@ from ._controller_fields import (
     ControllerField,
     FileContents,
 )
-from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._duty_limits import checked_limits
 from ._estimator import AbstractEstimator
 from ._evenness import AbstractEvennessCost
 from ._file_model import (
     MODEL_FIELDS,
     designed,
 )
-from ._kalman import KalmanFilter, error_gain, kalman_filter
+from ._kalman import KalmanFilter, error_gain, kalman_filter, plant_of_filter
 from ._law import Law
 from ._mpc_file import mpc_contents, mpc_lines
 from ._mpc_law import mpc_law
 from ._mpc_limits import (
     channels_of,
     check_horizon,
-    check_reach,
     checked_control_horizon,
     checked_evenness,
     checked_point_errors,
     checked_rate,
     checked_temperature_limits,
-    reach_of,
 )
 from ._mpc_programs import (
     ROOM_ON_THE_WAY,
@@ -93,9 +88,9 @@ from ._mpc_programs import (
     plan_program,
     rest_program,
 )
-from ._plant import Plant, check_designed_for, plant_of
-from ._quadratic_program import QuadraticProgram, minimised
-from ._twin_estimator import TwinEstimator, refuse_observed
+from ._plant import Plant, Temperatures, plant_of
+from ._predictive_controller import AbstractPredictiveController
+from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 SLOWNESS = 1 / 3
 """How fast the allowance follows, relative to the slowest pole of the model. While a plate warms
@@ -103,6 +98,13 @@ up, what is not linear in it looks like a disturbance that will be over at rest.
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
 _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
+
+
+class MPCNoises(NamedTuple):
+    """The noises with which the filter of an `MPC` was designed."""
+
+    drift: Float[Array | np.ndarray, " disturbances"]
+    reading_noise: Float[Array | np.ndarray, " read"]
 
 
 class MPCState(NamedTuple):
@@ -117,7 +119,7 @@ class MPCState(NamedTuple):
 
 
 @final
-class MPC(AbstractDutyLimitedController):
+class MPC(AbstractPredictiveController):
     """Model predictive control, designed on a linear model.
 
     ```python
@@ -183,11 +185,13 @@ class MPC(AbstractDutyLimitedController):
     inverse: Float[Array | np.ndarray, "cells outputs"]
     disturbed: Float[Array | np.ndarray, "cells disturbances"]
     deviations: Deviations
+    noises: MPCNoises | None
+    """Those of its design; None for the filter of a file."""
     watched: WatchedChannels
     soft: SoftLimits | None
     points: EvenPoints | None
     evenness: AbstractEvennessCost | None
-    excess: Float[Array | np.ndarray, ""]
+    excess_deviation: Float[Array | np.ndarray, ""]
     adaptation: Float[Array | np.ndarray, ""]
     of_channels: Float[Array | np.ndarray, "outputs watched"]
     """The outputs as means of the watched channels; without points there are none of them."""
@@ -230,7 +234,7 @@ class MPC(AbstractDutyLimitedController):
         points: Sequence[str] = (),
         point_errors: Float[np.ndarray, "points channels"] | None = None,
         preview: bool = False,
-        observer: ExtendedKalmanFilter | None = None,
+        observer: TwinObserver | None = None,
     ):
         self.limits = checked_limits("MPC", limits)
         self.has_own_limits = limits is not None
@@ -261,9 +265,9 @@ class MPC(AbstractDutyLimitedController):
             )
         )
         (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
-        self.excess = np.asarray(excess)
+        self.excess_deviation = np.asarray(excess)
         self.adaptation = np.asarray(1 - np.abs(np.linalg.eigvals(plant.A)).max() ** SLOWNESS)
-        self.deviations = Deviations(y, u, change)
+        self.deviations, self.noises = Deviations(y, u, change), MPCNoises(w, v)
         predicted = predict(plant, self.horizon, self.control_horizon)
         squares = self.evenness is not None and self.evenness.is_quadratic
         self.condensed = condense(plant, predicted, self.deviations, tracks_points=squares)
@@ -292,20 +296,6 @@ class MPC(AbstractDutyLimitedController):
         self.duty, self.outputs = plant.duty, plant.outputs
         self.designed_for = plant.rig
 
-    def for_rig(self, rig: Rig) -> "MPC":
-        """Returns the controller with the limits of a rig, and the counts of its driver.
-
-        **Raises:** `ControlError` for another rig than that of the model, or a rate limit of less
-        than a count in a sample.
-        """
-        check_designed_for("MPC", self.designed_for, rig)
-        limited = copy.copy(super().for_rig(rig))
-        assert isinstance(limited, MPC)
-        # The field is no leaf, and no design depends on it.
-        object.__setattr__(limited, "counts", rig.driver.counts)
-        check_reach("MPC", self.rate_limit, self.sample_time_s, rig.driver.counts)
-        return limited
-
     @property
     def is_linear(self) -> bool:
         """True within the limits; not with points that are to be even, because the most even rest
@@ -313,22 +303,45 @@ class MPC(AbstractDutyLimitedController):
         is_smooth = self.evenness is None or self.evenness.is_quadratic
         return self.observed is None and is_smooth
 
+    def design_weights(self) -> Mapping[str, Float[np.ndarray, "..."]]:
+        """Returns accepted deviations and noises; none for a filter of a file, with an observer, or
+        with points that are to be even."""
+        if self.noises is None or self.observed is not None or self.points is not None:
+            return {}
+        y, u, change = self.deviations
+        named = {
+            "output_deviation": y,
+            "duty_deviation": u,
+            "duty_change_deviation": change,
+            **self.noises._asdict(),
+        }
+        return {name: np.asarray(part) for name, part in named.items()}
+
+    def redesigned(self, weights: Mapping[str, Numbers]) -> AbstractController:
+        """Returns the controller that the same model gives with other deviations and noises."""
+        point = np.asarray(self.duty, float), np.asarray(self.outputs, float)
+        watched = Temperatures(np.asarray(self.watched.C), np.asarray(self.watched.at))
+        made = MPC(
+            plant_of_filter(
+                "MPC", self.kalman, point, watched, self.sample_time_s, self.designed_for
+            ),
+            measured=self.measured,
+            horizon=self.horizon,
+            control_horizon=self.control_horizon,
+            limits=self.limits,
+            rate_limit=self.rate_limit,
+            temperature_limits={name: limits for name, *limits in self.temperature_limits},
+            excess_deviation=float(self.excess_deviation),
+            preview=self.preview,
+            **{**self.design_weights(), **weights},
+        )
+        object.__setattr__(made, "counts", self.counts)
+        return made
+
     @property
     def estimator(self) -> AbstractEstimator:
         """What estimates the states: the Kalman filter, alone or with an observer."""
         return self.kalman if self.observed is None else self.observed
-
-    @property
-    def preview_samples(self) -> int:
-        """The horizon, with `preview`."""
-        return self.horizon if self.preview else 0
-
-    def channel_limits(self) -> Mapping[str, TemperatureLimit]:
-        """Returns the temperature limits."""
-        return {
-            name: TemperatureLimit(lowest, highest, float(self.excess))
-            for name, lowest, highest in self.temperature_limits
-        }
 
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weights of the outputs, those of the other channels that are read, and all
@@ -341,7 +354,8 @@ class MPC(AbstractDutyLimitedController):
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
         model, settings = mpc_contents(cls, contents)
-        return designed(cls, model, settings, contents.refuse)
+        made = designed(cls, model, settings, contents.refuse)
+        return eqx.tree_at(lambda made: made.noises, made, None)
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the deviations, the limits, and the model."""
@@ -478,12 +492,7 @@ class MPC(AbstractDutyLimitedController):
     @property
     def soft_temperatures(self) -> SoftTemperatures:
         """The temperatures that its programs limit softly, and those that they make even."""
-        return SoftTemperatures(self.soft, self.points, self.evenness, self.excess)
-
-    @property
-    def reach(self) -> float | None:
-        """The largest change of the duty in a sample; None for any."""
-        return reach_of(self.rate_limit, self.sample_time_s, self.counts)
+        return SoftTemperatures(self.soft, self.points, self.evenness, self.excess_deviation)
 
     def __repr__(self) -> str:
         outputs, cells = self.gain.shape

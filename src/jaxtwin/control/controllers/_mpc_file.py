@@ -58,7 +58,7 @@ def mpc_lines(mpc: "MPC") -> list[str]:
     if mpc.rate_limit is not None:
         values["rate_limit"] = mpc.rate_limit
     if mpc.soft is not None or mpc.points is not None:
-        values["excess_deviation"] = mpc.excess
+        values["excess_deviation"] = mpc.excess_deviation
     for row, (name, *limits) in enumerate(mpc.temperature_limits):
         C, at, gain = (np.asarray(part)[row] for part in mpc.watched[:3])
         tables += limit_lines(name, (limits[0], limits[1]), float(at), C, float(gain))

@@ -1,7 +1,6 @@
 """The arguments of an `MPC`, checked: limits of the rate and of temperatures, horizons, and points
 that are to be even."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,29 +59,6 @@ def checked_rate(rate_limit: float | int, controller: str = "MPC") -> float:
             f"{controller}: rate_limit: expected a number above 0, 1/s, got {number:g}"
         )
     return number
-
-
-def reach_of(rate_limit: float | None, sample_time_s: float, counts: int | None) -> float | None:
-    """Returns the largest change of the duty in a sample, in whole counts of a driver if it is
-    known; None for any."""
-    if rate_limit is None:
-        return None
-    reach = rate_limit * sample_time_s
-    return reach if counts is None else math.floor(reach * counts * (1 + 1e-9)) / counts
-
-
-def check_reach(
-    controller: str, rate_limit: float | None, sample_time_s: float, counts: int
-) -> None:
-    """Refuses a rate limit of less than a count of the driver in a sample.
-
-    **Raises:** `ControlError`.
-    """
-    if reach_of(rate_limit, sample_time_s, counts) == 0:
-        raise ControlError(
-            f"{controller}: rate_limit: expected at least a count of the driver in a sample, "
-            f"{1 / (counts * sample_time_s):.3g} 1/s, got {rate_limit:g} 1/s"
-        )
 
 
 def checked_control_horizon(control_horizon: Any, horizon: int, controller: str = "MPC") -> int:

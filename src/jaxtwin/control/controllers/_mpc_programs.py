@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..._quadratic_program import QuadraticProgram
 from ._condensed_program import Condensed, EvenPoints, SoftLimits, rest_cost
 from ._evenness import AbstractEvennessCost
-from ._quadratic_program import QuadraticProgram
 
 Limits: TypeAlias = tuple[Float[Array | np.ndarray, " cells"], Float[Array | np.ndarray, " cells"]]
 """The lowest and the highest duty of each cell, as deviations from the operating point."""

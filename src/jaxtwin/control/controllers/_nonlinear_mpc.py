@@ -17,7 +17,6 @@ steady-state Kalman filter, with its disturbances as lasting heat of the cells (
 outputs therefore come to rest at their references, however wrong the twin is.
 """
 
-import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -34,30 +33,27 @@ from ..._celsius import ZERO_CELSIUS
 from ..._errors import ControlError
 from ..._jax_settings import in_precision, to_numpy
 from ..._lapack import solve
+from ..._quadratic_program import QuadraticProgram, minimised
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
-from ...rig import Rig
 from ...simulation import Stepper
 from ..linear._linearize import linearize
 from ._condensed_program import Condensed, SoftLimits
 from ._controller import (
     Numbers,
-    TemperatureLimit,
     checked_deviations,
     checked_measured,
     checked_sample_time,
     means_of,
 )
-from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._duty_limits import checked_limits
 from ._kalman import KalmanFilter, error_gain, kalman_filter
 from ._law import Law
 from ._mpc_limits import (
-    check_reach,
     checked_control_horizon,
     checked_rate,
     checked_temperature_limits,
-    reach_of,
 )
 from ._mpc_programs import Rest, SoftTemperatures, plan_program
 from ._multiple_shooting import (
@@ -68,8 +64,8 @@ from ._multiple_shooting import (
     as_vector,
     condensed_path,
 )
-from ._plant import check_designed_for, plant_of
-from ._quadratic_program import QuadraticProgram, minimised
+from ._plant import plant_of
+from ._predictive_controller import AbstractPredictiveController
 
 LONGEST_STEP = 2.0
 """The longest step of the prediction, s: its errors are below a millikelvin on `dual-cell`."""
@@ -96,7 +92,7 @@ class NonlinearMPCState(NamedTuple):
 
 
 @final
-class NonlinearMPC(AbstractDutyLimitedController):
+class NonlinearMPC(AbstractPredictiveController):
     """Model predictive control whose model is a twin itself, and not its linearisation.
 
     ```python
@@ -224,36 +220,10 @@ class NonlinearMPC(AbstractDutyLimitedController):
         self.at = np.concatenate([plant.outputs, plant.watched.at])
         self.nodes = np.asarray(model.operating_point.nodes)
 
-    def for_rig(self, rig: Rig) -> "NonlinearMPC":
-        """Returns the controller with the limits of a rig, and the counts of its driver.
-
-        **Raises:** `ControlError` for another rig than that of the twin, or a rate limit of less
-        than a count in a sample.
-        """
-        check_designed_for("NonlinearMPC", self.designed_for, rig)
-        limited = copy.copy(super().for_rig(rig))
-        assert isinstance(limited, NonlinearMPC)
-        # The field is no leaf, and no design depends on it.
-        object.__setattr__(limited, "counts", rig.driver.counts)
-        check_reach("NonlinearMPC", self.rate_limit, self.sample_time_s, rig.driver.counts)
-        return limited
-
     @property
     def is_linear(self) -> bool:
         """False: its model is the twin's equations."""
         return False
-
-    @property
-    def preview_samples(self) -> int:
-        """The horizon, with `preview`."""
-        return self.horizon if self.preview else 0
-
-    def channel_limits(self) -> Mapping[str, TemperatureLimit]:
-        """Returns the temperature limits."""
-        return {
-            name: TemperatureLimit(lowest, highest, float(self.excess_deviation))
-            for name, lowest, highest in self.temperature_limits
-        }
 
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weights of the outputs, and those of the limited channels."""
@@ -450,11 +420,6 @@ class NonlinearMPC(AbstractDutyLimitedController):
     def steps(self) -> int:
         """The steps of the prediction in a sample."""
         return math.ceil(self.sample_time_s / LONGEST_STEP * (1 - 1e-9))
-
-    @property
-    def reach(self) -> float | None:
-        """The largest change of the duty in a sample; None for any."""
-        return reach_of(self.rate_limit, self.sample_time_s, self.counts)
 
     def __repr__(self) -> str:
         outputs, cells = len(self.output_deviation), len(self.duty_change_deviation)

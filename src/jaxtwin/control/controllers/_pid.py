@@ -9,11 +9,14 @@ $$v_k = P_k + I_k + D_k, \quad u_k = \mathrm{sat}(v_k), \quad
 I_{k+1} = I_k + K_i h\,e_k + \frac{h}{T_t} (u_k - v_k)$$
 
 (Åström and Hägglund, *Advanced PID Control*, 2006, chapters 3 and 13; the derivative by backward
-differences, which is stable for every sample time).
+differences, which is stable for every sample time). With clamping the last term is left out, and
+$K_i h e_k$ too where $v_k$ is beyond a limit and it would take it farther (conditional
+integration).
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple, TypeAlias, final
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,12 +26,13 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ..._errors import ControlError
 from ..._jax_settings import own_settings
 from ._controller import (
+    AbstractController,
     Numbers,
     check_non_negative,
     checked_measured,
     checked_sample_time,
 )
-from ._controller_fields import ControllerField
+from ._controller_fields import OWN, ControllerField, FileContents
 from ._duty_limits import AbstractDutyLimitedController, checked_limits
 from ._law import Law, bundled_law, of_cells, parameter_text
 
@@ -38,6 +42,12 @@ WEIGHT = ControllerField("a number without unit", "", "0.7", "zero")
 
 Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
 """A single value, or one for each cell."""
+
+
+AntiWindup: TypeAlias = Literal["back-calculation", "clamping"]
+
+ANTI_WINDUPS = ("back-calculation", "clamping")
+"""What the integral may do at a limit of the duty."""
 
 
 class PIDState(NamedTuple):
@@ -69,6 +79,9 @@ class PID(AbstractDutyLimitedController):
       measurement alone.
     - `tracking_time_s`: time constant of the anti-windup by back-calculation, s; None for Kp / Ki.
       It is at least the sample time.
+    - `anti_windup`: what the integral does at a limit of the duty: `"back-calculation"`, or
+      `"clamping"`, with which it stops as long as it would only grow farther beyond the limit.
+      Clamping needs no time; back-calculation takes back what has been integrated too far.
     - `limits`: limits of the duty, within -1 to 1. (0, 1) never cools. None for -1 to 1, and for
       0 to 1 on a rig with heaters.
     - `sample_time_s`: the sample time, s.
@@ -88,6 +101,7 @@ class PID(AbstractDutyLimitedController):
         "setpoint_weight": WEIGHT,
         "derivative_weight": WEIGHT,
         "tracking_time": ControllerField("a time", "s", "1 s"),
+        "anti_windup": OWN,
     }
 
     Kp: Parameter
@@ -101,6 +115,7 @@ class PID(AbstractDutyLimitedController):
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
+    anti_windup: AntiWindup = eqx.field(static=True, repr=False)
 
     def __init__(
         self,
@@ -115,6 +130,7 @@ class PID(AbstractDutyLimitedController):
         limits: Sequence[float | int] | None = None,
         sample_time_s: float | int = 1.0,
         measured: Sequence[str | Sequence[str]] | None = None,
+        anti_windup: AntiWindup = "back-calculation",
     ):
         self.check_parameters(
             Kp=Kp,
@@ -133,6 +149,15 @@ class PID(AbstractDutyLimitedController):
         self.has_own_limits = limits is not None
         self.sample_time_s = checked_sample_time("PID", sample_time_s)
         self.measured = checked_measured("PID", measured)
+        if anti_windup not in ANTI_WINDUPS:
+            expected = " or ".join(map(repr, ANTI_WINDUPS))
+            raise ControlError(f"PID: anti_windup: expected {expected}, got {anti_windup!r}")
+        if anti_windup == "clamping" and tracking_time_s is not None:
+            raise ControlError(
+                "PID: tracking_time_s: expected None with clamping, which has none, got "
+                f"{tracking_time_s!r}"
+            )
+        self.anti_windup = anti_windup
 
     @classmethod
     def check_parameters(cls, **values: Any) -> None:
@@ -144,6 +169,23 @@ class PID(AbstractDutyLimitedController):
     def is_linear(self) -> bool:
         """True within the limits."""
         return True
+
+    @classmethod
+    def from_file(cls, contents: FileContents) -> AbstractController:
+        """Makes a controller from its file, in which the anti-windup is a word."""
+        if "anti_windup" in contents.data:
+            found = contents.data["anti_windup"]
+            if found not in ANTI_WINDUPS:
+                expected = " or ".join(map(repr, ANTI_WINDUPS))
+                contents.refuse("anti_windup", f"expected {expected}, got {found!r}")
+            contents = contents._replace(common={**contents.common, "anti_windup": found})
+        return super().from_file(contents)
+
+    def file_lines(self) -> list[str]:
+        """Returns the lines of the gains, and of an anti-windup that is not the usual one."""
+        lines = super().file_lines()
+        usual = self.anti_windup == "back-calculation"
+        return lines if usual else [*lines, f"anti_windup = {json.dumps(self.anti_windup)}"]
 
     @classmethod
     def fits_outputs(cls, outputs: int, cells: int) -> bool:
@@ -163,12 +205,16 @@ class PID(AbstractDutyLimitedController):
             tracking = of_cells("tracking_time_s", tracking, cells)
         with own_settings():
             back = np.asarray(tracking_share(Kp, Ki, tracking, h), float)
+        constants = {"HAS_DERIVATIVE": 1} if Kd.any() else {}
         tables = {
             "Kp": (Kp, "1/K"),
             "b": (b, "set-point weight"),
             "Ki_h": (Ki * h, "Ki times the sample time, 1/K"),
-            "back": (np.broadcast_to(back, (cells,)), "sample time / tracking time"),
         }
+        if self.anti_windup == "clamping":
+            constants["CLAMPS"] = 1
+        else:
+            tables["back"] = np.broadcast_to(back, (cells,)), "sample time / tracking time"
         if Kd.any():
             tables |= {
                 "c": (c, "set-point weight of the derivative"),
@@ -182,7 +228,9 @@ class PID(AbstractDutyLimitedController):
             parameter_text("Tf", self.Tf, "s"),
             parameter_text("set-point weight", self.setpoint_weight, ""),
             parameter_text("set-point weight of the derivative", self.derivative_weight, ""),
-            "tracking time: Kp / Ki"
+            "clamping"
+            if self.anti_windup == "clamping"
+            else "tracking time: Kp / Ki"
             if tracking is None
             else parameter_text("tracking time", self.tracking_time_s, "s"),
         ]
@@ -192,7 +240,7 @@ class PID(AbstractDutyLimitedController):
             tables,
             {"derivative": cells, "last": cells} if Kd.any() else {},
             parameters,
-            {"HAS_DERIVATIVE": 1} if Kd.any() else {},
+            constants,
             integrals=cells,
         )
 
@@ -205,6 +253,15 @@ class PID(AbstractDutyLimitedController):
         integral = duty - self.Kp * (self.setpoint_weight - 1) * y
         last = (jnp.asarray(self.derivative_weight) - 1) * y
         return PIDState(integral, jnp.zeros_like(integral), last + jnp.zeros_like(y))
+
+    def taken_over(
+        self, before: "PID", state: PyTree, measurement: Float[ArrayLike, " outputs"]
+    ) -> PyTree:
+        """The state with which this controller asks for the duty that another one asks for from its
+        state, if the reference equals the measurement."""
+        y = jnp.asarray(measurement)
+        was, now = (one.Kp * (one.setpoint_weight - 1) * y for one in (before, self))
+        return state._replace(integral=state.integral + was - now)
 
     def step(
         self,
@@ -221,7 +278,12 @@ class PID(AbstractDutyLimitedController):
         asked = self.Kp * (self.setpoint_weight * r - y) + state.integral + derivative
         duty = jnp.clip(asked, *self.limits)
         back = tracking_share(self.Kp, self.Ki, self.tracking_time_s, h)
-        integral = state.integral + self.Ki * h * (r - y) + back * (duty - asked)
+        change, beyond = self.Ki * h * (r - y), asked - duty
+        if self.anti_windup == "clamping":
+            change = jnp.where(change * beyond > 0, 0.0, change)
+        else:
+            change = change - back * beyond
+        integral = state.integral + change
         return duty, PIDState(integral, derivative, weighted)
 
 

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
 from ._condensed_program import Condensed, Deviations, WatchedChannels
 from ._law import Table, parameter_text
 from ._mpc_programs import EVENNESS_WEIGHT, NARROWEST_BAND, WIDEST_BAND, SoftTemperatures
-from ._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
 
 
 class RestCost(NamedTuple):

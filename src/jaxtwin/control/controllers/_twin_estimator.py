@@ -21,14 +21,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from ..._arguments import of_kind
 from ..._errors import ControlError
-from ...observers import ExtendedKalmanFilter, KalmanState
+from ...observers import (
+    ExtendedKalmanFilter,
+    MovingHorizonEstimator,
+)
 from ._estimator import AbstractEstimator
 from ._kalman import KalmanFilter
 from ._plant import Plant
+
+TwinObserver = ExtendedKalmanFilter | MovingHorizonEstimator
+"""An observer of a twin that knows what the twin does next."""
 
 
 class TwinEstimate(NamedTuple):
@@ -39,7 +45,7 @@ class TwinEstimate(NamedTuple):
     - `known`: what the twin does beyond the plant, as a change of the outputs at rest, K.
     """
 
-    twin: KalmanState
+    twin: PyTree
     plant: Float[Array, " state"]
     duty: Float[Array, " cell"]
     known: Float[Array, " disturbance"]
@@ -52,14 +58,15 @@ class TwinEstimator(AbstractEstimator):
 
     **Arguments:**
 
-    - `observer`: the observer, from `jaxtwin.observers.live_observer`.
+    - `observer`: the observer, from `jaxtwin.observers.live_observer`, or a moving-horizon
+      estimator with it.
     - `plant`: the plant of the controller. `kalman`: its Kalman filter.
 
     **Raises:** `ControlError` if the plant does not know the nodes of its rig, or the observer is
     none, is of another rig or does not read all channels.
     """
 
-    observer: ExtendedKalmanFilter
+    observer: TwinObserver
     kalman: KalmanFilter
     duty: Float[Array | np.ndarray, " cell"]
     projection: Float[Array | np.ndarray, "first node"]
@@ -71,11 +78,10 @@ class TwinEstimator(AbstractEstimator):
     parts: int = eqx.field(static=True)
     """The number of steps of the observer in a sample."""
 
-    def __init__(
-        self, where: str, observer: ExtendedKalmanFilter, plant: Plant, kalman: KalmanFilter
-    ):
+    def __init__(self, where: str, observer: TwinObserver, plant: Plant, kalman: KalmanFilter):
         expected = "an observer of the rig, such as jaxtwin.observers.live_observer(twin)"
-        of_kind(f"{where}: observer", observer, ExtendedKalmanFilter, expected, ControlError)
+        kinds = ExtendedKalmanFilter, MovingHorizonEstimator
+        of_kind(f"{where}: observer", observer, kinds, expected, ControlError)
         check_observer(where, observer, plant.rig)
         if plant.projection is None:
             raise ControlError(
@@ -122,11 +128,11 @@ class TwinEstimator(AbstractEstimator):
         plant = self.kalman.predict(estimate.plant, duty + known)
         return estimate._replace(twin=twin, plant=plant, duty=duty)
 
-    def _first(self, twin: KalmanState) -> Float[Array, " first"]:
+    def _first(self, twin: PyTree) -> Float[Array, " first"]:
         """The states of the plant that follow from the temperatures of the nodes."""
         return jnp.asarray(self.projection) @ (self.observer.nodes(twin) - self.nodes)
 
-    def _later(self, twin: KalmanState, duty: Float[Array, " cell"]) -> KalmanState:
+    def _later(self, twin: PyTree, duty: Float[Array, " cell"]) -> PyTree:
         """The mean a sample later."""
         step, command = self.sample_time_s / self.parts, duty + self.duty
         return jax.lax.fori_loop(
@@ -134,7 +140,7 @@ class TwinEstimator(AbstractEstimator):
         )
 
 
-def check_observer(where: str, observer: ExtendedKalmanFilter, rig: str) -> None:
+def check_observer(where: str, observer: TwinObserver, rig: str) -> None:
     """Refuses an observer of another rig, or of some of its channels.
 
     **Raises:** `ControlError`.

@@ -18,6 +18,9 @@ from ._linear_model import LinearModel
 OMEGA = np.geomspace(1e-6, 1e3, 6000)
 """The default frequencies, rad/s."""
 
+USUAL_PEAK = 2.0
+"""The sensitivity peak above which a loop is called fragile."""
+
 Loop: TypeAlias = Callable[[Float[np.ndarray, " frequency"]], Complex[np.ndarray, "..."]]
 """A function from frequencies, rad/s, to the response of the loop, `(frequency,)` or `(frequency,
 n, n)`."""
@@ -58,6 +61,19 @@ class DiskMargin(NamedTuple):
     gain: tuple[float, float]
     phase_deg: float
     omega: float
+
+
+def margins_text(peak: float, omega: float, disk: DiskMargin) -> str:
+    """A sensitivity peak, its frequency and a disk margin in a line of words, with a warning if the
+    loop is fragile."""
+    low, high = disk.gain
+    text = (
+        f"sensitivity peak {peak:.2f} at {omega:.2g} rad/s; tolerates gains of {low:.2f} to "
+        f"{high:.2f} times, or a phase of {disk.phase_deg:.0f} degrees"
+    )
+    if peak > USUAL_PEAK:
+        text += f": fragile, a usual limit of the peak is {USUAL_PEAK:g}"
+    return text
 
 
 def margins(

@@ -14,16 +14,20 @@ from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector
-from ..linear._margins import DiskMargin, Margins, disk_margin, margins, sensitivity_peak
+from ..linear._margins import (
+    DiskMargin,
+    Margins,
+    disk_margin,
+    margins,
+    margins_text,
+    sensitivity_peak,
+)
 from ._loop_checks import check_cells
 from ._many_loops import longest_delay, twin_at_medians
 from ._references import reference_samples
 from ._sampled_loop import ROUNDING, SampledLoops
 
 Response: TypeAlias = Complex[np.ndarray, "frequency outputs outputs"]
-
-USUAL_PEAK = 2.0
-"""The sensitivity peak above which a loop is called fragile."""
 
 
 class LoopMargins(NamedTuple):
@@ -53,15 +57,7 @@ class LoopMargins(NamedTuple):
         """Returns the margins in one line of words, with a warning if the loop is fragile."""
         if not self.is_stable:
             return "the loop is not stable"
-        low, high = self.disk.gain
-        text = (
-            f"sensitivity peak {self.sensitivity_peak:.2f} at {self.sensitivity_omega:.2g} rad/s; "
-            f"tolerates gains of {low:.2f} to {high:.2f} times, or a phase of "
-            f"{self.disk.phase_deg:.0f} degrees"
-        )
-        if self.sensitivity_peak > USUAL_PEAK:
-            text += f": fragile, a usual limit of the peak is {USUAL_PEAK:g}"
-        return text
+        return margins_text(self.sensitivity_peak, self.sensitivity_omega, self.disk)
 
 
 def loop_margins(

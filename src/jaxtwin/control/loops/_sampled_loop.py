@@ -13,50 +13,33 @@ is that of the singular value at the frequency and in the draw where it is large
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeAlias, final
+from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex, Float
 
 from ..._compilation import persistent_jit
 from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector
+from ..controllers._design_vector import DesignVector
+from ..controllers._linear_controller import (
+    Matrices,
+    SteadyReadings,
+    frequencies,
+    inside,
+    linear_steps,
+    response,
+)
 from ..linear._hold import zero_order_hold
 from ..linear._linearize import model_at_rest
 from ..linear._operating_point import Target
-from ._references import references_ahead
-
-LOWEST_OMEGA = 1e-4
-"""The lowest frequency that is evaluated, rad/s."""
-
-FREQUENCIES = 160
-"""The number of frequencies up to half the sample rate, in equal ratios: 4 % apart at a sample time
-of 1 s."""
 
 ROUNDING = 1e-6
 """The distance from the unit circle that a pole may have by rounding. Two integrals of the same
 output keep their initial difference, which is a pole at 1."""
-
-DISTANCE_FROM_LIMITS = 0.02
-"""The smallest distance of the duty at rest from the limits, relative to their width, so that the
-controller is linear there."""
-
-Matrix: TypeAlias = Float[np.ndarray, "..."]
-
-Matrices: TypeAlias = tuple[Matrix, Matrix, Matrix, Matrix]
-"""A, B, C and D. Matrices of draws have a leading axis; derivatives have a last axis for
-parameters."""
-
-
-class _SteadyReadings(NamedTuple):
-    """What a controller reads in the steady state: its outputs, and what it watches, degC."""
-
-    outputs: Float[Array | np.ndarray, " outputs"]
-    watched: Float[Array | np.ndarray, " watched"]
 
 
 class SensitivityPeak(NamedTuple):
@@ -91,7 +74,7 @@ class SampledLoops:
         self,
         twin: Twin,
         draws: dict[str, Float[np.ndarray, " draws"]],
-        vector: ControllerVector,
+        vector: ControllerVector | DesignVector,
         weights: Float[np.ndarray, "outputs channels"],
         outputs: Float[np.ndarray, " outputs"],
         *,
@@ -110,27 +93,25 @@ class SampledLoops:
         found = _sampled_plants(twin, draws, target, jnp.asarray(interval), shifts)
         matrices, duty, channels = jax.tree.map(np.asarray, found)
         watched = vector.controller.reading_weights(twin.channels)[len(outputs) :]
-        self._at = _SteadyReadings(outputs, watched @ np.median(channels, axis=0))
+        self._at = SteadyReadings(outputs, watched @ np.median(channels, axis=0))
         self._plants: Matrices = matrices
-        self.omega = np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)
+        self.omega = frequencies(interval)
         self._interval, self._sensor_delay = interval, sensor_delay
         self._z = np.exp(1j * self.omega * interval)
         self._response = self._plant_response(self.omega)
-        low, high = vector.controller.limits
-        inside = DISTANCE_FROM_LIMITS * (high - low)
-        self._duty = np.clip(np.median(duty, axis=0), low + inside, high - inside)
+        self._duty = inside(np.median(duty, axis=0), vector.controller.limits)
 
     def sensitivity(
         self, values: Float[np.ndarray, " parameters"]
     ) -> Float[np.ndarray, "draws frequency"]:
         r"""Computes $\lVert (I + L)^{-1} \rVert$ of each draw."""
         matrices, _ = self._controller(values)
-        return 1 / _smallest(self._distance(_response(matrices, self._z)))[0]
+        return 1 / _smallest(self._distance(response(matrices, self._z)))[0]
 
     def peak(self, values: Float[np.ndarray, " parameters"]) -> SensitivityPeak:
         """Computes the sensitivity peak of a controller with given parameters."""
         matrices, slopes = self._controller(values)
-        distance = self._distance(_response(matrices, self._z))
+        distance = self._distance(response(matrices, self._z))
         smallest, left, right = _smallest(distance)
         draw, frequency = np.unravel_index(np.argmin(smallest), smallest.shape)
         at = self._z[frequency]
@@ -146,23 +127,34 @@ class SampledLoops:
     ) -> Complex[np.ndarray, "draws frequency outputs outputs"]:
         """Computes the response of the loop, plant times controller without the minus sign of the
         feedback, with the controller as it is."""
-        controller = jax.tree.map(np.asarray, self._steps())
+        controller = self._linear(self._vector.controller)
         z = np.exp(1j * omega * self._interval)
-        return -self._plant_response(omega) @ _response(controller, z)
+        return -self._plant_response(omega) @ response(controller, z)
 
     def _plant_response(
         self, omega: Float[np.ndarray, " frequency"]
     ) -> Complex[np.ndarray, "draws frequency outputs cells"]:
         late = np.exp(-1j * omega * self._sensor_delay)
-        return _response(self._plants, np.exp(1j * omega * self._interval)) * late[:, None, None]
+        return response(self._plants, np.exp(1j * omega * self._interval)) * late[:, None, None]
 
-    def _steps(self) -> Any:
-        return _linear_steps(self._vector.controller, self._duty, self._at)
+    def _linear(self, controller: AbstractController) -> Matrices:
+        return jax.tree.map(np.asarray, linear_steps(controller, self._duty, self._at))
 
     def _controller(self, values: np.ndarray) -> tuple[Matrices, Matrices]:
         vector = self._vector
-        found = _linear_controller(vector.controller, vector.shapes, values, self._duty, self._at)
-        return jax.tree.map(np.asarray, found)
+        if isinstance(vector, ControllerVector):
+            found = _linear_controller(*vector, values, self._duty, self._at)
+            return jax.tree.map(np.asarray, found)
+        # The controllers of designs have no exact derivatives of their derivatives.
+        beside = vector.neighbours(values)
+
+        def change(pair: tuple[AbstractController, AbstractController], apart: float) -> Matrices:
+            more, less = (self._linear(one) for one in pair)
+            return jax.tree.map(lambda a, b: (a - b) / apart, more, less)
+
+        changes = map(change, beside.controllers, beside.apart)
+        slopes = jax.tree.map(lambda *parts: np.stack(parts, axis=-1), *changes)
+        return self._linear(vector.controller_at(values)), slopes
 
     def _distance(
         self, controller: Complex[np.ndarray, "frequency cells outputs"]
@@ -177,7 +169,7 @@ class SampledLoops:
         """Computes the factor by which deviations from the steady state grow in a sample: the
         largest absolute value of a pole of the closed loops. A loop is stable up to `1 +
         ROUNDING`."""
-        return self._radius(jax.tree.map(np.asarray, self._steps()))
+        return self._radius(self._linear(self._vector.controller))
 
     def _radius(self, controller: Matrices) -> float:
         (A, B, C, D), (Ac, Bc, Cc, Dc) = self._plants, controller
@@ -223,43 +215,15 @@ def _linear_controller(
     shapes: tuple[tuple[str, tuple[int, ...]], ...],
     values: Float[Array | np.ndarray, " parameters"],
     duty: Float[Array | np.ndarray, " cells"],
-    at: _SteadyReadings,
+    at: SteadyReadings,
 ) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array]]:
     """Computes Ac, Bc, Cc and Dc from outputs to duty about the steady state, and their
     derivatives with respect to the parameters, which have a last axis."""
 
     def matrices(values: Array) -> tuple[Array, Array, Array, Array]:
-        return _linear_steps(ControllerVector(controller, shapes).apply(values), duty, at)
+        return linear_steps(ControllerVector(controller, shapes).apply(values), duty, at)
 
     return matrices(jnp.asarray(values)), jax.jacfwd(matrices)(jnp.asarray(values))
-
-
-@persistent_jit
-def _linear_steps(
-    controller: AbstractController,
-    duty: Float[Array | np.ndarray, " cells"],
-    at: _SteadyReadings,
-) -> tuple[Array, Array, Array, Array]:
-    """Computes Ac, Bc, Cc and Dc from outputs to duty about the steady state."""
-    rest, unravel = ravel_pytree(controller.init(duty, jnp.concatenate(at)))
-    outputs = jnp.asarray(at.outputs)
-    (references,) = references_ahead(outputs[None], controller.preview_samples)
-
-    def step(state: Array, read: Array) -> tuple[Array, Array]:
-        measurement = jnp.concatenate([read, jnp.asarray(at.watched)])
-        asked, later = controller.step(unravel(state), references, measurement)
-        return ravel_pytree(later)[0], asked
-
-    (A, B), (C, D) = jax.jacfwd(step, (0, 1))(rest, outputs)
-    return A, B, C, D
-
-
-def _response(
-    matrices: Matrices, z: Complex[np.ndarray, " frequency"]
-) -> Complex[np.ndarray, "*draws frequency outputs inputs"]:
-    A, B, C, D = (matrix[..., None, :, :] for matrix in matrices)
-    moved = np.linalg.solve(z[:, None, None] * np.eye(A.shape[-1]) - A, B)
-    return C @ moved + D
 
 
 def _response_slopes(

@@ -213,5 +213,5 @@ def frontier(
         with silent():
             found = problem._replace(objective=aim).solved(number, began)
         tunings.append(found)
-        problem = problem._replace(vector=problem.vector._replace(controller=found.controller))
+        problem = problem._replace(vector=problem.vector.with_controller(found.controller))
     return Frontier(against, np.array(amounts), tuple(tunings))

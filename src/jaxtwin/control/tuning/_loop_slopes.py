@@ -1,6 +1,7 @@
 """Measures of many closed loops, with exact derivatives with respect to controller parameters."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple, final
 
 import jax
@@ -13,7 +14,8 @@ from ..._jax_settings import own_settings
 from ...physics import Twin
 from ...simulation import Stepper
 from ...simulation._workers import work_in_chunks
-from ..controllers._controller_vector import ControllerVector
+from ..controllers._controller_vector import ControllerVector, Line
+from ..controllers._design_vector import ControllerNumbers
 from ..loops._closed_loop import run_loop
 from ..loops._loop_signals import ClosedLoop
 from ..loops._many_loops import CHUNK_BYTES, is_whole_delay, numbers_per_step, steppers_of
@@ -47,7 +49,7 @@ class LoopSlopes:
 
     - `twin`: the twin; parameters that are not drawn keep its values.
     - `draws`: name of a parameter -> values `(draws,)`; empty for the twin without draws.
-    - `vector`: the map from the vector to the controller.
+    - `numbers`: the map from the numbers of a `Line` to the controller.
     - `scenario`: the scenario of all loops.
     - `measures`: name -> function.
     - `workers`: the number of threads, None for one for each core.
@@ -57,12 +59,12 @@ class LoopSlopes:
         self,
         twin: Twin,
         draws: Mapping[str, Float[np.ndarray, " draws"]],
-        vector: ControllerVector,
+        numbers: ControllerVector | ControllerNumbers,
         scenario: Scenario,
         measures: Mapping[str, Measure],
         workers: int | None,
     ):
-        self._vector, self._scenario, self._workers = vector, scenario, workers
+        self._numbers, self._scenario, self._workers = numbers, scenario, workers
         self._measures = tuple(measures.items())
         size = scenario.step, scenario.longest_delay
         with own_settings():
@@ -77,33 +79,29 @@ class LoopSlopes:
                 )
                 self.count = 1
             self._steppers: Stepper = jax.tree.map(np.asarray, steppers)
-        parameters = len(vector.values)
-        a_loop = 8 * scenario.ambient.size * numbers_per_step(twin, scenario) * (1 + parameters)
-        self._chunk = int(min(max(CHUNK_BYTES // a_loop, 1), LARGEST_CHUNK))
+        self._a_loop = 8 * scenario.ambient.size * numbers_per_step(twin, scenario)
 
-    def __call__(
-        self, controllers: Sequence[Float[np.ndarray, " parameters"]], room: int
-    ) -> Slopes:
+    def __call__(self, controllers: Sequence[Line], room: int) -> Slopes:
         """Computes the measures of some controllers for each draw.
 
         **Arguments:**
 
-        - `controllers`: the vectors of their parameters.
+        - `controllers`: the controllers.
         - `room`: the number of controllers for which the program is compiled, so that calls with
           fewer controllers use the same program.
         """
         loops = len(controllers) * self.count
         rows = {
             "draw": np.tile(np.arange(self.count, dtype=float), len(controllers)),
-            **{
-                str(entry): np.repeat(column, self.count)
-                for entry, column in enumerate(np.array(controllers, float).T)
-            },
+            "controller": np.repeat(np.arange(len(controllers), dtype=float), self.count),
         }
-        chunk = min(self._chunk, room * self.count)
+        lines = Line(*(np.stack(part) for part in zip(*controllers, strict=True)))
+        largest = CHUNK_BYTES // (self._a_loop * (1 + lines.slopes.shape[1]))
+        chunk = min(int(min(max(largest, 1), LARGEST_CHUNK)), room * self.count)
         fill = max(chunk - loops, 0)
         rows = {name: np.concatenate([v, np.repeat(v[-1:], fill)]) for name, v in rows.items()}
-        found = work_in_chunks(rows, self._work, chunk_size=chunk, workers=self._workers)
+        work = partial(self._work, lines)
+        found = work_in_chunks(rows, work, chunk_size=chunk, workers=self._workers)
         shape = len(controllers), self.count
         failed = found["failed"][:loops]
         values, slopes = (
@@ -114,39 +112,38 @@ class LoopSlopes:
         )
         return Slopes(values, np.moveaxis(slopes, 2, 3))
 
-    def _work(self, chunk: Mapping[str, np.ndarray]) -> dict[str, Array]:
-        draw = chunk["draw"].astype(int)
+    def _work(self, lines: Line, chunk: Mapping[str, np.ndarray]) -> dict[str, Array]:
+        draw, controller = chunk["draw"].astype(int), chunk["controller"].astype(int)
         steppers = jax.tree.map(lambda leaf: leaf[draw], self._steppers)
-        values = np.stack([chunk[str(entry)] for entry in range(len(chunk) - 1)], axis=1)
+        of_loops = Line(*(part[controller] for part in lines))
         with own_settings():
-            found = _slopes(steppers, self._vector, values, self._scenario, self._measures)
+            found = _slopes(steppers, self._numbers, of_loops, self._scenario, self._measures)
         return dict(zip(("values", "slopes", "failed"), found, strict=True))
 
 
 @persistent_jit
 def _slopes(
     steppers: Stepper,
-    vector: ControllerVector,
-    values: Float[Array | np.ndarray, "chunk parameters"],
+    numbers: ControllerVector | ControllerNumbers,
+    lines: Line,
     scenario: Scenario,
     measures: tuple[tuple[str, Measure], ...],
 ) -> tuple[
     Float[Array, "chunk measures"], Float[Array, "chunk parameters measures"], Bool[Array, " chunk"]
 ]:
     def of_loop(
-        stepper: Stepper, values: Float[Array, " parameters"]
+        stepper: Stepper, line: Line
     ) -> tuple[Float[Array, " measures"], Float[Array, "parameters measures"], Bool[Array, ""]]:
         def measured(values: Array) -> tuple[Array, Array]:
-            loop: ClosedLoop = run_loop(stepper, vector.apply(values), scenario)
-            numbers = [jnp.asarray(function(loop), values.dtype) for _, function in measures]
-            return jnp.stack(numbers), ~loop.stays_finite
+            loop: ClosedLoop = run_loop(stepper, numbers.apply(values), scenario)
+            found = [jnp.asarray(function(loop), values.dtype) for _, function in measures]
+            return jnp.stack(found), ~loop.stays_finite
 
         def along(direction: Array) -> tuple[Array, Array, Array]:
-            found, slope, failed = jax.jvp(measured, (values,), (direction,), has_aux=True)
+            found, slope, failed = jax.jvp(measured, (line.numbers,), (direction,), has_aux=True)
             return found, slope, failed
 
-        units = jnp.eye(values.size, dtype=values.dtype)
-        found, slope, failed = jax.vmap(along)(units)
+        found, slope, failed = jax.vmap(along)(jnp.asarray(line.slopes))
         return found[0], slope, failed[0]
 
-    return jax.vmap(of_loop)(steppers, jnp.asarray(values))
+    return jax.vmap(of_loop)(steppers, jax.tree.map(jnp.asarray, lines))

@@ -8,8 +8,12 @@ from jaxtyping import Bool, Float
 
 from ..._arguments import names_of
 from ..._errors import ControlError
-from ..controllers._controller_vector import ControllerVector
+from ..controllers._controller import AbstractController
+from ..controllers._controller_vector import ControllerVector, split
 from ..controllers._decoupled_pi import DecoupledPI
+from ..controllers._design_vector import DesignVector
+from ..controllers._lqi import LQI
+from ..controllers._mpc import MPC
 from ..controllers._pid import PID
 
 DEFAULT_FACTOR = 30.0
@@ -61,7 +65,7 @@ def search_box(
     where: str,
     controller: Any,
     tuned: Iterable[str] | Mapping[str, tuple[float, float]] | None,
-) -> tuple[ControllerVector, SearchBox]:
+) -> tuple[ControllerVector | DesignVector, SearchBox]:
     """Checks the arguments of `tune` that concern parameters, and makes the search box.
 
     **Raises:** `ControlError` for unknown names, for invalid bounds, and for a parameter that needs
@@ -71,10 +75,14 @@ def search_box(
         tuned = _usual(where, controller)
     bounds = dict(tuned) if isinstance(tuned, Mapping) else {}
     names = tuple(bounds) if bounds else names_of(where, tuned, ControlError)
-    vector = ControllerVector.of(where, controller, names)
+    if any(name in controller.design_weights() for name in names):
+        vector = DesignVector(where, controller, names)
+    else:
+        vector = ControllerVector.of(where, controller, names)
     lower, upper = [], []
-    for name, _ in vector.shapes:
-        value = np.ravel(np.asarray(getattr(controller, name), float))
+    given = split(vector.values, [shape for _, shape in vector.shapes])
+    for (name, _), part in zip(vector.shapes, given, strict=True):
+        value = np.ravel(part)
         low, high = (
             _pair(f"{where}: {name}", bounds[name])
             if name in bounds
@@ -85,11 +93,17 @@ def search_box(
     return vector, SearchBox(np.concatenate(lower), np.concatenate(upper))
 
 
-def _usual(where: str, controller: object) -> tuple[str, ...]:
+def _usual(where: str, controller: AbstractController) -> tuple[str, ...]:
     names = {
         PID: ("Kp", "Ki", "Kd"),
         DecoupledPI: ("Kp_mean", "Ki_mean", "Kp_difference", "Ki_difference"),
+        LQI: ("integral_deviation", "duty_deviation", "reading_noise"),
+        MPC: ("duty_deviation", "duty_change_deviation", "reading_noise"),
     }.get(type(controller))
+    if names is not None and (isinstance(controller, LQI | MPC)):
+        if controller.design_weights():
+            return names
+        names = None
     if names is None:
         raise ControlError(
             f"{where}: expected names of parameters for a {type(controller).__name__}, or name -> "

@@ -66,8 +66,9 @@ def tune(
     - `references`, `duration`: as in `simulate_closed_loop`.
     - `tuned`: the parameters of the controller that are tuned, name -> (lowest, highest); or
       names, whose bounds are then a thirtieth and thirty times their values. None for the gains
-      above 0 of a `PID` or a `DecoupledPI`. The search uses the logarithm of a parameter whose
-      bounds are above 0.
+      above 0 of a `PID` or a `DecoupledPI`, and for the deviations and the noise of the readings
+      with which an `LQI` or an `MPC` was designed. The search uses the logarithm of a parameter
+      whose bounds are above 0.
     - `objective`: the name of a measure of `jaxtwin.control.MEASURES`; name -> weight, in the
       inverse of the measure's unit; or a JAX function of a `ClosedLoop`.
     - `draws`: draws of the plant's parameters, name -> values `(draws,)`; or, for a fit, the number

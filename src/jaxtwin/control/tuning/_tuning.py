@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ..._display import html_table, picture
 from ..controllers._controller import AbstractController
+from ..loops._loop_margins import LoopMargins
 from ..loops._measures import MEASURES
 
 if TYPE_CHECKING:
@@ -66,6 +67,8 @@ class Tuning:
     - `measures`: the names of the measures. `weights`: their weights in the objective.
     - `omega`: the frequencies of the sensitivity, rad/s.
     - `history`: all controllers that the search evaluated.
+    - `margins`: those of the tuned loop on the twin, without draws; None for a controller that is
+      not linear.
     - `wall_time`: the duration of the search with compilation, s.
     """
 
@@ -82,6 +85,7 @@ class Tuning:
     weights: Float[np.ndarray, " measures"]
     omega: Float[np.ndarray, " frequency"]
     history: tuple[TuningStep, ...]
+    margins: LoopMargins | None
     wall_time: float
 
     @property
@@ -154,6 +158,8 @@ class Tuning:
         peak = ""
         if self.sensitivity_limit is not None:
             peak = f", sensitivity peak {self.after.sensitivity_peak:.2f}"
+        elif self.margins is not None:
+            peak = f", {self.margins.summary()}"
         return (
             f"<Tuning of {self.rig}: {named}; objective {self.before.objective:.4g} -> "
             f"{self.after.objective:.4g}{peak}, {draws} draw{'s' * (draws != 1)}>"
@@ -178,6 +184,10 @@ class Tuning:
             limit = f"at most {self.sensitivity_limit:g}"
             before, after = (f"{loop.sensitivity_peak:.3g}" for loop in both)
             rows.append(("sensitivity peak", before, after, limit))
+        if self.margins is not None:
+            low, high = self.margins.disk.gain
+            rows.append(("tolerates gains from, to", "", f"{low:.2f}, {high:.2f}", "times"))
+            rows.append(("tolerates a phase of", "", f"{self.margins.disk.phase_deg:.0f}", "°"))
         for number, name in enumerate(self.measures):
             unit = MEASURES[name][1] if name in MEASURES else ""
             before, after = (f"{np.median(loop.measures[:, number]):.4g}" for loop in both)

@@ -21,6 +21,8 @@ from ...simulation._check_values import check_draw, valid_draws
 from ...simulation._simulate_batch import checked_draws
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector
+from ..controllers._design_vector import DesignVector
+from ..loops._loop_margins import loop_margins
 from ..loops._many_loops import longest_delay, twin_at_medians
 from ..loops._sampled_loop import SampledLoops
 from ..loops._scenario import scenario
@@ -79,10 +81,13 @@ def tuning_problem(
         duration=duration,
         **{**settings, "seed": seed, "quantised": False},
     )
+    outputs = np.asarray(conditions.reference)[-1]
     with own_settings():
         delay = longest_delay(median_twin, plant_draws)
         conditions = replace(conditions, longest_delay=delay)
-        loops = LoopSlopes(median_twin, plant_draws, vector, conditions, aim.measures, workers)
+        loops = LoopSlopes(
+            median_twin, plant_draws, vector.numbers, conditions, aim.measures, workers
+        )
         linear = None
         if limit is not None:
             linear = SampledLoops(
@@ -90,18 +95,18 @@ def tuning_problem(
                 plant_draws,
                 vector,
                 np.asarray(conditions.output_weights),
-                np.asarray(conditions.reference)[-1],
+                outputs,
                 longest_delay=delay,
                 sensor_delay=conditions.sensor_delay_steps * conditions.step,
             )
-    return TuningProblem(plant.rig.name, vector, box, aim, limit, loops, linear, starts, seed)
+    return TuningProblem(median_twin, outputs, vector, box, aim, limit, loops, linear, starts, seed)
 
 
 @final
 class TuningProblem(NamedTuple):
     """A search for the parameters of a controller.
 
-    - `rig`: the name of the rig.
+    - `twin`: the twin without draws. `outputs`: the last references, degC.
     - `vector`, `box`: the parameters and their bounds.
     - `objective`: the objective.
     - `limit`: the limit of the sensitivity peak, None for none.
@@ -109,8 +114,9 @@ class TuningProblem(NamedTuple):
     - `starts`: the number of descents. `seed`: the seed of the random starts.
     """
 
-    rig: str
-    vector: ControllerVector
+    twin: Twin
+    outputs: Float[np.ndarray, " outputs"]
+    vector: ControllerVector | DesignVector
     box: SearchBox
     objective: Objective
     limit: float | None
@@ -136,9 +142,13 @@ class TuningProblem(NamedTuple):
         steps = tuple(self._step(part) for part in history)
         best = self._best(history)
         tuned = self.box.values(best.point)
+        controller = self.vector.controller_at(tuned)
+        margins = None
+        if controller.is_linear:
+            margins = loop_margins(self.twin, controller, self.outputs)
         return Tuning(
-            rig=self.rig,
-            controller=self.vector.apply(tuned),
+            rig=self.twin.rig.name,
+            controller=controller,
             start=self.vector.controller,
             tuned=self.vector.labels,
             lower=self.box.lower,
@@ -150,6 +160,7 @@ class TuningProblem(NamedTuple):
             weights=self.objective.weights,
             omega=np.zeros(0) if self.linear is None else self.linear.omega,
             history=steps,
+            margins=margins,
             wall_time=time.perf_counter() - began,
         )
 
@@ -158,7 +169,7 @@ class TuningProblem(NamedTuple):
     ) -> list[tuple[Evaluation, Float[np.ndarray, "draws measures"]]]:
         """Evaluates objective and constraint at points of the unit box, and the measures."""
         with own_settings():
-            loops = self.loops(controllers, self.starts)
+            loops = self.loops([self.vector.line(values) for values in controllers], self.starts)
             peaks = [None if self.linear is None else self.linear.peak(v) for v in controllers]
         results = []
         for values, measures, slopes, peak in zip(

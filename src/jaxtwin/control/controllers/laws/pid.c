@@ -37,7 +37,13 @@ static void model_law(model_state *state, const model_real *reference, int sampl
         asked += state->derivative[i];
 #endif
         duty[i] = model_limited(asked);
-        model_integrate(state, i,
-                        model_Ki_h[i] * (r - y) + model_back[i] * (duty[i] - asked));
+        {
+            const model_real more = model_Ki_h[i] * (r - y), beyond = asked - duty[i];
+#ifdef MODEL_CLAMPS
+            model_integrate(state, i, more * beyond > 0 ? 0 : more);
+#else
+            model_integrate(state, i, more - model_back[i] * beyond);
+#endif
+        }
     }
 }

@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._lapack import solve, solve_definite
+from ._lapack import solve, solve_definite
 
 STEPS = 30
 """The largest number of steps."""
