@@ -23,7 +23,7 @@ DEFAULTS = {
         "Sensitivity.ranking": {"channel": "mean"},
         "Sensitivity.significant": {"channel": "mean"},
         "Sensitivity.tornado": {"channel": "mean"},
-        "Stepper": {"step_size": 1.0},
+        "Stepper": {"step_size": None},
         "Stepper.step": {"steps": 1},
         "design_experiment": {
             "duration": 1200.0,
@@ -35,7 +35,7 @@ DEFAULTS = {
             "seed": 0,
         },
         "export_c": {"name": "model", "precision": "double"},
-        "export_fmu": {"step_size": 1.0, "version": "2.0", "compiler": "cc"},
+        "export_fmu": {"step_size": None, "version": "2.0", "compiler": "cc"},
         "global_sensitivity": {"spread": 0.25, "seed": 0, "inputs": "normal"},
         "leave_one_out": {"by": "recording", "warm_up": 60.0},
         "match": {"starts": 1, "seed": 0, "max_iterations": 200},

@@ -170,6 +170,7 @@ def test_recalibrations_are_those_of_the_virtual_rig(twin: Twin, pid: PID):
     np.testing.assert_array_equal(conditions.error[:60], 0)
 
 
+@pytest.mark.slow
 def test_noise_is_that_of_the_camera_s_zones(twin: Twin, pid: PID):
     conditions = scenario(twin, pid, 35, duration=3000)
     deviation = np.asarray(conditions.error).std(axis=0)

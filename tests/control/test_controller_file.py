@@ -255,6 +255,7 @@ def test_a_file_names_an_anti_windup_that_is_not_the_usual_one(tmp_path: Path, t
         read(tmp_path, path.read_text().replace("clamping", "off"), twin)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("design", "noise", "is_fragile"), [(LQI, 0.1, True), (MPC, 1.0, False)])
 def test_a_file_says_how_far_from_instability_its_loop_is(
     tmp_path: Path,

@@ -34,6 +34,7 @@ def test_a_first_order_with_lag_and_delay_by_hand():
     np.testing.assert_allclose(model.frequency_response(0.0), [[4.0]], rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.python_control
 def test_the_response_of_a_twin_is_that_of_python_control():
     """Without delay as it is; with the delay in discrete time, where python-control has it too."""

@@ -91,6 +91,7 @@ def test_a_plate_that_is_cooled_is_another_plant():
     assert loop_margins(twin, apart, 20.0).sensitivity_peak > 3.2
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("float64")
 def test_equal_controllers_are_one(twin: Twin):
     scheduled = GainScheduled([COLD, COLD], at=[30.0, 40.0])

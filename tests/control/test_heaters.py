@@ -110,6 +110,7 @@ def test_cells_may_cool_without_limits():
     assert PID(Kp=0.1).for_rig(Twin("dual-cell").rig).limits == (-1, 1)
 
 
+@pytest.mark.slow
 def test_limits_that_ask_heaters_to_cool_are_refused(rig: Rig, twin: Twin, tmp_path):
     message = "expected limits from 0 on, because the heaters of heated box cannot cool"
     for controller in controllers(twin, (-1, 1)):
@@ -119,6 +120,7 @@ def test_limits_that_ask_heaters_to_cool_are_refused(rig: Rig, twin: Twin, tmp_p
             export_c(controller, tmp_path / "controller", rig=rig)
 
 
+@pytest.mark.slow
 def test_a_function_that_asks_for_cooling_gets_none(twin: Twin):
     run = simulate_closed_loop(
         twin,

@@ -41,6 +41,7 @@ def test_the_most_even_duty_is_within_its_limits(uneven: Twin):
     assert np.mean(held.outputs) == pytest.approx(40, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_mean_out_of_reach_is_refused(uneven: Twin):
     with pytest.raises(ControlError, match=r"expected a mean that duty cycles from 0 to 0\.2"):
         most_even_point(uneven, 40, limits=(0, 0.2))

@@ -177,6 +177,7 @@ def test_what_has_no_meaning_is_refused(twin: Twin, settings: dict[str, Any], me
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_it_belongs_to_its_rig_and_has_neither_file_nor_c(cell: Twin, twin: Twin, tmp_path: Any):
     controller = NonlinearMPC(cell, horizon=3)
     with pytest.raises(ControlError, match="of dual-cell, got one designed on a model of single"):

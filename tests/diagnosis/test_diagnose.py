@@ -62,6 +62,7 @@ def test_an_open_lid_is_a_loss_in_watt_per_kelvin():
     assert cause.size == pytest.approx(2 * usual.none, rel=0.03)
 
 
+@pytest.mark.slow
 def test_what_channels_cannot_tell_apart_is_a_tie():
     """The heat of a heater is V^2 / R: its supply and its resistance look the same."""
     diagnosis = found("age", "H1", 1.3)
@@ -99,6 +100,7 @@ def test_a_channel_that_is_stuck_is_named():
     assert cause.name == "stuck T1"
 
 
+@pytest.mark.slow
 def test_a_fault_that_ends_has_an_end():
     readings = clean()[1].copy()
     readings[500:600, 0] += 2.0

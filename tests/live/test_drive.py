@@ -76,6 +76,7 @@ def test_a_zone_above_the_limit_stops_it(rig: Rig, twin: Twin, clock: HandClock)
     assert device.twin.temperatures.max() < 27
 
 
+@pytest.mark.slow
 def test_silence_stops_it_and_the_device_stops_itself(
     rig: Rig, twin: Twin, clock: HandClock
 ) -> None:

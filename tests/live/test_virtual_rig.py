@@ -323,6 +323,7 @@ def test_a_gap_in_the_data_is_a_gap_between_two_parts_of_the_experiment(
     assert (first.time[-1], second.time[0]) == (start, end)
 
 
+@pytest.mark.slow
 def test_a_replay_is_the_records_once_more(recorded: tuple[Path, list]) -> None:
     file, records = recorded
     with Replay(file, speed=float("inf")) as replay:

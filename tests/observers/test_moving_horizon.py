@@ -140,6 +140,7 @@ def test_the_way_through_a_window_is_the_minimum_that_scipy_finds(rig: str):
     np.testing.assert_allclose(path, Problem(found["bounded"], estimator).minimum(), atol=2e-4)
 
 
+@pytest.mark.slow
 def test_what_a_bound_says_of_the_room_is_in_degC():
     twin = Twin("tclab")
     given = recording(twin)

@@ -79,6 +79,7 @@ def test_an_edge_of_a_zone_at_the_outline_is_spread_over_a_pixel(rig: Rig, shift
     np.testing.assert_allclose(weights(rig, d_x=shift)[1].sum(), mean * AT_EDGE, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_mean_over_a_shifted_zone_by_hand(rig: Rig):
     """T1 moved by 5 mm and -7 mm: x from 1.5 to 4.5 cm, y from 0.3 to 3.3 cm. The centres are at 1,
     4 and 7.5 cm, and at 1.5 and 4 cm."""

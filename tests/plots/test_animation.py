@@ -37,6 +37,7 @@ def heated(samples: int = 101) -> Run:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_film_is_a_gif_with_the_pictures_and_the_time_asked_for(tmp_path: Path):
     film = animate_plate(RIG, heated(), frames=6, seconds=3)
     film.save(tmp_path / "plate.gif", writer="pillow", dpi=40)

@@ -63,6 +63,7 @@ def test_the_range_of_the_plate_is_drawn_for_each_loop_beside_the_best():
         plots.plot_plate_range({})
 
 
+@pytest.mark.slow
 def test_the_plate_is_drawn_beside_what_its_channels_see():
     """The hottest and the coldest element are written out, and every reading."""
     twin = fit().twin

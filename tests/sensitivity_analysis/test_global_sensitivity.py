@@ -72,6 +72,7 @@ def test_all_outputs_are_those_of_single_runs(
     assert (result.counted == 16).all()
 
 
+@pytest.mark.slow
 @pytest.mark.salib
 def test_indices_are_salibs_on_the_same_runs(result: GlobalSensitivity):
     from SALib.analyze import sobol as analyser
