@@ -23,7 +23,7 @@ DEFAULTS = {
         "Sensitivity.ranking": {"channel": "mean"},
         "Sensitivity.significant": {"channel": "mean"},
         "Sensitivity.tornado": {"channel": "mean"},
-        "Stepper": {"step_size": None},
+        "Stepper": {"step_size": 1.0},
         "Stepper.step": {"steps": 1},
         "design_experiment": {
             "duration": 1200.0,
