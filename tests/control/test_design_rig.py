@@ -97,7 +97,7 @@ def test_the_file_of_a_design_is_that_of_the_rig_with_other_places(tmp_path: Pat
     before, after = twin.rig.text.splitlines(), file.read_text().splitlines()
     changed = [line for line, other in zip(after, before, strict=True) if line != other]
     x, y = design.after.places["P1"]
-    assert changed == [f'at = ["{100 * x:.2f} cm", "{100 * y:.2f} cm"]']
+    assert changed == [f'at = ["{100 * x:.9g} cm", "{100 * y:.9g} cm"]']
 
 
 def test_the_values_of_the_twin_stay_and_a_place_that_was_a_parameter_goes(tmp_path: Path):

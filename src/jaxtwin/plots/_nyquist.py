@@ -8,8 +8,8 @@ from matplotlib.patches import Circle
 from ..control import LoopMargins
 from ._style import line_of, palette, styled
 
-SHOWN = 3.0
-"""The part of the plane that is shown, up to this distance from the origin."""
+LEAST, MOST = 1.8, 6.0
+"""The part of the plane to the left of the origin that is shown, so that the disk is in it."""
 
 
 @styled
@@ -31,8 +31,10 @@ def plot_nyquist(margins: LoopMargins) -> Figure:
     figure = pyplot.figure(figsize=(5.4, 4.6), layout="constrained")
     axes = figure.subplots()
     low, high = margins.disk.gain
+    shown = LEAST
     if low > 0 and np.isfinite(high):
         left, right = -1 / low, -1 / high
+        shown = float(np.clip(-1.1 * left, LEAST, MOST))
         axes.add_patch(
             Circle(
                 ((left + right) / 2, 0),
@@ -54,7 +56,7 @@ def plot_nyquist(margins: LoopMargins) -> Figure:
         axes.plot(curve[at].real, curve[at].imag, "o", ms=4, color=color)
     axes.plot(-1, 0, "+", ms=9, mew=1.6, color=palette().ink)
     axes.set(xlabel="real part", ylabel="imaginary part", aspect="equal")
-    axes.set(xlim=(-SHOWN, 1.0), ylim=(-SHOWN * 0.6, SHOWN * 0.6))
+    axes.set(xlim=(-shown, shown / 3), ylim=(-0.6 * shown, 0.6 * shown))
     axes.legend(loc="upper right")
     axes.set_title(f"nearest to instability at {margins.disk.omega:.2g} rad/s")
     return figure

@@ -28,7 +28,7 @@ def plot_rig_design(design: RigDesign) -> Figure:
     scale = ScalarMappable(Normalize(float(drawn.min()), float(drawn.max())), HEAT)
     plate = design.rig.plate
     figure = pyplot.figure(
-        figsize=(9.4, 0.45 + 4.1 * plate.height / plate.width), layout="constrained"
+        figsize=(9.4, 0.65 + 4.1 * plate.height / plate.width), layout="constrained"
     )
     grid = figure.subplots(1, 2)
     for axes, (title, placed) in zip(grid, both.items(), strict=True):

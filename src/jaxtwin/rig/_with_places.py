@@ -31,8 +31,8 @@ def with_places(rig: Rig, places: Mapping[str, Place], copies: Mapping[str, str]
     **Arguments:**
 
     - `rig`: a rig that was read from a file.
-    - `places`: name of a cell or heater -> x and y of its middle, m, to a tenth of a millimetre.
-      Parameters that were these places are left out.
+    - `places`: name of a cell or heater -> x and y of its middle, m. Parameters that
+      were these places are left out.
     - `copies`: name of a further cell -> the cell whose table it is a copy of; its place is one of
       `places`.
 
@@ -53,7 +53,7 @@ def with_places(rig: Rig, places: Mapping[str, Place], copies: Mapping[str, str]
         text = f"{text[:end].rstrip()}\n\n{copy.rstrip()}\n{text[end:]}"
     for name, (x, y) in places.items():
         table = _table(rig, _tables(text), name)
-        place = f'["{100 * x:.2f} cm", "{100 * y:.2f} cm"]'
+        place = f'["{100 * x:.9g} cm", "{100 * y:.9g} cm"]'
         content, count = _AT.subn(lambda m, at=place: m[1] + at, text[table.start : table.end])
         if count != 1:
             refuse(rig.source, name, "expected a place, such as at = [...], in its table, got none")

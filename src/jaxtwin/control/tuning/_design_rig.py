@@ -138,7 +138,7 @@ def design_rig(
         )
     # Of equal optima the first one, so that cells do not swap their places.
     nearest = min(found, key=lambda at: round(wider.cost(at), 3))
-    best = wider.best_duty(wider.places(nearest).round(DECIMALS))
+    best = wider.best_duty(wider.rounded(wider.places(nearest)))
     if abs(best.mean - mean) > MEAN_TOLERANCE:
         raise ControlError(
             f"{WHERE}: temperature: expected a mean that duty cycles from {low:g} to {high:g} "
@@ -210,6 +210,11 @@ class _Search:
         lowest, highest = (one.reshape(-1, 2) for one in (self._plate.lowest, self._plate.highest))
         held = np.clip(held, lowest[: len(held)], highest[: len(held)])
         return self._gaps.random(lowest, highest, held, random)
+
+    def rounded(self, places: Places) -> Places:
+        """Rounds places within their bounds."""
+        rounded = places.round(DECIMALS).ravel()
+        return np.clip(rounded, self._plate.lowest, self._plate.highest).reshape(-1, 2)
 
     def best_duty(self, places: Places) -> PlateAtRest:
         """Finds the best duty for places that do not move."""
