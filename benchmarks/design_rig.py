@@ -27,10 +27,10 @@ GAP = 0.005
 
 QUESTIONS: dict[str, dict[str, Any]] = {
     "least range": {},
-    "least standard deviation": {"objective": "standard deviation", "starts": 8},
+    "least standard deviation": {"objective": "standard deviation", "starts": 6},
     "a third cell beside the two where they are": {"further_cells": 1, "moving": []},
     "a third cell, all where they are best": {"further_cells": 1},
-    "a fourth one too": {"further_cells": 2, "starts": 8},
+    "a fourth one too": {"further_cells": 2, "starts": 6},
 }
 
 
@@ -115,7 +115,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path, help="the authors' recordings")
-    parser.add_argument("--resolution", default="1 cm", help="of the plate")
+    parser.add_argument("--resolution", default="1.5 cm", help="of the plate")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.folder, options.resolution)
