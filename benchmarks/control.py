@@ -4,9 +4,10 @@
 
 The rig is matched to the authors' recordings. The reference is 40 degC for the mean of all
 channels. Controllers with two outputs get the readings of both halves of the plate at the most even
-steady state with this mean. Each controller runs on the matched twin and on draws of what the match
-leaves open. Its gains are those for the matched twin, but those of a second decoupled PI are tuned
-over other draws of the match.
+steady state with this mean. Each controller runs on the matched twin, on draws of what the match
+leaves open, and on draws of another day, on which the cells' contacts and the place of the camera
+differ as the rig file says (`between_groups`). It stays as it was designed for the matched twin,
+but a second decoupled PI is tuned over other draws of the match.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from jaxtwin.control import (
     ClosedLoop,
     DecoupledPI,
     OperatingPoint,
+    UniformityMPC,
     decoupling_of,
     most_even_point,
 )
@@ -49,25 +51,68 @@ ROOM = (0.0, 0.95)
 TUNED, TAIL_WEIGHT = 64, 0.5
 """Number of draws over which a controller is tuned, and the weight of the worst 5 % of them."""
 
+FULL = 0.999
+"""A duty above this one is at its limit."""
+
 QUANTILES = (0.05, 0.5, 0.95)
 FEWER = 5
 """Times fewer draws for the optimum, which is searched for draw by draw."""
 
 
 def measure(count: int, fit_file: Path | None) -> dict[str, Any]:
-    """**Returns:** the optimum, and controller -> measure -> nominal value and 5, 50 and 95 %."""
+    """**Returns:** the design, and for each kind of draws the optimum, and controller -> measure ->
+    nominal value and 5, 50 and 95 %."""
     twin = jt.Twin("dual-cell")
     if fit_file is None:
         fit = jt.match(twin, [jt.read_recording(path) for path in jt.find_recordings()])
     else:
         fit = jt.Fit.load(fit_file)
     plant = fit.mean_twin.with_values({"T_amb": START, "T_start": START})
-    draws = posterior_draws(fit, count)
     rest = most_even_point(plant, REFERENCE, limits=ROOM)
-    answer: dict[str, Any] = {"fit_percent": fit.mean_fit_percent, "draws": count}
-    answer["optimum"] = optimum(plant, rest, draws, max(count // FEWER, 1))
-    others = posterior_draws(fit, TUNED, seed=1)
-    designed = controllers(plant, rest, others)
+    best = most_even_point(plant, REFERENCE, limits=LIMITS)
+    equal = jt.linearize(plant, temperatures=REFERENCE).operating_point
+    answer: dict[str, Any] = {
+        "fit_percent": fit.mean_fit_percent,
+        "draws": count,
+        "optimum": {"duty": np.asarray(best.duty).tolist(), "range_K": best.range},
+        "equal": {"duty": float(equal.duty[0]), "range_K": equal.range},
+        "reference": {"duty": np.asarray(rest.duty).tolist(), "range_K": rest.range},
+    }
+    designed = controllers(plant, rest, posterior_draws(fit, TUNED, seed=1))
+    matched = posterior_draws(fit, count)
+    for kind, draws in (("match", matched), ("another day", another_day(twin.rig, matched))):
+        answer[kind] = compared(plant, designed, draws, count)
+    return answer
+
+
+def another_day(rig: jt.Rig, draws: dict[str, Any]) -> dict[str, Any]:
+    """The values that are expected on a day that was not matched, for each draw of the matched one:
+    those of a new group in a normal hierarchical model (docs/matching.md)."""
+    random, answer = np.random.default_rng(2), dict(draws)
+    for name, values in draws.items():
+        row = rig.parameters[name]
+        if row.scope != "group" or row.group_spread is None:
+            continue
+        assert row.prior_value is not None
+        assert row.prior_spread is not None
+        mean, shared = row.to_entry(row.prior_value), row.prior_spread**2
+        between = row.group_spread**2
+        weight = shared / (shared + between)
+        matched = np.log(values) if row.is_logarithmic else values
+        entries = mean + weight * (matched - mean)
+        entries += np.sqrt((1 + weight) * between) * random.standard_normal(len(values))
+        drawn = np.exp(entries) if row.is_logarithmic else entries
+        answer[name] = np.clip(drawn, row.lower, row.upper)
+    return answer
+
+
+def compared(
+    plant: jt.Twin, designed: dict[str, tuple[Any, Any]], draws: dict[str, Any], count: int
+) -> dict[str, Any]:
+    """The optimum over some of the draws, and the measures of all controllers over all of them."""
+    answer: dict[str, Any] = {"optimum": optimum(plant, draws, max(count // FEWER, 1))}
+    least = np.array(answer["optimum"].pop("ranges_K"))
+    print(answer, flush=True)
     # The first draw is the match itself.
     rows = {
         name: np.concatenate([[float(plant.values[name])], values])
@@ -95,6 +140,12 @@ def measure(count: int, fit_file: Path | None) -> dict[str, Any]:
             values = loops[key][1:][~loops.failed[1:]]
             quantiles = np.quantile(values, QUANTILES, method="nearest").tolist()
             row[key] = [float(loops[key][0]), *quantiles]
+        some = slice(1, 1 + len(least))
+        reached = np.isfinite(least) & np.isfinite(loops["settling_time"][some])
+        for key, name_of in (("largest_plate_range", "way"), ("plate_range_at_rest", "rest")):
+            above = (loops[key][some] - least)[reached] if reached.any() else [np.nan]
+            row[f"above_least_{name_of}"] = np.quantile(above, QUANTILES).tolist()
+        row["never"] = float(np.mean(np.isinf(loops["settling_time"][1:])))
         answer["controllers"][name] = row
         print(name, row, flush=True)
     return answer
@@ -136,6 +187,7 @@ def controllers(
         **common,
     )
     mpc = MPC(small.discretise(5.0), horizon=12, **common)
+    even = UniformityMPC(jt.linearize(plant, temperatures=REFERENCE), limits=LIMITS)
     return {
         # It has an output for each channel, and follows no reference.
         "constant duty": (_constant(rest.duty), START),
@@ -144,36 +196,30 @@ def controllers(
         "decoupled PI, tuned over draws": (over_draws.controller, pair),
         "LQI": (lqi, pair),
         "MPC": (mpc, pair),
+        "UniformityMPC": (even, REFERENCE),
     }
 
 
-def optimum(
-    plant: jt.Twin, rest: OperatingPoint, draws: dict[str, Any], count: int
-) -> dict[str, Any]:
-    """The least range over the plate that the cells can hold, and that of equal duty cycles."""
-    elements = plant.wiring.elements
-
-    def plate_range(point: OperatingPoint) -> float:
-        return float(np.ptp(np.asarray(point.nodes)[:elements]))
-
-    best = most_even_point(plant, REFERENCE, limits=LIMITS)
-    equal = jt.linearize(plant, temperatures=REFERENCE).operating_point
-    found, missed = [], 0
+def optimum(plant: jt.Twin, draws: dict[str, Any], count: int) -> dict[str, Any]:
+    """The least range over the plate that the cells can hold in each of some draws; NaN where they
+    cannot hold the mean."""
+    found, duty = [], []
     for number in range(count):
         drawn = plant.with_values({name: v[number] for name, v in draws.items()})
         try:
-            found.append(plate_range(most_even_point(drawn, REFERENCE, limits=LIMITS)))
+            point = most_even_point(drawn, REFERENCE, limits=LIMITS)
         except ControlError:
-            missed += 1
+            found.append(np.nan)
+        else:
+            found.append(point.range)
+            duty.append(np.asarray(point.duty))
+    is_full = np.array(duty) > FULL
     return {
-        "duty": np.asarray(best.duty).tolist(),
-        "range_K": [plate_range(best), *np.quantile(found, QUANTILES).tolist()],
+        "ranges_K": found,
+        "range_K": np.nanquantile(found, QUANTILES).tolist(),
         "draws": count,
-        "out_of_reach": missed,
-        "equal_duty": float(equal.duty[0]),
-        "equal_range_K": plate_range(equal),
-        "reference_duty": np.asarray(rest.duty).tolist(),
-        "reference_range_K": plate_range(rest),
+        "out_of_reach": int(np.isnan(found).sum()),
+        "cells_at_full_duty": is_full.sum(axis=0).tolist(),
     }
 
 
@@ -218,57 +264,83 @@ COLUMNS = {
 
 def page(answer: dict[str, Any]) -> str:
     """The results as Markdown."""
-    where, best = answer["machine"], answer["optimum"]
-
-    def cell(values: list[float], scale: float, digits: int) -> str:
-        # Infinite: never within the limit.
-        nominal, low, middle, high = (
-            "never" if np.isinf(v) else f"{scale * v:.{digits}f}" for v in values
-        )
-        return f"{nominal} ({low} / {middle} / {high})"
-
-    rows = [
-        (name, *(cell(row[key], *column[1:]) for key, column in COLUMNS.items()))
-        for name, row in answer["controllers"].items()
-    ]
-    work = [
-        (name, f"{row['cpu_s']:.1f}", f"{row['load']:.1f}", str(row["failed"]))
-        for name, row in answer["controllers"].items()
-    ]
-    low, middle, high = (f"{value:.1f}" for value in best["range_K"][1:])
-    duty, held = (
-        " and ".join(f"{part:.2f}" for part in best[key]) for key in ("duty", "reference_duty")
+    where, held = answer["machine"], answer["reference"]
+    duty, held_duty = (
+        " and ".join(f"{part:.2f}" for part in answer[key]["duty"])
+        for key in ("optimum", "reference")
     )
     text = (
         f"# From 16 to 40 degC, measured {where['date']}\n\n"
         f"{where['processor']}, cores used: {where['cores']}, a shared machine, load "
         f"{where['load_before']} before; `python -m benchmarks.control`. `dual-cell`, matched to "
         f"the authors' three step recordings (fit {answer['fit_percent']:.1f} %), in a room of "
-        f"16 degC, for {DURATION:.0f} s. In brackets: 5, 50 and 95 % of {answer['draws']} draws of "
-        "what the match leaves open.\n\n"
+        f"16 degC, for {DURATION:.0f} s. The range is the difference between the hottest and the "
+        "coldest element of the plate. The least that the two cells of the matched twin can hold "
+        f"at a mean of 40 degC is **{answer['optimum']['range_K']:.1f} K**, with duty cycles of "
+        f"{duty}. Equal duty cycles of {answer['equal']['duty']:.2f} hold "
+        f"{answer['equal']['range_K']:.1f} K. The references of the controllers with two outputs "
+        f"are those of the most even state with duty cycles of at most {ROOM[1]}: {held_duty}, "
+        f"{held['range_K']:.1f} K.\n"
     )
-    text += table(("controller", *(column[0] for column in COLUMNS.values())), rows)
+    for kind, title in (
+        ("match", "What the match leaves open"),
+        ("another day", "Another day, with other contacts and another place of the camera"),
+    ):
+        text += f"\n## {title}\n\n" + _table_of(answer[kind], answer["draws"])
     text += (
-        f"\nThe range is the difference between the hottest and the coldest element of the plate. "
-        f"The least that two cells can hold at a mean of 40 degC is **{best['range_K'][0]:.1f} K** "
-        f"({low} / {middle} / {high} over {best['draws']} draws, of which {best['out_of_reach']} "
-        f"cannot hold this mean), with duty cycles of {duty}. Equal duty cycles of "
-        f"{best['equal_duty']:.2f} hold {best['equal_range_K']:.1f} K. The references of the "
-        f"controllers with two outputs are those of the most even state with duty cycles of at "
-        f"most {ROOM[1]}: {held}, {best['reference_range_K']:.1f} K.\n\n"
-        "Settling time and overshoot are those of the mean of all channels (within "
-        f"{SETTLED} K); 'never' is a loop whose mean is not within it at the end. All controllers "
-        "but one are designed for the matched twin alone, at the references. The gains of the PIs "
-        "are tuned for the integral of the absolute error, with a sensitivity peak of at most 1.6; "
-        f"those of the decoupled PI that is tuned over draws for its mean over {TUNED} other draws "
-        f"and for that over the worst 5 % of them (weights {1 - TAIL_WEIGHT} and {TAIL_WEIGHT}), "
-        "with the limit of the peak in each draw. LQI "
-        "has accepted deviations of 30 K s and of 0.5 in duty, MPC the default ones, a sample time "
-        "of 5 s and a horizon of 12; both have models of 4 states beside those of delay and "
-        "lag.\n\n"
+        "\n## Controllers\n\nSettling time and overshoot are those of the mean of all channels "
+        f"(within {SETTLED} K); 'never' is a loop whose mean is not within it at the end. All "
+        "controllers but one are designed for the matched twin alone, at the references, and stay "
+        "as they are. The gains of the PIs are tuned for the integral of the absolute error, with "
+        "a sensitivity peak of at most 1.6; those of the decoupled PI that is tuned over draws for "
+        f"its mean over {TUNED} other draws of the match and for that over the worst 5 % of them "
+        f"(weights {1 - TAIL_WEIGHT} and {TAIL_WEIGHT}), with the limit of the peak in each draw. "
+        "LQI has accepted deviations of 30 K s and of 0.5 in duty, MPC the default ones, a sample "
+        "time of 5 s and a horizon of 12; both have models of 4 states beside those of delay and "
+        "lag. UniformityMPC has its defaults, on the linear model at a mean of 40 degC.\n\n"
     )
-    text += table(("controller", "CPU time of all loops, s", "load", "failed"), work)
-    return text
+    work = [
+        (f"{name}, {kind}", f"{row['cpu_s']:.1f}", f"{row['load']:.1f}", str(row["failed"]))
+        for kind in ("match", "another day")
+        for name, row in answer[kind]["controllers"].items()
+    ]
+    return text + table(("controller, draws", "CPU time of all loops, s", "load", "failed"), work)
+
+
+def _table_of(found: dict[str, Any], draws: int) -> str:
+    def cell(values: list[float], scale: float, digits: int) -> str:
+        # Infinite: never within the limit.
+        nominal, *low_middle_high = (
+            "never" if np.isinf(v) else f"{scale * v:.{digits}f}" for v in values
+        )
+        return f"{nominal} ({' / '.join(low_middle_high)})"
+
+    def above(values: list[float]) -> str:
+        return " / ".join(f"{value:.1f}" for value in values)
+
+    rows = [
+        (
+            name,
+            *(cell(row[key], *column[1:]) for key, column in COLUMNS.items()),
+            f"{100 * row['never']:.0f}",
+            above(row["above_least_way"]),
+            above(row["above_least_rest"]),
+        )
+        for name, row in found["controllers"].items()
+    ]
+    head = ("controller", *(column[0] for column in COLUMNS.values()), "never settled, %")
+    head += ("largest range above the least possible, K", "range at rest above it, K")
+    best = found["optimum"]
+    low, middle, high = (f"{value:.1f}" for value in best["range_K"])
+    first, second = best["cells_at_full_duty"]
+    return (
+        f"The matched twin, and in brackets 5, 50 and 95 % of {draws} draws. The least range that "
+        f"the two cells can hold is {low} / {middle} / {high} K over {best['draws']} of the draws, "
+        f"of which {best['out_of_reach']} cannot hold the mean. At this optimum cell 1 is at full "
+        f"duty in {first} of them, cell 2 in {second}: where it is, the second cell is the limit. "
+        "The last two columns are 5, 50 and 95 % of the draws that reach the mean.\n\n"
+        + table(head, rows)
+    )
 
 
 def main() -> None:

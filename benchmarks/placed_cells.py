@@ -9,9 +9,9 @@ grid is that of the three steps with the values matched on it, against elements 
 """
 
 import argparse
-import tomllib
+import json
+import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from benchmarks.physics_table import HALF, hottest_cell, row, second_half
 from jaxtwin import Twin, match, read_recording
 from jaxtwin.data import data_folder
 from jaxtwin.matching._fit import solution_of
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig._build import parse_rig
 
 PLACES = (["5.75 cm", "4.25 cm"], ["17 cm", "4.25 cm"])
 HELD = {"n_film": 0.2, "R_supply": 0.2, "C_sink": 200.0}
@@ -27,26 +27,43 @@ RESOLUTIONS = ("2 cm", "1.5 cm", "1.25 cm", "1.1 cm", "1 cm", "0.8 cm")
 FINEST = "0.4 cm"
 
 
+def placed_text(resolution: str) -> str:
+    """The rig file of `dual-cell` with placed cells."""
+    text = (data_folder() / "rigs" / "dual-cell.toml").read_text()
+    for pattern, replacement in CHANGES:
+        text = re.sub(f"^{pattern}$", replacement, text, flags=re.MULTILINE)
+    return text.replace("RESOLUTION", resolution)
+
+
+CHANGES = (
+    (
+        r"columns = .*\nrows = .*",
+        'width = "25.5 cm"\nheight = "11.5 cm"\nresolution = "RESOLUTION"',
+    ),
+    (r"film_coefficient = .*\nfilm_row_factor = .*", 'film_coefficient = "h_A"'),
+    (r"(h_B|h_C|f_row1|f_row3|R_pc\d_(row1|end)) = .*", ""),
+    *(
+        (
+            rf"contacts = .* = \"R_pc{number}_.*",
+            f'at = {json.dumps(place)}\nsize = "4 cm"\ncontact_resistance = "R_pc{number}"',
+        )
+        for number, place in enumerate(PLACES, 1)
+    ),
+    (r"R_pc(\d)_row2 = (.*)", r"R_pc\1 = \2"),
+    *(
+        (
+            rf"{name} = (.*) value = [^,]*(.*) free = true(.*)",
+            rf"{name} = \1 value = {value}\2 free = false\3",
+        )
+        for name, value in HELD.items()
+    ),
+)
+"""Lines of the file and what they become."""
+
+
 def placed(resolution: str) -> Twin:
     """`dual-cell` with placed cells."""
-    rig: dict[str, Any] = tomllib.loads((data_folder() / "rigs" / "dual-cell.toml").read_text())
-    plate, parameters = rig["plate"], rig["parameters"]
-    for name in ("columns", "rows", "film_row_factor"):
-        del plate[name]
-    plate |= {"width": "25.5 cm", "height": "11.5 cm", "resolution": resolution}
-    plate["film_coefficient"] = "h_A"
-    for name in ("h_B", "h_C", "f_row1", "f_row3"):
-        del parameters[name]
-    for name, value in HELD.items():
-        parameters[name] |= {"value": value, "free": False}
-    for number, (cell, place) in enumerate(zip(rig["cells"], PLACES, strict=True), 1):
-        contact = f"R_pc{number}"
-        parameters[contact] = parameters[f"{contact}_row2"]
-        del cell["contacts"]
-        cell |= {"at": place, "size": "4 cm", "contact_resistance": contact}
-    for name in [name for name in parameters if name.startswith("R_pc") and "_" in name[4:]]:
-        del parameters[name]
-    return Twin(build_rig(rig, "dual-cell with placed cells"))
+    return Twin(parse_rig(placed_text(resolution).encode(), "dual-cell with placed cells"))
 
 
 def main() -> None:

@@ -3,7 +3,9 @@
 They are drawn from what comes with jaxtwin, and need no recordings of a rig.
 """
 
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from jaxtwin.control import (
     ClosedLoopRun,
     OperatingPoint,
     UniformityMPC,
+    loop_margins,
     most_even_point,
 )
 from jaxtwin.data import synthetic_recordings
@@ -84,6 +87,12 @@ def main() -> None:
     runs, best = warmed(plate)
     write("plate-range", plots.plot_plate_range(runs, best), dpi=80)
     write("plate-seen", plots.plot_plate_seen(plate.rig, best), dpi=80)
+    side_by_side = {"MPC": runs["MPC, step"], "UniformityMPC": runs["UniformityMPC"]}
+    write("plates", plots.plot_plates(plate.rig, side_by_side, [30, 60, 600]), dpi=80)
+    film = plots.animate_plate(plate.rig, shortened(side_by_side), frames=25, seconds=5)
+    film.save(FOLDER / "plates.gif", dpi=50)
+    write("nyquist", loop_margins(plate, PID(0.05, 5e-4, limits=(0, 1)), 40.0).plot(), dpi=80)
+    write("rig-design", placed_better().plot(), dpi=80)
     observed = followed()
     write("innovations", observed.plot_innovations(), dpi=80)
     write("gallery/observed", observed.plot(), dpi=45)
@@ -124,6 +133,27 @@ def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
     even = UniformityMPC(jt.linearize(twin, temperatures=40), limits=(0, 1))
     runs["UniformityMPC"] = jt.simulate_closed_loop(twin, even, 40, duration=1200)
     return runs, best
+
+
+def shortened(runs: dict[str, ClosedLoopRun]) -> dict[str, jt.Run]:
+    """The first 200 s, in which the plates differ."""
+    cut = {}
+    for name, loop in runs.items():
+        run, some = loop.run, loop.time < 200
+        part = run.experiment.between(0, 200)
+        cut[name] = replace(
+            run, experiment=part, states=run.states[some], temperatures=run.temperatures[some]
+        )
+    return cut
+
+
+def placed_better() -> jt.RigDesign:
+    """The cells of `dual-cell` as squares, and a third one, where the plate is most even."""
+    sys.path.append(str(Path(__file__).parents[1]))
+    from benchmarks.placed_cells import placed
+
+    twin = placed("1 cm")
+    return jt.design_rig(twin, 40, limits=(0, 1), further_cells=1, clearance=0.005)
 
 
 def followed() -> jt.Observed:

@@ -17,6 +17,7 @@ from aged_sessions import session
 from faulty_runs import bench, recording
 from matplotlib import pyplot
 from matplotlib.figure import Figure
+from placed_rig import GRID, placed_text
 from small_results import analysis, fit, global_analysis, recordings
 
 import jaxtwin as jt
@@ -106,6 +107,12 @@ def design() -> jt.ExperimentDesign:
     return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
 
+def moved(folder: Path) -> jt.RigDesign:
+    file = folder / "plate.toml"
+    file.write_text(placed_text(grid=GRID.replace('"1 cm"', '"4 cm"')))
+    return jt.design_rig(jt.Twin(file), 30, limits=(0, 1), starts=1)
+
+
 def separating() -> jt.DiagnosisDesign:
     return jt.design_experiment(
         bench(), purpose="diagnosis", faults=["age H1", "leak H1"], duration=40, hold=40, levels=2
@@ -127,6 +134,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "DCSweep": lambda _: dc_sweep(),
     "ExperimentDesign": lambda _: design(),
     "DiagnosisDesign": lambda _: separating(),
+    "RigDesign": moved,
     "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
     "ClosedLoopRun": lambda _: closed_loop(),
     "Tuning": lambda _: tuning(),

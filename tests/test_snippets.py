@@ -18,6 +18,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from placed_rig import GRID, placed_text
 
 import jaxtwin as jt
 import jaxtwin.io
@@ -108,6 +109,8 @@ def prepared(
     monkeypatch.chdir(tmp_path)
     for name, file in recordings.items():
         (tmp_path / f"{name}.csv").write_bytes(file.read_bytes())
+    # A rig whose cell has a place, on a coarse grid.
+    (tmp_path / "plate.toml").write_text(placed_text(grid=GRID.replace('"1 cm"', '"2 cm"')))
     monkeypatch.setattr(plt, "show", lambda: None)
 
     def find_recordings(names: Any = None) -> tuple[Path, ...]:

@@ -14,6 +14,8 @@ from ._errors import SimulationError as SimulationError
 from ._errors import StoreError as StoreError
 from .c_export import export_c as export_c  # a model, a twin or a controller as C
 from .control import LinearModel as LinearModel  # a twin near an operating point
+from .control import RigDesign as RigDesign  # where cells make a plate most even
+from .control import design_rig as design_rig  # and how to find it
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
 from .control import simulate_closed_loops as simulate_closed_loops  # for many draws

@@ -72,6 +72,21 @@ def test_a_film_shows_the_duty_of_each_cell(tmp_path: Path):
     film.save(tmp_path / "plate.gif", writer="pillow", dpi=20)  # else matplotlib warns
 
 
+def test_a_film_of_several_runs_shows_their_plates_side_by_side_above_their_ranges(tmp_path: Path):
+    film = animate_plate(RIG, {"long": heated(), "short": heated(51)}, frames=3)
+    left, right, ranges = film._fig.axes[:3]  # pyright: ignore[reportAttributeAccessIssue]
+    assert [axes.get_title("left") for axes in (left, right)] == ["long", "short"]
+    for number, time in enumerate((0, 25, 50)):
+        film._func(number)  # pyright: ignore[reportAttributeAccessIssue]
+        assert film._fig.get_suptitle() == f"{time} s"  # pyright: ignore[reportAttributeAccessIssue]
+        assert [axes.get_title("right") for axes in (left, right)] == ["range 5.0 K"] * 2
+        colors = [axes.patches[0].get_facecolor() for axes in (left, right)]
+        assert colors[0] == colors[1]
+    for line in ranges.lines[:2]:
+        np.testing.assert_allclose(line.get_ydata(), 5.0)
+    film.save(tmp_path / "plates.gif", writer="pillow", dpi=20)
+
+
 def test_a_film_for_a_page_holds_all_pictures():
     html = animate_plate(RIG, heated(), frames=3).to_jshtml(default_mode="once")
     pictures = re.findall(r'= "data:image/png;base64,([^"]+)"', html)

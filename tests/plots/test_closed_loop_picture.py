@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from small_results import fit
 
-from jaxtwin import ControlError, Twin, linearize, plots, simulate_closed_loop
-from jaxtwin.control import PID
+from jaxtwin import ControlError, ParameterError, Twin, linearize, plots, simulate_closed_loop
+from jaxtwin.control import PID, DecoupledPI, LoopMargins, loop_margins
 
 
 @pytest.fixture(autouse=True)
@@ -82,3 +83,76 @@ def test_the_plate_is_drawn_beside_what_its_channels_see():
     assert at_end.get_title("right") == f"range {run.range[-1]:.1f} K"
     with pytest.raises(ControlError, match="plot_plate_seen: expected a rig with a plate"):
         plots.plot_plate_seen(Twin("tclab").rig, best)
+
+
+def test_plates_of_several_loops_are_drawn_side_by_side_on_one_scale():
+    twin = fit().twin
+    runs = {
+        name: simulate_closed_loop(twin, PID(Kp=gain, Ki=0.001), 25.0, duration=20)
+        for name, gain in (("soft", 0.05), ("hard", 0.2))
+    }
+    figure = plots.plot_plates(twin.rig, runs, [5, 20])
+    maps = figure.axes[:4]
+    assert [axes.get_title("left") for axes in maps] == ["soft", "hard", "", ""]
+    assert [axes.get_ylabel() for axes in maps] == ["5 s", "", "20 s", ""]
+    ranges = [f"range {run.range[at]:.1f} K" for at in (5, 20) for run in runs.values()]
+    assert [axes.get_title("right") for axes in maps] == ranges
+    bar = figure.axes[4]
+    plates = np.array([np.asarray(run.loop.plate)[[5, 20]] for run in runs.values()])
+    assert bar.get_ylim() == pytest.approx((plates.min(), plates.max()))
+    with pytest.raises(ParameterError, match="times: expected 0 to 20 s, the time of soft, got 21"):
+        plots.plot_plates(twin.rig, runs, [21])
+    with pytest.raises(ParameterError, match="times: expected at least one"):
+        plots.plot_plates(twin.rig, runs, [])
+    with pytest.raises(ParameterError, match="runs: expected at least one"):
+        plots.plot_plates(twin.rig, {}, [5])
+
+
+def disk_of(margins: LoopMargins) -> tuple[complex, float]:
+    """The centre and the radius of the disk that is drawn."""
+    (disk,) = (patch for patch in margins.plot().axes[0].patches if isinstance(patch, Circle))
+    x, y = disk.center
+    return complex(x, y), float(disk.radius)
+
+
+def test_a_loop_with_one_output_touches_the_disk_of_its_nyquist_plot():
+    """That is what the disk margin means (Seiler, Packard and Gahinet, 2020)."""
+    margins = loop_margins(Twin("single-cell"), PID(0.1, 0.002), 35.0)
+    centre, radius = disk_of(margins)
+    distance = np.abs(margins.response[:, 0, 0] - centre)
+    assert distance.min() == pytest.approx(radius, rel=1e-3)
+    assert margins.omega[distance.argmin()] == pytest.approx(margins.disk.omega, rel=0.02)
+    low, high = margins.disk.gain
+    assert abs(centre - radius + 1 / low) < 1e-9
+    assert abs(centre + radius + 1 / high) < 1e-9
+
+
+@pytest.mark.python_control
+@pytest.mark.slow
+def test_the_disk_is_that_of_python_control():
+    """Of the loop written out in state space: the plant of `discretise` and the law of the PI."""
+    import control
+
+    twin = Twin("single-cell")
+    margins = loop_margins(twin, PID(0.1, 0.002), 35.0)
+    model = linearize(twin, temperatures={"T": 35.0}).discretise(1.0)
+    plant = control.ss(*(np.asarray(part) for part in (model.A, model.B, model.C, model.D)), 1.0)
+    loop = plant * control.tf2ss(control.tf([0.1, 0.002 - 0.1], [1.0, -1.0], 1.0))
+    size, decibels, degrees = control.disk_margins(loop, margins.omega)
+    assert margins.disk.margin == pytest.approx(size, rel=1e-3)
+    assert margins.disk.phase_deg == pytest.approx(degrees, rel=1e-3)
+    centre, radius = disk_of(margins)
+    high = 10 ** (decibels / 20)
+    assert (-centre.real - radius, -centre.real + radius) == pytest.approx(
+        (1 / high, high), rel=1e-3
+    )
+
+
+@pytest.mark.slow
+def test_the_eigenvalues_of_a_loop_with_two_outputs_stay_outside_of_the_disk():
+    """Their distance from its centre is at least a smallest singular value."""
+    pairs = DecoupledPI(0.05, 5e-4, 0.05, 5e-4, measured=[["TAM"], ["TCM"]], limits=(0, 1))
+    margins = loop_margins(Twin("dual-cell"), pairs, 40.0)
+    centre, radius = disk_of(margins)
+    eigenvalues = np.linalg.eigvals(margins.response)
+    assert np.abs(eigenvalues - centre).min() > radius * (1 - 1e-3)

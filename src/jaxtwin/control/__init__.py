@@ -20,8 +20,8 @@ readings; around a linear model, for stability and the sensitivity peak (`_sampl
 around a rig (`_control`, behind the interlocks of `jaxtwin.live`).
 
 `tuning/` finds parameters: by derivatives of whole loops (`_tune`), for several weights of two aims
-(`_frontier`), by a relay's oscillation (`_ultimate_point`); and the references of the most even
-plate (`_most_even_point`).
+(`_frontier`), by a relay's oscillation (`_ultimate_point`); the references of the most even plate
+(`_most_even_point`), and the places of its cells (`_design_rig`).
 
 A room imports only those before it. The public names stand in `__init__.pyi` and are imported when
 they are first used.

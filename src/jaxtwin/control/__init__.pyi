@@ -52,9 +52,12 @@ from .loops._scenario import scenario as scenario
 from .loops._simulate_closed_loop import simulate_closed_loop as simulate_closed_loop
 from .loops._simulate_closed_loops import simulate_closed_loops as simulate_closed_loops
 from .loops._soft_limits import ExceededLimit as ExceededLimit  # that no duty kept
+from .tuning._design_rig import design_rig as design_rig  # places of cells for the most even plate
 from .tuning._frontier import Frontier as Frontier  # the trade between two aims
 from .tuning._frontier import frontier as frontier  # controllers tuned by several weights
 from .tuning._most_even_point import most_even_point as most_even_point  # the least range at rest
+from .tuning._rig_design import PlacedCells as PlacedCells
+from .tuning._rig_design import RigDesign as RigDesign  # the result
 from .tuning._tune import tune as tune  # gains by the derivatives of the closed loop
 from .tuning._tuning import TunedLoop as TunedLoop  # a controller and what its loops do
 from .tuning._tuning import Tuning as Tuning  # the result

@@ -42,3 +42,11 @@ class Expressions:
             return jnp.zeros(len(self.factors))
         stacked = jnp.stack(jnp.broadcast_arrays(*products))
         return jnp.asarray(self.factors, stacked.dtype) @ stacked
+
+    def numbers(self, values_si: Mapping[str, Any]) -> Float[np.ndarray, "sums *draws"]:
+        """The sums for plain numbers, or arrays of one shape, in NumPy: without the compilation of
+        hundreds of scalars that the places of cells determine."""
+        products = [value.evaluate(values_si) for value in self.products]
+        if not products:
+            return np.zeros(len(self.factors))
+        return np.tensordot(self.factors, np.stack(np.broadcast_arrays(*products)), axes=1)

@@ -95,9 +95,26 @@ class System(eqx.Module):
     offset: Float[Array, " channels"] | None = None
 
     @classmethod
-    def assemble(cls, wiring: Wiring, values_si: dict[str, Float[Array, ""]]) -> "System":
-        """Puts numbers into a wiring."""
-        conductances = wiring.conductances(values_si)
+    def assemble(
+        cls,
+        wiring: Wiring,
+        values_si: dict[str, Float[Array, ""]],
+        conductances: Float[Array, " links"] | None = None,
+        radiating: Float[Array, " elements"] | None = None,
+    ) -> "System":
+        """Puts numbers into a wiring.
+
+        **Arguments:**
+
+        - `conductances` of the links, W/K, and `radiating` areas of the elements, m^2: given where
+          the places of cells determine hundreds of values, which then need not be among
+          `values_si`; None for those of the values.
+        """
+        if conductances is None:
+            conductances = wiring.conductances(values_si)
+            resistances = wiring.resistances(values_si)
+        else:
+            resistances = 1 / conductances
         effects = wiring.input_wiring
         ambient = wiring.ambient_sums(conductances)
         seebeck, electrical, thermal = wiring.module_constants(values_si).reshape(3, -1)
@@ -108,7 +125,7 @@ class System(eqx.Module):
         )
         capacitance = wiring.capacitances(values_si)
         positive = [
-            wiring.resistances(values_si),
+            resistances,
             capacitance,
             electrical,
             thermal,
@@ -118,7 +135,7 @@ class System(eqx.Module):
         positive += [values_si[name] for name in wiring.on_plate]
         return cls(
             capacitance=capacitance,
-            conductance=_conductance_matrix(wiring, values_si, conductances),
+            conductance=_conductance_matrix(wiring, conductances),
             ambient_conductance=ambient,
             module=ThermoelectricModule(seebeck, electrical, thermal),
             bridge=Bridge(
@@ -137,7 +154,7 @@ class System(eqx.Module):
             initial_temperature=wiring.initial(values_si),
             gain=wiring.gains(values_si),
             moved_weights=wiring.moved_weights(values_si),
-            loss=_loss(wiring, values_si, conductances),
+            loss=_loss(wiring, values_si, conductances, radiating),
             reservoirs=_reservoirs(wiring, values_si, conductances),
             lag=lag,
             delay=delay,
@@ -307,25 +324,22 @@ class System(eqx.Module):
 
 
 def conductance_entries(
-    wiring: Wiring, values_si: dict[str, Float[Array, ""]]
+    wiring: Wiring, conductances: Float[Array, " links"]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " nodes"]]:
     """The entries of the conductance matrix of a large network that are not 0: those beside the
     diagonal, with the opposite sign, for `wiring.pairs`, and the diagonal, W/K."""
-    conductances = wiring.conductances(values_si)
     pairs, (a, b) = wiring.pair_sums(conductances), wiring.pairs
     return pairs, _to_held(wiring, conductances).at[a].add(pairs).at[b].add(pairs)
 
 
 def _conductance_matrix(
-    wiring: Wiring,
-    values_si: dict[str, Float[Array, ""]],
-    conductances: Float[Array, " links"],
+    wiring: Wiring, conductances: Float[Array, " links"]
 ) -> Float[Array, "nodes nodes"]:
     if wiring.pair_of is not None:
         pairs = wiring.pair_sums(conductances)
         between = jnp.append(pairs, jnp.zeros((), pairs.dtype))[wiring.pair_of]
         return jnp.diag(between.sum(axis=1) + _to_held(wiring, conductances)) - between
-    pairs, diagonal = conductance_entries(wiring, values_si)
+    pairs, diagonal = conductance_entries(wiring, conductances)
     (a, b), nodes = wiring.pairs, np.arange(diagonal.size)
     rows, columns = np.concatenate([a, b, nodes]), np.concatenate([b, a, nodes])
     matrix = jnp.zeros((nodes.size, nodes.size), pairs.dtype)
@@ -359,11 +373,12 @@ def _loss(
     wiring: Wiring,
     values_si: dict[str, Float[Array, ""]],
     conductances: Float[Array, " links"],
+    radiating: Float[Array, " elements"] | None,
 ) -> NonlinearLoss | None:
     if wiring.exponent is None or wiring.radiating is None or wiring.film_sums is None:
         return None
     return NonlinearLoss(
         film=wiring.film_sums(conductances),
         exponent=wiring.exponent(values_si)[0],
-        radiating=wiring.radiating(values_si),
+        radiating=wiring.radiating(values_si) if radiating is None else radiating,
     )

@@ -6,7 +6,7 @@ takes part in compiled code as a constant.
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import jax.numpy as jnp
 import numpy as np
@@ -202,6 +202,19 @@ class Wiring:
         if self.conducting.size == 0:
             return conductances
         return conductances.at[self.conducting].set(self.conducting_sums(values_si))
+
+    def conductance_numbers(
+        self, values_si: Mapping[str, Any]
+    ) -> Float[np.ndarray, "links *draws"]:
+        """The same for plain numbers, or arrays of one shape, in NumPy."""
+        conductances = 1 / self.resistances.numbers(values_si)
+        if self.conducting.size > 0:
+            changing = self.conducting_sums.numbers(values_si)
+            conductances = np.broadcast_to(
+                conductances.T, (*changing.shape[1:], len(conductances))
+            ).T.copy()
+            conductances[self.conducting] = changing
+        return conductances
 
     @property
     def inputs(self) -> tuple[Input, ...]:

@@ -29,15 +29,18 @@ from ._isolability import plot_isolability
 from ._monitored import plot_monitored
 from ._morris_plane import plot_morris_plane
 from ._netlist import plot_netlist
+from ._nyquist import plot_nyquist
 from ._observed import plot_innovations, plot_observed
 from ._parameters import plot_parameters
 from ._plate_map import plot_plate_map
 from ._plate_range import plot_plate_range
 from ._plate_seen import plot_plate_seen
+from ._plates import plot_plates
 from ._png import to_png
 from ._profile import plot_profile
 from ._recordings import plot_recordings
 from ._residual_tests import plot_residual_tests
+from ._rig_design import plot_rig_design
 from ._sensitivity_indices import plot_sensitivity_indices
 from ._sensitivity_matrix import plot_sensitivity_matrix
 from ._sobol_bars import plot_sobol_bars
@@ -74,16 +77,19 @@ __all__ = [
     "plot_monitored",
     "plot_morris_plane",
     "plot_netlist",
+    "plot_nyquist",
     "plot_observed",
     "plot_parameters",
     "plot_plate_beside",
     "plot_plate_map",
     "plot_plate_range",
     "plot_plate_seen",
+    "plot_plates",
     "plot_profile",
     "plot_recordings",
     "plot_residual_tests",
     "plot_residuals",
+    "plot_rig_design",
     "plot_sensitivity_indices",
     "plot_sensitivity_matrix",
     "plot_sobol_bars",

@@ -1,10 +1,11 @@
 """The plate's temperatures as a film."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from matplotlib import pyplot, rcParams
 from matplotlib.animation import AbstractMovieWriter, FuncAnimation, writers
 from matplotlib.artist import Artist
@@ -16,10 +17,10 @@ from matplotlib.figure import Figure
 from .._arguments import finite_number, whole_number
 from .._errors import ParameterError
 from ..rig import Rig
-from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
 from ._plate_map import HEAT, draw_cells, frame, rectangle
-from ._style import palette, points, styled
+from ._plates import runs_of_plate
+from ._style import line_of, palette, points, styled
 
 if TYPE_CHECKING:
     from ..control import ClosedLoopRun
@@ -33,12 +34,13 @@ PILLOW = (".gif", ".webp")
 
 def animate_plate(
     rig: Rig,
-    run: "Run | ClosedLoopRun",
+    run: "Run | ClosedLoopRun | Mapping[str, Run | ClosedLoopRun]",
     *,
     frames: int = FRAMES,
     seconds: float | int = 8.0,
 ) -> FuncAnimation:
-    """Animates the plate map over time, above the duty cycles of the cells.
+    """Animates the plate map over time, above the duty cycles of the cells; of several runs, such
+    as the loops of several controllers, the maps side by side, above the range of each plate.
 
     `.save("plate.gif")` writes the animation with Pillow, `.save("plate.mp4")` writes it with
     ffmpeg, and raises `ParameterError` if that is not installed; `.to_jshtml()` is for a web page
@@ -47,7 +49,8 @@ def animate_plate(
     **Arguments:**
 
     - `rig`: the rig, whose plate and cells are drawn.
-    - `run`: a run of a twin of this rig (`Twin.simulate`), or of a closed loop.
+    - `run`: a run of a twin of this rig (`Twin.simulate`), or of a closed loop; or name -> run,
+      of which the shortest one determines the duration.
     - `frames`: the number of pictures, evenly over the run; a run of fewer samples has a picture
       for each sample.
     - `seconds`: the duration of the film, s.
@@ -56,24 +59,17 @@ def animate_plate(
 
     **Raises:** `ParameterError` for a run of another rig, or numbers out of range.
     """
-    simulated = run if isinstance(run, Run) else run.run
-    check_has_plate("animate_plate", rig, ParameterError)
-    elements = rig.plate.element_names
-    if tuple(simulated.nodes[: len(elements)]) != tuple(elements):
-        raise ParameterError(
-            f"animate_plate: expected a run of {rig.name}, got one of {simulated.rig} with other "
-            "plate elements"
-        )
+    runs = runs_of_plate("animate_plate", rig, run if isinstance(run, Mapping) else {"": run})
     frames = whole_number("animate_plate: frames", frames, 2, ParameterError)
     seconds = finite_number("animate_plate: seconds", seconds, ParameterError)
     if seconds <= 0:
         raise ParameterError(f"animate_plate: seconds: expected more than 0, got {seconds:g}")
-    times = np.linspace(simulated.time[0], simulated.time[-1], min(frames, len(simulated.time)))
-    chosen = np.searchsorted(simulated.time, times - 1e-9)
-    film = _Film(rig, simulated, chosen)
+    shortest = min(runs.values(), key=lambda one: one.time[-1])
+    times = np.linspace(shortest.time[0], shortest.time[-1], min(frames, len(shortest.time)))
+    film = _Film(rig, runs, times)
     figure = film.draw()
     return _Animation(
-        figure, film.show, frames=len(chosen), interval=1000 * seconds / len(chosen), blit=False
+        figure, film.show, frames=len(times), interval=1000 * seconds / len(times), blit=False
     )
 
 
@@ -106,55 +102,84 @@ def _writer_of(filename: str | Path) -> str:
 class _Film:
     """The figure of the animation and its parts that change between frames."""
 
-    def __init__(self, rig: Rig, run: Run, chosen: Int[np.ndarray, " frames"]):
-        self._rig, self._run, self._chosen = rig, run, chosen
-        self._plate: Float[np.ndarray, "frames elements"] = run.states[
-            chosen, : len(rig.plate.element_names)
+    def __init__(self, rig: Rig, runs: Mapping[str, Run], times: Float[np.ndarray, " frames"]):
+        self._rig, self._runs, self._times = rig, runs, times
+        elements = len(rig.plate.element_names)
+        self._plates: list[Float[np.ndarray, "frames elements"]] = [
+            run.states[np.searchsorted(run.time, times - 1e-9), :elements] for run in runs.values()
         ]
+        everything = np.concatenate(self._plates)
         self._scale = ScalarMappable(
-            Normalize(float(self._plate.min()), float(self._plate.max())), HEAT
+            Normalize(float(everything.min()), float(everything.max())), HEAT
         )
 
     @styled
     def draw(self) -> Figure:
         """The first picture."""
-        plate = self._rig.plate
-        width = 6.0
-        height = (width - 1.2) * plate.height / plate.width + 1.9
+        plate, count = self._rig.plate, len(self._runs)
+        width = 6.0 if count == 1 else 3.6 * count + 1.2
+        height = (width - 1.2) / count * plate.height / plate.width + 1.9
         figure = pyplot.figure(figsize=(width, height), layout="constrained")
-        above, below = figure.subplots(2, 1, height_ratios=(height - 1.3, 1.0))
-        above.set_axis_off()
-        frame(above, plate)
-        self._patches = [
-            above.add_patch(rectangle(plate.extent(element))) for element in plate.element_names
-        ]
-        draw_cells(above, self._rig)
-        self._title = above.set_title("", fontsize=points(11))
-        self._extremes = above.set_title(
-            "", loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
+        grid = figure.add_gridspec(
+            2, count, height_ratios=(height - 1.3, 1.0 if count == 1 else 1.3)
         )
-        bar = figure.colorbar(self._scale, ax=above, shrink=0.9, aspect=20, pad=0.02)
+        maps = [figure.add_subplot(grid[0, number]) for number in range(count)]
+        self._patches, self._extremes = [], []
+        for axes, name in zip(maps, self._runs, strict=True):
+            axes.set_axis_off()
+            frame(axes, plate)
+            self._patches.append(
+                [axes.add_patch(rectangle(plate.extent(one))) for one in plate.element_names]
+            )
+            draw_cells(axes, self._rig)
+            axes.set_title(name, loc="left")
+            look = {"fontsize": points(9), "fontweight": "normal", "color": palette().muted}
+            self._extremes.append(axes.set_title("", loc="right", **look))
+        below = figure.add_subplot(grid[1, :])
+        if count == 1:
+            self._title = maps[0].set_title("", fontsize=points(11))
+            self._draw_duty(below, next(iter(self._runs.values())))
+        else:
+            self._title = figure.suptitle("", fontsize=points(11))
+            self._draw_ranges(below)
+        bar = figure.colorbar(self._scale, ax=maps, shrink=0.9, aspect=20, pad=0.02)
         bar.set_label("temperature, °C")
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-        self._draw_duty(below)
+        self._now = below.axvline(self._times[0], color=palette().muted, lw=1.0)
         self.show(0)
         return figure
 
-    def _draw_duty(self, axes: Axes) -> None:
-        time, duty = self._run.time, 100 * self._run.experiment.duty
+    def _draw_duty(self, axes: Axes, run: Run) -> None:
+        time, duty = run.time, 100 * run.experiment.duty
         for number, (name, each) in enumerate(zip(self._rig.driven, duty.T, strict=True)):
             line = "-" if number == 0 else "--"  # cells are often driven alike
             axes.step(time, each, line, where="post", lw=1.5, label=name)
         axes.set(xlabel="time, s", ylabel="duty, %", xlim=(time[0], time[-1]))
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-        self._now = axes.axvline(time[0], color=palette().muted, lw=1.0)
+
+    def _draw_ranges(self, axes: Axes) -> None:
+        elements = len(self._rig.plate.element_names)
+        for number, (name, run) in enumerate(self._runs.items()):
+            look = {"color": palette().cycle[number % len(palette().cycle)], "lw": 1.5}
+            spread = np.ptp(run.states[:, :elements], axis=1)
+            axes.plot(run.time, spread, ls=line_of(number), label=name, **look)
+        axes.set(xlabel="time, s", ylabel="range, K", xlim=(self._times[0], self._times[-1]))
+        axes.set_ylim(bottom=0)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
     def show(self, number: int) -> list[Artist]:
         """Sets the picture of this number."""
-        temperatures, time = self._plate[number], self._run.time[self._chosen[number]]
-        for patch, color in zip(self._patches, self._scale.to_rgba(temperatures), strict=True):
-            patch.set(facecolor=color, edgecolor=color, linewidth=0.3)
+        time = self._times[number]
+        for patches, extremes, plates in zip(
+            self._patches, self._extremes, self._plates, strict=True
+        ):
+            temperatures = plates[number]
+            for patch, color in zip(patches, self._scale.to_rgba(temperatures), strict=True):
+                patch.set(facecolor=color, edgecolor=color, linewidth=0.3)
+            text = f"{temperatures.min():.1f} … {temperatures.max():.1f} °C"
+            if len(self._plates) > 1:
+                text = f"range {np.ptp(temperatures):.1f} K"
+            extremes.set_text(text)
         self._title.set_text(f"{time:.0f} s")
-        self._extremes.set_text(f"{temperatures.min():.1f} … {temperatures.max():.1f} °C")
         self._now.set_xdata([time, time])
-        return [*self._patches, self._title, self._extremes, self._now]
+        return [*(one for each in self._patches for one in each), self._title, self._now]

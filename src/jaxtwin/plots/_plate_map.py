@@ -91,7 +91,7 @@ def plot_plate_map(
                 "into its own, or leave ax out"
             )
         ax.set_axis_off()
-        _draw_map(ax, rig, titles[0], np.asarray(temperatures)[0], scale)
+        draw_map(ax, rig, titles[0], np.asarray(temperatures)[0], scale)
         draw_scale(ax.figure, scale, ax, 20)
         return ax
     panels = len(titles) + 1
@@ -102,7 +102,7 @@ def plot_plate_map(
     for axes in grid.flat:
         axes.set_axis_off()
     for axes, title, values in zip(grid.flat, titles, temperatures, strict=False):
-        _draw_map(axes, rig, title, values, scale)
+        draw_map(axes, rig, title, values, scale)
     _draw_channels(grid.flat[panels - 1], rig)
     draw_scale(figure, scale, grid, 28)
     return figure
@@ -117,9 +117,10 @@ def draw_scale(
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
 
 
-def _draw_map(
+def draw_map(
     axes: Axes, rig: Rig, title: str, values: Float[np.ndarray, " elements"], scale: ScalarMappable
 ) -> None:
+    """Draws temperatures over the plate, with its cells, and their range beside the title."""
     frame(axes, rig.plate)
     for element, color in zip(rig.plate.element_names, scale.to_rgba(values), strict=True):
         # A rim of the same colour covers the thin gap between neighbours.

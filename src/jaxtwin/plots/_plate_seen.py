@@ -52,7 +52,7 @@ def plot_plate_seen(rig: Rig, at: ClosedLoopRun | OperatingPoint) -> Figure:
         left.add_patch(rectangle(place, fc=color, ec=color, lw=0.3))
     draw_cells(left, rig)
     for number in (elements.argmax(), elements.argmin()):
-        _write(left, places[number], f"{elements[number]:.1f}")
+        write_inside(left, places[number], f"{elements[number]:.1f}")
     _entitle(left, "elements of the plate", elements)
     for channel, reading in zip(rig.channels, readings, strict=True):
         for place in channel.sensor.outline(rig.plate):
@@ -60,7 +60,7 @@ def plot_plate_seen(rig: Rig, at: ClosedLoopRun | OperatingPoint) -> Figure:
             right.add_patch(rectangle(place, fc=scale.to_rgba(reading), **rim))
     for channel, reading in zip(rig.channels, readings, strict=True):
         for place in channel.sensor.outline(rig.plate)[:1]:
-            _write(right, place, f"{reading:.1f}")
+            write_inside(right, place, f"{reading:.1f}")
     _entitle(right, "readings of the channels", readings)
     draw_scale(figure, scale, np.array([left, right]), 24)
     return figure
@@ -74,7 +74,8 @@ def _entitle(axes: Axes, title: str, values: np.ndarray) -> None:
     )  # fmt: skip
 
 
-def _write(axes: Axes, place: tuple[float, float, float, float], text: str) -> None:
+def write_inside(axes: Axes, place: tuple[float, float, float, float], text: str) -> None:
+    """Writes in the middle of a place on the plate."""
     left, right, top, bottom = place
     axes.text(
         50 * (left + right), 50 * (top + bottom), text, ha="center", va="center",

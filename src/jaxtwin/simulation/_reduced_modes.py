@@ -187,7 +187,8 @@ def _projected(
 @persistent_jit
 def _assembled(twin: Twin, lumped: bool) -> tuple[System, tuple[Array, Array]]:
     system = twin.system(lumped=lumped)
-    entries = conductance_entries(system.wiring, twin.values_si)
+    conductances = system.wiring.conductances(twin.values_si)
+    entries = conductance_entries(system.wiring, conductances)
     return _with_matrix(system, None), entries
 
 

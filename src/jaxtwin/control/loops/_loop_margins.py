@@ -1,12 +1,13 @@
 """The margins of a controller on a twin: how far from instability its loop is."""
 
 from collections.abc import Mapping
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
+from ..._display import picture
 from ..._errors import ControlError
 from ..._jax_settings import own_settings
 from ...matching import Fit
@@ -27,7 +28,13 @@ from ._many_loops import longest_delay, twin_at_medians
 from ._references import reference_samples
 from ._sampled_loop import ROUNDING, SampledLoops
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Response: TypeAlias = Complex[np.ndarray, "frequency outputs outputs"]
+
+DRAWN = 1000
+"""The number of frequencies of a Nyquist plot."""
 
 
 class LoopMargins(NamedTuple):
@@ -42,6 +49,8 @@ class LoopMargins(NamedTuple):
     - `channel`: gain and phase margin of a loop with a single output; None for several.
     - `sensitivity_peaks`: the sensitivity peak of each draw of the twin; that of the twin alone
       where there are no draws.
+    - `omega`, `response`: frequencies up to half the sample rate, rad/s, and the response of the
+      loop, plant times controller without the minus sign of the feedback.
     """
 
     is_stable: bool
@@ -52,6 +61,13 @@ class LoopMargins(NamedTuple):
     disk: DiskMargin
     channel: Margins | None
     sensitivity_peaks: Float[np.ndarray, " draws"]
+    omega: Float[np.ndarray, " frequency"]
+    response: Response
+
+    def plot(self) -> "Figure":
+        """Plots the loop in the complex plane, with the disk of its disk margin:
+        `jaxtwin.plots.plot_nyquist`."""
+        return picture("plot_nyquist", self)
 
     def summary(self) -> str:
         """Returns the margins in one line of words, with a warning if the loop is fragile."""
@@ -114,6 +130,7 @@ def loop_margins(
             return np.linalg.inv(loop(omega))  # T = (I + L^-1)^-1
 
         omega = loops.omega
+        drawn_at = np.geomspace(omega[0], omega[-1], DRAWN)
         return LoopMargins(
             growth < 1 + ROUNDING,
             *sensitivity_peak(loop, omega=omega),
@@ -121,6 +138,8 @@ def loop_margins(
             disk=disk_margin(loop, omega=omega),
             channel=margins(loop, omega=omega) if len(weights) == 1 else None,
             sensitivity_peaks=peaks,
+            omega=drawn_at,
+            response=loop(drawn_at),
         )
 
 

@@ -5,7 +5,6 @@ from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linprog
 
 from ..._arguments import finite_number
 from ..._errors import ControlError
@@ -18,10 +17,7 @@ from ..controllers._duty_limits import checked_limits
 from ..linear._linear_model import LinearModel
 from ..linear._linearize import linearize
 from ..linear._operating_point import OperatingPoint
-
-OF_MEAN = 10.0
-"""The weight of an error of the mean relative to that of the range. A far smaller one would do: the
-range changes by a fraction of a kelvin with each kelvin of the mean."""
+from ._evenness_step import LinearPlate, PlateRange, Region
 
 FIRST_REACH = 0.25
 """The largest change of the duty of a cell in a step."""
@@ -89,33 +85,29 @@ def most_even_point(
             at, reach = found, min(2 * reach, FIRST_REACH)
         else:
             reach = 0.4 * min(reach, float(np.abs(step).max()))
-    if abs(at.error) > MEAN_TOLERANCE:
+    error = at.linear.error
+    if abs(error) > MEAN_TOLERANCE:
         raise ControlError(
             f"{where}: temperature: expected a mean that duty cycles from {low.min():g} to "
-            f"{high:g} reach, got {mean:g} degC; the nearest found was {mean + at.error:.4g} degC"
+            f"{high:g} reach, got {mean:g} degC; the nearest found was {mean + error:.4g} degC"
         )
     return at.point
 
 
 @final
 class _Plate(NamedTuple):
-    """A steady state, and how it changes with the duty.
-
-    - `point`: the steady state. `duty`: the duty of the cells.
-    - `elements`: the temperatures of the elements, degC, with their derivatives `by_duty`.
-    - `error`: the error of the mean, K, with its derivatives `error_by_duty`.
-    """
+    """A steady state with its derivatives by the duty."""
 
     point: OperatingPoint
-    duty: Float[np.ndarray, " cells"]
-    elements: Float[np.ndarray, " elements"]
-    by_duty: Float[np.ndarray, "elements cells"]
-    error: float
-    error_by_duty: Float[np.ndarray, " cells"]
+    linear: LinearPlate
+
+    @property
+    def duty(self) -> Float[np.ndarray, " cells"]:
+        return np.asarray(self.point.duty)
 
     @property
     def cost(self) -> float:
-        return float(np.ptp(self.elements)) + OF_MEAN * abs(self.error)
+        return PlateRange().cost(self.linear)
 
 
 def _plate(model: LinearModel, elements: int, mean: float) -> _Plate:
@@ -124,34 +116,19 @@ def _plate(model: LinearModel, elements: int, mean: float) -> _Plate:
     point = model.operating_point
     return _Plate(
         point,
-        np.asarray(point.duty),
-        np.asarray(point.nodes)[:elements],
-        nodes_by_duty[:elements],
-        float(np.asarray(point.outputs).mean()) - mean,
-        (C @ nodes_by_duty).mean(axis=0),
+        LinearPlate(
+            np.asarray(point.nodes)[:elements],
+            nodes_by_duty[:elements],
+            float(np.asarray(point.outputs).mean()) - mean,
+            (C @ nodes_by_duty).mean(axis=0),
+        ),
     )
 
 
 def _step(
     at: _Plate, low: Float[np.ndarray, " cells"], high: Float[np.ndarray, " cells"]
 ) -> Float[np.ndarray, " cells"]:
-    """The change of the duty that makes the linearised plate most even: a linear program in the
-    change, the hottest and the coldest temperature, and the size of the error of the mean."""
-    cells, ones = len(low), np.ones((len(at.elements), 1))
-    nothing = np.zeros_like(ones)
-    rows = np.vstack(
-        [
-            np.hstack([at.by_duty, -ones, nothing, nothing]),
-            np.hstack([-at.by_duty, nothing, ones, nothing]),
-            np.concatenate([at.error_by_duty, [0.0, 0.0, -1.0]])[None],
-            np.concatenate([-at.error_by_duty, [0.0, 0.0, -1.0]])[None],
-        ]
-    )
-    room = np.concatenate([-at.elements, at.elements, [-at.error, at.error]])
-    found = linprog(
-        np.concatenate([np.zeros(cells), [1.0, -1.0, OF_MEAN]]),
-        A_ub=rows,
-        b_ub=room,
-        bounds=[*zip(low, high, strict=True), (None, None), (None, None), (0, None)],
-    )
-    return found.x[:cells]
+    region = Region(low, high, np.zeros((0, len(low))), np.zeros(0))
+    step = PlateRange().step(at.linear, region)
+    assert step is not None  # no change is allowed
+    return step
