@@ -195,6 +195,7 @@ def test_disturbances_warm_and_cool_the_plate(twin: Twin):
     assert (room - still)[-1] > 1
 
 
+@pytest.mark.slow
 def test_a_delay_of_4_s_gives_the_readings_of_4_s_before(twin: Twin, pid: PID):
     settings: dict[str, Any] = {"duration": DURATION, "noise": False}
     late = simulate_closed_loop(twin, pid, 35, sensor_delay=4, **settings)

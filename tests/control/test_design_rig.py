@@ -41,6 +41,7 @@ def plate_range(twin: Twin) -> float:
     return most_even_point(twin, MEAN, limits=LIMITS).range
 
 
+@pytest.mark.slow
 def test_the_plate_at_rest_has_the_slopes_of_the_twin_itself(tmp_path: Path):
     """`linearize` of a twin whose place is a parameter assembles the network by another way; its
     differences are those of the steady state."""
@@ -87,6 +88,7 @@ def test_no_place_of_a_grid_is_more_even(tmp_path: Path, objective: str):
     assert unevenness(np.array([x, y])) == pytest.approx(design.after.unevenness, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_file_of_a_design_is_that_of_the_rig_with_other_places(tmp_path: Path):
     twin = twin_of(tmp_path)
     design = design_rig(twin, MEAN, limits=LIMITS, starts=1)

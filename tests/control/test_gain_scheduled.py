@@ -34,6 +34,7 @@ def twin() -> Twin:
     return Twin("tclab")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controllers", [[COLD, WARM], PAIRS])
 @pytest.mark.parametrize("by", ["measurement", "reference"])
 def test_at_a_point_the_loop_is_that_of_its_controller(twin: Twin, controllers: Any, by: Any):

@@ -49,6 +49,7 @@ def test_outputs_are_held_at_the_same_time(
             check_reach(system, weights.astype(float), np.array([aim]), np.zeros(1), room, limits)
 
 
+@pytest.mark.slow
 def test_several_outputs_out_of_reach_are_refused_with_the_nearest(twin: Twin):
     controller = DecoupledPI(0.1, 0.001, 0.1, 0.001, measured=["T12", "T15"], limits=(0, 1))
     words = r"at the same time, got 60/20 degC at 60 s; the nearest are 5\d\.\d+/2\d\.\d+ degC"

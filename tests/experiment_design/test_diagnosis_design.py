@@ -112,6 +112,7 @@ def test_what_cannot_be_done_is_refused_in_one_sentence(options: dict, message: 
     assert message in str(problem.value)
 
 
+@pytest.mark.slow
 def test_the_schedule_can_be_driven_and_the_numbers_taken_along(tmp_path):
     design = jt.design_experiment(
         bench(), purpose="diagnosis", faults=PAIR, duration=60, hold=60, levels=2

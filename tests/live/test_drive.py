@@ -86,6 +86,7 @@ def test_silence_stops_it_and_the_device_stops_itself(
     assert device.pwm == OFF
 
 
+@pytest.mark.slow
 def test_a_lost_link_stops_it_for_good(rig: Rig, twin: Twin, clock: HandClock) -> None:
     device = VirtualRig(twin, faults=Faults.parse("disconnect=8"))
     with pytest.raises(SafetyStop, match="is down: cut by a fault"):

@@ -345,6 +345,7 @@ def test_a_replay_is_the_records_once_more(recorded: tuple[Path, list]) -> None:
                 assert a == b
 
 
+@pytest.mark.slow
 def test_a_replay_at_double_speed_takes_half_the_time(
     recorded: tuple[Path, list], clock: HandClock
 ) -> None:

@@ -49,6 +49,7 @@ def recording(twin: Twin, samples: int = 40) -> Experiment:
     return Experiment(time, duty, channels=twin.channels, temperatures=readings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("horizon", [1, 8])
 def test_on_a_linear_twin_it_is_the_kalman_filter(horizon: int):
     twin = Twin("tclab")

@@ -92,6 +92,7 @@ def test_the_mean_over_a_shifted_zone_by_hand(rig: Rig):
     np.testing.assert_allclose(found, np.outer(y, x).ravel() / 9, rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_zone_beside_the_plate_sees_the_surroundings_there(rig: Rig):
     """T2 moved by 1 cm to the right: a third of it is beyond the edge at 9 cm. The plate is warm
     all over, so the reading's rise is two thirds of that of a zone that ends at the edge at 0 cm

@@ -85,6 +85,7 @@ def test_the_plate_is_drawn_beside_what_its_channels_see():
         plots.plot_plate_seen(Twin("tclab").rig, best)
 
 
+@pytest.mark.slow
 def test_plates_of_several_loops_are_drawn_side_by_side_on_one_scale():
     twin = fit().twin
     runs = {
@@ -115,6 +116,7 @@ def disk_of(margins: LoopMargins) -> tuple[complex, float]:
     return complex(x, y), float(disk.radius)
 
 
+@pytest.mark.slow
 def test_a_loop_with_one_output_touches_the_disk_of_its_nyquist_plot():
     """That is what the disk margin means (Seiler, Packard and Gahinet, 2020)."""
     margins = loop_margins(Twin("single-cell"), PID(0.1, 0.002), 35.0)

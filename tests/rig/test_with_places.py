@@ -49,6 +49,7 @@ def place_of(rig: Rig, name: str) -> list[float]:
     return [float(placement.x.evaluate({})), float(placement.y.evaluate({}))]
 
 
+@pytest.mark.slow
 @given(cell=PLACES, mat=PLACES, comments=COMMENTS)
 def test_places_are_those_asked_for_and_the_rest_of_the_file_is_as_it_was(
     cell: tuple[float, float], mat: tuple[float, float], comments: Sequence[str]

@@ -91,6 +91,7 @@ def test_a_given_power_is_linear_in_the_duty_whatever_the_driver(averaging, limi
     assert power == pytest.approx([7.5, 6.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("averaging", "heat"), [("on-off", 0.6), ("voltage", 0.36)])
 def test_a_resistance_is_fed_by_the_driver(averaging, heat):
     """12 V through 2 ohm and 0.4 ohm of switches: on for 0.6 of the time, or 0.6 of the voltage."""
