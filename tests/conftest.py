@@ -22,12 +22,6 @@ os.environ["JAXTWIN_COMPILATION_CACHE"] = "off"
 
 os.environ["PATH"] += os.pathsep + "/usr/sbin"  # where Debian puts mosquitto
 
-# XLA divides a program among threads that compile it, which costs more in all. Each processor has a
-# worker here.
-os.environ["XLA_FLAGS"] = " ".join(
-    (os.environ.get("XLA_FLAGS", ""), "--xla_cpu_parallel_codegen_split_count=1")
-).strip()
-
 # Figures are drawn in memory, whatever the machine has for a screen.
 os.environ["MPLBACKEND"] = "Agg"
 
