@@ -159,7 +159,7 @@ class PersistentJit(Generic[P, T]):
 
     def bind(self, first: Any) -> "BoundJit[T]":
         """The function with a first argument that stays the same from call to call."""
-        return BoundJit(self, first)
+        return BoundJit(self._program_for, first)
 
     def prepare(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Compiles or loads the program for such arguments, and does not run it. Another thread can
@@ -254,8 +254,10 @@ class BoundJit(Generic[T]):
     call costs what its other arguments cost.
     """
 
-    def __init__(self, function: PersistentJit[..., T], first: Any) -> None:
-        self._function = function
+    def __init__(
+        self, program_for: Callable[[list[Any], Any], tuple[_Program, list[Any]]], first: Any
+    ) -> None:
+        self._program_for = program_for
         self._first = first
         self._programs: dict[Hashable, tuple[_Program, list[Any]]] = {}
 
@@ -264,9 +266,8 @@ class BoundJit(Generic[T]):
         leaves, structure = jax.tree.flatten(args)
         _, arrays, key = _taken_apart(leaves, structure)
         if key not in self._programs:
-            program, all_arrays = self._function._program_for(
-                *jax.tree.flatten(((self._first, *args), {}))
-            )
+            every = jax.tree.flatten(((self._first, *args), {}))
+            program, all_arrays = self._program_for(*every)
             same = all_arrays[: len(all_arrays) - len(arrays)]
             # By the settings of this call, which are part of the key.
             self._programs[key] = program, [jax.device_put(array) for array in same]
