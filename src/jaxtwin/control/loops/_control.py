@@ -14,6 +14,7 @@ from ..._errors import SafetyStop
 from ..._jax_settings import own_settings
 from ...live import Document, Finding, Guard, Moment, RecordConsumer, RigConnection, operate
 from ...physics import Twin
+from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController
 from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._loop_margins import LoopMargins, loop_margins
@@ -105,7 +106,7 @@ def checked_loop(
     times = sample_times("control", duration, controller.sample_time_s)
     samples = reference_samples("control: references", references, times, len(weights))
     with own_settings():
-        system = twin.system()
+        system = assembled(twin)
         room = (
             float(system.ambient_temperature) - ZERO_CELSIUS if ambient is None else float(ambient)
         )

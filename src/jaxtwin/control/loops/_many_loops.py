@@ -13,6 +13,7 @@ from ...physics import Twin
 from ...simulation import Precision, Reductions, Stepper
 from ...simulation._check_values import check_draw, check_values, valid_draws
 from ...simulation._step_preparation import is_multiple
+from ...simulation._stepper import assembled
 from ...simulation._workers import work_in_chunks
 from ..controllers._controller import AbstractController, with_values
 from ..controllers._mpc import MPC
@@ -46,18 +47,23 @@ def twin_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]
 
 def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> float:
     """Returns the longest delay of the driver in all draws, s."""
-    own = twin.system().delay
+    own = assembled(twin).delay
     if own is None:
         return 0.0
     if not draws:
         return float(own)
+    return float(_longest(twin, {name: np.asarray(v, float) for name, v in draws.items()}))
 
+
+@persistent_jit
+def _longest(
+    twin: Twin, draws: Mapping[str, Float[Array | np.ndarray, " draws"]]
+) -> Float[Array, ""]:
     def delay(values: Mapping[str, Array]) -> Array:
         found = twin.with_values(values).system().delay
         return jnp.zeros(()) if found is None else found
 
-    arrays = {name: jnp.asarray(values, float) for name, values in draws.items()}
-    return float(jnp.max(jax.vmap(delay)(arrays)))
+    return jnp.max(jax.vmap(delay)({name: jnp.asarray(v) for name, v in draws.items()}))
 
 
 def simulate_many_loops(
@@ -129,7 +135,7 @@ def is_whole_delay(twin: Twin, drawn: Iterable[str], step: float) -> bool:
     """Whether the driver's delay is the same whole number of plant steps in all draws."""
     delay = twin.wiring.delay
     return delay is None or (
-        delay.names.isdisjoint(drawn) and is_multiple(twin.system().delay, step)
+        delay.names.isdisjoint(drawn) and is_multiple(assembled(twin).delay, step)
     )
 
 

@@ -17,6 +17,7 @@ from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Faults, Twin
 from ...simulation._initial import check_celsius
+from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController
 from ..controllers._function_controller import ControlFunction, as_controller
 from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables
@@ -141,7 +142,7 @@ def scenario(
     substeps = max(1, math.ceil(interval / LONGEST_STEP * (1 - 1e-9)))
     step = interval / substeps
     with own_settings():
-        system = plant.system()
+        system = assembled(plant)
         room = float(system.ambient_temperature) - ZERO_CELSIUS
         delay = 0.0 if system.delay is None else float(system.delay)
         rows = (times[:, None] + step * np.arange(substeps)).reshape(-1)

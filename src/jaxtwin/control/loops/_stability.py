@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from ..._errors import ControlError
 from ...physics import Twin
+from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector
 from ._references import representative_samples
@@ -29,7 +30,7 @@ def check_stability(
     """
     if not controller.is_linear:
         return
-    delay = twin.system().delay
+    delay = assembled(twin).delay
     for reference in references[representative_samples(references)]:
         loops = SampledLoops(
             twin,
