@@ -3,22 +3,7 @@
    duty cycles, and the duty cycles that it takes over.
    A sample is taken at the beginning of the communication step in which it is due. */
 
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "model.h"
-#include "model_fmu.h"
-
-#if defined(_WIN32)
-#define EXPORTED __declspec(dllexport)
-#elif defined(__GNUC__)
-#define EXPORTED __attribute__((visibility("default")))
-#else
-#define EXPORTED
-#endif
+#include "exported.h"
 
 /* Numbers of the variables: 0 is the time. */
 #define REFERENCE 1

@@ -5,22 +5,7 @@
    command that changes enters a queue at an event, and leaves it at another event after the
    delay. */
 
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "model.h"
-#include "model_fmu.h"
-
-#if defined(_WIN32)
-#define EXPORTED __declspec(dllexport)
-#elif defined(__GNUC__)
-#define EXPORTED __attribute__((visibility("default")))
-#else
-#define EXPORTED
-#endif
+#include "exported.h"
 
 /* Numbers of the variables: 0 is the time. */
 #define DUTY 1
