@@ -210,14 +210,21 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         """The state that readings and a measured ambient temperature (NaN if there is none)
         leave."""
         found = self.correction(state, readings, mask, ambient)
+        return self.corrected(state, found.state.mean, found)
+
+    def corrected(
+        self, state: KalmanState, mean: Float[Array, " state"], by: Correction
+    ) -> KalmanState:
+        """The state with a mean, and what else a correction by the room, which is first, and by
+        readings leaves."""
         duty = self.model.layout.of("duty")
         return replace(
             state,
-            mean=found.state.mean,
-            covariance=found.state.covariance,
-            duty=found.state.mean[duty] if self.model.layout.duty else state.duty,
-            whitened=found.whitened[1:],
-            log_likelihood=found.log_densities[1:].sum(),
+            mean=mean,
+            covariance=by.state.covariance,
+            duty=mean[duty] if self.model.layout.duty else state.duty,
+            whitened=by.whitened[1:],
+            log_likelihood=by.log_densities[1:].sum(),
         )
 
     def correction(

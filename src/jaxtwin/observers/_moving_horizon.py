@@ -16,7 +16,6 @@ linearised side by side, each at a state of its own, and the program that is lef
 sample before, is the real-time iteration.
 """
 
-from dataclasses import replace
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -189,15 +188,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
             passed = filtered_window(window.start, path, steps, measured)
             found = most_likely(passed, self.bounds)
             last = jax.tree.map(lambda rows: rows[-1], passed.corrections)
-            reached = found[-1, self.model.layout.of("duty")]
-            return found, replace(
-                latest,
-                mean=found[-1],
-                covariance=last.state.covariance,
-                duty=reached if self.model.layout.duty else latest.duty,
-                whitened=last.whitened[1:],
-                log_likelihood=last.log_densities[1:].sum(),
-            )
+            return found, self.kalman.corrected(latest, found[-1], last)
 
         start = window.path, latest
         path, latest = jax.lax.fori_loop(
@@ -219,5 +210,4 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         inputs = self.model.twin.rig.inputs
         if not inputs:
             return None
-        stated = [one.scale * one.value + one.offset for one in inputs]
-        return jnp.asarray(stated, self.model.stepper.reference.dtype)
+        return jnp.asarray([one.level for one in inputs], self.model.stepper.reference.dtype)

@@ -64,9 +64,8 @@ def observe(
     **Returns:** what the filter knew after each sample.
 
     **Raises:** `ObserverError` if the recording has no readings, if a level of the noise is not
-    positive, if a bound is not
-    valid, or if the filter diverges; `SimulationError` for a recording of another rig, or
-    without a column for one of its inputs.
+    positive, if a bound is not valid, or if the filter diverges; `SimulationError` for a recording
+    of another rig, or without a column for one of its inputs.
     """
     of_kind("observe: experiment", experiment, Experiment, "an Experiment", ObserverError)
     if noise is None:

@@ -57,9 +57,14 @@ class Input:
         return {self.name: level, **between}
 
     @property
+    def level(self) -> float:
+        """Its value where none is stated: the number of a state, or the value in SI units."""
+        return self.scale * self.value + self.offset
+
+    @property
     def nominal(self) -> dict[str, float]:
-        """The `shares` of its value where none is stated."""
-        return self.shares(self.scale * self.value + self.offset)
+        """The `shares` of its level where none is stated."""
+        return self.shares(self.level)
 
 
 def _hat(distance: Any) -> Any:

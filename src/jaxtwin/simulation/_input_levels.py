@@ -44,7 +44,7 @@ def _levels(experiment: Experiment, source: Input) -> Float[np.ndarray, " times"
                 f"input_{source.name}, got none; experiment.with_inputs({source.name}="
                 f"{_example(source)}) states it for the whole recording"
             )
-        return np.full(len(experiment.time), source.scale * source.value + source.offset)
+        return np.full(len(experiment.time), source.level)
     return _numbers(given, source, label, SimulationError)
 
 
