@@ -13,6 +13,7 @@ from ...physics import Twin
 from ...simulation import Run
 from ...simulation._delay import lagged_duty
 from ...simulation._input_levels import input_levels
+from ...simulation._stepper import assembled
 
 
 @runtime_checkable
@@ -63,7 +64,7 @@ def point_of_run(twin: Twin, run: Run, time: Any, ambient: float | int | None) -
             f"linearize: time: expected {times[0]:g} to {times[-1]:g} s, the times of the run, got "
             f"{at:g} s"
         )
-    experiment, system = run.experiment, twin.system()
+    experiment, system = run.experiment, assembled(twin)
     now = int(np.searchsorted(times, at, side="right")) - 1
     recorded = experiment.ambient
     if ambient is not None:

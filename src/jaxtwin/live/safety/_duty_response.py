@@ -6,6 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..._compilation import persistent_jit
 from ...observers import OpenLoop, OpenLoopState
 from ...physics import System, Twin
 from ..protocol._clock import seconds
@@ -45,6 +46,7 @@ class DutyResponse:
         with jax.enable_x64(True):
             self._observer = OpenLoop(twin)
             self._file_room = float(self._observer.stepper.ambient)
+        self._predict = _stepped.bind(self._observer)
         self._ambient = ambient
         self._rooms = np.full(3, self._file_room)
         self._driver = twin.rig.driver
@@ -154,15 +156,13 @@ class DutyResponse:
 
     def _step(self, dt: float) -> None:
         with jax.enable_x64(True):
-            states, readings = _stepped(
-                self._observer, self._states, self._duty, self._rooms, np.float64(dt)
-            )
+            states, readings = self._predict(self._states, self._duty, self._rooms, np.float64(dt))
         # The states are kept as NumPy arrays, because they are read between two steps.
         self._states = jax.tree.map(np.asarray, states)
         self._readings = np.asarray(readings)
 
 
-@jax.jit
+@persistent_jit
 def _stepped(
     observer: OpenLoop,
     states: OpenLoopState,
