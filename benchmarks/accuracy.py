@@ -8,11 +8,9 @@ second or two a draw and core. And the order of convergence, by cutting all step
 parts.
 """
 
-import argparse
 import json
 import time
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -27,6 +25,7 @@ from ._machine import machine
 from ._measure import on_all_cores
 from ._pictures import convergence_picture
 from ._reference import reference_readings
+from ._results import parser_of
 from ._task import drive_of_the_recordings
 
 RIGS = ("paper-2024", "dual-cell", "single-cell")
@@ -129,11 +128,8 @@ def _solve(twin: Any, grid: Any) -> Any:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--draws", type=int, default=1000, help="of each rig")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     began, answer = time.perf_counter(), {"machine": machine()}

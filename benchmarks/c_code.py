@@ -10,7 +10,6 @@ in the fastest of some runs. Models get random steps of the duty, controllers th
 loop, observers both.
 """
 
-import argparse
 import subprocess
 import tempfile
 from pathlib import Path
@@ -25,7 +24,7 @@ from jaxtwin.observers import live_observer
 from jaxtwin.simulation import reduce_stepper
 
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 OUTPUTS = [["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]]
@@ -210,11 +209,8 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=int, default=20, help="runs of each program")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     version = subprocess.run(["cc", "--version"], stdout=subprocess.PIPE, text=True, check=True)
     answer = {

@@ -3,18 +3,17 @@
 python -m benchmarks.compare [--quick] [--out FOLDER]
 """
 
-import argparse
 import json
 import os
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from . import matching, one_draw, scaling, ways
 from ._machine import machine
 from ._pictures import speed_picture
+from ._results import parser_of
 from ._tables import results_page
 
 QUESTIONS: dict[str, Callable[[bool], Any]] = {
@@ -26,11 +25,8 @@ QUESTIONS: dict[str, Callable[[bool], Any]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true", help="small: whether it runs at all")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     results: dict[str, Any] = {"machine": machine(), "quick": options.quick}

@@ -10,7 +10,6 @@ differ as the rig file says (`between_groups`). It stays as it was designed for 
 but a second decoupled PI is tuned over other draws of the match.
 """
 
-import argparse
 import os
 import time
 from pathlib import Path
@@ -37,7 +36,7 @@ from jaxtwin.control import (
 from jaxtwin.matching import posterior_draws
 
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 START, REFERENCE, DURATION = 16.0, 40.0, 1500.0
@@ -345,12 +344,9 @@ def _table_of(found: dict[str, Any], draws: int) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--draws", type=int, default=1000, help="of what the match leaves open")
     parser.add_argument("--fit", type=Path, help="a saved fit, in place of a match")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.draws, options.fit)
     write_results(options.out / "control.json", answer, page(answer))

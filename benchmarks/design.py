@@ -11,7 +11,6 @@ duration: D- and A-optimal ones as long as a recording, within its duty cycles a
 earlier results of the others.
 """
 
-import argparse
 import json
 import os
 import time
@@ -24,7 +23,7 @@ import numpy as np
 import jaxtwin as jt
 
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 LEVELS = 3
@@ -155,12 +154,9 @@ def errors(by: Mapping[str, dict[str, Any]]) -> str:
 
 def main() -> None:
     """Designs and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--fit", type=Path, help="a saved fit, in place of a match")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     path = options.out / "design.json"
     known = json.loads(path.read_text())["cases"] if path.exists() else {}

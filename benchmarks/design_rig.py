@@ -6,7 +6,6 @@
 matched to the first halves of the authors' steps in FOLDER, at a mean of 40 degC.
 """
 
-import argparse
 import time
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import numpy as np
 import jaxtwin as jt
 
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 from .placed_cells import placed
 
@@ -111,12 +110,9 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="the authors' recordings")
     parser.add_argument("--resolution", default="1.5 cm", help="of the plate")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.folder, options.resolution)
     write_results(options.out / "design_rig.json", answer, page(answer))

@@ -7,7 +7,6 @@ temperature. Controllers side by side on the matched twin, for 1200 s, with the 
 the time of a step in Python and in C; and the range that the channels see on a virtual rig.
 """
 
-import argparse
 import json
 import subprocess
 import tempfile
@@ -38,7 +37,7 @@ from jaxtwin.io import Session
 from jaxtwin.live import Guard, Recorder, SystemClock, TcpServer, VirtualRig, connect, serve
 
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 STEPS = ("peltierMIMOStepSecA.mat", "peltierMIMOStepSecB.mat", "peltierMIMOStepSecC.mat")
@@ -311,12 +310,9 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="the authors' recordings")
     parser.add_argument("--tcp", type=float, default=900.0, help="seconds on a virtual rig")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.folder, options.tcp)
     write_results(options.out / "evenness.json", answer, page(answer))

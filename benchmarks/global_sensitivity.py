@@ -9,11 +9,9 @@ costs of the runs that both did are compared.
     python -m benchmarks.global_sensitivity --base 4096 --scipy 220
 """
 
-import argparse
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -24,7 +22,7 @@ from jaxtwin.sensitivity_analysis import indices_of
 
 from ._equations import equations, stretches
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 from ._task import HELD, Task
 
@@ -193,12 +191,9 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--base", type=int, default=4096, help="base samples")
     parser.add_argument("--scipy", type=int, default=220, help="runs by SciPy")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.base, options.scipy)
     answer["machine"]["load_after"] = round(os.getloadavg()[0], 2)

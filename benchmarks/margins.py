@@ -8,7 +8,6 @@ in FOLDER, then on draws of what that match leaves open: sensitivity peaks. With
 the driver: the overshoot of a step from the room, and how much the outputs swing at the end.
 """
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from jaxtwin.control import (
 from jaxtwin.matching import posterior_draws
 
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 STEPS = ("peltierMIMOStepSecA.mat", "peltierMIMOStepSecB.mat", "peltierMIMOStepSecC.mat")
@@ -109,12 +108,9 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="the authors' recordings")
     parser.add_argument("--draws", type=int, default=1000, help="of what the match leaves open")
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     answer = {"machine": machine()} | measure(options.folder, options.draws)
     write_results(options.out / "margins.json", answer, page(answer))

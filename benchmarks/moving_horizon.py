@@ -7,10 +7,8 @@ window, and heats into the plate at the cells that nothing announces, but that a
 negative. do-mpc estimates the same with collocation and IPOPT, without the driver's delay.
 """
 
-import argparse
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -31,7 +29,7 @@ from jaxtwin.simulation import Stepper
 
 from ._do_mpc_estimator import DoMPCEstimator
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 NO_DELAY = {"t_delay": 1e-6}
@@ -204,10 +202,7 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
+    parser = parser_of(__doc__)
     options = parser.parse_args()
     answer: dict[str, Any] = {"machine": machine()}
     with jax.enable_x64(True):

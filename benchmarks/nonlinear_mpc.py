@@ -6,10 +6,8 @@ On `dual-cell` with two outputs, over 30 samples of 10 s. do-mpc solves the same
 collocation and IPOPT, without the driver's delay, which is left out where optima are compared.
 """
 
-import argparse
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -23,7 +21,7 @@ from jaxtwin.control.controllers._multiple_shooting import after_interval, as_st
 
 from ._do_mpc import DoMPC
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 OUTPUTS = ["TAM", "TCM"]
@@ -311,10 +309,7 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
+    parser = parser_of(__doc__)
     options = parser.parse_args()
     answer: dict[str, Any] = {"machine": machine()}
     with jax.enable_x64(True):

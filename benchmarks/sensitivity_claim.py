@@ -11,7 +11,6 @@ with jaxtwin, and over the bounds of Table 4.
 earlier results of the others; `bounds` takes several times as long as these.
 """
 
-import argparse
 import json
 import os
 import time
@@ -26,7 +25,7 @@ import jaxtwin as jt
 from jaxtwin.sensitivity_analysis import Sobol, Spearman, indices_of
 
 from ._machine import machine
-from ._results import write_results
+from ._results import parser_of, write_results
 from ._tables import table
 
 FEW, MANY = 50, 10_000
@@ -160,13 +159,10 @@ def page(answer: dict[str, Any]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--base", type=int, default=2048, help="base samples")
     parser.add_argument("--fit", type=Path, help="a saved fit of paper-2024")
     parser.add_argument("--only", nargs="+", choices=CENTRES, default=list(CENTRES))
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/results"))
     options = parser.parse_args()
     path = options.out / "sensitivity_claim.json"
     known = json.loads(path.read_text()) if path.exists() else {"centres": {}}
