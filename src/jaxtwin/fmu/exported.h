@@ -1,4 +1,5 @@
-/* What an instance of a twin and one of a controller include, and how a library exports functions. */
+/* What an instance of a twin and one of a controller include, and how a library exports a
+   function. */
 
 #include <math.h>
 #include <stddef.h>
