@@ -71,7 +71,8 @@ def test_gains_are_those_of_python_control():
     import control
 
     model = plate()
-    lqi = LQI(model, measured=["left", "right"], output_deviation=[0.5, 2.0], drift=0.2)
+    given = {"output_deviation": [0.5, 2.0], "drift": 0.2, "reading_noise": 0.1}
+    lqi = LQI(model, measured=["left", "right"], **given)
     states, h = len(model.A), model.sample_time_s
     A = np.block([[model.A, np.zeros((states, 2))], [-h * model.C, np.eye(2)]])
     B = np.vstack([model.B, np.zeros((2, 2))])
@@ -91,7 +92,7 @@ def test_gains_are_those_of_python_control():
 def test_the_filter_finds_the_disturbance_that_it_was_made_for():
     """In K at rest: a duty of 0.1 that nobody gave."""
     model = plate()
-    lqi = LQI(model, measured=["left", "right"])
+    lqi = LQI(model, measured=["left", "right"], reading_noise=0.1)
     gain = model.C @ np.linalg.solve(np.eye(len(model.A)) - model.A, model.B)
     with jax.enable_x64(True):
         x = np.zeros(len(model.A))

@@ -271,7 +271,8 @@ def test_derivatives_by_weights_are_those_of_differences(
 @pytest.mark.slow
 def test_a_fragile_lqi_becomes_robust_by_its_weights(tclab_model: DiscreteModel):
     """Its margins are said with it."""
-    twin, start = Twin("tclab"), LQI(tclab_model, measured=["T1", "T2"], limits=(0, 1))
+    twin, two = Twin("tclab"), {"measured": ["T1", "T2"], "limits": (0, 1)}
+    start = LQI(tclab_model, reading_noise=0.1, **two)
     assert "fragile" in loop_margins(twin, start, [40.0, 35.0]).summary()
     tuning = jt.tune(
         start, twin, [40.0, 35.0], duration=200, sensitivity_limit=1.6, starts=1, rounds=14

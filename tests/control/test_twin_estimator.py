@@ -106,7 +106,8 @@ def test_heat_that_no_model_knows_leaves_no_offset(
     observer: ExtendedKalmanFilter,
 ):
     """10 W beside the cells, as a hand on the plate; by the filter's integral of what it misses."""
-    controller = design(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
+    settings = {"measured": OUTPUTS, "limits": (0, 1), "reading_noise": 0.1}
+    controller = design(model, observer=observer, **settings)
     hand = HeatInput(elements=("V14", "V15"), start=300, end=1200, heat=10.0)
     run = simulate_closed_loop(
         twin, controller, "0:40/40", duration=1200, noise=False, disturbances=[hand]

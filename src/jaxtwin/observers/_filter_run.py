@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
@@ -128,7 +128,7 @@ def estimated(
     return jax.lax.scan(take, estimator.init(reading, duty), samples)[1]
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def started(
     kalman: ExtendedKalmanFilter,
     reading: Float[Array | np.ndarray, ""],

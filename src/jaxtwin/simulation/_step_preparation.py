@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit_unoptimised
 from .._errors import SimulationError
 from .._jax_settings import is_traced
 from ..physics import System
@@ -33,7 +33,7 @@ class ModalSteps(NamedTuple):
     stability: Float[Array, ""]
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def prepare_steps(
     system: System, step_size: Float[Array, ""], is_whole_delay: bool
 ) -> tuple[Int[Array, ""], Float[Array, " parts"], ModalSteps]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from .._arguments import finite_number
 from .._celsius import ZERO_CELSIUS
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit_unoptimised
 from .._errors import SimulationError
 from .._jax_settings import in_precision, is_traced, settings_for
 from ..physics import System, Twin
@@ -249,7 +249,7 @@ def _as_numpy(module: eqx.Module) -> dict[str, Any]:
     ).copy()
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def assembled(twin: Twin) -> System:
     """The equations of a twin, as a program of its own."""
     return twin.system()

@@ -9,7 +9,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex, Float
 
-from ..._compilation import persistent_jit
+from ..._compilation import persistent_jit_unoptimised
 from ..._jax_settings import own_settings
 from ..linear._margins import USUAL_PEAK, disk_margin, margins_text, sensitivity_peak
 from ._controller import AbstractController
@@ -41,7 +41,7 @@ class SteadyReadings(NamedTuple):
     watched: Float[Array | np.ndarray, " watched"]
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def linear_steps(
     controller: AbstractController,
     duty: Float[Array | np.ndarray, " cells"],

@@ -157,7 +157,7 @@ class LQI(AbstractDutyLimitedController):
         integral_deviation: Numbers = 30.0,
         duty_deviation: Numbers = 0.5,
         drift: Numbers = 0.1,
-        reading_noise: Numbers = 0.1,
+        reading_noise: Numbers = 1.0,
         setpoint_weight: Numbers = 0.0,
         limits: Sequence[float | int] | None = None,
         observer: TwinObserver | None = None,

@@ -225,7 +225,7 @@ class MPC(AbstractPredictiveController):
         duty_deviation: Numbers = 0.05,
         duty_change_deviation: Numbers = 0.05,
         drift: Numbers = 0.1,
-        reading_noise: Numbers = 0.1,
+        reading_noise: Numbers = 0.5,
         limits: Sequence[float | int] | None = None,
         rate_limit: float | int | None = None,
         temperature_limits: Mapping[str, Sequence[float | int]] | None = None,

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._compilation import persistent_jit
+from ..._compilation import persistent_jit_unoptimised
 
 Matrices: TypeAlias = tuple[Any, Any, Any, Any]
 
@@ -32,7 +32,7 @@ SQUARINGS = 40
 """The largest number of squarings of a matrix exponential."""
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def zero_order_hold(
     matrices: Matrices,
     delay: Float[Array | np.ndarray, ""],
@@ -77,7 +77,7 @@ def zero_order_hold(
     )
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def integrated_rates(
     A: Float[Array, "state state"], rates: Float[Array, " state"], sample_time: Float[Array, ""]
 ) -> Float[Array, " state"]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number
 from ..._celsius import ZERO_CELSIUS
-from ..._compilation import persistent_jit
+from ..._compilation import persistent_jit_unoptimised
 from ..._errors import ControlError
 from ..._jax_settings import is_traced, own_settings, settings_for, to_numpy
 from ...matching import Fit
@@ -178,7 +178,7 @@ def _check_reached(
     )
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def model_at_rest(
     twin: Twin,
     duty: Float[Array, " cells"] | None,
@@ -192,19 +192,19 @@ def model_at_rest(
     reference = jnp.asarray(system.ambient_temperature)
     if ambient is not None:
         reference = jnp.asarray(ambient, reference.dtype) + ZERO_CELSIUS
-    reached = jnp.zeros(0, reference.dtype)
     if duty is None:
         assert target is not None
-        duty, reached = duty_for(system, target, reference)
-    duty = jnp.asarray(duty, reference.dtype)
-    nodes = system.steady_state(duty, reference)
+        duty, reached, nodes = duty_for(system, target, reference)
+    else:
+        duty, reached = jnp.asarray(duty, reference.dtype), jnp.zeros(0, reference.dtype)
+        nodes = system.steady_state(duty, reference)
     model, by_duty = _model(twin, system, nodes, duty, reference)
     flows = jnp.abs(system.conductance @ nodes).max() + jnp.abs(by_duty).max()
     imbalance = jnp.abs(system.heat_into_nodes(nodes, duty, reference)).max() / flows
     return model, reached, imbalance
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _model_in_motion(twin: Twin, point: PointOfRun) -> LinearModel:
     """The model at a state that is not at rest."""
     system = _under(twin.system(), point.levels)

@@ -192,9 +192,9 @@ def slopes(
 
 def duty_for(
     system: System, target: Target, reference: Float[Array, ""]
-) -> tuple[Float[Array, " cells"], Float[Array, " targets"]]:
-    """Finds the duty cycle for temperatures by the Gauss-Newton method, and the temperatures that
-    it reaches, degC.
+) -> tuple[Float[Array, " cells"], Float[Array, " targets"], Float[Array, " nodes"]]:
+    """Finds the duty cycle for temperatures by the Gauss-Newton method, the temperatures that it
+    reaches, degC, and the deviation of the nodes at rest.
 
     Its derivatives with respect to the parameters are exact if the target can be reached.
     """
@@ -225,4 +225,5 @@ def duty_for(
     found = jax.lax.stop_gradient(jax.lax.fori_loop(0, NEWTON_STEPS, newton, start))
     # A last step, through which the derivatives pass.
     found = jnp.clip(found + change(found), lowest, 1.0)
-    return directions @ found, readings(found)[0] + reference - ZERO_CELSIUS
+    reached, nodes = readings(found)
+    return directions @ found, reached + reference - ZERO_CELSIUS, nodes

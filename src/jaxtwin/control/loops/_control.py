@@ -111,7 +111,7 @@ def checked_loop(
             float(system.ambient_temperature) - ZERO_CELSIUS if ambient is None else float(ambient)
         )
         check_cells("control", controller, twin.rig, len(weights))
-        check_sample_time(twin, controller.sample_time_s)
+        check_sample_time(system, controller.sample_time_s)
         surroundings = np.full((1, 1), room)
         # One sample stands for all of constant references: the checks are compiled for a number.
         few = samples[:1] if (samples == samples[0]).all() else samples

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import least_squares
 
-from ..._compilation import persistent_jit
+from ..._compilation import persistent_jit_unoptimised
 from ..._errors import ControlError
-from ...physics import System, Twin
+from ...physics import System
 from ...rig import Rig
 from ...simulation._modes import network_modes
 from ..controllers._controller import AbstractChannelGroupController, AbstractController
@@ -138,12 +138,14 @@ def check_cells(where: str, controller: AbstractController, rig: Rig, outputs: i
         )
 
 
-def check_sample_time(twin: Twin, sample_time_s: float) -> None:
-    """Refuses a controller whose sample time is longer than the slowest time constant of the plate.
+def check_sample_time(system: System, sample_time_s: float) -> None:
+    """Refuses a controller whose sample time is longer than the slowest time constant of the rig.
 
     **Raises:** `ControlError`.
     """
-    slowest = float(_slowest_time_constant(twin))
+    if sample_time_s <= float(_lumped_time_constant(system)):
+        return
+    slowest = float(_slowest_time_constant(system))
     if sample_time_s > slowest:
         raise ControlError(
             f"sample_time_s: expected at most the rig's longest time constant, {slowest:.0f} s (a "
@@ -180,7 +182,7 @@ def _nearest(
     return aim + best
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _steady_rises(
     system: System, duty: Float[Array | np.ndarray, "points cells"]
 ) -> Float[Array, "points channels"]:
@@ -193,9 +195,29 @@ def _steady_rises(
     return jax.vmap(rises)(jnp.asarray(duty, reference.dtype))
 
 
-@persistent_jit
-def _slowest_time_constant(twin: Twin) -> Float[Array, ""]:
-    system = twin.system()
-    reference = jnp.asarray(system.ambient_temperature)
-    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
+@persistent_jit_unoptimised
+def _lumped_time_constant(system: System) -> Float[Array, ""]:
+    """Computes the time constant of the rig as one lump, s: Rayleigh's quotient of a uniform rise,
+    which is at most the slowest time constant. It needs no eigenproblem."""
+    rise, idle, reference = _at_ambient(system)
+
+    def heat(deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
+        return system.heat_into_nodes(deviation, idle, reference)
+
+    _, slope = jax.jvp(heat, (rise,), (jnp.ones_like(rise),))
+    return jnp.sum(jnp.asarray(system.capacitance)) / -jnp.sum(slope)
+
+
+@persistent_jit_unoptimised
+def _slowest_time_constant(system: System) -> Float[Array, ""]:
+    _, idle, reference = _at_ambient(system)
     return 1 / network_modes(system, idle, reference).rates[0]
+
+
+def _at_ambient(
+    system: System,
+) -> tuple[Float[Array, " nodes"], Float[Array, " cells"], Float[Array, ""]]:
+    """The rises of the nodes, the duty and the reference of a rig that is off."""
+    reference = jnp.asarray(system.ambient_temperature)
+    rise = jnp.zeros(len(system.capacitance), reference.dtype)
+    return rise, jnp.zeros(len(system.wiring.cold), reference.dtype), reference

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._compilation import persistent_jit
+from ..._compilation import persistent_jit, persistent_jit_unoptimised
 from ..._jax_settings import in_precision, own_settings
 from ...physics import Twin
 from ...simulation import Precision, Reductions, Stepper
@@ -47,15 +47,15 @@ def twin_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]
 
 def longest_delay(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> float:
     """Returns the longest delay of the driver in all draws, s."""
-    own = assembled(twin).delay
-    if own is None:
+    own, delay = assembled(twin).delay, twin.wiring.delay
+    if own is None or delay is None:
         return 0.0
-    if not draws:
+    if delay.names.isdisjoint(draws):
         return float(own)
     return float(_longest(twin, {name: np.asarray(v, float) for name, v in draws.items()}))
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _longest(
     twin: Twin, draws: Mapping[str, Float[Array | np.ndarray, " draws"]]
 ) -> Float[Array, ""]:
@@ -139,7 +139,7 @@ def is_whole_delay(twin: Twin, drawn: Iterable[str], step: float) -> bool:
     )
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def steppers_of(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],

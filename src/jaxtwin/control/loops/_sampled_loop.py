@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..._compilation import persistent_jit
+from ..._compilation import persistent_jit_unoptimised
 from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector
@@ -184,7 +184,7 @@ class SampledLoops:
         return float(np.abs(poles).max())
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _sampled_plants(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " draws"]],
@@ -209,7 +209,7 @@ def _sampled_plants(
     return jax.vmap(of_draw)({name: jnp.asarray(values) for name, values in draws.items()})
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _linear_controller(
     controller: AbstractController,
     shapes: tuple[tuple[str, tuple[int, ...]], ...],

@@ -155,7 +155,7 @@ def scenario(
         surroundings = surroundings.reshape(len(times), substeps)
         _check_above_absolute_zero(f"{where}: ambient", surroundings)
         check_cells(where, chosen, plant.rig, len(weights))
-        check_sample_time(plant, interval)
+        check_sample_time(system, interval)
         check_reach(system, weights, reference, times, surroundings, chosen.limits)
     late = finite_number(f"{where}: sensor_delay", sensor_delay, ControlError)
     late_steps = round(late / step)

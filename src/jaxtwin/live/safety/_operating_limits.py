@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._celsius import ZERO_CELSIUS
-from ..._compilation import persistent_jit
+from ..._compilation import persistent_jit_unoptimised
 from ..._errors import JaxtwinError
 from ...physics import Twin
 from ...rig._limits import SOLDER
@@ -124,7 +124,7 @@ def _rate(twin: Twin) -> float:
         return float(_fastest(Stepper(twin, 1 / PROBES_PER_SECOND)))
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _fastest(stepper: Stepper) -> Float[Array, ""]:
     """The fastest change of any reading, K/s: heated, cooled, as far as the rig can cool, and
     heated again with full duty."""
