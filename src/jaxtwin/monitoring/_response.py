@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._celsius import ZERO_CELSIUS
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..observers import ExtendedKalmanFilter
 from ..observers._observe import stable_stepper
@@ -74,7 +74,7 @@ def _last_from(
     return np.where(back > 0, first + 1.0, np.inf)
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def _risen(
     stepper: Stepper, duties: Float[Array | np.ndarray, "runs cells"], count: int
 ) -> Float[Array, "runs steps channels"]:

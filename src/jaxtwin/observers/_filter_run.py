@@ -159,7 +159,7 @@ def samples_between(
     )
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
     """The moments of each state."""
     of_one = partial(moments, kalman.model)

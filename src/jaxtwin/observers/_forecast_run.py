@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ._filter_run import Samples, samples_between
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
@@ -151,7 +151,7 @@ def expected_at(
     return Moment(model.to_degC(seen.mean), jnp.sqrt(variance))
 
 
-@persistent_jit
+@persistent_jit_unoptimised
 def expected_from(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Samples) -> Moment:
     """The readings that a state lets expect at further times, without any reading between."""
 
