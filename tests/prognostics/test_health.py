@@ -13,7 +13,7 @@ from small_results import fit
 
 import jaxtwin as jt
 from jaxtwin.prognostics._assess import _by_change
-from jaxtwin.prognostics._session_estimates import session_estimates
+from jaxtwin.prognostics._session_estimates import session_of
 
 
 def aged(values: Sequence[float] | np.ndarray, **options: object) -> jt.Health:
@@ -24,18 +24,18 @@ def aged(values: Sequence[float] | np.ndarray, **options: object) -> jt.Health:
 @pytest.mark.parametrize("error", [0.01, 0.3])
 def test_a_session_says_the_same_with_a_prior_and_without(error: float):
     """The posterior of a normal estimate and a normal prior, and the estimate that it came from."""
-    found = session_estimates(session(2.0, error, prior=True))[NAME]
+    found = session_of(session(2.0, error, prior=True)).estimates[NAME]
     assert found.value == pytest.approx(np.log(2.0))
     assert found.error == pytest.approx(error)
 
 
 def test_a_session_says_nothing_of_what_its_prior_alone_determines():
-    assert NAME not in session_estimates(session(2.0, 2.0, prior=True))
+    assert NAME not in session_of(session(2.0, 2.0, prior=True)).estimates
 
 
 def test_values_of_single_recordings_are_no_parameters_of_the_rig():
-    assert "T_amb" not in session_estimates(fit())
-    assert set(session_estimates(fit())) <= {"R_E", "R_pc"}
+    assert "T_amb" not in session_of(fit()).estimates
+    assert set(session_of(fit()).estimates) <= {"R_E", "R_pc"}
 
 
 def test_a_trend_is_found_with_its_size():
@@ -92,6 +92,27 @@ def test_the_champion_of_a_store_and_its_parents_are_sessions(tmp_path: Path):
     np.testing.assert_allclose(found[NAME].values, [2.0, 2.1, 2.2])
     assert found.times.tolist() == [0.0, 7.0, 14.0]
     assert found.within == 14.0
+
+
+@pytest.mark.slow
+def test_observed_sessions_say_where_a_parameter_that_drifts_is_at_their_end():
+    """R_E grows by a twentieth from session to session. What the observer assumed before the first
+    reading, a healthy value within 10 %, does not draw the estimates to itself."""
+    twin, noise = jt.Twin("single-cell"), jt.ProcessNoise(names=("R_E",), slow=0.1, reading=0.1)
+    drive = jt.Experiment.schedule("0:0.5,300:0.8", duration=600)
+    healthy = float(twin.values["R_E"])
+    observed = []
+    for number in range(4):
+        aged = twin.with_values({"R_E": healthy * 1.05**number})
+        recording = aged.simulate(drive).to_recording(noise=0.1, seed=number)
+        observed.append(jt.observe(twin, replace(recording, name=f"session {number}"), noise))
+    found = jt.health(observed)
+    assert found.sessions == ("session 0", "session 1", "session 2", "session 3")
+    row = found["R_E"]
+    truth = healthy * 1.05 ** np.arange(4)
+    assert np.all(np.abs(np.log(row.values / truth)) < 3 * row.errors)
+    assert np.all(row.errors < 0.04)
+    assert row.change == pytest.approx(1.05**3 - 1, abs=0.04)
 
 
 def test_dates_are_taken_as_text_and_as_dates():

@@ -13,24 +13,28 @@ from .._errors import MatchError, ParameterError
 from .._name_suggestions import unknown_name
 from ..matching import Fit
 from ..monitoring._thresholds import DAY
+from ..observers import Observed
+from ..rig import Rig
 from ..twin_store import TwinStore, TwinVersion
 from ._health import Health, ParameterHealth
-from ._session_estimates import SessionEstimate, session_estimates
+from ._session_estimates import Session, SessionEstimate, session_of
 from ._trend import FEWEST, random_effects_trend
 
 Time = float | int | str | date
 
+SESSION = "a Fit of this session by itself, or an Observed recording"
+
 
 @final
 class _Sessions(NamedTuple):
-    """The fits of sessions by name, and what is known of their times."""
+    """The sessions by name, and what is known of their times."""
 
-    fits: dict[str, Fit]
+    found: dict[str, Session]
     made: tuple[datetime, ...] | None
 
 
 def health(
-    sessions: TwinStore | Mapping[str, Fit] | Sequence[Fit],
+    sessions: TwinStore | Mapping[str, Fit | Observed] | Sequence[Fit | Observed],
     times: Sequence[Time] | None = None,
     *,
     limits: Mapping[str, float | int] | None = None,
@@ -48,7 +52,9 @@ def health(
 
     - `sessions`: three or more, in the order of time: session -> fit, where each fit is that of a
       session by itself, such as those of `match_many`; or fits, which are named by their
-      recordings. Of a store of twins the champion and the versions before it, by their parents.
+      recordings. A session may also be one that `observe` followed, with the parameters that drift
+      in its `noise`; it says where they are at its end. Of a store of twins the champion and the
+      versions before it, by their parents.
     - `times`: when the sessions were: dates, texts such as `"2026-01-31"` (ISO 8601), or numbers of
       days. By default the times when the versions of a store were made, and 1, 2, 3, ... for fits.
     - `limits`: name -> a value that the parameter should not pass. It is above or below what is
@@ -59,13 +65,13 @@ def health(
 
     **Returns:** a `Health`.
 
-    **Raises:** `MatchError` for fewer than three sessions, fits of several rigs, times that do not
+    **Raises:** `MatchError` for fewer than three sessions, those of several rigs, times that do not
     increase, sessions that determine nothing, and a limit of a parameter that they do not
     determine; `ParameterError` for an unknown name.
     """
     known = _sessions(sessions)
-    first = next(iter(known.fits.values()))
-    rows = first.twin.rig.parameters
+    rig = next(iter(known.found.values())).rig
+    rows = rig.parameters
     when, unit = _times(times, known)
     ahead = (
         when[-1] - when[0]
@@ -74,21 +80,16 @@ def health(
     )
     if ahead < 0:
         raise MatchError(f"health: within: expected a time of 0 or more, got {ahead:g}")
-    bounds = _limits(limits, first)
-    estimates = [session_estimates(fit) for fit in known.fits.values()]
-    free = dict.fromkeys(
-        name
-        for fit in known.fits.values()
-        for name, row in fit.parameters.items()
-        if row.free and row.scope != "recording"
-    )
+    bounds = _limits(limits, rig)
+    estimates = [one.estimates for one in known.found.values()]
+    free = dict.fromkeys(name for one in known.found.values() for name in one.free)
     wanted = list(free) if names is None else list(names_of("health: names", names, MatchError))
     for name in (*wanted, *bounds):
         if name not in rows:
             raise ParameterError(f"health: {unknown_name('parameter', name, rows)}")
     found, undetermined = [], []
     for name in dict.fromkeys([*wanted, *bounds]):
-        row = _parameter(first, name, when, [each.get(name) for each in estimates])
+        row = _parameter(rig, name, when, [each.get(name) for each in estimates])
         if row is None and name in bounds:
             raise MatchError(
                 f"health: limits: {name}: expected a parameter that {FEWEST} sessions determine, "
@@ -104,11 +105,11 @@ def health(
             f"{', '.join(wanted) or '(none)'}"
         )
     return Health(
-        rig=first.twin.rig.name,
-        sessions=tuple(known.fits),
+        rig=rig.name,
+        sessions=tuple(known.found),
         times=when,
         time_unit=unit,
-        converged=tuple(fit.converged for fit in known.fits.values()),
+        converged=tuple(one.has_converged for one in known.found.values()),
         parameters={row.name: row for row in _by_change(found)},
         undetermined=tuple(undetermined),
         within=ahead,
@@ -116,7 +117,7 @@ def health(
 
 
 def _parameter(
-    fit: Fit,
+    rig: Rig,
     name: str,
     when: Float[np.ndarray, " sessions"],
     estimates: Sequence[SessionEstimate | None],
@@ -127,7 +128,7 @@ def _parameter(
     there = np.isfinite(entries)
     if there.sum() < FEWEST or np.ptp(when[there]) == 0:
         return None
-    row = fit.twin.rig.parameters[name]
+    row = rig.parameters[name]
     at, seen, sure = when[there], entries[there], errors[there]
     distance, chance = np.nan, np.nan
     if there[-1] and len(at) > FEWEST and np.ptp(at[:-1]) > 0:
@@ -159,39 +160,45 @@ def _by_change(rows: Sequence[ParameterHealth]) -> list[ParameterHealth]:
     ]
 
 
-def _sessions(given: TwinStore | Mapping[str, Fit] | Sequence[Fit]) -> _Sessions:
+def _sessions(
+    given: TwinStore | Mapping[str, Fit | Observed] | Sequence[Fit | Observed],
+) -> _Sessions:
+    made = None
     if isinstance(given, TwinStore):
         versions = _line(given)
-        fits = {f"version {one.number}": one.fit() for one in versions}
-        found = _Sessions(fits, tuple(datetime.fromisoformat(one.made) for one in versions))
+        several: dict[str, Fit | Observed] = {f"version {v.number}": v.fit() for v in versions}
+        made = tuple(datetime.fromisoformat(one.made) for one in versions)
     elif isinstance(given, Mapping):
-        found = _Sessions(dict(given), None)
+        several = dict(given)
     else:
-        if isinstance(given, str | bytes | Fit) or not isinstance(given, Iterable):
+        if isinstance(given, str | bytes | Fit | Observed) or not isinstance(given, Iterable):
             raise MatchError(
-                f"health: sessions: expected a store of twins, or fits of sessions, got {given!r}"
+                "health: sessions: expected a store of twins, or fits or observed recordings of "
+                f"sessions, got {given!r}"
             )
-        found = _Sessions(_named(list(given)), None)
-    for name, fit in found.fits.items():
-        of_kind(f"health: {name}", fit, Fit, "a Fit of this session by itself", MatchError)
-    if len(found.fits) < FEWEST:
+        several = _named(list(given))
+    for name, one in several.items():
+        of_kind(f"health: {name}", one, (Fit, Observed), SESSION, MatchError)
+    if len(several) < FEWEST:
         raise MatchError(
             f"health: sessions: expected {FEWEST} or more, because two always lie on a line, got "
-            f"{len(found.fits)}"
+            f"{len(several)}"
         )
-    rigs = dict.fromkeys(fit.twin.rig.name for fit in found.fits.values())
+    found = {name: session_of(one) for name, one in several.items()}
+    rigs = dict.fromkeys(one.rig.name for one in found.values())
     if len(rigs) > 1:
-        raise MatchError(f"health: sessions: expected fits of one rig, got {', '.join(rigs)}")
-    return found
+        raise MatchError(f"health: sessions: expected those of one rig, got {', '.join(rigs)}")
+    return _Sessions(found, made)
 
 
-def _named(fits: Sequence[Fit]) -> dict[str, Fit]:
-    """Fits by the names of their recordings; a name that occurs again gets a number."""
-    found: dict[str, Fit] = {}
-    for number, fit in enumerate(fits, start=1):
-        of_kind(f"health: session {number}", fit, Fit, "a Fit, as match gives it", MatchError)
-        name = ", ".join(fit.recordings)
-        found[f"{name} ({number})" if name in found else name] = fit
+def _named(several: Sequence[Fit | Observed]) -> dict[str, Fit | Observed]:
+    """Sessions by the names of their recordings; a name that occurs again gets a number."""
+    found: dict[str, Fit | Observed] = {}
+    for number, one in enumerate(several, start=1):
+        of_kind(f"health: session {number}", one, (Fit, Observed), SESSION, MatchError)
+        names = [one.experiment.name] if isinstance(one, Observed) else one.recordings
+        name = ", ".join(names) or "session"
+        found[f"{name} ({number})" if name in found else name] = one
     return found
 
 
@@ -209,7 +216,7 @@ def _times(
     given: Sequence[Time] | None, sessions: _Sessions
 ) -> tuple[Float[np.ndarray, " sessions"], str]:
     """The times of sessions, and their unit."""
-    count = len(sessions.fits)
+    count = len(sessions.found)
     if given is None and sessions.made is None:
         return np.arange(1.0, count + 1.0), "session"
     several = list(sessions.made or ()) if given is None else list(given)
@@ -247,14 +254,14 @@ def _day(number: int, time: object) -> float:
     return finite_number(f"health: times: session {number}", time, MatchError)
 
 
-def _limits(given: Mapping[str, float | int] | None, fit: Fit) -> dict[str, float]:
+def _limits(given: Mapping[str, float | int] | None, rig: Rig) -> dict[str, float]:
     named = mapping_of("health: limits", given or {}, "parameter -> limit", MatchError)
     found = {
         name: finite_number(f"health: limits: {name}", limit, MatchError)
         for name, limit in named.items()
     }
     for name, limit in found.items():
-        row = fit.twin.rig.parameters.get(name)
+        row = rig.parameters.get(name)
         if row is not None and row.is_logarithmic and limit <= 0:
             raise MatchError(f"health: limits: {name}: expected a number above 0, got {limit:g}")
     return found
