@@ -21,6 +21,13 @@ FOLDER = Path(__file__).parent
 
 _INCLUDE = re.compile(r'#include "(.*)"\n')
 
+_OF_PARAMETERS = re.compile(
+    r"#ifdef MODEL_PARAMETERS\n.*?#endif\n\n?"
+    r"|MODEL_(?:OF_INSTANCE|ITS_NUMBERS) | *MODEL_FIND_NUMBERS\(state\)\n",
+    re.DOTALL,
+)
+"""The words of `twin_steps.c` for numbers that parameters change."""
+
 
 class Code(NamedTuple):
     """The exported files, the number of constants, and the number of values in the state."""
@@ -40,6 +47,7 @@ class Parts(NamedTuple):
     - `constants`: the macros of the numbers, as C. `tables`: name -> values and comment.
     - `states`: the number of values in the state.
     - `law`: the C that takes the place of `law.c`; empty without.
+    - `has_parameters`: whether parameters can be set, which change the numbers.
     """
 
     about: str
@@ -48,6 +56,7 @@ class Parts(NamedTuple):
     tables: Mapping[str, Table]
     states: int
     law: str = ""
+    has_parameters: bool = False
 
 
 def code_of(kind: str, name: str, precision: str, parts: Parts) -> Code:
@@ -61,11 +70,14 @@ def code_of(kind: str, name: str, precision: str, parts: Parts) -> Code:
         for key, (values, comment) in parts.tables.items()
     }
     arrays, coefficients = tables_c(tables, precision)
-    header = renamed(included(FOLDER / f"{kind}.h", {}), name)
-    header = header.replace(f'#include "{name}_sizes.h"\n', parts.sizes)
+    header = included(FOLDER / f"{kind}.h", {})
+    source = included(FOLDER / f"{kind}.c", {"law.c": parts.law})
+    if not parts.has_parameters:
+        header, source = (_OF_PARAMETERS.sub("", text) for text in (header, source))
+    header = renamed(header, name).replace(f'#include "{name}_sizes.h"\n', parts.sizes)
     return Code(
         parts.about + header,
-        renamed(included(FOLDER / f"{kind}.c", {"law.c": parts.law}), name),
+        renamed(source, name),
         f"/* The numbers of {name}.c, written by jaxtwin. */\n#ifndef {upper}_NUMBERS_H\n"
         f"#define {upper}_NUMBERS_H\n\n{parts.constants}\n{arrays}#endif\n",
         coefficients,

@@ -16,24 +16,14 @@ from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_
 from ._text import comment_block
 
 
-def stepper_c(
-    stepper: Stepper, name: str, precision: str, origin: str, *, with_slopes: bool = False
-) -> Code:
+def stepper_c(stepper: Stepper, name: str, precision: str, origin: str) -> Code:
     """Returns header, source and numbers.
-
-    **Arguments:**
-
-    - `with_slopes`: whether to write also a function for the derivatives of the nodes'
-      temperatures, which an external solver needs.
 
     **Raises:** `ControlError` if a number of the twin is not finite in this precision.
     """
     with own_settings():
         sizes = StepperSizes(stepper)
         tables = stepper_tables(stepper, sizes)
-        if with_slopes:
-            rates = np.asarray(stepper.field.modes.rates, float)
-            tables["rate"] = (rates, "by which the modes decay, 1/s")
         numbers = defines(name, stepper_constants(stepper, sizes), precision, COMMENTS)
         numbers += "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
         numbers += whole_numbers(name, "side", sizes.sides)
@@ -44,8 +34,8 @@ def stepper_c(
             for key, found in input_numbers(inputs).items():
                 numbers += whole_numbers(name, key, found)
         parts = Parts(
-            _about(stepper, sizes, name, precision, origin),
-            _sizes(stepper, sizes, name, precision, with_slopes=with_slopes),
+            about_twin(stepper, sizes, name, precision, origin),
+            twin_sizes(stepper, sizes, name, precision),
             numbers,
             tables,
             sizes.modes + sizes.cells * (1 + sizes.queue) + len(inputs),
@@ -53,9 +43,8 @@ def stepper_c(
         return code_of("twin", name, precision, parts)
 
 
-def _sizes(
-    stepper: Stepper, sizes: StepperSizes, name: str, precision: str, *, with_slopes: bool
-) -> str:
+def twin_sizes(stepper: Stepper, sizes: StepperSizes, name: str, precision: str) -> str:
+    """The C in the header that says which numbers a twin has, and how many."""
     constants: dict[str, int | float] = {
         "SAMPLE_TIME_S": float(np.asarray(stepper.sizes).sum()),
         "AMBIENT": float(stepper.reference) - ZERO_CELSIUS,
@@ -66,8 +55,6 @@ def _sizes(
         "QUEUE": sizes.queue,
         "INPUTS": len(stepper.system.wiring.inputs),
     }
-    if with_slopes:
-        constants["HAS_SLOPES"] = 1
     comments = {
         "AMBIENT": "of the rig, degC",
         "QUEUE": "commands that can be on their way",
@@ -76,7 +63,7 @@ def _sizes(
     return type_of_numbers(name, precision) + defines(name, constants, precision, comments)
 
 
-def _about(stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: str) -> str:
+def about_twin(stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: str) -> str:
     """The comment at the beginning of the header."""
     wiring = stepper.system.wiring
     step = float(np.asarray(stepper.sizes).sum())
