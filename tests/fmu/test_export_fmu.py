@@ -13,6 +13,7 @@ import pytest
 from heated_box import by_hand, cell_and_heater, heated_box
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, export_fmu, simulate
+from jaxtwin.c_export import _sources
 from jaxtwin.fmu import FMU, _export_fmu
 from jaxtwin.fmu._variables import variables_of
 
@@ -224,13 +225,14 @@ def test_the_c_files_compile_as_they_stand(
     stepper = Stepper(twin, 1.0)
     variables = variables_of(twin, stepper)
     sources = _export_fmu._sources(twin, stepper, variables, "model", version, "")
-    for name in ("model.h", "model_fmu.h"):
+    for name in ("model.h", "model_fmu.h", "model_numbers.h"):
         (tmp_path / name).write_text(sources[name])
     file = Path(_export_fmu.__file__).with_name(f"fmi{version[0]}.c")
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow"]
-    command += ["-Wconversion", "-Wundef", "-fsyntax-only", "-I", str(tmp_path), str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr
+    command += ["-Wconversion", "-Wundef", "-fsyntax-only", "-I", str(tmp_path)]
+    for source in (file, _sources.FOLDER / "parametric_twin.c"):
+        done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
+        assert not done.returncode, done.stderr
 
 
 OPAQUE = {
