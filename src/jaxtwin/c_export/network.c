@@ -9,7 +9,7 @@ typedef struct {
     double conductance[MODEL_NODES][MODEL_NODES]; /* W/K */
     double resistance[MODEL_NODES][MODEL_SIDES]; /* between nodes and sides of cells, K/W */
     double at[MODEL_NODES]; /* the operating point, a deviation, K */
-    double matrix[MODEL_NODES][MODEL_NODES], vectors[MODEL_NODES][MODEL_NODES];
+    double matrix[MODEL_NODES][MODEL_NODES];
 } model_network;
 
 /* The values in SI units, their products, and the sums of these. */
@@ -240,13 +240,13 @@ static int model_find_modes(model_numbers *numbers, model_network *network)
             network->matrix[i][j] = network->conductance[i][j] / scale;
         }
     }
-    if (!model_diagonalise(network->matrix, network->vectors)) {
+    if (!model_diagonalise(network->matrix, numbers->rate)) {
         return 0;
     }
     for (i = 0; i < MODEL_NODES; ++i) {
-        numbers->rate[i] = network->matrix[i][i];
         for (j = 0; j < MODEL_NODES; ++j) {
-            numbers->shape[j][i] = network->vectors[i][j] / sqrt(numbers->capacitance[j]);
+            const double scale = sqrt(numbers->rate[i]) * sqrt(numbers->capacitance[j]);
+            numbers->shape[j][i] = network->matrix[i][j] / scale;
         }
     }
     return 1;

@@ -1,0 +1,119 @@
+static double model_dot(const double *a, const double *b)
+{
+    double sum = 0.0;
+    int k;
+    for (k = 0; k < MODEL_NODES; ++k) {
+        sum += a[k] * b[k];
+    }
+    return sum;
+}
+
+/* Cholesky's factor L of a positive definite matrix L L^T. Its columns become the rows. Returns
+   whether the matrix is positive definite. */
+static int model_factorise(double matrix[MODEL_NODES][MODEL_NODES])
+{
+    int i, j, k;
+    for (k = 0; k < MODEL_NODES; ++k) {
+        const double pivot = sqrt(matrix[k][k]);
+        if (!(pivot > 0.0)) {
+            return 0;
+        }
+        for (j = 0; j < MODEL_NODES; ++j) {
+            matrix[k][j] = j < k ? 0.0 : matrix[k][j] / pivot;
+        }
+        for (i = k + 1; i < MODEL_NODES; ++i) {
+            for (j = i; j < MODEL_NODES; ++j) {
+                matrix[i][j] -= matrix[k][i] * matrix[k][j];
+            }
+        }
+    }
+    return 1;
+}
+
+/* The eigenvectors of a positive definite matrix by one-sided Jacobi rotations of its Cholesky
+   factor (Veselic and Hari, Numer. Math. 56, 1989), with which the small eigenvalues of a stiff
+   network keep their digits. The rows of the matrix become its eigenvectors, with squares of
+   lengths that are the eigenvalues. Returns whether that has been reached. */
+static int model_diagonalise(double matrix[MODEL_NODES][MODEL_NODES], double *values)
+{
+    const double small = DBL_EPSILON * MODEL_NODES;
+    int sweep, p, q, k, is_orthogonal = 0;
+    if (!model_factorise(matrix)) {
+        return 0;
+    }
+    for (sweep = 0; sweep < 50 && !is_orthogonal; ++sweep) {
+        is_orthogonal = 1;
+        for (p = 0; p < MODEL_NODES; ++p) {
+            values[p] = model_dot(matrix[p], matrix[p]);
+        }
+        for (p = 0; p < MODEL_NODES; ++p) {
+            for (q = p + 1; q < MODEL_NODES; ++q) {
+                double *a = matrix[p], *b = matrix[q];
+                const double both = model_dot(a, b);
+                double ratio, tangent, cosine, sine;
+                if (fabs(both) <= small * sqrt(values[p] * values[q])) {
+                    continue;
+                }
+                is_orthogonal = 0;
+                ratio = (values[q] - values[p]) / (2.0 * both);
+                tangent = copysign(1.0 / (fabs(ratio) + hypot(1.0, ratio)), ratio);
+                cosine = 1.0 / hypot(1.0, tangent);
+                sine = tangent * cosine;
+                for (k = 0; k < MODEL_NODES; ++k) {
+                    const double of_a = a[k], of_b = b[k];
+                    a[k] = cosine * of_a - sine * of_b;
+                    b[k] = sine * of_a + cosine * of_b;
+                }
+                values[p] -= tangent * both;
+                values[q] += tangent * both;
+            }
+        }
+    }
+    return is_orthogonal;
+}
+
+/* Solves matrix * x = right in place, for several columns, by Gauss-Jordan elimination with pivots.
+   Returns whether there is a solution. */
+static int model_solve(double *matrix, double *right, int size, int columns)
+{
+    int row, k, j;
+    for (k = 0; k < size; ++k) {
+        int largest = k;
+        for (row = k + 1; row < size; ++row) {
+            if (fabs(matrix[row * size + k]) > fabs(matrix[largest * size + k])) {
+                largest = row;
+            }
+        }
+        if (!(fabs(matrix[largest * size + k]) > 0.0)) {
+            return 0;
+        }
+        for (j = 0; j < size; ++j) {
+            const double kept = matrix[k * size + j];
+            matrix[k * size + j] = matrix[largest * size + j];
+            matrix[largest * size + j] = kept;
+        }
+        for (j = 0; j < columns; ++j) {
+            const double kept = right[k * columns + j];
+            right[k * columns + j] = right[largest * columns + j];
+            right[largest * columns + j] = kept;
+        }
+        for (row = 0; row < size; ++row) {
+            const double factor = matrix[row * size + k] / matrix[k * size + k];
+            if (row == k || factor == 0.0) {
+                continue;
+            }
+            for (j = k; j < size; ++j) {
+                matrix[row * size + j] -= factor * matrix[k * size + j];
+            }
+            for (j = 0; j < columns; ++j) {
+                right[row * columns + j] -= factor * right[k * columns + j];
+            }
+        }
+    }
+    for (k = 0; k < size; ++k) {
+        for (j = 0; j < columns; ++j) {
+            right[k * columns + j] /= matrix[k * size + k];
+        }
+    }
+    return 1;
+}
