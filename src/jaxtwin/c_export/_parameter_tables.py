@@ -16,6 +16,9 @@ from ..rig._plate import AMBIENT
 from ..simulation import Stepper
 from ._input_tables import Polynomial, effect_factors, polynomials
 
+WholeTable = tuple[list[int], str]
+"""Whole numbers and a comment."""
+
 
 def settable_parameters(twin: Twin) -> list[Parameter]:
     """The parameters that can be set in C: those of the equations. Temperatures of the surroundings
@@ -47,11 +50,11 @@ class ParameterTables(NamedTuple):
     """What C computes a twin from.
 
     - `constants`: the sizes of the tables, and where each quantity begins among the sums.
-    - `numbers`: the tables of whole numbers. `tables`: those of others, with comments.
+    - `numbers`: the tables of whole numbers. `tables`: those of others; both with comments.
     """
 
     constants: dict[str, int | float]
-    numbers: dict[str, list[int]]
+    numbers: dict[str, WholeTable]
     tables: dict[str, Table]
 
 
@@ -123,7 +126,7 @@ def _quantities(twin: Twin, stepper: Stepper, names: frozenset[str]) -> dict[str
 
 def _sum_tables(
     sums: list[Polynomial], names: list[str]
-) -> tuple[dict[str, int], dict[str, list[int]], dict[str, Table]]:
+) -> tuple[dict[str, int], dict[str, WholeTable], dict[str, Table]]:
     """Sums of monomials, and monomials of parameters, as lists one after the other."""
     monomials = list(dict.fromkeys(powers for row in sums for powers in row))
     place = {powers: number for number, powers in enumerate(monomials)}
@@ -131,10 +134,10 @@ def _sum_tables(
     terms = [term for row in sums for term in row.items()]
     constants = {"SUMS": len(sums), "MONOMIALS": len(monomials)}
     numbers = {
-        "monomial_start": _starts(monomials),
-        "monomial_parameter": [*(names.index(name) for name, _ in powers), 0],
-        "sum_start": _starts(sums),
-        "sum_monomial": [place[powers] for powers, _ in terms],
+        "monomial_start": (_starts(monomials), "where the powers of each product begin"),
+        "monomial_parameter": ([*(names.index(name) for name, _ in powers), 0], "and their bases"),
+        "sum_start": (_starts(sums), "where the terms of each sum begin"),
+        "sum_monomial": ([place[powers] for powers, _ in terms], "and their products"),
     }
     exponents = np.array([*(exponent for _, exponent in powers), 0.0])
     factors = np.array([factor for _, factor in terms])
@@ -142,7 +145,7 @@ def _sum_tables(
         constants,
         numbers,
         {
-            "monomial_power": (exponents, "of the parameters in each product"),
+            "monomial_power": (exponents, "exponents of the parameters in each product"),
             "sum_factor": (factors, "of the products in each sum"),
         },
     )
@@ -152,22 +155,30 @@ def _starts(rows: Sequence[Sequence[object] | Polynomial]) -> list[int]:
     return [0, *accumulate(len(row) for row in rows)]
 
 
-def _branches(wiring: Wiring) -> dict[str, list[int]]:
+def _branches(wiring: Wiring) -> dict[str, WholeTable]:
     """The thermal resistances between nodes. Beyond the numbers of the nodes are those of the
     surroundings and of the bodies of given temperatures."""
     netlist = wiring.netlist
     ends = [*netlist.index, AMBIENT, *(body.name for body in netlist.reservoirs)]
     place = {name: number for number, name in enumerate(ends)}
     conducting = set(wiring.conducting.tolist())
-    films = set() if wiring.film_sums is None else set(wiring.film_sums.members[1].tolist())
     count = range(len(netlist.links))
     found = {
-        "branch_from": [place[link.a] for link in netlist.links],
-        "branch_to": [place[link.b] for link in netlist.links],
-        "branch_conducts": [int(number in conducting) for number in count],
-        "branch_is_film": [int(number in films) for number in count],
+        "branch_from": ([place[link.a] for link in netlist.links], "nodes"),
+        "branch_to": (
+            [place[link.b] for link in netlist.links],
+            "nodes, then the surroundings, then bodies of given temperatures",
+        ),
+        "branch_conducts": (
+            [int(number in conducting) for number in count],
+            "whether its sum is a conductance, not a resistance",
+        ),
     }
+    if wiring.film_sums is not None:
+        films = set(wiring.film_sums.members[1].tolist())
+        is_film = [int(number in films) for number in count]
+        found["branch_is_film"] = is_film, "whether it is the film of an element"
     effects = wiring.input_wiring
     if effects is not None and len(effects.links):
-        found["link_branch"] = effects.links.tolist()
+        found["link_branch"] = effects.links.tolist(), "the branches that inputs change"
     return found

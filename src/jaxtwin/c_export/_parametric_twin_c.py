@@ -34,6 +34,19 @@ BY_PART = ("half_decay", "decay", "half", "half_start", "half_middle", "whole_st
 BY_PART += ("whole_middle", "first", "middle", "last", "lag", "at")
 """The tables with a row for each part of a step."""
 
+NETWORK_COMMENTS = {
+    "SUMS": "of products of parameters, in which quantities begin at these numbers",
+    "MONOMIALS": "products of powers of parameters",
+    "BRANCHES": "thermal resistances",
+    "TYPICAL": "of the sides of cells, where the search for rest begins, K",
+    "COLDEST": "that is believed of it, K",
+    "HOTTEST": "that is believed of it, K",
+    "STEFAN_BOLTZMANN": "W/(m^2 K^4)",
+    "WHOLE": "relative difference below which a delay is a multiple of the step",
+    "STABILITY_LIMIT": "of the gain of a step, above which steps are not stable",
+}
+"""Macro of the network -> its meaning and its unit."""
+
 
 def parametric_twin_c(
     twin: Twin, stepper: Stepper, name: str, origin: str, parameters: Sequence[Parameter]
@@ -60,15 +73,18 @@ def parametric_twin_c(
         constants = stepper_constants(stepper, sizes) | given.constants | _of_network()
         scalars = [key for key in SCALARS if key in constants]
         constants = {k: v for k, v in constants.items() if k not in (*scalars, "PARTS")}
-        whole = {"side": sizes.sides} | given.numbers | (input_numbers(inputs) if inputs else {})
+        of_inputs = input_numbers(inputs) if inputs else {}
         parts = Parts(
-            about_twin(stepper, sizes, name, "double", origin),
+            about_twin(stepper, sizes, name, "double", origin, parameters),
             twin_sizes(stepper, sizes, name, "double")
-            + defines(name, {"PARAMETERS": len(parameters)}, "double")
+            + defines(name, {"PARAMETERS": len(parameters)}, "double", COMMENTS)
             + _struct(name, tables, scalars, has_delay=sizes.has_delay),
             _in_instance(name, tables, scalars)
-            + defines(name, constants, "double", COMMENTS)
-            + "".join(whole_numbers(name, key, found) for key, found in whole.items()),
+            + defines(name, constants, "double", COMMENTS | NETWORK_COMMENTS)
+            + "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
+            + whole_numbers(name, "side", sizes.sides)
+            + "".join(whole_numbers(name, key, *found) for key, found in given.numbers.items())
+            + "".join(whole_numbers(name, key, found) for key, found in of_inputs.items()),
             given.tables | fixed,
             states=0,
             has_parameters=True,
@@ -105,11 +121,11 @@ def _struct(
     name: str, tables: Mapping[str, Table], scalars: Sequence[str], *, has_delay: bool
 ) -> str:
     """The numbers of an instance. With a delay a step has up to two parts."""
-    lines = [f"    double {key}; /* {COMMENTS.get(key, 'of the losses')} */" for key in scalars]
+    lines = [f"    double {key}; /* {COMMENTS[key]} */" for key in scalars]
     for key, (values, comment) in tables.items():
         shape = (1 + has_delay, *values.shape[1:]) if key in BY_PART else values.shape
         sizes = "".join(f"[{size}]" for size in shape)
-        lines.append(f"    double {key}{sizes}; /* {ascii_text(comment)} */")
+        lines += [f"    /* {ascii_text(comment)} */", f"    double {key}{sizes};"]
     lines += [
         "    double delay_s, lag_s; /* of the driver, 0 for none */",
         "    int parts, waiting; /* parts of a step, and commands on their way */",

@@ -7,6 +7,7 @@ generated: the sizes, which the header needs (`model_sizes.h`, inserted into it)
 """
 
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 
 from .._errors import ControlError
 from ..control.controllers._law import Table
-from ._text import number, tables_c
+from ._text import LONGEST_LINE, number, tables_c
 
 FOLDER = Path(__file__).parent
 
@@ -123,10 +124,13 @@ def defines(
     return "".join(lines)
 
 
-def whole_numbers(name: str, key: str, values: Sequence[int]) -> str:
+def whole_numbers(name: str, key: str, values: Sequence[int], comment: str = "") -> str:
     """An array of whole numbers as C."""
     text = ", ".join(map(str, values))
-    return f"static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
+    if len(text) > LONGEST_LINE:
+        text = "\n    " + "\n    ".join(textwrap.wrap(text, LONGEST_LINE)) + "\n"
+    above = f"/* {comment} */\n" if comment else ""
+    return f"{above}static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
 
 
 def included(file: Path, given: Mapping[str, str]) -> str:

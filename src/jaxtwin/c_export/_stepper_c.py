@@ -5,10 +5,13 @@ In `twin.c` the decay of the modes in a step, $(e^{-\lambda h} - 1) z$, is compu
 factors keep all digits of a `float` even if a slow mode decays by a thousandth.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
+from ..rig import Parameter
 from ..simulation import Stepper
 from ._input_tables import input_lines, input_numbers, input_tables
 from ._sources import Code, Parts, code_of, defines, type_of_numbers, whole_numbers
@@ -63,8 +66,15 @@ def twin_sizes(stepper: Stepper, sizes: StepperSizes, name: str, precision: str)
     return type_of_numbers(name, precision) + defines(name, constants, precision, comments)
 
 
-def about_twin(stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: str) -> str:
-    """The comment at the beginning of the header."""
+def about_twin(
+    stepper: Stepper,
+    sizes: StepperSizes,
+    name: str,
+    real: str,
+    origin: str,
+    parameters: Sequence[Parameter] = (),
+) -> str:
+    """The comment at the beginning of the header; `parameters` are those that can be set."""
     wiring = stepper.system.wiring
     step = float(np.asarray(stepper.sizes).sum())
     kept = f"{sizes.modes} modes"
@@ -83,6 +93,11 @@ def about_twin(stepper: Stepper, sizes: StepperSizes, name: str, real: str, orig
                 for n, cell in enumerate(wiring.netlist.cells)
             ),
             *input_lines(wiring.inputs),
+            *(["Parameters, in their units:"] if parameters else []),
+            *(
+                f"  {n}: {row.name}{row.unit and f', {row.unit}'}"
+                for n, row in enumerate(parameters)
+            ),
             "Readings, degC, of the channels:",
             *(f"  {n}: {channel}" for n, channel in enumerate(wiring.channels)),
             "Nodes, degC:",
