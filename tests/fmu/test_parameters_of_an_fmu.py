@@ -238,7 +238,9 @@ def test_derivatives_of_model_exchange_are_the_equations(twin: Twin, fmu: FMU):
     def slopes(twin: Twin) -> Any:
         system = twin.system()
         room = system.ambient_temperature
-        heat = system.heat_into_nodes(start + ZERO_CELSIUS - room, jnp.asarray(command), room)
+        heat = system.heat_into_nodes(
+            jnp.asarray(start) + ZERO_CELSIUS - room, jnp.asarray(command), room
+        )
         return heat / system.capacitance
 
     np.testing.assert_allclose(found, slopes(twin.with_values(values)), rtol=1e-9, atol=1e-9)

@@ -14,7 +14,6 @@ from ..physics import Twin
 from ..physics._heat_loss import STEFAN_BOLTZMANN
 from ..rig import Parameter
 from ..simulation import Stepper
-from ..simulation._modes import BELIEVABLE, NEWTON_STEPS, TYPICAL_TEMPERATURE
 from ..simulation._refinement import STABILITY_LIMIT
 from ..simulation._step_preparation import WHOLE
 from ._input_tables import input_numbers, input_tables
@@ -34,13 +33,17 @@ BY_PART = ("half_decay", "decay", "half", "half_start", "half_middle", "whole_st
 BY_PART += ("whole_middle", "first", "middle", "last", "lag", "at")
 """The tables with a row for each part of a step."""
 
+CONSTANTS = {
+    "STEFAN_BOLTZMANN": STEFAN_BOLTZMANN,
+    "WHOLE": WHOLE,
+    "STABILITY_LIMIT": STABILITY_LIMIT,
+}
+"""The constants of physics and of `Stepper` from which C computes the numbers."""
+
 NETWORK_COMMENTS = {
     "SUMS": "of products of parameters, in which quantities begin at these numbers",
     "MONOMIALS": "products of powers of parameters",
     "BRANCHES": "thermal resistances",
-    "TYPICAL": "of the sides of cells, where the search for rest begins, K",
-    "COLDEST": "that is believed of it, K",
-    "HOTTEST": "that is believed of it, K",
     "STEFAN_BOLTZMANN": "W/(m^2 K^4)",
     "WHOLE": "relative difference below which a delay is a multiple of the step",
     "STABILITY_LIMIT": "of the gain of a step, above which steps are not stable",
@@ -70,7 +73,7 @@ def parametric_twin_c(
         tables = stepper_tables(stepper, sizes) | input_tables(stepper)
         tables["rate"] = rates, "by which the modes decay, 1/s"
         fixed = {key: tables.pop(key) for key in OF_INPUTS if key in tables}
-        constants = stepper_constants(stepper, sizes) | given.constants | _of_network()
+        constants = stepper_constants(stepper, sizes) | given.constants | CONSTANTS
         scalars = [key for key in SCALARS if key in constants]
         constants = {k: v for k, v in constants.items() if k not in (*scalars, "PARTS")}
         of_inputs = input_numbers(inputs) if inputs else {}
@@ -103,18 +106,6 @@ def _longest_queue(twin: Twin, stepper: Stepper, parameters: Sequence[Parameter]
     delays = [float(expression.numbers(twin.numbers_si | end)[0]) for end in ({}, *ends)]
     step = float(np.asarray(stepper.sizes).sum())
     return int(max(delays) / step * (1 + WHOLE)) + 1
-
-
-def _of_network() -> dict[str, int | float]:
-    return {
-        "NEWTON_STEPS": NEWTON_STEPS,
-        "TYPICAL": TYPICAL_TEMPERATURE,
-        "COLDEST": BELIEVABLE[0],
-        "HOTTEST": BELIEVABLE[1],
-        "STEFAN_BOLTZMANN": STEFAN_BOLTZMANN,
-        "WHOLE": WHOLE,
-        "STABILITY_LIMIT": STABILITY_LIMIT,
-    }
 
 
 def _struct(

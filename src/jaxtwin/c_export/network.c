@@ -6,10 +6,7 @@
 typedef struct {
     double sums[MODEL_SUMS]; /* of products of parameters */
     double branch[MODEL_BRANCHES]; /* conductances, W/K */
-    double conductance[MODEL_NODES][MODEL_NODES]; /* W/K */
-    double resistance[MODEL_NODES][MODEL_SIDES]; /* between nodes and sides of cells, K/W */
-    double at[MODEL_NODES]; /* the operating point, a deviation, K */
-    double matrix[MODEL_NODES][MODEL_NODES];
+    double matrix[MODEL_NODES][MODEL_NODES]; /* conductances, W/K, which become the modes */
 } model_network;
 
 /* The values in SI units, their products, and the sums of these. */
@@ -103,114 +100,49 @@ static const char *model_assemble(model_numbers *numbers, model_network *network
     return NULL;
 }
 
-/* The heat of the cells into their sides, W, and its derivative, W/K, by differences that are exact
-   because the heat is quadratic. */
-static void model_side_heat(const model_numbers *numbers, const double *at, double duty,
-                            double *flow, double slope[MODEL_SIDES][MODEL_SIDES])
+/* The derivative of the heat of the cells into their sides at rest, W/K, by differences that are
+   exact because the heat is quadratic. */
+static void model_heat_slope(const model_numbers *numbers, double duty,
+                             double slope[MODEL_SIDES][MODEL_SIDES])
 {
     int i, side;
     memset(slope, 0, sizeof(double) * MODEL_SIDES * MODEL_SIDES);
     for (i = 0; i < MODEL_CELLS; ++i) {
-        const double cold = MODEL_T0 + at[i], hot = MODEL_T0 + at[MODEL_CELLS + i];
-        double both[2], above[2], below[2];
-        model_heat(numbers, i, duty, cold, hot, numbers->VS, both);
-        flow[i] = both[0];
-        flow[MODEL_CELLS + i] = both[1];
         for (side = 0; side < 2; ++side) {
             const int column = side * MODEL_CELLS + i;
-            const double up = side == 0 ? 1.0 : 0.0;
-            model_heat(numbers, i, duty, cold + up, hot + (1.0 - up), numbers->VS, above);
-            model_heat(numbers, i, duty, cold - up, hot - (1.0 - up), numbers->VS, below);
+            const double cold = side == 0 ? 1.0 : 0.0, hot = 1.0 - cold;
+            double above[2], below[2];
+            model_heat(numbers, i, duty, MODEL_T0 + cold, MODEL_T0 + hot, numbers->VS, above);
+            model_heat(numbers, i, duty, MODEL_T0 - cold, MODEL_T0 - hot, numbers->VS, below);
             slope[i][column] = (above[0] - below[0]) / 2.0;
             slope[MODEL_CELLS + i][column] = (above[1] - below[1]) / 2.0;
         }
     }
 }
 
-static double model_believable(double deviation)
-{
-    return fmin(fmax(deviation, MODEL_COLDEST - MODEL_T0), MODEL_HOTTEST - MODEL_T0);
-}
-
-/* The steady state with idle cells by Newton's method for their sides. Returns whether there is
-   one. */
-static int model_find_rest(const model_numbers *numbers, model_network *network)
-{
-    double at[MODEL_SIDES], flow[MODEL_SIDES], change[MODEL_SIDES];
-    double slope[MODEL_SIDES][MODEL_SIDES], matrix[MODEL_SIDES][MODEL_SIDES];
-    int i, j, k, step;
-    memcpy(network->matrix, network->conductance, sizeof network->matrix);
-    memset(network->resistance, 0, sizeof network->resistance);
-    for (i = 0; i < MODEL_SIDES; ++i) {
-        at[i] = MODEL_TYPICAL - MODEL_T0;
-        network->resistance[model_side[i]][i] = 1.0;
-    }
-    if (!model_solve(network->matrix[0], network->resistance[0], MODEL_NODES, MODEL_SIDES)) {
-        return 0;
-    }
-    for (step = 0; step < MODEL_NEWTON_STEPS; ++step) {
-        model_side_heat(numbers, at, 0.0, flow, slope);
-        for (i = 0; i < MODEL_SIDES; ++i) {
-            const double *row = network->resistance[model_side[i]];
-            change[i] = at[i];
-            for (j = 0; j < MODEL_SIDES; ++j) {
-                change[i] -= row[j] * flow[j];
-                matrix[i][j] = i == j;
-                for (k = 0; k < MODEL_SIDES; ++k) {
-                    matrix[i][j] -= row[k] * slope[k][j];
-                }
-            }
-        }
-        if (!model_solve(matrix[0], change, MODEL_SIDES, 1)) {
-            return 0;
-        }
-        for (i = 0; i < MODEL_SIDES; ++i) {
-            at[i] = model_believable(at[i] - change[i]);
-        }
-    }
-    model_side_heat(numbers, at, 0.0, flow, slope);
-    for (i = 0; i < MODEL_NODES; ++i) {
-        network->at[i] = 0.0;
-        for (j = 0; j < MODEL_SIDES; ++j) {
-            network->at[i] += network->resistance[i][j] * flow[j];
-        }
-        network->at[i] = model_believable(network->at[i]);
-    }
-    return 1;
-}
-
-/* The operating point of the sides of the cells. */
-static void model_sides_at(const model_network *network, double *at)
-{
-    int i;
-    for (i = 0; i < MODEL_SIDES; ++i) {
-        at[i] = network->at[model_side[i]];
-    }
-}
-
-/* The cells and the losses join the network with their derivatives at rest. */
+/* The cells and the losses join the network with their derivatives at rest: with idle cells all is
+   as warm as the surroundings. */
 static void model_linearise(model_numbers *numbers, model_network *network)
 {
-    double at[MODEL_SIDES], flow[MODEL_SIDES], slope[MODEL_SIDES][MODEL_SIDES];
+    double slope[MODEL_SIDES][MODEL_SIDES];
     int i, j;
-    model_sides_at(network, at);
-    model_side_heat(numbers, at, 0.0, flow, slope);
+#ifdef MODEL_ELEMENTS
+    const double film = pow(MODEL_CALM * MODEL_FILM_SCALE, numbers->HALF_EXPONENT);
+    const double radiation = 4.0 * MODEL_T0 * MODEL_T0 * MODEL_T0;
+#endif
+    model_heat_slope(numbers, 0.0, slope);
     for (i = 0; i < MODEL_SIDES; ++i) {
         for (j = 0; j < MODEL_SIDES; ++j) {
             const double conductance = -(slope[i][j] + slope[j][i]) / 2.0;
             numbers->linearised_conductance[i][j] = conductance;
-            network->conductance[model_side[i]][model_side[j]] += conductance;
+            network->matrix[model_side[i]][model_side[j]] += conductance;
         }
     }
 #ifdef MODEL_ELEMENTS
     for (i = 0; i < MODEL_ELEMENTS; ++i) {
-        const double rise = network->at[i], hot = MODEL_T0 + rise, square = rise * rise;
-        const double above = square + MODEL_CALM, exponent = numbers->HALF_EXPONENT;
-        const double film = pow(above * MODEL_FILM_SCALE, exponent);
         numbers->linearised_loss[i] =
-            numbers->film[i] * (film - 1.0 + 2.0 * exponent * film * square / above)
-            + 4.0 * numbers->radiating[i] * hot * hot * hot;
-        network->conductance[i][i] += numbers->linearised_loss[i];
+            numbers->film[i] * (film - 1.0) + numbers->radiating[i] * radiation;
+        network->matrix[i][i] += numbers->linearised_loss[i];
     }
 #endif
 }
@@ -220,24 +152,20 @@ static void model_linearise(model_numbers *numbers, model_network *network)
 static int model_find_modes(model_numbers *numbers, model_network *network)
 {
     int i, j;
-    memset(network->conductance, 0, sizeof network->conductance);
+    memset(network->matrix, 0, sizeof network->matrix);
     for (i = 0; i < MODEL_BRANCHES; ++i) {
         const int a = model_branch_from[i], b = model_branch_to[i];
-        network->conductance[a][a] += network->branch[i];
+        network->matrix[a][a] += network->branch[i];
         if (b < MODEL_NODES) {
-            network->conductance[b][b] += network->branch[i];
-            network->conductance[a][b] -= network->branch[i];
-            network->conductance[b][a] -= network->branch[i];
+            network->matrix[b][b] += network->branch[i];
+            network->matrix[a][b] -= network->branch[i];
+            network->matrix[b][a] -= network->branch[i];
         }
-    }
-    if (!model_find_rest(numbers, network)) {
-        return 0;
     }
     model_linearise(numbers, network);
     for (i = 0; i < MODEL_NODES; ++i) {
         for (j = 0; j < MODEL_NODES; ++j) {
-            const double scale = sqrt(numbers->capacitance[i]) * sqrt(numbers->capacitance[j]);
-            network->matrix[i][j] = network->conductance[i][j] / scale;
+            network->matrix[i][j] /= sqrt(numbers->capacitance[i]) * sqrt(numbers->capacitance[j]);
         }
     }
     if (!model_diagonalise(network->matrix, numbers->rate)) {

@@ -3,7 +3,7 @@
 
 #include "twin.c"
 
-#include "linear_algebra.c"
+#include "eigenvectors.c"
 #include "network.c"
 #include "step_factors.c"
 

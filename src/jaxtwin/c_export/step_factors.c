@@ -74,10 +74,9 @@ static int model_set_parts(model_numbers *numbers, double *sizes)
 
 /* The norm of the explicit part of a step, as remainder_gain: steps with more than
    MODEL_STABILITY_LIMIT are not safe. */
-static double model_gain(const model_numbers *numbers, const model_network *network)
+static double model_gain(const model_numbers *numbers)
 {
-    double response[MODEL_SIDES][MODEL_SIDES], slope[MODEL_SIDES][MODEL_SIDES];
-    double at[MODEL_SIDES], flow[MODEL_SIDES], largest = 0.0;
+    double response[MODEL_SIDES][MODEL_SIDES], slope[MODEL_SIDES][MODEL_SIDES], largest = 0.0;
     int i, j, k, m, level;
     for (i = 0; i < MODEL_SIDES; ++i) {
         for (j = 0; j < MODEL_SIDES; ++j) {
@@ -90,9 +89,8 @@ static double model_gain(const model_numbers *numbers, const model_network *netw
             response[i][j] = fabs(sum);
         }
     }
-    model_sides_at(network, at);
     for (level = -1; level <= 1; ++level) {
-        model_side_heat(numbers, at, (double)level, flow, slope);
+        model_heat_slope(numbers, (double)level, slope);
         for (i = 0; i < MODEL_SIDES; ++i) {
             double sum = 0.0;
             for (j = 0; j < MODEL_SIDES; ++j) {
@@ -215,6 +213,6 @@ static const char *model_set_steps(model_numbers *numbers, const model_network *
     }
 #endif
     model_set_ends(numbers, network);
-    numbers->is_stable = model_gain(numbers, network) <= MODEL_STABILITY_LIMIT;
+    numbers->is_stable = model_gain(numbers) <= MODEL_STABILITY_LIMIT;
     return NULL;
 }
