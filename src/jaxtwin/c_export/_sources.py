@@ -27,7 +27,8 @@ _OF_PARAMETERS = re.compile(
     r"|MODEL_(?:OF_INSTANCE|ITS_NUMBERS) | *MODEL_FIND_NUMBERS\(state\)\n",
     re.DOTALL,
 )
-"""The words of `twin_steps.c` for numbers that parameters change."""
+"""What the files of a twin say only for numbers that parameters change; it is left out where these
+are constants."""
 
 
 class Code(NamedTuple):
