@@ -13,6 +13,7 @@ import pytest
 from heated_box import by_hand, cell_and_heater, heated_box
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, export_fmu, simulate
+from jaxtwin.c_export import _sources
 from jaxtwin.fmu import FMU, _export_fmu
 from jaxtwin.fmu._variables import variables_of
 
@@ -221,14 +222,17 @@ def test_the_c_files_compile_as_they_stand(
     version: Literal["2.0", "3.0"], twin: Twin, tmp_path: Path
 ):
     """Before a name is put into them, with the numbers of a twin whose name is `model`."""
-    sources = _export_fmu._sources(Stepper(twin, 1.0), "model", version, "")
-    for name in ("model.h", "model_fmu.h"):
+    stepper = Stepper(twin, 1.0)
+    variables = variables_of(twin, stepper)
+    sources = _export_fmu._sources(twin, stepper, variables, "model", version, "")
+    for name in ("model.h", "model_fmu.h", "model_numbers.h"):
         (tmp_path / name).write_text(sources[name])
     file = Path(_export_fmu.__file__).with_name(f"fmi{version[0]}.c")
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow"]
-    command += ["-Wconversion", "-Wundef", "-fsyntax-only", "-I", str(tmp_path), str(file)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr
+    command += ["-Wconversion", "-Wundef", "-fsyntax-only", "-I", str(tmp_path)]
+    for source in (file, _sources.FOLDER / "parametric_twin.c"):
+        done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
+        assert not done.returncode, done.stderr
 
 
 OPAQUE = {
@@ -292,7 +296,7 @@ def test_what_cannot_be_written_is_refused(twin: Twin, tmp_path: Path):
 
 
 def test_a_duty_cycle_is_between_full_cooling_and_full_heating(twin: Twin):
-    rows = variables_of(Stepper(twin, 1.0))
+    rows = variables_of(twin, Stepper(twin, 1.0))
     limits = {row.name: row.limits for row in rows if row.causality == "input"}
     assert limits == {"duty.P1": (-1.0, 1.0), "duty.P2": (-1.0, 1.0), "ambient": None}
 
@@ -300,7 +304,7 @@ def test_a_duty_cycle_is_between_full_cooling_and_full_heating(twin: Twin):
 @pytest.mark.slow
 def test_heaters_are_inputs_from_0_to_1_and_simulate_as_the_twin(tmp_path: Path):
     twin = Twin(cell_and_heater("on-off"))
-    variables = {row.name: row for row in variables_of(Stepper(twin, 1.0))}
+    variables = {row.name: row for row in variables_of(twin, Stepper(twin, 1.0))}
     assert variables["duty.P1"].limits == (-1.0, 1.0)
     assert variables["duty.foil"].limits == (0.0, 1.0)
     box = Twin(heated_box())

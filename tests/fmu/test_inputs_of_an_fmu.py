@@ -12,6 +12,7 @@ import pytest
 
 from jaxtwin import Experiment, Stepper, Twin, export_fmu, simulate
 from jaxtwin.fmu import FMU, _export_fmu
+from jaxtwin.fmu._variables import variables_of
 
 VERSIONS: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")
 
@@ -159,7 +160,10 @@ def test_states_that_a_lid_does_not_have_and_cooling_are_refused(
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_the_sources_compile_without_a_warning(version: Any, twin: Twin, tmp_path: Path):
-    for name, text in _export_fmu._sources(Stepper(twin, 1.0), "model", version, "").items():
+    stepper = Stepper(twin, 1.0)
+    variables = variables_of(twin, stepper)
+    sources = _export_fmu._sources(twin, stepper, variables, "model", version, "")
+    for name, text in sources.items():
         (tmp_path / name).write_text(text)
     command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow"]
     command += ["-Wconversion", "-Wundef", "-fsyntax-only"]

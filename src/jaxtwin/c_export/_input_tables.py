@@ -1,23 +1,26 @@
 """What inputs besides the duty change, as numbers for C: sums of products of powers of inputs and
 of the shares of their states."""
 
-from collections import defaultdict
+import math
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
 
 from ..control.controllers._law import Table
 from ..physics._expressions import Expressions
-from ..physics._input_effects import InputWiring
 from ..rig import Input
 from ..simulation import Stepper
 
 Product = tuple[tuple[str, float], ...]
 """The powers of inputs and shares that are multiplied: pairs (name, exponent)."""
 
-Sums = list[dict[Product, float]]
-"""For each effect the factor of each product."""
+Polynomial = dict[Product, float]
+"""A sum of products of parameters: product -> factor."""
+
+Effects = list[dict[Product, Polynomial]]
+"""For each effect the factor of each product of inputs and shares."""
+
+NO_NAMES: frozenset[str] = frozenset()
 
 
 def input_constants(stepper: Stepper) -> dict[str, int | float]:
@@ -25,7 +28,7 @@ def input_constants(stepper: Stepper) -> dict[str, int | float]:
     wiring = stepper.system.wiring.input_wiring
     if wiring is None:
         return {}
-    sums = _effects(wiring, stepper)
+    sums = effects_of_inputs(stepper)
     links = {"LINKS": len(wiring.links)} if len(wiring.links) else {}
     return {
         "EFFECTS": len(sums),
@@ -42,7 +45,7 @@ def input_tables(stepper: Stepper) -> dict[str, Table]:
     wiring, inputs = system.wiring.input_wiring, system.wiring.inputs
     if wiring is None:
         return {}
-    sums = _effects(wiring, stepper)
+    sums = effects_of_inputs(stepper)
     products, names = _products(sums), [name for name, *_ in _shares(inputs)]
     tables = {
         "input_start": (np.array([one.value for one in inputs]), "those of the rig file"),
@@ -53,7 +56,7 @@ def input_tables(stepper: Stepper) -> dict[str, Table]:
             "of each input or share in each product",
         ),
         "by_product": (
-            np.array([[row.get(product, 0.0) for product in products] for row in sums]),
+            np.array([[row.get(p, {}).get((), 0.0) for p in products] for row in sums]),
             "effects by the products: of bodies, K, of links, W/K, and of the supply, V",
         ),
     }
@@ -107,34 +110,67 @@ def _shares(inputs: tuple[Input, ...]) -> list[tuple[str, int, int]]:
     ]
 
 
-def _products(sums: Sums) -> list[Product]:
+def _products(sums: Effects) -> list[Product]:
     return list(dict.fromkeys(product for row in sums for product in row))
 
 
-def _effects(wiring: InputWiring, stepper: Stepper) -> Sums:
+def effect_factors(
+    stepper: Stepper, numbers: Mapping[str, float], settable: frozenset[str]
+) -> list[Polynomial]:
+    """The entries of the table `by_product`, row by row, with these parameters left open; none for
+    a rig without inputs. `numbers` are the values of the others, in SI units."""
+    if stepper.system.wiring.input_wiring is None:
+        return []
+    sums = effects_of_inputs(stepper, numbers, settable)
+    return [row.get(product, {}) for row in sums for product in _products(sums)]
+
+
+def effects_of_inputs(
+    stepper: Stepper,
+    numbers: Mapping[str, float] | None = None,
+    settable: frozenset[str] = NO_NAMES,
+) -> Effects:
     """The effects in the order of C: bodies and links as changes from the rig file, the supply."""
-    assert stepper.system.input_values is not None
-    values = {name: float(value) for name, value in stepper.system.input_values.items()}
+    wiring, values = stepper.system.wiring.input_wiring, stepper.system.input_values
+    assert wiring is not None
+    assert values is not None
+    known = {name: float(value) for name, value in values.items()} if numbers is None else numbers
     nominal = {name: number for one in wiring.inputs for name, number in one.nominal.items()}
     found = []
     for expressions in (wiring.reservoirs, wiring.conductances):
-        before = np.asarray(expressions({**values, **nominal}), float)
-        for row, number in zip(_sums(expressions, values, nominal), before, strict=True):
-            row[()] = row.get((), 0.0) - float(number)
+        before = polynomials(expressions, {**known, **nominal}, settable)
+        rows = _sums(expressions, known, nominal, settable)
+        for row, constant in zip(rows, before, strict=True):
+            own = row.setdefault((), {})
+            for powers, factor in constant.items():
+                own[powers] = own.get(powers, 0.0) - factor
             found.append(row)
-    return [*found, *_sums(wiring.supply_voltage, values, nominal)]
+    return [*found, *_sums(wiring.supply_voltage, known, nominal, settable)]
+
+
+def polynomials(
+    expressions: Expressions, numbers: Mapping[str, float], settable: frozenset[str] = NO_NAMES
+) -> list[Polynomial]:
+    """The sums with numbers in place of all parameters but those that are left open."""
+    return [row.get((), {}) for row in _sums(expressions, numbers, {}, settable)]
 
 
 def _sums(
-    expressions: Expressions, values: Mapping[str, float], nominal: Mapping[str, float]
-) -> Sums:
-    """The sums with numbers in place of the parameters; powers of inputs stay."""
-    rows: Sums = [defaultdict(float) for _ in expressions.factors]
+    expressions: Expressions,
+    numbers: Mapping[str, float],
+    inputs: Mapping[str, float],
+    settable: frozenset[str],
+) -> Effects:
+    """The sums with numbers in place of the parameters; powers of inputs, and of parameters that
+    are left open, stay."""
+    rows: Effects = [{} for _ in expressions.factors]
     for value, column in zip(expressions.products, expressions.factors.T, strict=True):
-        product = tuple((name, power) for name, power in value.powers if name in nominal)
-        rest = [(name, power) for name, power in value.powers if name not in nominal]
-        factors: Float[np.ndarray, " sums"] = column * np.prod([values[n] ** p for n, p in rest])
-        for row, factor in zip(rows, factors.tolist(), strict=True):
+        product = tuple((name, power) for name, power in value.powers if name in inputs)
+        others = [pair for pair in value.powers if pair[0] not in inputs]
+        powers = tuple(pair for pair in others if pair[0] in settable)
+        rest = math.prod(numbers[name] ** power for name, power in others if name not in settable)
+        for row, factor in zip(rows, column.tolist(), strict=True):
             if factor:
-                row[product] += factor
+                of_product = row.setdefault(product, {})
+                of_product[powers] = of_product.get(powers, 0.0) + factor * rest
     return rows

@@ -7,6 +7,7 @@ generated: the sizes, which the header needs (`model_sizes.h`, inserted into it)
 """
 
 import re
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,11 +16,19 @@ import numpy as np
 
 from .._errors import ControlError
 from ..control.controllers._law import Table
-from ._text import number, tables_c
+from ._text import LONGEST_LINE, number, tables_c
 
 FOLDER = Path(__file__).parent
 
 _INCLUDE = re.compile(r'#include "(.*)"\n')
+
+_OF_PARAMETERS = re.compile(
+    r"#ifdef MODEL_PARAMETERS\n.*?#endif\n\n?"
+    r"|MODEL_(?:OF_INSTANCE|ITS_NUMBERS) | *MODEL_FIND_NUMBERS\(state\)\n",
+    re.DOTALL,
+)
+"""What the files of a twin say only for numbers that parameters change; it is left out where these
+are constants."""
 
 
 class Code(NamedTuple):
@@ -40,6 +49,7 @@ class Parts(NamedTuple):
     - `constants`: the macros of the numbers, as C. `tables`: name -> values and comment.
     - `states`: the number of values in the state.
     - `law`: the C that takes the place of `law.c`; empty without.
+    - `has_parameters`: whether parameters can be set, which change the numbers.
     """
 
     about: str
@@ -48,6 +58,7 @@ class Parts(NamedTuple):
     tables: Mapping[str, Table]
     states: int
     law: str = ""
+    has_parameters: bool = False
 
 
 def code_of(kind: str, name: str, precision: str, parts: Parts) -> Code:
@@ -61,11 +72,14 @@ def code_of(kind: str, name: str, precision: str, parts: Parts) -> Code:
         for key, (values, comment) in parts.tables.items()
     }
     arrays, coefficients = tables_c(tables, precision)
-    header = renamed(included(FOLDER / f"{kind}.h", {}), name)
-    header = header.replace(f'#include "{name}_sizes.h"\n', parts.sizes)
+    header = included(FOLDER / f"{kind}.h", {})
+    source = included(FOLDER / f"{kind}.c", {"law.c": parts.law})
+    if not parts.has_parameters:
+        header, source = (_OF_PARAMETERS.sub("", text) for text in (header, source))
+    header = renamed(header, name).replace(f'#include "{name}_sizes.h"\n', parts.sizes)
     return Code(
         parts.about + header,
-        renamed(included(FOLDER / f"{kind}.c", {"law.c": parts.law}), name),
+        renamed(source, name),
         f"/* The numbers of {name}.c, written by jaxtwin. */\n#ifndef {upper}_NUMBERS_H\n"
         f"#define {upper}_NUMBERS_H\n\n{parts.constants}\n{arrays}#endif\n",
         coefficients,
@@ -111,10 +125,13 @@ def defines(
     return "".join(lines)
 
 
-def whole_numbers(name: str, key: str, values: Sequence[int]) -> str:
+def whole_numbers(name: str, key: str, values: Sequence[int], comment: str = "") -> str:
     """An array of whole numbers as C."""
     text = ", ".join(map(str, values))
-    return f"static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
+    if len(text) > LONGEST_LINE:
+        text = "\n    " + "\n    ".join(textwrap.wrap(text, LONGEST_LINE)) + "\n"
+    above = f"/* {comment} */\n" if comment else ""
+    return f"{above}static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
 
 
 def included(file: Path, given: Mapping[str, str]) -> str:

@@ -5,10 +5,13 @@ In `twin.c` the decay of the modes in a step, $(e^{-\lambda h} - 1) z$, is compu
 factors keep all digits of a `float` even if a slow mode decays by a thousandth.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
+from ..rig import Parameter
 from ..simulation import Stepper
 from ._input_tables import input_lines, input_numbers, input_tables
 from ._sources import Code, Parts, code_of, defines, type_of_numbers, whole_numbers
@@ -16,24 +19,14 @@ from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_
 from ._text import comment_block
 
 
-def stepper_c(
-    stepper: Stepper, name: str, precision: str, origin: str, *, with_slopes: bool = False
-) -> Code:
+def stepper_c(stepper: Stepper, name: str, precision: str, origin: str) -> Code:
     """Returns header, source and numbers.
-
-    **Arguments:**
-
-    - `with_slopes`: whether to write also a function for the derivatives of the nodes'
-      temperatures, which an external solver needs.
 
     **Raises:** `ControlError` if a number of the twin is not finite in this precision.
     """
     with own_settings():
         sizes = StepperSizes(stepper)
         tables = stepper_tables(stepper, sizes)
-        if with_slopes:
-            rates = np.asarray(stepper.field.modes.rates, float)
-            tables["rate"] = (rates, "by which the modes decay, 1/s")
         numbers = defines(name, stepper_constants(stepper, sizes), precision, COMMENTS)
         numbers += "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
         numbers += whole_numbers(name, "side", sizes.sides)
@@ -44,8 +37,8 @@ def stepper_c(
             for key, found in input_numbers(inputs).items():
                 numbers += whole_numbers(name, key, found)
         parts = Parts(
-            _about(stepper, sizes, name, precision, origin),
-            _sizes(stepper, sizes, name, precision, with_slopes=with_slopes),
+            about_twin(stepper, sizes, name, precision, origin),
+            twin_sizes(stepper, sizes, name, precision),
             numbers,
             tables,
             sizes.modes + sizes.cells * (1 + sizes.queue) + len(inputs),
@@ -53,9 +46,8 @@ def stepper_c(
         return code_of("twin", name, precision, parts)
 
 
-def _sizes(
-    stepper: Stepper, sizes: StepperSizes, name: str, precision: str, *, with_slopes: bool
-) -> str:
+def twin_sizes(stepper: Stepper, sizes: StepperSizes, name: str, precision: str) -> str:
+    """The C in the header that says which numbers a twin has, and how many."""
     constants: dict[str, int | float] = {
         "SAMPLE_TIME_S": float(np.asarray(stepper.sizes).sum()),
         "AMBIENT": float(stepper.reference) - ZERO_CELSIUS,
@@ -66,8 +58,6 @@ def _sizes(
         "QUEUE": sizes.queue,
         "INPUTS": len(stepper.system.wiring.inputs),
     }
-    if with_slopes:
-        constants["HAS_SLOPES"] = 1
     comments = {
         "AMBIENT": "of the rig, degC",
         "QUEUE": "commands that can be on their way",
@@ -76,8 +66,15 @@ def _sizes(
     return type_of_numbers(name, precision) + defines(name, constants, precision, comments)
 
 
-def _about(stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: str) -> str:
-    """The comment at the beginning of the header."""
+def about_twin(
+    stepper: Stepper,
+    sizes: StepperSizes,
+    name: str,
+    real: str,
+    origin: str,
+    parameters: Sequence[Parameter] = (),
+) -> str:
+    """The comment at the beginning of the header; `parameters` are those that can be set."""
     wiring = stepper.system.wiring
     step = float(np.asarray(stepper.sizes).sum())
     kept = f"{sizes.modes} modes"
@@ -96,6 +93,11 @@ def _about(stepper: Stepper, sizes: StepperSizes, name: str, real: str, origin: 
                 for n, cell in enumerate(wiring.netlist.cells)
             ),
             *input_lines(wiring.inputs),
+            *(["Parameters, in their units:"] if parameters else []),
+            *(
+                f"  {n}: {row.name}{row.unit and f', {row.unit}'}"
+                for n, row in enumerate(parameters)
+            ),
             "Readings, degC, of the channels:",
             *(f"  {n}: {channel}" for n, channel in enumerate(wiring.channels)),
             "Nodes, degC:",

@@ -161,5 +161,6 @@ COMMENTS = {
     "CALM": "K^2",
     "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
     "SHARES": "of states, and the inputs",
+    "PARAMETERS": "that can be set",
 }
 """Macro -> its meaning and its unit."""

@@ -7,6 +7,9 @@ import numpy as np
 
 from .._errors import ControlError
 
+LONGEST_LINE = 92
+"""The largest number of characters of the numbers in a line."""
+
 
 def number(value: float, precision: str) -> str:
     """A constant that C reads back as the same number."""
@@ -22,7 +25,7 @@ def table(name: str, values: np.ndarray, comment: str, precision: str) -> str:
     lines = []
     for row in rows:
         text = ", ".join(number(value, precision) for value in row)
-        wrapped = textwrap.wrap(text, 92, break_long_words=False, break_on_hyphens=False)
+        wrapped = textwrap.wrap(text, LONGEST_LINE, break_long_words=False, break_on_hyphens=False)
         begin, end = ("    {", "},") if values.ndim == 2 else ("    ", "")
         lines += [begin + "\n     ".join(wrapped) + end]
     body = "\n".join(lines)

@@ -83,7 +83,7 @@ static void model_heat_slopes(int cell, model_real duty, model_real cold, model_
 #ifdef MODEL_MEAN_VOLTAGE
     const model_real whole = loop + share * MODEL_RS;
     const model_real raw = (-duty * MODEL_VS - emf) / whole;
-    current = model_limited(raw);
+    current = MODEL_LIMITED(raw);
     current_duty = -(MODEL_VS + raw * more * MODEL_RS) / whole;
     current_emf = -1 / whole;
     if (current < raw || current > raw) {
@@ -96,7 +96,7 @@ static void model_heat_slopes(int cell, model_real duty, model_real cold, model_
     const model_real cools = duty < 0 ? MODEL_VS : 0;
     const model_real drive = duty > 0 || MODEL_IS_HEATER(cell) ? -MODEL_VS : cools;
     const model_real raw = (drive - emf) / (loop + MODEL_RS);
-    const model_real on = model_limited(raw);
+    const model_real on = MODEL_LIMITED(raw);
     const model_real on_emf = on < raw || on > raw ? 0 : -1 / (loop + MODEL_RS);
 #ifdef MODEL_BRAKES
     const model_real off = -emf / loop, off_emf = -1 / loop;

@@ -5,7 +5,7 @@
 #include "twin_steps.c"
 
 /* A part of a step under a command. */
-static void model_part(model_state *state, int part, const model_real *command,
+static void model_part(MODEL_OF_INSTANCE model_state *state, int part, const model_real *command,
                        const model_real *first, const model_real *slope,
                        const model_real *effects)
 {
@@ -23,7 +23,7 @@ static void model_part(model_state *state, int part, const model_real *command,
         end[i] = command[i] + away * model_lag[part][1];
     }
 #endif
-    model_advance(state->z, part, start, middle, end, first, slope, effects);
+    model_advance(MODEL_ITS_NUMBERS state->z, part, start, middle, end, first, slope, effects);
     for (i = 0; i < MODEL_CELLS; ++i) {
         state->duty[i] = end[i];
     }
@@ -32,6 +32,7 @@ static void model_part(model_state *state, int part, const model_real *command,
 void model_init(model_state *state, const model_real nodes[MODEL_NODES],
                 const model_real duty[MODEL_CELLS])
 {
+    MODEL_FIND_NUMBERS(state)
     int i, m;
     for (m = 0; m < MODEL_MODES; ++m) {
         state->z[m] = 0;
@@ -55,13 +56,17 @@ void model_init(model_state *state, const model_real nodes[MODEL_NODES],
 #endif
 }
 
+#ifndef MODEL_WAITING
+#define MODEL_WAITING MODEL_QUEUE /* commands on their way */
+#endif
+
 /* The command that acts in a part of a step. Of those on their way, the first was given a step
    ago. */
 static const model_real *model_command(const model_state *state, const model_real *duty, int part)
 {
 #if MODEL_QUEUE > 0
-    if (part < MODEL_QUEUE) {
-        return state->late[MODEL_QUEUE - 1 - part];
+    if (part < MODEL_WAITING) {
+        return state->late[MODEL_WAITING - 1 - part];
     }
 #else
     (void)state;
@@ -72,6 +77,7 @@ static const model_real *model_command(const model_state *state, const model_rea
 
 void model_step(model_state *state, const model_real duty[MODEL_CELLS], model_real ambient)
 {
+    MODEL_FIND_NUMBERS(state)
     const model_real deviation = ambient + MODEL_ZERO_CELSIUS - MODEL_T0;
     model_real first[MODEL_MODES], slope[MODEL_MODES];
     int part;
@@ -80,20 +86,22 @@ void model_step(model_state *state, const model_real duty[MODEL_CELLS], model_re
 #endif
 #if MODEL_INPUTS > 0
     model_real effects[MODEL_EFFECTS];
-    model_effects(state->inputs, effects);
+    model_effects(MODEL_ITS_NUMBERS state->inputs, effects);
 #else
     const model_real *effects = 0;
 #endif
-    model_losses(state->z, deviation, effects, first);
+    model_losses(MODEL_ITS_NUMBERS state->z, deviation, effects, first);
 #ifdef MODEL_ELEMENTS
 #ifdef MODEL_HAS_LAG
-    model_loss_slope(state->z, state->duty, deviation, effects, first, 0, slope);
+    model_loss_slope(MODEL_ITS_NUMBERS state->z, state->duty, deviation, effects, first, 0, slope);
 #else
-    model_loss_slope(state->z, model_command(state, duty, 0), deviation, effects, first, 0, slope);
+    model_loss_slope(MODEL_ITS_NUMBERS state->z, model_command(state, duty, 0), deviation, effects,
+                     first, 0, slope);
 #endif
 #endif
     for (part = 0; part < MODEL_PARTS; ++part) {
-        model_part(state, part, model_command(state, duty, part), first, slope, effects);
+        model_part(MODEL_ITS_NUMBERS state, part, model_command(state, duty, part), first, slope,
+                   effects);
     }
 #if MODEL_QUEUE > 0
     {
@@ -113,6 +121,7 @@ void model_step(model_state *state, const model_real duty[MODEL_CELLS], model_re
 void model_output(const model_state *state, model_real ambient,
                   model_real temperatures[MODEL_CHANNELS])
 {
+    MODEL_FIND_NUMBERS(state)
     const model_real deviation = ambient + MODEL_ZERO_CELSIUS - MODEL_T0;
     int i, m;
     for (i = 0; i < MODEL_CHANNELS; ++i) {
@@ -126,6 +135,7 @@ void model_output(const model_state *state, model_real ambient,
 
 void model_nodes(const model_state *state, model_real nodes[MODEL_NODES])
 {
+    MODEL_FIND_NUMBERS(state)
     int i, m;
     for (i = 0; i < MODEL_NODES; ++i) {
         model_real sum = 0;
@@ -135,33 +145,3 @@ void model_nodes(const model_state *state, model_real nodes[MODEL_NODES])
         nodes[i] = sum + (MODEL_T0 - MODEL_ZERO_CELSIUS);
     }
 }
-
-#ifdef MODEL_HAS_SLOPES
-void model_slopes(const model_real nodes[MODEL_NODES], const model_real duty[MODEL_CELLS],
-                  model_real ambient, const model_real *inputs, model_real slopes[MODEL_NODES])
-{
-    const model_real deviation = ambient + MODEL_ZERO_CELSIUS - MODEL_T0;
-    model_real first[MODEL_MODES], force[MODEL_MODES];
-    model_state state;
-    int i, m;
-#if MODEL_INPUTS > 0
-    model_real effects[MODEL_EFFECTS];
-    model_effects(inputs, effects);
-#else
-    const model_real *effects = 0;
-    (void)inputs;
-#endif
-    model_init(&state, nodes, duty);
-    model_losses(state.z, deviation, effects, first);
-    model_force(state.z, duty, first, effects, force);
-    for (m = 0; m < MODEL_MODES; ++m) {
-        force[m] -= model_rate[m] * state.z[m];
-    }
-    for (i = 0; i < MODEL_NODES; ++i) {
-        slopes[i] = 0;
-        for (m = 0; m < MODEL_MODES; ++m) {
-            slopes[i] += model_shape[i][m] * force[m];
-        }
-    }
-}
-#endif

@@ -8,6 +8,9 @@ extern "C" {
 #include "model_sizes.h"
 
 typedef struct {
+#ifdef MODEL_PARAMETERS
+    const model_numbers *numbers; /* set before model_init */
+#endif
     model_real z[MODEL_MODES]; /* amplitudes of the modes */
     model_real duty[MODEL_CELLS]; /* that reaches the cells */
 #if MODEL_QUEUE > 0
@@ -32,13 +35,6 @@ void model_output(const model_state *state, model_real ambient,
 
 /* The temperatures of the nodes now, degC: a sensor where there is none. */
 void model_nodes(const model_state *state, model_real nodes[MODEL_NODES]);
-
-#ifdef MODEL_HAS_SLOPES
-/* How fast the temperatures of the nodes change, K/s; the duty is what reaches the cells, the
-   ambient in degC. Of other inputs there are MODEL_INPUTS. */
-void model_slopes(const model_real nodes[MODEL_NODES], const model_real duty[MODEL_CELLS],
-                  model_real ambient, const model_real *inputs, model_real slopes[MODEL_NODES]);
-#endif
 
 #ifdef __cplusplus
 }

@@ -1,3 +1,15 @@
+#ifdef MODEL_PARAMETERS
+/* Each instance of a twin whose parameters can be set has its own numbers, which functions get
+   first. Those of other twins are constants, and their files are written without these words. */
+#define MODEL_OF_INSTANCE const model_numbers *numbers,
+#define MODEL_ITS_NUMBERS numbers,
+#define MODEL_FIND_NUMBERS(state) const model_numbers *const numbers = (state)->numbers;
+#else
+#define MODEL_OF_INSTANCE
+#define MODEL_ITS_NUMBERS
+#define MODEL_FIND_NUMBERS(state)
+#endif
+
 /* An estimated duty of a heater may be below 0 by its error, and then cools as much as it would
    heat above. */
 #ifdef MODEL_HAS_HEATERS
@@ -7,14 +19,11 @@
 #endif
 
 /* The current through a connected cell, within what its controller allows, A. */
-static model_real model_limited(model_real current)
-{
 #ifdef MODEL_IMAX
-    return model_fmin(model_fmax(current, -MODEL_IMAX), MODEL_IMAX);
+#define MODEL_LIMITED(current) model_fmin(model_fmax(current, -MODEL_IMAX), MODEL_IMAX)
 #else
-    return current;
+#define MODEL_LIMITED(current) (current)
 #endif
-}
 
 /* What the inputs besides duty and ambient change: the temperatures of bodies and the conductances
    of links, as differences from those of the rig file, and the voltage of the supply. Each is a sum
@@ -32,7 +41,7 @@ static model_real model_share(const model_real *inputs, int number)
     return model_fmax(1 - model_fabs(level - (model_real)model_input_state[number]), 0);
 }
 
-static void model_effects(const model_real *inputs, model_real *effects)
+static void model_effects(MODEL_OF_INSTANCE const model_real *inputs, model_real *effects)
 {
     int i, j, n;
     for (i = 0; i < MODEL_EFFECTS; ++i) {
@@ -56,20 +65,20 @@ static void model_effects(const model_real *inputs, model_real *effects)
 
 /* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. Those of a heater are
    the same node. */
-static void model_heat(int cell, model_real duty, model_real cold, model_real hot,
-                       model_real supply, model_real flow[2])
+static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real cold,
+                       model_real hot, model_real supply, model_real flow[2])
 {
     const model_real loop = model_R[cell] + MODEL_RON;
     const model_real emf = model_alpha[cell] * (hot - cold);
     const model_real share = MODEL_IS_HEATER(cell) ? duty : model_fabs(duty);
 #ifdef MODEL_MEAN_VOLTAGE
     const model_real drive = -duty * supply;
-    const model_real current = model_limited((drive - emf) / (loop + share * MODEL_RS));
+    const model_real current = MODEL_LIMITED((drive - emf) / (loop + share * MODEL_RS));
     const model_real square = current * current;
 #else
     const model_real cools = duty < 0 ? supply : 0;
     const model_real drive = duty > 0 || MODEL_IS_HEATER(cell) ? -supply : cools;
-    const model_real on = model_limited((drive - emf) / (loop + MODEL_RS));
+    const model_real on = MODEL_LIMITED((drive - emf) / (loop + MODEL_RS));
 #ifdef MODEL_BRAKES
     const model_real off = -emf / loop;
     const model_real current = share * on + (1 - share) * off;
@@ -92,8 +101,8 @@ static void model_heat(int cell, model_real duty, model_real cold, model_real ho
 
 /* What drives the modes beside their own decay. Of the sides of the cells, the cold ones are the
    first. */
-static void model_force(const model_real *z, const model_real *duty, const model_real *steady,
-                        const model_real *effects, model_real *force)
+static void model_force(MODEL_OF_INSTANCE const model_real *z, const model_real *duty,
+                        const model_real *steady, const model_real *effects, model_real *force)
 {
     model_real at[2 * MODEL_CELLS], flow[2 * MODEL_CELLS], both[2];
     int i, j, m;
@@ -104,7 +113,7 @@ static void model_force(const model_real *z, const model_real *duty, const model
         }
     }
     for (i = 0; i < MODEL_CELLS; ++i) {
-        model_heat(i, duty[i], MODEL_T0 + at[i], MODEL_T0 + at[MODEL_CELLS + i],
+        model_heat(MODEL_ITS_NUMBERS i, duty[i], MODEL_T0 + at[i], MODEL_T0 + at[MODEL_CELLS + i],
                    MODEL_SUPPLY(effects), both);
         flow[i] = both[0];
         flow[MODEL_CELLS + i] = both[1];
@@ -139,8 +148,8 @@ static void model_force(const model_real *z, const model_real *duty, const model
 
 /* Forces by the ambient, by coolant and the like, and by what the plate loses beyond its linear
    losses. */
-static void model_losses(const model_real *z, model_real ambient, const model_real *effects,
-                         model_real *force)
+static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambient,
+                         const model_real *effects, model_real *force)
 {
     int m;
 #ifdef MODEL_LINKS
@@ -213,7 +222,7 @@ static void model_losses(const model_real *z, model_real ambient, const model_re
 /* A part of a step by ETDRK4-B (Krogstad, J. Comput. Phys. 203, 2005, eq. 51), under the duty that
    reaches the cells at its start, middle and end. The losses are those at the start of the step,
    first, and grow by slope in half a step. */
-static void model_advance(model_real *z, int part, const model_real *start,
+static void model_advance(MODEL_OF_INSTANCE model_real *z, int part, const model_real *start,
                           const model_real *middle, const model_real *end,
                           const model_real *first, const model_real *slope,
                           const model_real *effects)
@@ -227,24 +236,24 @@ static void model_advance(model_real *z, int part, const model_real *start,
     for (m = 0; m < MODEL_MODES; ++m) {
         p[m] = MODEL_STEADY(0);
     }
-    model_force(z, start, p, effects, f0);
+    model_force(MODEL_ITS_NUMBERS z, start, p, effects, f0);
     for (m = 0; m < MODEL_MODES; ++m) {
         p[m] = MODEL_STEADY(1);
         b[m] = z[m] + model_half_decay[part][m] * z[m];
         b[m] += model_half[part][m] * f0[m];
     }
-    model_force(b, middle, p, effects, fa);
+    model_force(MODEL_ITS_NUMBERS b, middle, p, effects, fa);
     for (m = 0; m < MODEL_MODES; ++m) {
         b[m] = z[m] + model_half_decay[part][m] * z[m];
         b[m] += model_half_start[part][m] * f0[m] + model_half_middle[part][m] * fa[m];
     }
-    model_force(b, middle, p, effects, fb);
+    model_force(MODEL_ITS_NUMBERS b, middle, p, effects, fb);
     for (m = 0; m < MODEL_MODES; ++m) {
         p[m] = MODEL_STEADY(2);
         b[m] = z[m] + model_decay[part][m] * z[m];
         b[m] += model_whole_start[part][m] * f0[m] + model_whole_middle[part][m] * fb[m];
     }
-    model_force(b, end, p, effects, fc);
+    model_force(MODEL_ITS_NUMBERS b, end, p, effects, fc);
     for (m = 0; m < MODEL_MODES; ++m) {
         z[m] += model_decay[part][m] * z[m] + model_first[part][m] * f0[m]
                 + model_middle[part][m] * (fa[m] + fb[m]) + model_last[part][m] * fc[m];
@@ -253,17 +262,17 @@ static void model_advance(model_real *z, int part, const model_real *start,
 
 /* How the losses change in half a step: from those at the start, first, to those in the middle. */
 #ifdef MODEL_ELEMENTS
-static void model_loss_slope(const model_real *z, const model_real *duty, model_real ambient,
-                             const model_real *effects, const model_real *first,
-                             const model_real *heat, model_real *slope)
+static void model_loss_slope(MODEL_OF_INSTANCE const model_real *z, const model_real *duty,
+                             model_real ambient, const model_real *effects,
+                             const model_real *first, const model_real *heat, model_real *slope)
 {
     model_real b[MODEL_MODES];
     int m;
-    model_force(z, duty, first, effects, slope);
+    model_force(MODEL_ITS_NUMBERS z, duty, first, effects, slope);
     for (m = 0; m < MODEL_MODES; ++m) {
         b[m] = z[m] + model_to_half_decay[m] * z[m] + model_to_half[m] * slope[m];
     }
-    model_losses(b, ambient, effects, slope);
+    model_losses(MODEL_ITS_NUMBERS b, ambient, effects, slope);
     for (m = 0; m < MODEL_MODES; ++m) {
         slope[m] += (heat == 0 ? 0 : heat[m]) - first[m];
     }

@@ -1,8 +1,9 @@
 """A twin as an FMU, the Functional Mock-up Unit of other simulators.
 
-`_export_fmu` puts it together: the C of a twin (`c_export/_stepper_c`), an instance of it
-(`instance.c`, `states.c`), the functions of FMI 2 or 3 (`fmi2.c`, `fmi3.c`), the variables
-(`_variables`) and their description in XML (`_model_description`).
+`_export_fmu` puts it together: the C of a twin and of its parameters
+(`c_export/_parametric_twin_c`), an instance of it (`instance.c`, `refusals.c`, `states.c`), the
+functions of FMI 2 or 3 (`fmi2.c`, `fmi3.c`), the variables (`_variables`) and their description in
+XML (`_model_description`).
 """
 
 from ._export_fmu import FMU, export_fmu

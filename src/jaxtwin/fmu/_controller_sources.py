@@ -11,7 +11,7 @@ from ..c_export._text import table
 from ..control import AbstractController
 from ..physics import Twin
 from ..rig import Rig
-from ._variables import Variable
+from ._variables import Variable, names_c
 
 
 class ControllerParts(NamedTuple):
@@ -44,6 +44,7 @@ def controller_parts(
     numbers = (
         defines(name, {"CHANNELS": int(read.sum()), "ROOM": room}, "double")
         + table(f"{name}_weights", weights[:, read], "of channels in readings", "double")
+        + names_c(name, variables)
     )  # fmt: skip
     return ControllerParts(variables, code, numbers)
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple, final
@@ -19,8 +20,9 @@ import numpy as np
 from .._arguments import of_kind, path_of
 from .._errors import ControlError
 from .._whole_file import check_ending, write_whole_file
+from ..c_export._parameter_tables import settable_parameters
+from ..c_export._parametric_twin_c import parametric_twin_c
 from ..c_export._sources import defines, included, renamed
-from ..c_export._stepper_c import stepper_c
 from ..c_export._text import table
 from ..control import AbstractController
 from ..matching import Fit
@@ -30,16 +32,9 @@ from ..rig import Rig
 from ..simulation import Stepper
 from ._controller_sources import controller_parts
 from ._model_description import build_description, model_description
-from ._variables import Variable, variables_of
+from ._variables import Variable, names_c, variables_of
 
 VERSIONS = ("2.0", "3.0")
-
-COMMENTS = {
-    "DELAY_S": "of the driver, 0 for none",
-    "LAG_S": "of the driver, 0 for none",
-    "LAGGED": "duty cycles behind the lag",
-}
-"""Macro of the numbers of an FMU -> its meaning."""
 
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
 """Platform of Python -> its name in FMI, and the ending of its libraries."""
@@ -51,14 +46,15 @@ class FMU:
     """The file that `export_fmu` wrote, and its variables.
 
     - `path`: the path of the file.
-    - `inputs`, `outputs`: the names of its variables. Those of the nodes, `node.NAME`, can be set
-      before the start.
+    - `inputs`, `outputs`, `parameters`: the names of its variables. Parameters, and the nodes
+      (`node.NAME`), can be set before the start.
     - `binary`: the platform of its binary; None if it contains only sources.
     """
 
     path: Path
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    parameters: tuple[str, ...]
     binary: str | None
 
 
@@ -81,7 +77,9 @@ def export_fmu(
 
     The FMU is the nonlinear twin of `Stepper`, as C. Its inputs are the duty cycles (`duty.P1`, -1
     to 1) and the ambient temperature, degC. Its outputs are the temperatures of the channels, degC.
-    The temperatures of the nodes (`node.V11`) can be read, and can be set before the start.
+    The temperatures of the nodes (`node.V11`) can be read, and can be set before the start. So can
+    the parameters of the twin (`R_E`), within the bounds of the rig; the FMU then computes its
+    network anew.
 
     In co-simulation the FMU takes steps of `step_size`, independently of the steps of the
     simulator. The inputs are held from the beginning of a step, and the outputs are those at the
@@ -145,9 +143,9 @@ def export_fmu(
     _write(target, files)
     names = {
         causality: tuple(v.name for v in variables if v.causality == causality)
-        for causality in ("input", "output")
+        for causality in ("input", "output", "parameter")
     }
-    return FMU(target, names["input"], names["output"], binary)
+    return FMU(target, names["input"], names["output"], names["parameter"], binary)
 
 
 class _Contents(NamedTuple):
@@ -172,9 +170,10 @@ def _of_twin(
     step = 1.0 if step_size is None else float(step_size)
     stepper = Stepper(plant, step)
     name = _identifier("twin", plant.rig)
-    sources = _sources(stepper, name, version, origin)
+    variables = variables_of(plant, stepper)
+    sources = _sources(plant, stepper, variables, name, version, origin)
     about = "A twin of a thermoelectric rig"
-    return _Contents(name, plant.rig.name, about, variables_of(stepper), sources, step, True)
+    return _Contents(name, plant.rig.name, about, variables, sources, step, True)
 
 
 def _of_controller(
@@ -211,31 +210,45 @@ def _identifier(kind: str, rig: Rig) -> str:
     return f"{kind}_" + re.sub(r"\W", "_", rig.name, flags=re.ASCII)
 
 
-def _sources(stepper: Stepper, name: str, version: str, origin: str) -> dict[str, str]:
+def _sources(
+    twin: Twin,
+    stepper: Stepper,
+    variables: Sequence[Variable],
+    name: str,
+    version: str,
+    origin: str,
+) -> dict[str, str]:
     """Returns file name -> text, with a placeholder for the token."""
-    code = stepper_c(stepper, name, "double", origin, with_slopes=True)
-    delay, lag = (
-        0.0 if time is None else float(time) for time in (stepper.system.delay, stepper.system.lag)
-    )
-    start = np.asarray(stepper.start().nodes, float)
+    parameters = settable_parameters(twin)
+    code = parametric_twin_c(twin, stepper, name, origin, parameters)
     wiring = stepper.system.wiring
-    lowest = np.asarray(wiring.lowest_duty, float)
     # An array of C has at least one entry.
-    values = np.array([*(one.value for one in wiring.inputs), 0.0])
-    states = np.array([*(float(len(one.states)) for one in wiring.inputs), 0.0])
-    lagged = len(wiring.cold) if lag else 0
-    constants = {"DELAY_S": delay, "LAG_S": lag, "LAGGED": lagged}
+    rows = [variable for variable in variables if variable.causality == "parameter"]
+    ends = [variable.limits or (-np.inf, np.inf) for variable in rows]
+    largest = np.finfo(float).max
+    lower, upper = np.clip(np.array([*ends, (0.0, 0.0)]), -largest, largest).T
+    arrays = {
+        "start": ([*np.asarray(stepper.start().nodes)], "temperatures of the nodes, degC"),
+        "lowest": ([*wiring.lowest_duty], "duty cycles of cells and heaters"),
+        "inputs": ([*(one.value for one in wiring.inputs), 0.0], "other inputs of the rig file"),
+        "states": ([*(len(one.states) for one in wiring.inputs), 0.0], "of them, 0 for numbers"),
+        "parameters": ([*(row.start for row in rows), 0.0], "values of the parameters"),
+        "lower": (lower, "bounds of the parameters"),
+        "upper": (upper, "bounds of the parameters"),
+    }
+    lagged = 0 if stepper.system.lag is None else len(wiring.cold)
     wrapper = "fmi2.c" if version == "2.0" else "fmi3.c"
     return {
         f"{name}.h": code.header,
         f"{name}_numbers.h": code.numbers,
         f"{name}.c": code.source,
         f"{name}_fmu.h": f'#define {name.upper()}_TOKEN "@TOKEN@"\n'
-        + defines(name, constants, "double", COMMENTS)
-        + table(f"{name}_start", start, "temperatures of the nodes at the start, degC", "double")
-        + table(f"{name}_lowest", lowest, "duty cycles of cells and heaters", "double")
-        + table(f"{name}_inputs", values, "other inputs of the rig file", "double")
-        + table(f"{name}_states", states, "how many states they have, 0 for numbers", "double"),
+        + defines(name, {"LAGGED": lagged}, "double", {"LAGGED": "duty cycles behind the lag"})
+        + "".join(
+            table(f"{name}_{key}", np.array(values, float), comment, "double")
+            for key, (values, comment) in arrays.items()
+        )
+        + names_c(name, variables),
         wrapper: renamed(included(Path(__file__).with_name(wrapper), {}), name),
     }
 

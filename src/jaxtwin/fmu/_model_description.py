@@ -1,9 +1,11 @@
 """`modelDescription.xml` of an FMU, and `buildDescription.xml` of FMI 3."""
 
+import math
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from .._celsius import ZERO_CELSIUS
+from ..rig._units import parsed_unit
 from ._variables import Variable
 
 UNITS = {
@@ -13,6 +15,17 @@ UNITS = {
     "K/s": {"K": "1", "s": "-1"},
 }
 """The units of the twin's own variables, by those of the SI."""
+
+BASES = {
+    "[mass]": "kg",
+    "[length]": "m",
+    "[time]": "s",
+    "[current]": "A",
+    "[temperature]": "K",
+    "[substance]": "mol",
+    "[luminosity]": "cd",
+}
+"""The dimensions of a unit of a rig file -> their units in FMI."""
 
 
 def model_description(
@@ -74,7 +87,7 @@ def model_description(
     for name, base in UNITS.items():
         ET.SubElement(ET.SubElement(units, "Unit", {"name": name}), "BaseUnit", base)
     for name in dict.fromkeys(v.unit for v in variables if v.unit and v.unit not in UNITS):
-        ET.SubElement(units, "Unit", {"name": name})
+        ET.SubElement(ET.SubElement(units, "Unit", {"name": name}), "BaseUnit", _base_unit(name))
     _add_choices(root, variables, is_2=is_2)
     ET.SubElement(root, "DefaultExperiment", {"startTime": "0", "stepSize": repr(step_size)})
     listed = ET.SubElement(root, "ModelVariables")
@@ -100,6 +113,15 @@ def model_description(
             for reference in references:
                 ET.SubElement(structure, kind, {"valueReference": str(reference)})
     return _text(root)
+
+
+def _base_unit(name: str) -> dict[str, str]:
+    """A unit of a rig file by those of the SI."""
+    scale, offset, dimensions = parsed_unit(name)
+    found = {base: str(int(dimensions.get(key, 0))) for key, base in BASES.items()}
+    found = {base: power for base, power in found.items() if power != "0"}
+    found |= {} if scale == 1 else {"factor": repr(scale)}
+    return found | ({} if offset == 0 else {"offset": repr(offset)})
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> bytes:
@@ -169,8 +191,8 @@ def _numbers(variable: Variable) -> dict[str, str]:
     if variable.choices:
         return {"declaredType": _type_name(variable), "start": f"{variable.start:g}"}
     found = {"unit": variable.unit} if variable.unit else {}
-    if variable.limits is not None:
-        found |= {"min": repr(variable.limits[0]), "max": repr(variable.limits[1])}
+    ends = zip(("min", "max"), variable.limits or (), strict=False)
+    found |= {key: repr(limit) for key, limit in ends if math.isfinite(limit)}
     return found if variable.start is None else found | {"start": repr(variable.start)}
 
 

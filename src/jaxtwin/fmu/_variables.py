@@ -1,10 +1,14 @@
 """The variables of an FMU of a twin, which are the same for FMI 2 and FMI 3."""
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..rig import Input
+from ..c_export._parameter_tables import settable_parameters
+from ..c_export._text import ascii_text
+from ..physics import Twin
+from ..rig import Input, Parameter
 from ..simulation import Stepper
 
 Causality = Literal["independent", "parameter", "input", "output", "local"]
@@ -33,9 +37,9 @@ class Variable(NamedTuple):
     choices: tuple[str, ...] = ()
 
 
-def variables_of(stepper: Stepper) -> list[Variable]:
+def variables_of(twin: Twin, stepper: Stepper) -> list[Variable]:
     """Returns time, duty cycles, ambient, the rig's other inputs, channels, the states, which can
-    be set before the start, and their derivatives.
+    be set before the start, their derivatives, and the parameters.
 
     The states are the temperatures of the nodes and, if the driver has a lag, the duty cycles
     behind it.
@@ -93,10 +97,35 @@ def variables_of(stepper: Stepper) -> list[Variable]:
         )
         for number, state in enumerate(states)
     ]
+    taken = {row.name for row in (*rows, *states, *slopes)}
+    parameters = [
+        _parameter_variable(row, float(twin.values[row.name]), taken)
+        for row in settable_parameters(twin)
+    ]
     return [
         variable._replace(reference=number)
-        for number, variable in enumerate([*rows, *states, *slopes])
+        for number, variable in enumerate([*rows, *states, *slopes, *parameters])
     ]
+
+
+def names_c(name: str, variables: Sequence[Variable]) -> str:
+    """The names of the variables as C, for messages."""
+    texts = (ascii_text(one.name).translate(str.maketrans('"\\%', "'/_")) for one in variables)
+    lines = "".join(f'    "{text}",\n' for text in texts)
+    return f"static const char *const {name}_names[] = {{\n{lines}}};\n"
+
+
+def _parameter_variable(row: Parameter, value: float, taken: set[str]) -> Variable:
+    """The variable of a parameter, whose bounds contain the twin's value."""
+    return Variable(
+        f"parameter.{row.name}" if row.name in taken else row.name,
+        0,
+        "parameter",
+        row.unit,
+        value,
+        (min(row.lower, value), max(row.upper, value)),
+        row.description or "Parameter of the rig",
+    )
 
 
 def _input_variable(source: Input) -> Variable:

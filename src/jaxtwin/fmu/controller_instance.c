@@ -13,7 +13,10 @@
 #define VARIABLES (BEFORE + MODEL_CELLS)
 #define STATES 0
 
+#include "refusals.c"
+
 typedef struct {
+    listener_t listener;
     model_state state;
     double start, time;
     double references[MODEL_OUTPUTS], channels[MODEL_CHANNELS];
@@ -24,8 +27,10 @@ typedef struct {
 
 static void reset(instance_t *self)
 {
+    const listener_t listener = self->listener;
     int i;
     memset(self, 0, sizeof *self);
+    self->listener = listener;
     for (i = 0; i < MODEL_OUTPUTS; ++i) {
         self->references[i] = MODEL_ROOM;
     }
@@ -34,13 +39,14 @@ static void reset(instance_t *self)
     }
 }
 
-static instance_t *instantiate(const char *given, int is_exchange)
+static instance_t *instantiate(const char *given, int is_exchange, const listener_t *listener)
 {
     instance_t *self = NULL;
     if (given != NULL && strcmp(given, MODEL_TOKEN) == 0 && !is_exchange) {
         self = malloc(sizeof *self);
     }
     if (self != NULL) {
+        self->listener = *listener;
         reset(self);
     }
     return self;
@@ -61,16 +67,17 @@ static void measure(const instance_t *self, double *measurement)
     }
 }
 
-static void initialize(instance_t *self)
+static int initialize(instance_t *self)
 {
     double measurement[MODEL_READINGS];
     measure(self, measurement);
     memcpy(self->duty, self->before, sizeof self->duty);
     model_init(&self->state, self->duty, measurement);
     self->is_running = 1;
+    return 1;
 }
 
-static int get(const instance_t *self, const uint32_t *numbers, size_t count, double *values)
+static int get(instance_t *self, const uint32_t *numbers, size_t count, double *values)
 {
     size_t k;
     for (k = 0; k < count; ++k) {
@@ -86,7 +93,7 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
         } else if (number < VARIABLES) {
             values[k] = self->before[number - BEFORE];
         } else {
-            return 0;
+            return refuse(&self->listener, number, "expected one of the model");
         }
     }
     return 1;
@@ -96,22 +103,29 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
    that are taken over of a controller that runs. A channel may be NaN, a missing reading. */
 static int set(instance_t *self, const uint32_t *numbers, size_t count, const double *values)
 {
+    const listener_t *listener = &self->listener;
     size_t k;
     for (k = 0; k < count; ++k) {
         const uint32_t number = numbers[k];
         if (number >= CHANNEL && number < DUTY) {
             self->channels[number - CHANNEL] = values[k];
-        } else if (!isfinite(values[k])) {
-            return 0;
         } else if (number >= REFERENCE && number < CHANNEL) {
+            if (!accepts(listener, number, values[k], -HUGE_VAL, HUGE_VAL)) {
+                return 0;
+            }
             self->references[number - REFERENCE] = values[k];
-        } else if (number >= BEFORE && number < VARIABLES && !self->is_running) {
-            if (fabs(values[k]) > 1.0) {
+        } else if (number >= BEFORE && number < VARIABLES) {
+            if (self->is_running) {
+                return refuse(listener, number,
+                              "expected to be set before the end of the initialisation, not after");
+            }
+            if (!accepts(listener, number, values[k], -1.0, 1.0)) {
                 return 0;
             }
             self->before[number - BEFORE] = values[k];
         } else {
-            return 0;
+            return refuse(listener, number,
+                          "expected an input or a parameter, got another variable");
         }
     }
     return 1;
@@ -131,6 +145,14 @@ static int advance(instance_t *self, double time, double size)
     }
     self->time = time + size;
     return 1;
+}
+
+/* Goes back to a stored state, which may be that of another instance. */
+static void restore(instance_t *self, const instance_t *stored)
+{
+    const listener_t listener = self->listener;
+    memcpy(self, stored, sizeof *self);
+    self->listener = listener;
 }
 
 static void *copied(const instance_t *self)
@@ -168,7 +190,7 @@ static int set_states(instance_t *self, const double *values, size_t count)
     return count == 0;
 }
 
-static int get_slopes(const instance_t *self, double *values, size_t count)
+static int get_slopes(instance_t *self, double *values, size_t count)
 {
     (void)self, (void)values;
     return count == 0;

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,3 +18,13 @@
 #else
 #define EXPORTED
 #endif
+
+/* Whom an instance tells what is wrong: the simulator's function, whose type differs between the
+   versions of FMI, and its arguments. */
+typedef struct {
+    void (*logger)(void);
+    void *environment;
+    char name[100]; /* of the instance */
+} listener_t;
+
+static void tell(const listener_t *listener, const char *message);

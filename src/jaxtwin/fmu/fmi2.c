@@ -17,6 +17,24 @@ typedef struct {
     double next;
 } event_t;
 
+/* What the simulator offers, of which an instance uses the logger. */
+typedef struct {
+    void (*logger)(void);
+    void (*others[3])(void);
+    void *environment;
+} callbacks_t;
+
+typedef void (*logger_t)(void *environment, string_t name, status_t status, string_t category,
+                         string_t message, ...);
+
+static void tell(const listener_t *listener, const char *message)
+{
+    if (listener->logger != NULL) {
+        ((logger_t)listener->logger)(listener->environment, listener->name, ERROR,
+                                     "logStatusError", message);
+    }
+}
+
 /* Values of kinds that a twin does not have: a success only where none is asked for. */
 #define NO_VALUES(kind, type) \
     EXPORTED status_t fmi2Get##kind(component_t c, const uint32_t v[], size_t n, type values[]) \
@@ -119,11 +137,17 @@ EXPORTED status_t fmi2SetDebugLogging(component_t c, bool_t on, size_t n, const 
 /* Of the two types of FMUs, 0 is for model exchange, 1 for co-simulation. */
 
 EXPORTED component_t fmi2Instantiate(const char *name, int type, const char *guid,
-                                     const char *resources, const void *callbacks, bool_t visible,
-                                     bool_t logging)
+                                     const char *resources, const callbacks_t *callbacks,
+                                     bool_t visible, bool_t logging)
 {
-    (void)name, (void)resources, (void)callbacks, (void)visible, (void)logging;
-    return type == 0 || type == 1 ? instantiate(guid, type == 0) : NULL;
+    listener_t listener = {NULL, NULL, ""};
+    (void)resources, (void)visible, (void)logging;
+    if (callbacks != NULL) {
+        listener.logger = callbacks->logger;
+        listener.environment = callbacks->environment;
+    }
+    snprintf(listener.name, sizeof listener.name, "%s", name == NULL ? "" : name);
+    return type == 0 || type == 1 ? instantiate(guid, type == 0, &listener) : NULL;
 }
 
 EXPORTED void fmi2FreeInstance(component_t c)
@@ -148,8 +172,7 @@ EXPORTED status_t fmi2EnterInitializationMode(component_t c)
 
 EXPORTED status_t fmi2ExitInitializationMode(component_t c)
 {
-    initialize(c);
-    return OK;
+    return initialize(c) ? OK : ERROR;
 }
 
 EXPORTED status_t fmi2Terminate(component_t c)

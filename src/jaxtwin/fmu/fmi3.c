@@ -13,6 +13,15 @@ typedef int status_t; /* 0 OK, 1 warning, 2 discard, 3 error, 4 fatal */
 #define OK 0
 #define ERROR 3
 
+typedef void (*logger_t)(void *environment, status_t status, string_t category, string_t message);
+
+static void tell(const listener_t *listener, const char *message)
+{
+    if (listener->logger != NULL) {
+        ((logger_t)listener->logger)(listener->environment, ERROR, "logStatusError", message);
+    }
+}
+
 /* Values of kinds that a twin does not have: a success only where none is asked for. */
 #define NO_VALUES(kind, type) \
     EXPORTED status_t fmi3Get##kind(component_t c, const uint32_t v[], size_t n, type values[], \
@@ -219,8 +228,9 @@ EXPORTED component_t fmi3InstantiateModelExchange(const char *name, const char *
                                                   bool logging, void *environment,
                                                   void (*message)(void))
 {
-    (void)name, (void)resources, (void)visible, (void)logging, (void)environment, (void)message;
-    return instantiate(given, 1);
+    const listener_t listener = {message, environment, ""};
+    (void)name, (void)resources, (void)visible, (void)logging;
+    return instantiate(given, 1, &listener);
 }
 
 EXPORTED component_t fmi3InstantiateScheduledExecution(const char *name, const char *given,
@@ -240,10 +250,10 @@ EXPORTED component_t fmi3InstantiateCoSimulation(
     bool has_events, bool may_return_early, const uint32_t intermediate[], size_t n,
     void *environment, void (*message)(void), void (*update)(void))
 {
+    const listener_t listener = {message, environment, ""};
     (void)name, (void)resources, (void)visible, (void)logging, (void)has_events,
-        (void)may_return_early, (void)intermediate, (void)n, (void)environment, (void)message,
-        (void)update;
-    return instantiate(given, 0);
+        (void)may_return_early, (void)intermediate, (void)n, (void)update;
+    return instantiate(given, 0, &listener);
 }
 
 EXPORTED void fmi3FreeInstance(component_t c)
@@ -262,8 +272,7 @@ EXPORTED status_t fmi3EnterInitializationMode(component_t c, bool has_tolerance,
 
 EXPORTED status_t fmi3ExitInitializationMode(component_t c)
 {
-    initialize(c);
-    return OK;
+    return initialize(c) ? OK : ERROR;
 }
 
 EXPORTED status_t fmi3Terminate(component_t c)

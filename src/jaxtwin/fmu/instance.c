@@ -1,6 +1,6 @@
 /* What the two versions of FMI share: an instance, its values and its clock. The values have the
-   numbers of their variables: time, duty cycles, ambient, other inputs, channels, states and their
-   derivatives.
+   numbers of their variables: time, duty cycles, ambient, other inputs, channels, states, their
+   derivatives and parameters.
    In co-simulation the twin takes steps itself. In model exchange a solver integrates the states; a
    command that changes enters a queue at an event, and leaves it at another event after the
    delay. */
@@ -16,22 +16,28 @@
 #define LAGGED (NODE + MODEL_NODES)
 #define STATES (MODEL_NODES + MODEL_LAGGED)
 #define SLOPE (NODE + STATES)
-#define VARIABLES (SLOPE + STATES)
+#define PARAMETER (SLOPE + STATES)
+#define VARIABLES (PARAMETER + MODEL_PARAMETERS)
+
+#include "refusals.c"
 
 /* Commands that can be on their way in model exchange. */
 #define QUEUE 1024
 
 typedef struct {
+    listener_t listener;
+    double parameters[MODEL_PARAMETERS + 1]; /* C has no empty arrays */
+    model_numbers numbers; /* that follow from the parameters, once is_prepared */
     model_state state;
     double start, time, ambient;
     double duty[MODEL_CELLS], nodes[MODEL_NODES];
     double lagged[MODEL_CELLS]; /* duty behind the lag */
     double steps; /* that have been taken */
-    double inputs[MODEL_INPUTS + 1]; /* C has no empty arrays */
+    double inputs[MODEL_INPUTS + 1];
     /* Inputs of the step that has begun, if one has. */
     double held_duty[MODEL_CELLS], held_ambient, held_inputs[MODEL_INPUTS + 1];
     int is_held;
-    int is_running, is_exchange;
+    int is_prepared, is_running, is_exchange;
     /* Of model exchange: the last command, that which has arrived, and those between. */
     double seen[MODEL_CELLS], arrived[MODEL_CELLS];
     double due[QUEUE], late[QUEUE][MODEL_CELLS];
@@ -40,10 +46,13 @@ typedef struct {
 
 static void reset(instance_t *self)
 {
+    const listener_t listener = self->listener;
     const int is_exchange = self->is_exchange;
     int i;
     memset(self, 0, sizeof *self);
+    self->listener = listener;
     self->is_exchange = is_exchange;
+    memcpy(self->parameters, model_parameters, sizeof self->parameters);
     self->ambient = MODEL_AMBIENT;
     memcpy(self->inputs, model_inputs, sizeof self->inputs);
     for (i = 0; i < MODEL_NODES; ++i) {
@@ -51,17 +60,39 @@ static void reset(instance_t *self)
     }
 }
 
-static instance_t *instantiate(const char *given, int is_exchange)
+static instance_t *instantiate(const char *given, int is_exchange, const listener_t *listener)
 {
     instance_t *self = NULL;
     if (given != NULL && strcmp(given, MODEL_TOKEN) == 0) {
         self = malloc(sizeof *self);
     }
     if (self != NULL) {
+        self->listener = *listener;
         self->is_exchange = is_exchange;
         reset(self);
     }
     return self;
+}
+
+/* Computes the numbers of the twin after parameters were set. Returns whether they have meaning. */
+static int prepare(instance_t *self)
+{
+    const char *problem = NULL;
+    char message[300];
+    if (self->is_prepared) {
+        return 1;
+    }
+    problem = model_prepare(&self->numbers, self->parameters);
+    if (problem == NULL && !self->is_exchange && !self->numbers.is_stable) {
+        problem = "expected values with which the steps of the FMU are stable, got others; take "
+                  "shorter steps in export_fmu, or model exchange";
+    }
+    if (problem != NULL) {
+        snprintf(message, sizeof message, "parameters: %s", problem);
+        tell(&self->listener, message);
+    }
+    self->is_prepared = problem == NULL;
+    return self->is_prepared;
 }
 
 /* The twin's own state, from temperatures of the nodes; no command was given before. */
@@ -69,16 +100,21 @@ static void begin(const instance_t *self, model_state *state)
 {
     static const double off[MODEL_CELLS] = {0.0};
     int i;
+    state->numbers = &self->numbers;
     model_init(state, self->nodes, off);
     for (i = 0; i < MODEL_CELLS; ++i) {
         state->duty[i] = self->lagged[i];
     }
 }
 
-static void initialize(instance_t *self)
+static int initialize(instance_t *self)
 {
+    if (!prepare(self)) {
+        return 0;
+    }
     begin(self, &self->state);
     self->is_running = 1;
+    return 1;
 }
 
 /* The derivatives of the states, under the duty that has passed the delay. */
@@ -86,30 +122,45 @@ static void slopes(const instance_t *self, const double *nodes, const double *la
                    const double *delayed, double *values)
 {
     int i;
-    model_slopes(nodes, MODEL_LAGGED > 0 ? lagged : delayed, self->ambient, self->inputs, values);
+    model_slopes(&self->numbers, nodes, MODEL_LAGGED > 0 ? lagged : delayed, self->ambient,
+                 self->inputs, values);
     for (i = MODEL_NODES; i < STATES; ++i) {
-        values[i] = (delayed[i - MODEL_NODES] - lagged[i - MODEL_NODES]) / MODEL_LAG_S;
+        values[i] = (delayed[i - MODEL_NODES] - lagged[i - MODEL_NODES]) / self->numbers.lag_s;
     }
 }
 
 static const double *delayed_duty(const instance_t *self)
 {
-    return MODEL_DELAY_S > 0.0 ? self->arrived : self->duty;
+    return self->numbers.delay_s > 0.0 ? self->arrived : self->duty;
 }
 
-static int get(const instance_t *self, const uint32_t *numbers, size_t count, double *values)
+/* What follows from the state and the inputs: readings of the channels, states and derivatives. */
+static void compute(const instance_t *self, double *channels, double *states, double *changes)
 {
-    double channels[MODEL_CHANNELS], nodes[MODEL_NODES], changes[STATES];
     model_state state = self->state;
-    size_t k;
     if (!self->is_running || self->is_exchange) {
         begin(self, &state);
     }
     model_output(&state, self->ambient, channels);
-    model_nodes(&state, nodes);
-    slopes(self, nodes, state.duty, self->is_exchange ? delayed_duty(self) : self->duty, changes);
+    model_nodes(&state, states);
+    memcpy(states + MODEL_NODES, state.duty, (size_t)MODEL_LAGGED * sizeof(double));
+    slopes(self, states, state.duty, self->is_exchange ? delayed_duty(self) : self->duty, changes);
+}
+
+static int get(instance_t *self, const uint32_t *numbers, size_t count, double *values)
+{
+    double channels[MODEL_CHANNELS], states[STATES], changes[STATES];
+    int is_computed = 0;
+    size_t k;
     for (k = 0; k < count; ++k) {
         const uint32_t number = numbers[k];
+        if (number >= CHANNEL && number < PARAMETER && !is_computed) {
+            if (!prepare(self)) {
+                return 0;
+            }
+            compute(self, channels, states, changes);
+            is_computed = 1;
+        }
         if (number == 0) {
             values[k] = self->time;
         } else if (number < AMBIENT) {
@@ -120,52 +171,63 @@ static int get(const instance_t *self, const uint32_t *numbers, size_t count, do
             values[k] = self->inputs[number - INPUT];
         } else if (number < NODE) {
             values[k] = channels[number - CHANNEL];
-        } else if (number < LAGGED) {
-            values[k] = nodes[number - NODE];
         } else if (number < SLOPE) {
-            values[k] = state.duty[number - LAGGED];
-        } else if (number < VARIABLES) {
+            values[k] = states[number - NODE];
+        } else if (number < PARAMETER) {
             values[k] = changes[number - SLOPE];
+        } else if (number < VARIABLES) {
+            values[k] = self->parameters[number - PARAMETER];
         } else {
-            return 0;
+            return refuse(&self->listener, number, "expected one of the model");
         }
     }
     return 1;
 }
 
-/* Refuses what is no number, duty cycles beyond full duty, heaters that are to cool, states that an
-   input does not have, and nodes of a twin that runs. */
+/* Refuses values outside their range, such as duty cycles beyond full duty, heaters that are to
+   cool and states that an input does not have, and start values and parameters of a twin that
+   runs. */
 static int set(instance_t *self, const uint32_t *numbers, size_t count, const double *values)
 {
     size_t k;
     for (k = 0; k < count; ++k) {
         const uint32_t number = numbers[k];
-        if (!isfinite(values[k])) {
-            return 0;
-        }
+        double lowest = -HUGE_VAL, highest = HUGE_VAL, *place;
         if (number >= DUTY && number < AMBIENT) {
-            if (values[k] < model_lowest[number - DUTY] || values[k] > 1.0) {
-                return 0;
-            }
-            self->duty[number - DUTY] = values[k];
+            place = &self->duty[number - DUTY];
+            lowest = model_lowest[number - DUTY];
+            highest = 1.0;
         } else if (number == AMBIENT) {
-            self->ambient = values[k];
+            place = &self->ambient;
         } else if (number >= INPUT && number < CHANNEL) {
-            const double states = model_states[number - INPUT];
-            if (states > 0.0 && (values[k] < 0.0 || values[k] > states - 1.0)) {
-                return 0;
+            place = &self->inputs[number - INPUT];
+            if (model_states[number - INPUT] > 0.0) {
+                lowest = 0.0;
+                highest = model_states[number - INPUT] - 1.0;
             }
-            self->inputs[number - INPUT] = values[k];
-        } else if (number >= NODE && number < LAGGED && !self->is_running) {
-            self->nodes[number - NODE] = values[k];
-        } else if (number >= LAGGED && number < SLOPE && !self->is_running) {
-            if (values[k] < model_lowest[number - LAGGED] || values[k] > 1.0) {
-                return 0;
-            }
-            self->lagged[number - LAGGED] = values[k];
+        } else if (number >= NODE && number < LAGGED) {
+            place = &self->nodes[number - NODE];
+        } else if (number >= LAGGED && number < SLOPE) {
+            place = &self->lagged[number - LAGGED];
+            lowest = model_lowest[number - LAGGED];
+            highest = 1.0;
+        } else if (number >= PARAMETER && number < VARIABLES) {
+            place = &self->parameters[number - PARAMETER];
+            lowest = model_lower[number - PARAMETER];
+            highest = model_upper[number - PARAMETER];
         } else {
+            return refuse(&self->listener, number,
+                          "expected an input, a start value or a parameter, got another variable");
+        }
+        if (number >= NODE && self->is_running) {
+            return refuse(&self->listener, number,
+                          "expected to be set before the end of the initialisation, not after it");
+        }
+        if (!accepts(&self->listener, number, values[k], lowest, highest)) {
             return 0;
         }
+        *place = values[k];
+        self->is_prepared = self->is_prepared && number < PARAMETER;
     }
     return 1;
 }
@@ -243,9 +305,9 @@ static int set_states(instance_t *self, const double *values, size_t count)
     return 1;
 }
 
-static int get_slopes(const instance_t *self, double *values, size_t count)
+static int get_slopes(instance_t *self, double *values, size_t count)
 {
-    if (count != STATES) {
+    if (count != STATES || !prepare(self)) {
         return 0;
     }
     slopes(self, self->nodes, self->lagged, delayed_duty(self), values);
@@ -272,14 +334,14 @@ static int pass_event(instance_t *self, int *is_next, double *next)
     int left = 0;
     *is_next = 0;
     *next = 0.0;
-    if (!(MODEL_DELAY_S > 0.0)) {
+    if (!(self->numbers.delay_s > 0.0)) {
         return 1;
     }
     if (memcmp(self->seen, self->duty, sizeof self->seen) != 0) {
         if (self->waiting == QUEUE) {
             return 0;
         }
-        self->due[self->waiting] = self->time + MODEL_DELAY_S;
+        self->due[self->waiting] = self->time + self->numbers.delay_s;
         memcpy(self->late[self->waiting], self->duty, sizeof self->duty);
         memcpy(self->seen, self->duty, sizeof self->seen);
         ++self->waiting;
@@ -296,6 +358,15 @@ static int pass_event(instance_t *self, int *is_next, double *next)
         *next = self->due[0];
     }
     return 1;
+}
+
+/* Goes back to a stored state, which may be that of another instance. */
+static void restore(instance_t *self, const instance_t *stored)
+{
+    const listener_t listener = self->listener;
+    memcpy(self, stored, sizeof *self);
+    self->listener = listener;
+    self->state.numbers = &self->numbers;
 }
 
 static void *copied(const instance_t *self)

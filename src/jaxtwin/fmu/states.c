@@ -40,7 +40,7 @@ EXPORTED status_t GET_FMU_STATE(component_t c, void **state)
 
 EXPORTED status_t SET_FMU_STATE(component_t c, void *state)
 {
-    memcpy(c, state, sizeof(instance_t));
+    restore(c, state);
     return OK;
 }
 

@@ -132,11 +132,11 @@ def unit_scale(unit: str, like: Kind | str | None = None) -> tuple[float, float]
 
     **Raises:** `ValueError`, saying what is wrong.
     """
-    scale, offset, dimensions = _unit(unit)
+    scale, offset, dimensions = parsed_unit(unit)
     if like is None:
         return scale, offset
     what = f"the unit {unit!r}" if unit else "a number without a unit"
-    if dimensions != _unit(like.unit if isinstance(like, Kind) else like).dimensions:
+    if dimensions != parsed_unit(like.unit if isinstance(like, Kind) else like).dimensions:
         name = like.name if isinstance(like, Kind) else f"the same as {like!r}"
         raise ValueError(f"{what} does not measure {name}")
     if offset and isinstance(like, Kind) and not like.absolute:
@@ -144,7 +144,11 @@ def unit_scale(unit: str, like: Kind | str | None = None) -> tuple[float, float]
     return scale, offset
 
 
-def _unit(unit: str) -> Unit:
+def parsed_unit(unit: str) -> Unit:
+    """Scale and offset of a unit to SI units, and its dimensions.
+
+    **Raises:** `ValueError` if it is unknown.
+    """
     return COMMON_UNITS.get(unit) or _unit_by_pint(unit)
 
 
