@@ -29,16 +29,9 @@ from ._descent_result import (
     OnStep,
     Start,
 )
+from ._descent_state import RUNNING, STATUS, Factors, LMState
 from ._jacobian import output_error_jacobians, output_errors_and_differences, weighted_jacobian
-from ._levenberg_marquardt import (
-    RUNNING,
-    STATUS,
-    BoundedLevenbergMarquardt,
-    Factors,
-    LMState,
-    Trial,
-    factorise,
-)
+from ._levenberg_marquardt import BoundedLevenbergMarquardt, Trial, factorise
 from ._objective import Objective
 from ._optimistix import descend_with
 from ._residuals import output_errors, recording_modes, weighted_residuals

@@ -15,8 +15,9 @@ from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
+from ._descent_state import LMState
 from ._jacobian import weighted_jacobian
-from ._levenberg_marquardt import LMState
+from ._noise_model import NoiseModel
 from ._objective import Objective
 from ._problem import MatchProblem
 from ._residual_weights import RecordingErrors, ResidualWeights, SplitErrors
@@ -134,6 +135,14 @@ Start = Float[np.ndarray, " unknowns"] | DescentResult
 
 
 _jacobian = persistent_jit(weighted_jacobian)
+
+
+@final
+class Estimate(NamedTuple):
+    """The result of the last round of a match, and the noise model of its weights."""
+
+    result: DescentResult
+    noise_model: NoiseModel
 
 
 @persistent_jit

@@ -16,7 +16,7 @@ from .._waiting import announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
-from ._descent_result import DescentStep, Iteration, make_iteration
+from ._descent_result import DescentStep, Estimate, Iteration, make_iteration
 from ._fit import Fit
 from ._loss import AbstractLoss
 from ._match import checked_solver, make_fit
@@ -30,7 +30,7 @@ from ._problem import (
     make_match_problem,
 )
 from ._recordings import Span, check_recording_names, named_groups, named_recordings
-from ._reweighted_least_squares import Estimate, reweighted_least_squares
+from ._reweighted_least_squares import reweighted_least_squares
 
 UNIT = 4
 """The number of sets that a worker of an executor matches side by side."""

@@ -23,6 +23,7 @@ from ._descent import descend
 from ._descent_result import (
     Callbacks,
     DescentStep,
+    Estimate,
     Iteration,
     Optimum,
     make_iteration,
@@ -43,7 +44,7 @@ from ._problem import (
     make_match_problem,
 )
 from ._recordings import Span, check_distinct, check_start, named_groups, named_recordings
-from ._reweighted_least_squares import Estimate, another_round, reweighted_least_squares
+from ._reweighted_least_squares import another_round, reweighted_least_squares
 from ._start import first_sample, starts_without_effect
 from ._uncertainty import estimate_uncertainty
 from ._unknowns import Unknowns

@@ -22,7 +22,7 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
 from ._descent import descend
-from ._descent_result import make_optimum
+from ._descent_result import Estimate, make_optimum
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
@@ -31,7 +31,6 @@ from ._noise_model import NoiseModel, initial_noise_model, update_noise_model
 from ._objective import make_objective
 from ._problem import LinearPrior, MatchProblem, make_match_problem
 from ._recordings import check_distinct, named_recordings
-from ._reweighted_least_squares import Estimate
 from ._unknowns import Unknowns
 
 HELD = 1e-6

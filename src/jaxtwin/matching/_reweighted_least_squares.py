@@ -3,7 +3,6 @@ weights."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, final
 
 import jax
 import numpy as np
@@ -12,7 +11,7 @@ import optimistix as optx
 from .._errors import MatchError
 from ..simulation._simulate import prepare_simulation
 from ._descent import descend
-from ._descent_result import Callbacks, DescentResult, OnStep, Start
+from ._descent_result import Callbacks, Estimate, OnStep, Start
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise_model import NoiseModel, has_settled, initial_noise_model, update_noise_model
 from ._objective import Objective, make_objective, shapes_needed
@@ -27,14 +26,6 @@ for another day become worse (docs/two-cell-rig.md)."""
 MORE_ROUNDS = 10
 """The largest number of rounds after the third. Each brings the weight of a gross outlier nearer to
 its limit; without one, none is needed."""
-
-
-@final
-class Estimate(NamedTuple):
-    """The result of the last round, and the noise model of its weights."""
-
-    result: DescentResult
-    noise_model: NoiseModel
 
 
 def reweighted_least_squares(

@@ -23,10 +23,10 @@ from jaxtyping import Bool, Float
 
 from ._autocovariance import Mixture, Series, fit_noise, noise_in_unknowns
 from ._between_recordings import RecordingScore, estimate_heterogeneity
+from ._descent_result import Estimate
 from ._loss import influence_variance
 from ._noise_model import Noise, beside_others
 from ._problem import MatchProblem
-from ._reweighted_least_squares import Estimate
 from ._unknowns import Unknowns
 
 CLOSE = 0.95

@@ -30,13 +30,12 @@ from .._jax_settings import own_settings
 from .._waiting import advanced, announced
 from ..matching import Fit
 from ..matching._descent import descend
-from ..matching._descent_result import make_optimum
+from ..matching._descent_result import Estimate, make_optimum
 from ..matching._fit import solution_of
 from ..matching._fitted_parameters import fitted_parameters
 from ..matching._match import default_solver, make_fit
 from ..matching._objective import make_objective
 from ..matching._problem import MatchProblem
-from ..matching._reweighted_least_squares import Estimate
 from ..matching._uncertainty import Uncertainty, VectorEntries, uncertainty
 from ..matching._unknowns import Layout
 from ..physics import Twin

@@ -30,14 +30,13 @@ from .._errors import MatchError
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._descent import descend
-from ..matching._descent_result import DescentResult, make_optimum
+from ..matching._descent_result import DescentResult, Estimate, make_optimum
 from ..matching._fit import solution_of
 from ..matching._match import default_solver, make_fit
 from ..matching._match_group import descend_with_noise
 from ..matching._noise_model import NoiseModel
 from ..matching._objective import make_objective
 from ..matching._problem import LinearPrior, MatchProblem, make_match_problem
-from ..matching._reweighted_least_squares import Estimate
 from ..matching._unknowns import Unknowns
 from ._forgetting import LEAST_DRIFT, SessionPrior, rows_with_priors, with_spread_of
 

@@ -71,18 +71,20 @@ class Modes(eqx.Module):
 
 
 def network_modes(
-    system: System, duty: Float[Array, " cells"], reference: Float[Array, ""]
+    system: System, duty: Float[Array, " cells"] | None, reference: Float[Array, ""]
 ) -> Modes:
     """Solves the eigenproblem of a network; gradients do not pass through it.
 
     **Arguments:**
 
-    - `duty`: the duty at which the cells are linearised, -1 to 1.
+    - `duty`: the duty at which the cells are linearised, -1 to 1; None for cells that are off, with
+      everything at the reference.
     - `reference`: the temperature from which deviations are counted, K.
     """
     system, duty, reference = jax.lax.stop_gradient((system, duty, reference))
-    sides = side_nodes(system)
-    resistance = solve_definite(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
+    sides, resistance = side_nodes(system), None
+    if duty is not None:
+        resistance = solve_definite(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
     point = linearise(system, duty, reference, resistance)
     conductance = system.conductance.at[np.ix_(sides, sides)].add(point.conductance)
     plate = None
@@ -129,19 +131,24 @@ def side_nodes(system: System) -> np.ndarray:
 
 def linearise(
     system: System,
-    duty: Float[Array, " cells"],
+    duty: Float[Array, " cells"] | None,
     reference: Float[Array, ""],
-    resistance: Float[Array, "nodes sides"],
+    resistance: Float[Array, "nodes sides"] | None,
 ) -> Linearisation:
     """Linearises the cells and losses at their steady state.
 
     **Arguments:**
 
     - `duty`, `reference`: as in `network_modes`.
-    - `resistance`: the network's thermal resistances between the cells' sides, K/W.
+    - `resistance`: the network's thermal resistances between the cells' sides, K/W; None for cells
+      that are off.
     """
     sides = side_nodes(system)
-    at = _operating_point(system, duty, reference, sides, resistance)
+    if duty is None or resistance is None:
+        duty = jnp.zeros(len(system.wiring.cold), system.capacitance.dtype)
+        at = jnp.zeros_like(system.capacitance)
+    else:
+        at = _operating_point(system, duty, reference, sides, resistance)
     slope = heat_slope(system, at[sides], duty, reference)
     loss = None
     if system.loss is not None:

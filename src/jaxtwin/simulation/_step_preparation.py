@@ -39,9 +39,7 @@ def prepare_steps(
 ) -> tuple[Int[Array, ""], Float[Array, " parts"], ModalSteps]:
     """Computes the delay in whole steps, the parts of a step, s, and the steps in the modes of the
     network with idle cells."""
-    reference = jnp.asarray(system.ambient_temperature)
-    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
-    modes = network_modes(system, idle, reference)
+    modes = network_modes(system, None, jnp.asarray(system.ambient_temperature))
     if system.delay is None:
         whole, sizes = jnp.asarray(0), step_size[None]
     elif is_whole_delay:

@@ -85,6 +85,11 @@ class AbstractController(eqx.Module):
         `(preview_samples, outputs)`. With 0 it takes only those of the present sample."""
         return 0
 
+    @property
+    def needs_one_thread(self) -> bool:
+        """Whether many simulated loops are computed in one thread."""
+        return False
+
     def channel_limits(self) -> Mapping[str, TemperatureLimit]:
         """Returns the channels whose temperatures the controller keeps within limits. By default
         there are none."""

@@ -303,6 +303,13 @@ class MPC(AbstractPredictiveController):
         is_smooth = self.evenness is None or self.evenness.is_quadratic
         return self.observed is None and is_smooth
 
+    @property
+    def needs_one_thread(self) -> bool:
+        """True with points that are to be even: two such loops at once on the two threads of a
+        processor with two cores give NaN in the first draws, and none on three threads, whatever
+        XLA's options for its matrix products are (jax 0.10.2)."""
+        return self.evenness is not None
+
     def design_weights(self) -> Mapping[str, Float[np.ndarray, "..."]]:
         """Returns accepted deviations and noises; none for a filter of a file, with an observer, or
         with points that are to be even."""

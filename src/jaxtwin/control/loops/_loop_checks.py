@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import least_squares
 
 from ..._compilation import persistent_jit_unoptimised
 from ..._errors import ControlError
@@ -169,6 +168,8 @@ def _nearest(
     def off(duty: Float[np.ndarray, " cells"]) -> Any:
         return weights @ np.asarray(_steady_rises(system, duty[None]))[0] - aim
 
+    from scipy.optimize import least_squares
+
     low = np.maximum(limits[0], system.wiring.lowest_duty)
     places = np.quantile([low, np.full_like(low, limits[1])], [0.98, 0.02, 0.75, 0.25], axis=0)
     others = islice(product(*places.T), SEARCH_STARTS)
@@ -199,25 +200,18 @@ def _steady_rises(
 def _lumped_time_constant(system: System) -> Float[Array, ""]:
     """Computes the time constant of the rig as one lump, s: Rayleigh's quotient of a uniform rise,
     which is at most the slowest time constant. It needs no eigenproblem."""
-    rise, idle, reference = _at_ambient(system)
+    reference = jnp.asarray(system.ambient_temperature)
+    idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
 
     def heat(deviation: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
         return system.heat_into_nodes(deviation, idle, reference)
 
-    _, slope = jax.jvp(heat, (rise,), (jnp.ones_like(rise),))
-    return jnp.sum(jnp.asarray(system.capacitance)) / -jnp.sum(slope)
+    capacitance = jnp.asarray(system.capacitance)
+    one = jnp.ones_like(capacitance)
+    _, slope = jax.jvp(heat, (jnp.zeros_like(one),), (one,))
+    return jnp.sum(capacitance) / -jnp.sum(slope)
 
 
 @persistent_jit_unoptimised
 def _slowest_time_constant(system: System) -> Float[Array, ""]:
-    _, idle, reference = _at_ambient(system)
-    return 1 / network_modes(system, idle, reference).rates[0]
-
-
-def _at_ambient(
-    system: System,
-) -> tuple[Float[Array, " nodes"], Float[Array, " cells"], Float[Array, ""]]:
-    """The rises of the nodes, the duty and the reference of a rig that is off."""
-    reference = jnp.asarray(system.ambient_temperature)
-    rise = jnp.zeros(len(system.capacitance), reference.dtype)
-    return rise, jnp.zeros(len(system.wiring.cold), reference.dtype), reference
+    return 1 / network_modes(system, None, jnp.asarray(system.ambient_temperature)).rates[0]

@@ -16,7 +16,6 @@ from ...simulation._step_preparation import is_multiple
 from ...simulation._stepper import assembled
 from ...simulation._workers import work_in_chunks
 from ..controllers._controller import AbstractController, with_values
-from ..controllers._mpc import MPC
 from ._closed_loop import run_loop
 from ._loop_signals import ClosedLoop
 from ._measures import Measure, units_of
@@ -114,9 +113,7 @@ def simulate_many_loops(
         jnp.dtype(dtype).itemsize * scenario.ambient.size * numbers_per_step(twin, scenario)
     )
     chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), LARGEST_CHUNK)
-    if isinstance(controller, MPC) and controller.evenness is not None:
-        # Two threads at once gave NaN for the first draws of each chunk on two cores (jax 0.10.2),
-        # where a processor with more threads (`PJRT_NPROC=4`), or one at a time, gives none.
+    if controller.needs_one_thread:
         workers = 1
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
     # Energy and peak power are measures of the loop here, computed at every step of the plant.
