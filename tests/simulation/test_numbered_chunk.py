@@ -78,7 +78,7 @@ def case(name: str, precision: str, mark: pytest.MarkDecorator, **driver: str) -
 def test_draws_are_those_of_the_default_solver(name, precision, driver, request):
     """With a lag, a delay, nonlinear losses, heaters and a limited current: at the end to 1e-5 K,
     or 1e-4 K where the limit makes a kink within steps; at samples inside the steps to half a
-    millikelvin."""
+    millikelvin. Its energy takes temperatures to be linear between samples, that in C does not."""
     twin = bundled(name, driver)
     draws = spread(twin, ["R_E", "R_Th"] if "R_Th" in twin.values else list(twin.values)[:2])
     experiment = drive(twin)

@@ -4,16 +4,17 @@ Right after an input changes, steps are short and grow fast, because the sides o
 within milliseconds; from then on they are in proportion to the time since the change.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
+from ._compressed import CompressedRecording, compress
 from ._time_grid import TimeGrid, build_time_grid, settling_after_reversals
 
 RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
@@ -97,15 +98,24 @@ class NativeSteps:
             ambient = _means(np.asarray(grid.times), at - at[0], ends)
         return cls(whole, duty, ambient, len(WAITING), ends)
 
-    def places(
-        self, times: Float[np.ndarray, " times"]
-    ) -> tuple[Int[np.ndarray, " times"], Float[np.ndarray, " times"]]:
-        """The step that each sample is in, and the part of it that has passed."""
-        assert self.ends is not None
-        begins = np.append(0.0, self.ends[:-1])
+    def compressed(
+        self, grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]
+    ) -> CompressedRecording | None:
+        """A recording in rows of weights for the powers of the part of a step that has passed; None
+        if the steps depend on the draw.
+
+        **Arguments:**
+
+        - `grid`: the steps before the delay.
+        - `recorded`: the recorded temperatures, degC.
+        """
+        if self.ends is None:
+            return None
+        times, begins = np.asarray(grid.times), np.append(0.0, self.ends[:-1])
         step = np.minimum(np.searchsorted(self.ends, times - 1e-7), len(self.ends) - 1)
-        part = (times - begins[step]) / (self.ends[step] - begins[step])
-        return step.astype(np.int32), np.clip(part, 0, 1)
+        part = np.clip((times - begins[step]) / (self.ends[step] - begins[step]), 0, 1)
+        weights = part[:, None] ** np.arange(POWERS)
+        return compress(replace(grid, step_of=step.astype(np.int32), weights=weights), recorded)
 
 
 def shared_delay(twin: Twin) -> float | None:

@@ -101,11 +101,16 @@ def _as_read(values: Array) -> Array:
 
 
 def _minimum(trajectory: Array) -> Array:
-    return trajectory.min(axis=0)
+    return _unless_failed(trajectory, trajectory.min(axis=0))
 
 
 def _maximum(trajectory: Array) -> Array:
-    return trajectory.max(axis=0)
+    return _unless_failed(trajectory, trajectory.max(axis=0))
+
+
+def _unless_failed(trajectory: Array, values: Array) -> Array:
+    """NaN for the trajectory of a failed draw, of which XLA:CPU finds infinite extremes."""
+    return jnp.where(jnp.isnan(trajectory[0]), jnp.nan, values)
 
 
 def _range(temperatures: Array) -> Array:
