@@ -247,14 +247,20 @@ from jaxtwin.simulation import _native_library
 checks = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 _native_library.FLAGS += checks
 time = np.arange(61.0)
-for rig, channels in (("dual-cell", ("T11", "TCM", "T26")), ("single-cell", ("T",))):
+rigs = {"dual-cell": ("T11", "TCM", "T26"), "single-cell": (), "heated-box": ()}
+inputs = {"fan": np.where(time < 20, 1.0, 0.2), "lid": 1.0}
+for rig, channels in rigs.items():
     twin = Twin(rig)
     names = [name for name in channels if name in twin.channels] or list(twin.channels)
-    duty = np.outer(np.where(time < 30, 0.5, -0.4), np.ones(len(twin.wiring.cold)))
+    later = -0.4 if rig != "heated-box" else 0.2
+    duty = np.outer(np.where(time < 30, 0.5, later), np.ones(len(twin.wiring.cold)))
     recorded = np.full((61, len(names)), 20.0)
     experiment = Experiment(time, duty, channels=names, temperatures=recorded)
-    draws = {"R_E": np.linspace(1.0, 3.0, 11)}
-    draws["R_E"][4] = -1.0
+    name = "R_E" if rig != "heated-box" else "R_heater"
+    if rig == "heated-box":
+        experiment = experiment.with_inputs(**inputs)
+    draws = {name: np.linspace(1.0, 3.0, 11)}
+    draws[name][4] = -1.0
     reductions = ["cost", "final", "minimum", "maximum", "energy", "peak_power"]
     if rig == "dual-cell":
         reductions += ["plate_range"]
@@ -285,7 +291,7 @@ def test_sanitizers_find_no_wrong_access_and_no_undefined_operation():
         [sys.executable, "-c", CHILD], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "2 libraries\n"
+    assert done.stdout == "3 libraries\n"
     assert "solved by JAX" not in done.stderr
 
 

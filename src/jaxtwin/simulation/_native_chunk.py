@@ -71,7 +71,7 @@ class Run(ctypes.Structure):
         ),
         ("duration", ctypes.c_double),
         ("largest_span", ctypes.c_double),
-        *((name, POINTER) for name in ("size", "ambient", "duty", "first_duty", "time")),
+        *((name, POINTER) for name in ("size", "ambient", "duty", "first_duty", "input", "time")),
         *((name, POINTER) for name in ("ambient_at", "output_row", "output_node")),
         *((name, ctypes.c_int) for name in ("first_read", "first_written")),
         ("recording", Recording),
@@ -144,7 +144,8 @@ class NativeRun:
         if recording.is_by_sample or not {"minimum", "maximum"}.isdisjoint(reductions):
             first_read = 0
         first = steps.duty[0] if grid.steady_start else np.zeros_like(steps.duty[0])
-        position = native_network(wiring).position
+        network = native_network(wiring)
+        levels = np.zeros((len(steps.size), 0)) if steps.levels is None else steps.levels
         self.structure = Run(
             steps=len(steps.size),
             waiting=steps.waiting,
@@ -158,10 +159,11 @@ class NativeRun:
             ambient=self._double(steps.ambient),
             duty=self._double(steps.duty),
             first_duty=self._double(first),
+            input=self._double(network.inputs.of_steps(levels)),
             time=self._double(time),
             ambient_at=self._double(ambient),
             output_row=self._int(outputs.row),
-            output_node=self._int(position[outputs.nodes]),
+            output_node=self._int(network.position[outputs.nodes]),
             first_read=first_read,
             first_written=first_written,
             recording=recording,
@@ -267,8 +269,8 @@ def native_run(
     reductions: Collection[str],
     with_plate: bool,
 ) -> NativeRun | None:
-    """The run of a twin for many draws; None where the programs of JAX solve them: for a rig with
-    inputs besides the duty or a very large network, or without a C compiler.
+    """The run of a twin for many draws; None where the programs of JAX solve them: for a very large
+    network, for some rigs whose driver has a delay (`NativeSteps.of`), or without a C compiler.
 
     **Arguments:**
 
@@ -277,9 +279,10 @@ def native_run(
     - The others are as in `NativeRun`.
     """
     wiring = wiring_of(twin.rig, keeps_symmetry(initial))
-    if wiring.inputs or len(wiring.netlist.nodes) > MOST_NODES:
+    if len(wiring.netlist.nodes) > MOST_NODES:
         return None
-    grid = commanded_steps(experiment, wiring.lag is not None, refinement)
+    lags, inputs = wiring.lag is not None, wiring.inputs_and_effects
+    grid = commanded_steps(experiment, lags, refinement, inputs)
     grid = replace(grid, steady_start=isinstance(initial, str))
     delay = None if own_delays else shared_delay(twin)
     steps = NativeSteps.of(grid, delay, own_delays=own_delays)

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
+from ..rig import Input
 from ._compressed import CompressedRecording, compress
 from ._time_grid import TimeGrid, build_time_grid, settling_after_reversals
 
@@ -32,12 +33,18 @@ POWERS = 6
 
 
 @lru_cache(maxsize=64)
-def commanded_steps(experiment: Experiment, lags: bool, refinement: int) -> TimeGrid:
+def commanded_steps(
+    experiment: Experiment,
+    lags: bool,
+    refinement: int,
+    inputs: tuple[tuple[Input, bool], ...] = (),
+) -> TimeGrid:
     """The steps before any delay.
 
     **Arguments:**
 
     - `lags`: whether the driver has a lag.
+    - `inputs`: as in `build_time_grid`.
     - `refinement`: the number of times that steps are halved.
     """
     part = 0.5**refinement
@@ -48,6 +55,7 @@ def commanded_steps(experiment: Experiment, lags: bool, refinement: int) -> Time
         settling=settling_after_reversals(experiment, lags),
         parts=2**refinement,
         ramp=tuple(part * step for step in RAMP),
+        inputs=inputs,
     )
 
 
@@ -60,6 +68,7 @@ class NativeSteps:
     - `duty`: the command that is held during each, -1 to 1.
     - `ambient`: the ambient's deviation from the reference during each, K.
     - `ends`: when each step ends, s; None if that depends on the draw.
+    - `levels`: the rig's other inputs during each step, see `input_levels`; None without any.
     """
 
     size: Float[np.ndarray, " steps"]
@@ -67,11 +76,12 @@ class NativeSteps:
     ambient: Float[np.ndarray, " steps"]
     waiting: int
     ends: Float[np.ndarray, " steps"] | None
+    levels: Float[np.ndarray, "steps inputs"] | None
 
     @classmethod
     def of(cls, grid: TimeGrid, delay: float | None, *, own_delays: bool) -> "NativeSteps | None":
-        """Applies a delay to commanded steps; None if a recorded ambient temperature changes and
-        the draws differ in the delay.
+        """Applies a delay to commanded steps; None if the rig's other inputs change, or if a
+        recorded ambient temperature changes and the draws differ in the delay.
 
         **Arguments:**
 
@@ -83,20 +93,25 @@ class NativeSteps:
         size, duty = lengths[moves], np.asarray(grid.duty)[moves]
         at = None if grid.ambient_at is None else np.asarray(grid.ambient_at)
         ambient = np.zeros(len(size)) if at is None else np.asarray(grid.ambient)[moves] - at[0]
+        levels = None if grid.levels is None else np.asarray(grid.levels)[moves]
         if delay is None and not own_delays:
-            return cls(size, duty, ambient, 0, np.cumsum(size))
+            return cls(size, duty, ambient, 0, np.cumsum(size), levels)
+        if levels is not None:
+            if np.any(levels != levels[0]):
+                return None
+            levels = np.repeat(levels[:1], len(WAITING) + len(size), axis=0)
         first = duty[:1] if grid.steady_start else np.zeros_like(duty[:1])
         duty = np.concatenate([np.repeat(first, len(WAITING), axis=0), duty])
         whole = np.concatenate([WAITING, size])
         changes = at is not None and bool(np.any(at != at[0]))
         if own_delays or delay is None:
             none = np.zeros(len(whole))
-            return None if changes else cls(whole, duty, none, len(WAITING), None)
+            return None if changes else cls(whole, duty, none, len(WAITING), None, levels)
         ends = np.cumsum(np.concatenate([WAITING * delay, size]))
         ambient = np.zeros(len(whole))
         if changes and at is not None:
             ambient = _means(np.asarray(grid.times), at - at[0], ends)
-        return cls(whole, duty, ambient, len(WAITING), ends)
+        return cls(whole, duty, ambient, len(WAITING), ends, levels)
 
     def compressed(
         self, grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]

@@ -65,6 +65,7 @@ struct run {
     const double *ambient;    /* in each step: deviation from the reference, K */
     const double *duty;       /* steps x cells: the command that is held, -1 to 1 */
     const double *first_duty; /* of each cell at the start */
+    const double *input;      /* steps x TERMS: factors of what the other inputs change */
     const double *time;       /* of each sample, s */
     const double *ambient_at; /* at each sample: deviation from the reference, K */
     /* Of each output, the channels first: where its weights begin; and the node of each weight. */
@@ -89,12 +90,15 @@ struct results {
 /* The numbers of LANES draws, in the order in which they are packed (_native_network.py). */
 struct numbers {
     lanes *is_valid, *reference, *lag, *delay, *drift;
-    lanes *conductance, *capacitance, *to_ambient, *held_heat, *start;
+    lanes *conductance, *capacitance, *to_ambient;
+    lanes *held, *to_held; /* bodies of a given temperature: above the reference, K; W/K */
+    lanes *start;
     lanes *seebeck, *resistance, *supply_voltage, *supply_resistance, *on_resistance,
         *current_limit, *own_voltage;
     lanes *film, *exponent, *radiating;
+    lanes *input; /* TERMS: the other factors */
     lanes *gain, *shift, *ambient_gain, *weight;
-    lanes *loop_conductance; /* follows from them */
+    lanes *loop_conductance, *held_heat; /* follow from them */
 };
 
 /* The losses of two elements of the plate. They are a small part of the heat, and computed in single
@@ -108,6 +112,7 @@ struct workspace {
     size_t numbers; /* how many there are */
     struct loss *loss;
     lanes_32 *rises; /* of the elements with losses, then what they lose */
+    lanes *changed; /* EFFECTS: what the inputs have changed so far */
     lanes estimate; /* of the error so far, K */
     lanes *state, *at_stage, *right, *time_heat, *factors, *errors, *stages[STAGES];
     lanes *duty, *before, *duty_slope; /* of each cell: now, at the start of the step, its rate */
@@ -259,7 +264,7 @@ static inline struct current current_of(const struct numbers *of,
 static inline lanes supply_power(const struct numbers *of, int cell, const struct drive *by,
                                  lanes emf)
 {
-    lanes slope, current = (by->voltage - emf) * by->conductance;
+    lanes slope = broadcast(0), current = (by->voltage - emf) * by->conductance;
     if (network_has_own_supply[cell]) {
         return by->share * by->voltage * by->voltage * by->conductance;
     }
@@ -299,6 +304,30 @@ static inline pairs film_slope(const struct loss *loss, const struct film *at)
     const pairs square = at->rise * at->rise;
     const pairs bend = 2 * loss->half_exponent * square / (square + at->calm);
     return loss->film * (at->factor * (1 + bend) - 1);
+}
+
+/* Brings the inputs besides the duty into the equations (physics/_input_effects.py). Each effect is a
+   sum of products of a number of the draw and a factor of the step, and changes conductances, the
+   temperature of a body or the voltage at a cell, which are some of the numbers of the draw. */
+static void apply_inputs(struct workspace *w, const double *input)
+{
+    const struct numbers *of = &w->of;
+    for (int k = 0; k < EFFECTS; ++k) {
+        lanes change = -w->changed[k];
+        for (int t = network_effect_term[k]; t < network_effect_term[k + 1]; ++t) {
+            change += of->input[t] * input[t];
+        }
+        w->changed[k] += change;
+        for (int p = network_effect_number[k]; p < network_effect_number[k + 1]; ++p) {
+            of->is_valid[network_changed_number[p]] += network_changed_sign[p] * change;
+        }
+    }
+    for (int i = 0; i < NODES; ++i) {
+        of->held_heat[i] = broadcast(0);
+        for (int body = 0; body < BODIES; ++body) {
+            of->held_heat[i] += of->to_held[body * NODES + i] * of->held[body];
+        }
+    }
 }
 
 /* The heat into each node, W: the right-hand side of the equations. */
@@ -832,6 +861,9 @@ static lanes integrate(const struct run *run, struct workspace *w, const struct 
             n < run->waiting ? run->size[n] * w->of.delay[0] : broadcast(run->size[n]);
         const lanes drift = HAS_DRIFT ? w->of.drift[0] : broadcast(0);
         const lanes ambient = run->ambient[n] + drift * begin;
+        if (EFFECTS > 0) {
+            apply_inputs(w, run->input + (size_t)n * TERMS);
+        }
         drive(w, run->duty + (size_t)n * CELLS, size);
         step_matrix(w, size, ambient);
         factorise(w->factors);
@@ -946,7 +978,8 @@ static void divide(const struct run *run, struct workspace *w,
         {&of->conductance, ENTRIES},
         {&of->capacitance, nodes},
         {&of->to_ambient, nodes},
-        {&of->held_heat, nodes},
+        {&of->held, BODIES},
+        {&of->to_held, BODIES * nodes},
         {&of->start, nodes},
         {&of->seebeck, cells},
         {&of->resistance, cells},
@@ -958,6 +991,7 @@ static void divide(const struct run *run, struct workspace *w,
         {&of->film, losses},
         {&of->exponent, losses},
         {&of->radiating, losses},
+        {&of->input, TERMS},
         {&of->gain, channels},
         {&of->shift, channels},
         {&of->ambient_gain, channels},
@@ -968,6 +1002,8 @@ static void divide(const struct run *run, struct workspace *w,
     }
     w->numbers = memory->taken;
     of->loop_conductance = take(memory, cells);
+    of->held_heat = take(memory, nodes);
+    w->changed = take(memory, EFFECTS);
     w->state = take(memory, nodes);
     w->at_stage = take(memory, nodes);
     w->right = take(memory, nodes);
@@ -1014,6 +1050,8 @@ static void load(const struct run *run, struct workspace *w, const double *numbe
     for (int k = 0; k < CELLS; ++k) {
         of->loop_conductance[k] = 1 / (of->resistance[k] + of->on_resistance[k]);
     }
+    memset(w->changed, 0, EFFECTS * sizeof(lanes));
+    apply_inputs(w, run->input);
     int used = 0;
     for (int o = 0; o < run->outputs; ++o) {
         w->output_row[o] = used;
