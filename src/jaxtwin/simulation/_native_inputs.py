@@ -99,6 +99,8 @@ class NativeInputs:
 
         - `levels`: the inputs in each step, see `input_levels`.
         """
+        if not len(self.cell):
+            return np.zeros((len(levels), 0))
         shares = {
             name: np.asarray(number)
             for one, level in zip(self.inputs, levels.T, strict=True)
