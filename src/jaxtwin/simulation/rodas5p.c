@@ -46,8 +46,8 @@ typedef float lanes_32 __attribute__((vector_size(4 * LANES)));
 typedef float pairs __attribute__((vector_size(8 * LANES), may_alias));
 typedef int32_t pairs_of_int __attribute__((vector_size(8 * LANES)));
 
-/* A recording to which draws are compared: sample by sample, or by rows of weights for the powers of
-   the part of a step that has passed, of which a few stand for many samples (_compressed.py). */
+/* A recording to which draws are compared: sample by sample, or by rows of weights for the powers
+   of the part of a step that has passed, of which a few stand for many samples (_compressed.py). */
 struct recording {
     int is_by_sample, rows;
     const int *step;       /* of each row */
@@ -72,21 +72,21 @@ struct run {
     const double *ambient_at; /* at each sample: deviation from the reference, K */
     /* Of each output, the channels first: where its weights begin; and the node of each weight. */
     const int *output_row, *output_node;
-    int first_read, first_written; /* the first sample that is needed, and whose row is written */
+    int first_read, first_written; /* the first sample that is needed, that is written */
     struct recording recording;
 };
 
 /* Where the results of the draws go; each but the last two may be NULL. */
 struct results {
-    size_t rows;          /* of each draw in the next two: at least as many as samples are read */
+    size_t rows;          /* of each draw in the next two: at least as many as are written */
     double *temperatures; /* draws x rows x channels, degC; or in single precision: */
     float *temperatures_32;
-    double *cost;            /* draws x channels: mean squared errors, K^2 */
-    double *minimum, *maximum; /* draws x channels: over the samples, degC */
+    double *cost;                /* draws x channels: mean squared errors, K^2 */
+    double *minimum, *maximum;   /* draws x channels: over the samples, degC */
     double *energy, *peak_power; /* of each draw: what all cells draw from the supply, J and W */
-    double *others;          /* draws x outputs that are no channels: last deviations, K */
-    double *error_estimates; /* of each draw, K */
-    unsigned char *failed;   /* of each draw: 1 if it failed */
+    double *others;              /* draws x outputs that are no channels: last deviations, K */
+    double *error_estimates;     /* of each draw, K */
+    unsigned char *failed;       /* of each draw: 1 if it failed */
 };
 
 /* The numbers of LANES draws, in the order in which they are packed (_native_network.py). */
@@ -98,7 +98,7 @@ struct numbers {
     lanes *seebeck, *resistance, *supply_voltage, *supply_resistance, *on_resistance,
         *current_limit, *own_voltage;
     lanes *film, *exponent, *radiating;
-    lanes *input; /* TERMS: the other factors */
+    lanes *input; /* TERMS: factors of what the other inputs change */
     lanes *gain, *shift, *ambient_gain, *weight;
     lanes *loop_conductance, *held_heat; /* follow from them */
 };
@@ -114,8 +114,8 @@ struct workspace {
     size_t numbers; /* how many there are */
     struct loss *loss;
     lanes_32 *rises; /* of the elements with losses, then what they lose */
-    lanes *changed; /* EFFECTS: what the inputs have changed so far */
-    lanes estimate; /* of the error so far, K */
+    lanes *changed;  /* EFFECTS: what the inputs have changed so far */
+    lanes estimate;  /* of the error so far, K */
     lanes *state, *at_stage, *right, *time_heat, *factors, *errors, *stages[STAGES];
     lanes *duty, *before, *duty_slope; /* of each cell: now, at the start of the step, its rate */
     struct drive *driven;              /* STAGES x cells */
@@ -124,7 +124,7 @@ struct workspace {
     int *output_row, *output_node; /* of the weights that are not 0 in all of these draws */
     lanes *staged;   /* the temperatures of a draw in a step */
     lanes *squares;  /* of the errors so far: LANES draws x vectors of channels */
-    lanes *lowest, *highest; /* of the samples so far, likewise */
+    lanes *lowest, *highest;  /* of the samples so far, likewise */
     lanes energy, peak_power; /* so far, J and W */
     double *reading; /* (POWERS + 1) x channels, filled up to whole vectors: a step of a draw */
 };
@@ -308,9 +308,10 @@ static inline pairs film_slope(const struct loss *loss, const struct film *at)
     return loss->film * (at->factor * (1 + bend) - 1);
 }
 
-/* Brings the inputs besides the duty into the equations (physics/_input_effects.py). Each effect is a
-   sum of products of a number of the draw and a factor of the step, and changes conductances, the
-   temperature of a body or the voltage at a cell, which are some of the numbers of the draw. */
+/* Brings the inputs besides the duty into the equations (physics/_input_effects.py). Each effect is
+   a sum of products of a number of the draw and a factor of the step. It changes some of the numbers
+   of the draw: conductances, the temperature of a body or the voltage at a cell. The heat of bodies
+   into the nodes follows from them. */
 static void apply_inputs(struct workspace *w, const double *input)
 {
     const struct numbers *of = &w->of;
@@ -545,7 +546,7 @@ static inline void interpolate_node(const struct workspace *w, int i, lanes *of_
     of_node[5] = method_correction[5] * error;
 }
 
-/* Adds the energy that all cells draw from the supply in a step, as far as the last sample, and raises
+/* Adds the energy that all cells draw from the supply in a step, up to the last sample, and raises
    their largest power (_power.py): Simpson's rule over both halves of the step. */
 static void add_power(const struct run *run, struct workspace *w, const double *command,
                       lanes begin, lanes size)
@@ -573,8 +574,8 @@ static void add_power(const struct run *run, struct workspace *w, const double *
             power += supply_power(of, k, &by, of->seebeck[k] * difference);
         }
         w->energy += weight[n] / 12 * length * power;
-        w->peak_power =
-            choose((length > 0) & (power > w->peak_power), power, w->peak_power);
+        const mask is_larger = (length > 0) & (power > w->peak_power);
+        w->peak_power = choose(is_larger, power, w->peak_power);
     }
 }
 
@@ -708,8 +709,8 @@ static inline lanes read_vector(const struct run *run, const lanes *r, int t, do
            part * (r[1] + part * (r[2] + part * (r[3] + part * (r[4] + part * r[5]))));
 }
 
-/* Takes the samples of a draw in a step into its extremes, and into the squared errors of a recording
-   that is compared sample by sample. */
+/* Takes the samples of a draw in a step into its extremes, and into the squared errors of a
+   recording that is compared sample by sample. */
 static void summarise(const struct run *run, const struct workspace *w, int first, int stop,
                       int lane, double begin, double size)
 {
