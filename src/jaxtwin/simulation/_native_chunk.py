@@ -1,8 +1,9 @@
 """Chunks of draws solved by `rodas5p.c`, a draw in each lane of the processor's vectors.
 
 It takes steps of Rodas5P, as `_numbered_chunk` does on an accelerator, and writes what is wanted of
-the draws into the arrays of the caller: temperatures at samples, mean squared errors, the plate at
-the end. A draw whose error estimate is too large is solved again with steps half as long.
+the draws into the arrays of the caller: temperatures at samples, mean squared errors, extremes, the
+energy, the plate at the end. A draw whose error estimate is too large is solved again with steps
+half as long.
 """
 
 import ctypes
@@ -39,9 +40,8 @@ NATIVE_CHUNK = 256
 Samples: TypeAlias = Literal["all", "last", "none"]
 """Whether the temperatures of the channels are written at all samples, the last one or none."""
 
-OF_CHANNELS = ("cost", "minimum", "maximum")
-OF_SUPPLY = ("energy", "peak_power")
-"""The reductions that `rodas5p.c` computes, for each channel and for each draw."""
+OF_CHANNELS, OF_SUPPLY = ("cost", "minimum", "maximum"), ("energy", "peak_power")
+"""The reductions that `rodas5p.c` computes: for each channel, and for all cells together."""
 
 WIDEST = 8
 """The largest number of lanes of a vector."""
