@@ -7,10 +7,12 @@ python -m benchmarks.ways --quick
 """
 
 import os
+import tempfile
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import diffrax
@@ -139,9 +141,11 @@ def ours(
     reductions: Any = None,
     native: bool = True,
     into: bool = False,
+    one_lane: bool = False,
     **options: Any,
 ) -> Callable[[], Any]:
-    """The batch engine: in C or by the programs of JAX, into a new array or into the same."""
+    """The batch engine: in C, of many draws in the lanes of a vector or of one at a time, or by the
+    programs of JAX; into a new array or into the same."""
     experiment, draws = task.experiment, task.draws(count)
 
     shape = (count, len(experiment.time), len(task.twin.channels))
@@ -149,6 +153,7 @@ def ours(
 
     def run() -> Any:
         os.environ[VARIABLE] = "on" if native else "off"
+        os.environ["CC"] = _one_lane_compiler() if one_lane else "cc"
         if reductions is None:
             return jt.simulate_batch(task.twin, experiment, draws, out=out, **options)
         return jt.reduce_batch(task.twin, experiment, draws, reductions, **options)
@@ -157,12 +162,22 @@ def ours(
     return run
 
 
+@cache
+def _one_lane_compiler() -> str:
+    """A compiler whose vectors hold one number, so that the program takes one draw at a time."""
+    script = Path(tempfile.mkdtemp()) / "cc-one-lane"
+    script.write_text('#!/bin/sh\nexec cc -DLANES=1 "$@"\n')
+    script.chmod(0o700)
+    return str(script)
+
+
 OWN: dict[str, dict[str, Any]] = {
     OURS: {},
     "jaxtwin, float64, into an array of the caller": {"into": True},
     "jaxtwin, float64, one thread": {"workers": 1},
     "jaxtwin, float64, cost and final": {"reductions": ["cost", "final"]},
     "jaxtwin, float64, final, one thread": {"reductions": ["final"], "workers": 1},
+    "jaxtwin, float64, one draw at a time in C": {"one_lane": True},
     "jaxtwin, float64, by JAX alone": {"native": False},
     "jaxtwin, float32": {"precision": "float32"},
     "jaxtwin, float32, cost and final": {"precision": "float32", "reductions": ["cost", "final"]},

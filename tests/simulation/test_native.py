@@ -11,15 +11,17 @@ from math import factorial
 
 import numpy as np
 import pytest
+from heated_box import cell_and_heater
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxtwin import Experiment, SimulationError, Twin, load_rig, reduce_batch, simulate_batch
 from jaxtwin.physics._wiring import wiring_of
 from jaxtwin.simulation import _native_library
+from jaxtwin.simulation._native_elimination import Elimination
 from jaxtwin.simulation._native_library import VARIABLE, native_library, native_state
-from jaxtwin.simulation._native_network import Elimination, native_network
-from jaxtwin.simulation._reductions import ReductionName
+from jaxtwin.simulation._native_network import native_network
+from jaxtwin.simulation._reductions import REDUCTIONS, ReductionName
 from jaxtwin.simulation._rosenbrock_step import (
     CORRECTION,
     DENSE,
@@ -119,9 +121,7 @@ def test_reductions_are_those_of_jax(precision, by_jax):
         time, duty, channels=("T11", "TCM"), temperatures=recorded, ambient=room
     )
     draws = {"R_E": np.array([1.8, 2.0, -1.0, 2.2]), "g_T11": np.array([0.9, 1.0, 1.0, 1.1])}
-    names: list[ReductionName] = [
-        *("cost", "final", "minimum", "maximum", "plate_range", "plate_std"),
-    ]
+    names: list[ReductionName] = list(REDUCTIONS)
     found = reduce_batch(twin, experiment, draws, names, precision=precision)
     other = by_jax(reduce_batch, twin, experiment, draws, names, precision=precision)
     assert found.failed.tolist() == other.failed.tolist() == [False, False, True, False]
@@ -129,6 +129,57 @@ def test_reductions_are_those_of_jax(precision, by_jax):
         assert found[name].dtype == other[name].dtype
         assert np.isnan(found[name][2]).all()
         np.testing.assert_allclose(found[name], other[name], rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.slow
+def test_the_extremes_of_a_failed_draw_are_nan(by_jax):
+    """XLA:CPU finds infinite extremes of NaN."""
+    twin = Twin("paper-2024")
+    experiment, draws = drive(twin), {"R_E": np.array([2.0, -1.0])}
+    names: list[ReductionName] = ["minimum", "maximum"]
+    for found in (
+        reduce_batch(twin, experiment, draws, names),
+        by_jax(reduce_batch, twin, experiment, draws, names),
+    ):
+        for name in names:
+            assert np.isnan(found[name]).any(axis=1).tolist() == [False, True]
+            assert np.isnan(found[name][1]).all()
+
+
+@pytest.mark.slow
+def test_the_cost_of_draws_that_differ_in_the_delay_is_that_of_jax(by_jax):
+    """Each is then compared sample by sample; the samples of a recording are missing at times."""
+    twin = Twin("dual-cell")
+    step = drive(twin, 120)
+    recorded = np.array(twin.simulate(step).temperatures)
+    recorded[40:60, 3] = np.nan
+    experiment = Experiment(step.time, step.duty, channels=twin.channels, temperatures=recorded)
+    draws = {"t_delay": np.linspace(0.5, 6.0, 9), "R_E": np.linspace(1.8, 2.1, 9)}
+    names: list[ReductionName] = ["cost", "minimum", "maximum"]
+    found = reduce_batch(twin, experiment, draws, names)
+    other = by_jax(reduce_batch, twin, experiment, draws, names)
+    for name in names:
+        np.testing.assert_allclose(found[name], other[name], rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("averaging", ["voltage", "on-off"])
+def test_energy_and_peak_power_do_not_depend_on_the_samples(averaging, by_jax):
+    """They are those of JAX with twenty samples a second, between which it takes temperatures to be
+    linear. The rig has a current limit, a heater at the supply and one of a given power."""
+    twin = Twin(cell_and_heater(averaging))
+    names: list[ReductionName] = ["energy", "peak_power"]
+    draws = {"R_E": np.array([1.5, 2.0, 2.5])}
+
+    def run(part: float) -> Experiment:
+        time = np.arange(round(60 / part) + 1) * part
+        later = (time >= 30)[:, None]
+        return Experiment(time, np.where(later, [[-0.9, 0.2, 1.0]], [[0.7, 0.5, 0.3]]))
+
+    found = reduce_batch(twin, run(1.0), draws, names)
+    other = by_jax(reduce_batch, twin, run(0.05), draws, names)
+    np.testing.assert_allclose(found["energy"], other["energy"], rtol=3e-5)
+    np.testing.assert_allclose(found["peak_power"], other["peak_power"], rtol=3e-5)
 
 
 @pytest.mark.slow
@@ -197,15 +248,24 @@ from jaxtwin.simulation import _native_library
 checks = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 _native_library.FLAGS += checks
 time = np.arange(61.0)
-for rig, channels in (("dual-cell", ("T11", "TCM", "T26")), ("single-cell", ("T",))):
+rigs = {"dual-cell": ("T11", "TCM", "T26"), "single-cell": (), "heated-box": ()}
+inputs = {"fan": np.where(time < 20, 1.0, 0.2), "lid": 1.0}
+for rig, channels in rigs.items():
     twin = Twin(rig)
     names = [name for name in channels if name in twin.channels] or list(twin.channels)
-    duty = np.outer(np.where(time < 30, 0.5, -0.4), np.ones(len(twin.wiring.cold)))
+    later = -0.4 if rig != "heated-box" else 0.2
+    duty = np.outer(np.where(time < 30, 0.5, later), np.ones(len(twin.wiring.cold)))
     recorded = np.full((61, len(names)), 20.0)
     experiment = Experiment(time, duty, channels=names, temperatures=recorded)
-    draws = {"R_E": np.linspace(1.0, 3.0, 11)}
-    draws["R_E"][4] = -1.0
-    reductions = ["cost", "final", "maximum", *(["plate_range"] if rig == "dual-cell" else [])]
+    name = "R_E" if rig != "heated-box" else "R_heater"
+    if rig == "heated-box":
+        experiment = experiment.with_inputs(**inputs)
+    draws = {name: np.linspace(1.0, 3.0, 11)}
+    draws[name][4] = -1.0
+    reductions = ["cost", "final", "minimum", "maximum", "energy", "peak_power"]
+    if rig == "dual-cell":
+        reductions += ["plate_range"]
+        draws["t_delay"] = np.linspace(0.5, 4.0, 11)
     for precision in ("float64", "float32"):
         simulate_batch(twin, experiment, draws, precision=precision)
         reduce_batch(twin, experiment, draws, reductions, precision=precision)
@@ -232,7 +292,7 @@ def test_sanitizers_find_no_wrong_access_and_no_undefined_operation():
         [sys.executable, "-c", CHILD], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "2 libraries\n"
+    assert done.stdout == "3 libraries\n"
     assert "solved by JAX" not in done.stderr
 
 

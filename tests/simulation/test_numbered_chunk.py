@@ -14,6 +14,7 @@ from small_rigs import bundled
 from jaxtwin import Experiment, Twin, reduce_batch, simulate_batch
 from jaxtwin.simulation import ReductionName, _draw_solver, _numbered_chunk
 from jaxtwin.simulation._chunk_programs import Prepared, Stepped
+from jaxtwin.simulation._native_library import VARIABLE
 from jaxtwin.simulation._numbered_chunk import LEAST_DRAWS, MOST_STEPS, numbered_grid
 from jaxtwin.simulation._time_grid import TimeGrid
 
@@ -75,10 +76,11 @@ def case(name: str, precision: str, mark: pytest.MarkDecorator, **driver: str) -
         case("pcr-block", "float64", pytest.mark.long),
     ],
 )
-def test_draws_are_those_of_the_default_solver(name, precision, driver, request):
+def test_draws_are_those_of_the_default_solver(name, precision, driver, request, monkeypatch):
     """With a lag, a delay, nonlinear losses, heaters and a limited current: at the end to 1e-5 K,
     or 1e-4 K where the limit makes a kink within steps; at samples inside the steps to half a
     millikelvin."""
+    monkeypatch.setenv(VARIABLE, "off")
     twin = bundled(name, driver)
     draws = spread(twin, ["R_E", "R_Th"] if "R_Th" in twin.values else list(twin.values)[:2])
     experiment = drive(twin)

@@ -11,6 +11,7 @@ from small_rigs import bundled
 
 from jaxtwin import Experiment, SimulationError, Twin, reduce_batch, simulate
 from jaxtwin.sensitivity_analysis._slopes import slopes_of
+from jaxtwin.simulation._native_library import VARIABLE
 
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
 """Power of `printer-bed` at full duty, W: its tracks, switch and supply."""
@@ -97,7 +98,8 @@ def plate() -> tuple[Twin, Experiment]:
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", [None, diffrax.Kvaerno5()])
 def test_many_draws_have_the_energy_and_the_peak_of_their_runs(solver: Any, plate):
-    """With the driver's delay and lag, by the default solver and by diffrax."""
+    """With the driver's delay and lag, by the default solver and by diffrax. Draws in C are
+    integrated over their steps, the run from temperatures that are linear between samples."""
     twin, experiment = plate
     found = reduce_batch(twin, experiment, DRAWS, ["energy", "peak_power"], solver=solver)
     for n in range(3):
@@ -105,7 +107,7 @@ def test_many_draws_have_the_energy_and_the_peak_of_their_runs(solver: Any, plat
         run = simulate(one, experiment)
         assert found.energy is not None
         assert found.peak_power is not None
-        assert found.energy[n] == pytest.approx(run.energy[-1], rel=1e-5)
+        assert found.energy[n] == pytest.approx(run.energy[-1], rel=1e-4)
         assert found.peak_power[n] == pytest.approx(run.power.sum(axis=1).max(), rel=0.02)
     assert found.to_xarray()["energy"].attrs["units"] == "J"
     assert np.ptp(found["energy"]) > 10
@@ -120,7 +122,9 @@ def test_a_draw_that_fails_has_no_energy(plate):
 
 
 @pytest.mark.slow
-def test_derivatives_of_the_energy_are_those_of_differences(plate):
+def test_derivatives_of_the_energy_are_those_of_differences(plate, monkeypatch):
+    """Both by JAX, whose energy has a rule of its own."""
+    monkeypatch.setenv(VARIABLE, "off")
     twin, experiment = plate
     values, step = {"R_E": np.array([2.0])}, 1e-3
     (slope,) = slopes_of(twin, experiment, values, ["energy", "peak_power"])

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..rig import Input, Rig
+from ..rig import Input, Rig, Value
 from ..rig._input import depends_on
 from ..rig._plate import AMBIENT
 from ._expressions import Expressions
@@ -42,7 +42,9 @@ class InputWiring:
     """The parts of a rig that its inputs change, as constant arrays and expressions.
 
     - `inputs`: the inputs, in the order of all arrays.
-    - `links`: the numbers of the links that inputs change, and their `conductances`.
+    - `links`: the numbers of the links that inputs change, and their `conductances`, which are sums
+      of products; `own_conductances`: these products without the inputs, such as the conductance
+      of a link in each state.
     - `differences` (links, nodes): the temperature at the end of each of these links minus that at
       its start, as far as these are nodes; `to_ambient` (links,) and `to_reservoir` (links,
       reservoirs): the same for ends at the surroundings and at bodies of a given temperature.
@@ -59,6 +61,12 @@ class InputWiring:
         self.links = np.array(changed, np.int32)
         chosen = [netlist.links[number] for number in self.links]
         self.conductances = Expressions([link.conductances for link in chosen])
+        names = {name for one in rig.inputs for name in one.names}
+        own = (
+            tuple(power for power in product.powers if power[0] not in names)
+            for product in self.conductances.products
+        )
+        self.own_conductances = Expressions([[Value(1.0, powers)] for powers in own])
         nodes, held = netlist.index, [reservoir.name for reservoir in netlist.reservoirs]
         self.differences = np.zeros((len(chosen), len(nodes)))
         self.to_ambient = np.array([float(link.b == AMBIENT) for link in chosen])

@@ -133,6 +133,8 @@ class System(eqx.Module):
         ]
         positive += [part for part in (lag, delay, limit) if part is not None]
         positive += [values_si[name] for name in wiring.on_plate]
+        if effects is not None:
+            positive.append(effects.own_conductances(values_si))
         return cls(
             capacitance=capacitance,
             conductance=_conductance_matrix(wiring, conductances),

@@ -17,6 +17,7 @@ what:
   (what is kept), `_draw_units` and `_workers` (cores, accelerators, clusters)
 - many draws on a CPU with a C compiler: `rodas5p.c`, a draw in each lane of a vector;
   `_native_library` (compiled and loaded), `_native_network` (a network as its tables and numbers),
+  `_native_elimination` (the places of its factors), `_native_inputs` (what inputs change in it),
   `_native_steps` (its time grid), `_native_chunk` (a call)
 - one step at a time, for observers and controllers: `_stepper`, `_step_preparation`,
   `_reduced_stepper`

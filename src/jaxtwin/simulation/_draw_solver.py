@@ -27,9 +27,16 @@ from ._chunk_programs import (
 from ._compressed import CompressedRecording, compress
 from ._delay import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
-from ._native_chunk import NATIVE_CHUNK, NativeRun, Samples, native_run
+from ._native_chunk import (
+    NATIVE_CHUNK,
+    OF_CHANNELS,
+    OF_SUPPLY,
+    NativeRun,
+    Samples,
+    native_run,
+)
 from ._numbered_chunk import numbered_chunk_size, numbered_grid, prepare_numbered, step_numbered
-from ._padding import padded, padded_count, padded_time_grid
+from ._padding import padded, padded_time_grid
 from ._reductions import Readings, Reduction, reduce_readings
 from ._refinement import Results, needs_shorter_steps
 from ._time_grid import TimeGrid
@@ -37,6 +44,9 @@ from ._workers import fill_in_chunks, is_accelerated, usual_chunk_size, work_in_
 
 if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
+
+NATIVE = frozenset(OF_CHANNELS + OF_SUPPLY)
+"""The reductions that `rodas5p.c` computes."""
 
 Draws: TypeAlias = Mapping[str, Float[np.ndarray, " draws"]]
 """Name of a parameter -> its values in the unit of the rig's table."""
@@ -182,11 +192,9 @@ class DrawSolver:
 
     def _native(self, refinement: int, own_delays: bool) -> NativeRun | None:
         """The run of `rodas5p.c`, None where it cannot give what is wanted."""
-        reads = {r.reads for name, r in (self.reductions or {}).items() if name != "cost"}
-        if reads & {"energy", "peak_power"}:
-            return None
+        reads = {r.reads for name, r in (self.reductions or {}).items() if name not in NATIVE}
         samples: Samples = "last" if "end" in reads else "none"
-        if self.reductions is None or reads & {"trajectory", "padded_trajectory"}:
+        if self.reductions is None or "trajectory" in reads:
             samples = "all"
         return native_run(
             self.twin,
@@ -197,7 +205,7 @@ class DrawSolver:
             -(-refinement // 2),
             own_delays=own_delays,
             samples=samples,
-            with_cost="cost" in (self.reductions or {}),
+            reductions=[name for name in self.reductions or () if name in NATIVE],
             with_plate="plate_end" in reads,
         )
 
@@ -220,12 +228,8 @@ class DrawSolver:
                 return run.solve(chunk, number, out[part])
             size, read = len(next(iter(chunk.values()))), None
             if run.samples:
-                # Copies of the last sample follow, see `padded_trajectory`.
-                rows = padded_count(run.samples) if run.samples > 1 else 1
-                read = np.empty((size, rows, len(self.columns)), dtype)
+                read = np.empty((size, run.samples, len(self.columns)), dtype)
             found = run.solve(chunk, number, read)
-            if read is not None:
-                read[:, run.samples :] = read[:, run.samples - 1, None]
             reduced = self._native_reduced(found, read)
             return {**found, **reduced}
 
@@ -251,16 +255,13 @@ class DrawSolver:
         dtype = np.dtype(self.precision)
         results: dict[str, np.ndarray] = {}
         reductions = dict(self.reductions or {})
-        if "cost" in reductions:
-            del reductions["cost"]
-            results["cost"] = found.pop("cost").astype(dtype)
+        for name in NATIVE.intersection(reductions):
+            del reductions[name]
+            results[name] = found.pop(name).astype(dtype)
         plate = found.pop("plate_end").astype(dtype) if "plate_end" in found else None
-        count = len(self.experiment.time)
-        end = trajectory = None
-        if read is not None:
-            end, trajectory = read[:, min(count, read.shape[1]) - 1], read[:, :count]
+        end = None if read is None else read[:, -1]
         with own_settings(float64=self.precision == "float64"):
-            reduced = reduce_readings(reductions, Readings(trajectory, read, end, plate), None)
+            reduced = reduce_readings(reductions, Readings(read, None, end, plate), None)
             return results | {name: np.asarray(values) for name, values in reduced.items()}
 
     def _usual_chunk_size(self, numbered: TimeGrid | None, is_compressed: bool) -> int:

@@ -1,12 +1,13 @@
 """Chunks of draws solved by `rodas5p.c`, a draw in each lane of the processor's vectors.
 
 It takes steps of Rodas5P, as `_numbered_chunk` does on an accelerator, and writes what is wanted of
-the draws into the arrays of the caller: temperatures at samples, mean squared errors, the plate at
-the end. A draw whose error estimate is too large is solved again with steps half as long.
+the draws into the arrays of the caller: temperatures at samples, mean squared errors, extremes, the
+energy, the plate at the end. A draw whose error estimate is too large is solved again with steps
+half as long.
 """
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Literal, TypeAlias, final
 
@@ -17,7 +18,7 @@ from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
 from ..physics._wiring import wiring_of
-from ._compressed import compress
+from ._compressed import CompressedRecording
 from ._initial import CheckedInitial, keeps_symmetry
 from ._native_library import native_library
 from ._native_network import Outputs, native_network, pack_draws
@@ -37,7 +38,10 @@ NATIVE_CHUNK = 256
 """The number of draws in a chunk."""
 
 Samples: TypeAlias = Literal["all", "last", "none"]
-"""Whether the temperatures of the channels are read at all samples, at the last one or at none."""
+"""Whether the temperatures of the channels are written at all samples, the last one or none."""
+
+OF_CHANNELS, OF_SUPPLY = ("cost", "minimum", "maximum"), ("energy", "peak_power")
+"""The reductions that `rodas5p.c` computes: for each channel, and for all cells together."""
 
 WIDEST = 8
 """The largest number of lanes of a vector."""
@@ -50,8 +54,8 @@ class Recording(ctypes.Structure):
     """`struct recording` of `rodas5p.c`."""
 
     _fields_ = [
-        ("rows", ctypes.c_int),
-        *((name, POINTER) for name in ("step", "weight", "ambient", "time")),
+        *((name, ctypes.c_int) for name in ("is_by_sample", "rows")),
+        *((name, POINTER) for name in ("step", "weight")),
         *((name, POINTER) for name in ("target", "counted", "number", "beyond")),
     ]
 
@@ -67,9 +71,9 @@ class Run(ctypes.Structure):
         ),
         ("duration", ctypes.c_double),
         ("largest_span", ctypes.c_double),
-        *((name, POINTER) for name in ("size", "ambient", "duty", "first_duty", "time")),
+        *((name, POINTER) for name in ("size", "ambient", "duty", "first_duty", "input", "time")),
         *((name, POINTER) for name in ("ambient_at", "output_row", "output_node")),
-        ("first_read", ctypes.c_int),
+        *((name, ctypes.c_int) for name in ("first_read", "first_written")),
         ("recording", Recording),
     ]
 
@@ -80,8 +84,9 @@ class Results(ctypes.Structure):
 
     _fields_ = [
         ("rows", ctypes.c_size_t),
-        *((name, POINTER) for name in ("temperatures", "temperatures_32", "cost", "others")),
-        *((name, POINTER) for name in ("error_estimates", "failed")),
+        *((name, POINTER) for name in ("temperatures", "temperatures_32", "cost")),
+        *((name, POINTER) for name in ("minimum", "maximum", "energy", "peak_power")),
+        *((name, POINTER) for name in ("others", "error_estimates", "failed")),
     ]
 
 
@@ -96,6 +101,7 @@ class NativeRun:
     - `grid`, `steps`: the steps before and after the driver's delay.
     - `recorded`: the recorded temperatures to which draws are compared, degC; None for no cost.
     - `samples`: which temperatures are written.
+    - `reductions`: which of `OF_CHANNELS` and `OF_SUPPLY` are computed.
     - `with_plate`: whether the plate's elements are read at the end.
     """
 
@@ -109,6 +115,7 @@ class NativeRun:
         steps: NativeSteps,
         recorded: Float[np.ndarray, "times channels"] | None,
         samples: Samples,
+        reductions: Collection[str],
         with_plate: bool,
     ) -> None:
         wiring = wiring_of(twin.rig, keeps_symmetry(initial))
@@ -122,16 +129,23 @@ class NativeRun:
         ambient = np.zeros(len(time))
         if grid.ambient_at is not None:
             ambient = np.asarray(grid.ambient_at) - grid.ambient_at[0]
-        self.elements, self.has_cost = len(outputs.others), recorded is not None
-        first_read = {"all": 0, "last": len(time) - 1, "none": len(time)}[samples]
-        if with_plate:  # it is read at the last sample
-            first_read = min(first_read, len(time) - 1)
-        self.samples = len(time) - first_read if samples != "none" else 0
+        self.elements, self.reductions = len(outputs.others), tuple(reductions)
+        first_written = {"all": 0, "last": len(time) - 1, "none": len(time)}[samples]
+        self.samples = len(time) - first_written
         recording = Recording()
         if recorded is not None:
-            recording = self._recording(grid, recorded, *steps.places(time), ambient, time)
+            drifts = self.twin.wiring.ambient_drift is not None or bool(np.any(ambient))
+            recording = self._recording(
+                recorded, None if drifts else steps.compressed(grid, recorded)
+            )
+        first_read = first_written
+        if with_plate:  # it is read at the last sample
+            first_read = min(first_read, len(time) - 1)
+        if recording.is_by_sample or not {"minimum", "maximum"}.isdisjoint(reductions):
+            first_read = 0
         first = steps.duty[0] if grid.steady_start else np.zeros_like(steps.duty[0])
-        position = native_network(wiring).position
+        network = native_network(wiring)
+        levels = np.zeros((len(steps.size), 0)) if steps.levels is None else steps.levels
         self.structure = Run(
             steps=len(steps.size),
             waiting=steps.waiting,
@@ -145,11 +159,13 @@ class NativeRun:
             ambient=self._double(steps.ambient),
             duty=self._double(steps.duty),
             first_duty=self._double(first),
+            input=self._double(network.inputs.of_steps(levels)),
             time=self._double(time),
             ambient_at=self._double(ambient),
             output_row=self._int(outputs.row),
-            output_node=self._int(position[outputs.nodes]),
+            output_node=self._int(network.position[outputs.nodes]),
             first_read=first_read,
+            first_written=first_written,
             recording=recording,
         )
 
@@ -168,8 +184,8 @@ class NativeRun:
         - `temperatures`: where the temperatures of the channels are written, degC, in float64 or
           float32, from the first row of each draw on; None for nowhere.
 
-        **Returns:** "failed"; "refused", whether a draw needs shorter steps; "cost", K^2, and
-        "plate_end", K above the reference, if they are wanted.
+        **Returns:** "failed"; "refused", whether a draw needs shorter steps; the reductions by
+        name; and "plate_end", K above the reference, if it is wanted.
         """
         with own_settings():
             numbers = np.ascontiguousarray(
@@ -181,8 +197,8 @@ class NativeRun:
             "error_estimate": np.empty(count),
             "failed": np.empty(count, np.uint8),
         }
-        if self.has_cost:
-            found["cost"] = np.empty((count, len(self.columns)))
+        for name in self.reductions:
+            found[name] = np.empty((count, len(self.columns)) if name in OF_CHANNELS else count)
         if self.with_plate:
             found["plate_end"] = np.empty((count, self.elements))
         is_single = temperatures is not None and temperatures.dtype == np.float32
@@ -190,7 +206,7 @@ class NativeRun:
             rows=0 if temperatures is None else temperatures.shape[1],
             temperatures=None if is_single else _address(temperatures),
             temperatures_32=_address(temperatures) if is_single else None,
-            cost=_address(found.get("cost")),
+            **{name: _address(found[name]) for name in self.reductions},
             others=_address(found.get("plate_end")),
             error_estimates=_address(found["error_estimate"]),
             failed=_address(found["failed"]),
@@ -208,30 +224,26 @@ class NativeRun:
 
     def _recording(
         self,
-        grid: TimeGrid,
         recorded: Float[np.ndarray, "times channels"],
-        step: Int[np.ndarray, " times"],
-        part: Float[np.ndarray, " times"],
-        ambient: Float[np.ndarray, " times"],
-        time: Float[np.ndarray, " times"],
+        few: CompressedRecording | None,
     ) -> Recording:
-        """The recording, in a few rows for each step unless the ambient temperature changes."""
-        there, weight = ~np.isnan(recorded), part[:, None] ** np.arange(POWERS)
+        """The recording, in a few rows for each step if it is compressed."""
+        there = ~np.isnan(recorded)
         target, counted = np.nan_to_num(recorded), there.astype(float)
         number, beyond = there.sum(axis=0), np.zeros(recorded.shape[1])
-        if not np.any(ambient) and self.twin.wiring.ambient_drift is None:
-            few = compress(replace(grid, step_of=step, weights=weight), recorded)
+        step, weight = np.zeros(0, int), np.zeros((0, POWERS))
+        if few is not None:
             number, beyond = few.samples, few.beyond
             order = np.argsort(few.grid.step_of, kind="stable")
             step, weight, target, counted = (
                 np.asarray(table)[order]
                 for table in (few.grid.step_of, few.grid.weights, few.target, few.counted)
             )
-            ambient = time = np.zeros(len(target))
         # Whole vectors are read, beyond the last channel of the last row too.
         target, counted = (np.append(table, np.zeros(WIDEST)) for table in (target, counted))
-        doubles = (weight, ambient, time, target, counted, number, beyond)
-        return Recording(len(step), self._int(step), *map(self._double, doubles))
+        doubles = (weight, target, counted, number, beyond)
+        rows = self._int(step), *map(self._double, doubles)
+        return Recording(few is None, len(step), *rows)
 
     def _double(self, values: Any) -> int:
         return self._keep(np.ascontiguousarray(values, float))
@@ -254,11 +266,11 @@ def native_run(
     *,
     own_delays: bool,
     samples: Samples,
-    with_cost: bool,
+    reductions: Collection[str],
     with_plate: bool,
 ) -> NativeRun | None:
-    """The run of a twin for many draws; None where the programs of JAX solve them: for a rig with
-    inputs besides the duty or a very large network, or without a C compiler.
+    """The run of a twin for many draws; None where the programs of JAX solve them: for a very large
+    network, for some rigs whose driver has a delay (`NativeSteps.of`), or without a C compiler.
 
     **Arguments:**
 
@@ -267,9 +279,10 @@ def native_run(
     - The others are as in `NativeRun`.
     """
     wiring = wiring_of(twin.rig, keeps_symmetry(initial))
-    if wiring.inputs or len(wiring.netlist.nodes) > MOST_NODES or (own_delays and with_cost):
+    if len(wiring.netlist.nodes) > MOST_NODES:
         return None
-    grid = commanded_steps(experiment, wiring.lag is not None, refinement)
+    lags, inputs = wiring.lag is not None, wiring.inputs_and_effects
+    grid = commanded_steps(experiment, lags, refinement, inputs)
     grid = replace(grid, steady_start=isinstance(initial, str))
     delay = None if own_delays else shared_delay(twin)
     steps = NativeSteps.of(grid, delay, own_delays=own_delays)
@@ -278,8 +291,10 @@ def native_run(
     library = native_library(native_network(wiring).header)
     if library is None:
         return None
-    recorded = experiment.temperatures if with_cost else None
-    return NativeRun(library, twin, initial, columns, grid, steps, recorded, samples, with_plate)
+    recorded = experiment.temperatures if "cost" in reductions else None
+    return NativeRun(
+        library, twin, initial, columns, grid, steps, recorded, samples, reductions, with_plate
+    )
 
 
 def _address(array: np.ndarray | None) -> int | None:

@@ -11,16 +11,17 @@ from typing import Any, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
-from .._sparse_lu import SparseLU
 from ..physics import System, Twin
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..physics._wiring import Wiring
 from ..rig._plate import FILM_REFERENCE
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
+from ._native_elimination import Elimination
+from ._native_inputs import Layout, NativeInputs
 from ._numbered_network import network_pattern
 from ._rosenbrock_step import (
     CORRECTION,
@@ -33,45 +34,11 @@ from ._rosenbrock_step import (
 )
 from ._time_grid import InputSummary, reference_temperature
 
+COMMON = 5
+"""The number of numbers of a draw before those of its network."""
+
 NO_LIMIT = 1e300
 """The current limit of a driver without one, A."""
-
-
-@final
-class Elimination:
-    """A sparsity pattern and its factors by rows, with the nodes in the order of elimination.
-
-    - `order` (nodes,): the node that is eliminated first, second, and so on.
-    - `row`, `column`: where each row of the matrix begins, and the column of each entry.
-    - `factor_row`, `factor_column`, `diagonal`: the same for the factors $L$ and $U$ together, and
-      the place of the diagonal of each row.
-    - `place` (nodes, nodes): the place of each entry among the factors, -1 for none.
-    - `changed`: the places that elimination changes, in its order.
-    """
-
-    def __init__(self, pattern: Bool[np.ndarray, "nodes nodes"]):
-        steps = SparseLU(pattern).elimination
-        self.order = np.array([pivot for pivot, *_ in steps], np.int32)
-        filled = np.array(pattern, bool) | np.eye(len(pattern), dtype=bool)
-        ordered = filled[np.ix_(self.order, self.order)]
-        for pivot, rows, columns in steps:
-            filled[np.ix_(rows, columns)] = True
-            filled[pivot, pivot] = True
-        factors = filled[np.ix_(self.order, self.order)]
-        self.row, self.column = _by_rows(ordered)
-        self.factor_row, self.factor_column = _by_rows(factors)
-        self.place = np.full(factors.shape, -1, np.int32)
-        self.place[factors] = np.arange(np.count_nonzero(factors))
-        self.diagonal = np.diag(self.place).astype(np.int32)
-        self.changed = np.array(
-            [
-                self.place[i, j]
-                for i in range(len(factors))
-                for k in np.flatnonzero(factors[i, :i])
-                for j in k + 1 + np.flatnonzero(factors[k, k + 1 :])
-            ],
-            np.int32,
-        )
 
 
 @final
@@ -84,7 +51,28 @@ class NativeNetwork:
     def __init__(self, wiring: Wiring) -> None:
         self.elimination = Elimination(network_pattern(wiring))
         self.position = np.argsort(self.elimination.order).astype(np.int32)
+        self.inputs = NativeInputs(wiring, self._layout(wiring))
         self.header = self._header(wiring)
+
+    def _layout(self, wiring: Wiring) -> Layout:
+        """The places of numbers in `_numbers`."""
+        table, at = self.elimination, self.position
+        nodes, cells = len(table.order), len(wiring.cold)
+        bodies = len(wiring.netlist.reservoirs)
+        rows = np.repeat(table.order, np.diff(table.row))
+        entry = np.full((nodes, nodes), -1)
+        entry[rows, table.order[table.column]] = COMMON + np.arange(len(table.column))
+        to_ambient = COMMON + len(table.column) + nodes
+        held = to_ambient + nodes
+        to_held = held + bodies
+        supply_voltage = to_held + (bodies + 1) * nodes + 2 * cells
+        return Layout(
+            entry,
+            to_ambient + at,
+            held + np.arange(bodies),
+            to_held + nodes * np.arange(bodies)[:, None] + at,
+            supply_voltage + np.arange(cells),
+        )
 
     def _header(self, wiring: Wiring) -> str:
         table, at = self.elimination, self.position
@@ -100,6 +88,9 @@ class NativeNetwork:
             "FACTORS": len(table.factor_column),
             "CELLS": cells,
             "LOSSES": len(losses),
+            "BODIES": len(wiring.netlist.reservoirs),
+            "EFFECTS": len(self.inputs.effect_term) - 1,
+            "TERMS": len(self.inputs.cell),
             "ON_OFF": wiring.averaging == "on-off",
             "BRAKE": wiring.off_phase == "brake",
             "HAS_LAG": wiring.lag is not None,
@@ -125,6 +116,10 @@ class NativeNetwork:
             "network_is_heater": wiring.heaters or [False] * cells,
             "network_has_own_supply": wiring.own_supply or [False] * cells,
             "network_loss_node": losses,
+            "network_effect_term": self.inputs.effect_term,
+            "network_effect_number": self.inputs.effect_number,
+            "network_changed_number": self.inputs.changed_number,
+            "network_changed_sign": self.inputs.changed_sign,
         }  # fmt: skip
         numbers = {
             "method_node": NODES,
@@ -215,7 +210,6 @@ def _numbers(
     order, cells = table.order, len(wiring.cold)
     rows = np.repeat(np.arange(len(order)), np.diff(table.row))
     held = system.reservoirs
-    heat = jnp.zeros_like(start) if held is None else held.heat(reference)
     limit = NO_LIMIT if bridge.current_limit is None else bridge.current_limit
     share = 1.0 if bridge.supply_share is None else bridge.supply_share
     gain = system.gain[columns]
@@ -228,7 +222,11 @@ def _numbers(
         system.conductance[order[rows], order[table.column]],
         system.capacitance[order],
         system.ambient_conductance[order],
-        heat[order],
+        *(
+            []
+            if held is None
+            else [held.temperature - reference, held.conductance[:, order].ravel()]
+        ),
         start[order],
         *(
             jnp.broadcast_to(jnp.asarray(one), (cells,))
@@ -254,6 +252,7 @@ def _numbers(
                 )
             ]
         ),
+        network.inputs.of_draw(system),
         gain,
         jnp.broadcast_to(reference - ZERO_CELSIUS + offset, gain.shape),
         1 - gain * on_plate,
@@ -281,11 +280,3 @@ def _table(kind: str, name: str, values: np.ndarray) -> str:
         for row in (values.astype(int) if kind == "int" else values).tolist()
     )
     return f"static const {kind} {name}{sizes} = {{{inner or 0}}};"
-
-
-def _by_rows(
-    pattern: Bool[np.ndarray, "rows columns"],
-) -> tuple[Int[np.ndarray, " begins"], Int[np.ndarray, " entries"]]:
-    """Where each row of a pattern begins, and the column of each entry."""
-    begins = np.append(0, np.cumsum(pattern.sum(axis=1)))
-    return begins.astype(np.int32), np.nonzero(pattern)[1].astype(np.int32)

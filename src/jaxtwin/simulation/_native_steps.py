@@ -4,16 +4,18 @@ Right after an input changes, steps are short and grow fast, because the sides o
 within milliseconds; from then on they are in proportion to the time since the change.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..physics import Twin
+from ..rig import Input
+from ._compressed import CompressedRecording, compress
 from ._time_grid import TimeGrid, build_time_grid, settling_after_reversals
 
 RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
@@ -31,12 +33,18 @@ POWERS = 6
 
 
 @lru_cache(maxsize=64)
-def commanded_steps(experiment: Experiment, lags: bool, refinement: int) -> TimeGrid:
+def commanded_steps(
+    experiment: Experiment,
+    lags: bool,
+    refinement: int,
+    inputs: tuple[tuple[Input, bool], ...] = (),
+) -> TimeGrid:
     """The steps before any delay.
 
     **Arguments:**
 
     - `lags`: whether the driver has a lag.
+    - `inputs`: as in `build_time_grid`.
     - `refinement`: the number of times that steps are halved.
     """
     part = 0.5**refinement
@@ -47,6 +55,7 @@ def commanded_steps(experiment: Experiment, lags: bool, refinement: int) -> Time
         settling=settling_after_reversals(experiment, lags),
         parts=2**refinement,
         ramp=tuple(part * step for step in RAMP),
+        inputs=inputs,
     )
 
 
@@ -59,6 +68,7 @@ class NativeSteps:
     - `duty`: the command that is held during each, -1 to 1.
     - `ambient`: the ambient's deviation from the reference during each, K.
     - `ends`: when each step ends, s; None if that depends on the draw.
+    - `levels`: the rig's other inputs during each step, see `input_levels`; None without any.
     """
 
     size: Float[np.ndarray, " steps"]
@@ -66,11 +76,12 @@ class NativeSteps:
     ambient: Float[np.ndarray, " steps"]
     waiting: int
     ends: Float[np.ndarray, " steps"] | None
+    levels: Float[np.ndarray, "steps inputs"] | None
 
     @classmethod
     def of(cls, grid: TimeGrid, delay: float | None, *, own_delays: bool) -> "NativeSteps | None":
-        """Applies a delay to commanded steps; None if a recorded ambient temperature changes and
-        the draws differ in the delay.
+        """Applies a delay to commanded steps; None if the rig's other inputs change, or if a
+        recorded ambient temperature changes and the draws differ in the delay.
 
         **Arguments:**
 
@@ -82,30 +93,44 @@ class NativeSteps:
         size, duty = lengths[moves], np.asarray(grid.duty)[moves]
         at = None if grid.ambient_at is None else np.asarray(grid.ambient_at)
         ambient = np.zeros(len(size)) if at is None else np.asarray(grid.ambient)[moves] - at[0]
+        levels = None if grid.levels is None else np.asarray(grid.levels)[moves]
         if delay is None and not own_delays:
-            return cls(size, duty, ambient, 0, np.cumsum(size))
+            return cls(size, duty, ambient, 0, np.cumsum(size), levels)
+        if levels is not None:
+            if np.any(levels != levels[0]):
+                return None
+            levels = np.repeat(levels[:1], len(WAITING) + len(size), axis=0)
         first = duty[:1] if grid.steady_start else np.zeros_like(duty[:1])
         duty = np.concatenate([np.repeat(first, len(WAITING), axis=0), duty])
         whole = np.concatenate([WAITING, size])
         changes = at is not None and bool(np.any(at != at[0]))
         if own_delays or delay is None:
             none = np.zeros(len(whole))
-            return None if changes else cls(whole, duty, none, len(WAITING), None)
+            return None if changes else cls(whole, duty, none, len(WAITING), None, levels)
         ends = np.cumsum(np.concatenate([WAITING * delay, size]))
         ambient = np.zeros(len(whole))
         if changes and at is not None:
             ambient = _means(np.asarray(grid.times), at - at[0], ends)
-        return cls(whole, duty, ambient, len(WAITING), ends)
+        return cls(whole, duty, ambient, len(WAITING), ends, levels)
 
-    def places(
-        self, times: Float[np.ndarray, " times"]
-    ) -> tuple[Int[np.ndarray, " times"], Float[np.ndarray, " times"]]:
-        """The step that each sample is in, and the part of it that has passed."""
-        assert self.ends is not None
-        begins = np.append(0.0, self.ends[:-1])
+    def compressed(
+        self, grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]
+    ) -> CompressedRecording | None:
+        """A recording in rows of weights for the powers of the part of a step that has passed; None
+        if the steps depend on the draw.
+
+        **Arguments:**
+
+        - `grid`: the steps before the delay.
+        - `recorded`: the recorded temperatures, degC.
+        """
+        if self.ends is None:
+            return None
+        times, begins = np.asarray(grid.times), np.append(0.0, self.ends[:-1])
         step = np.minimum(np.searchsorted(self.ends, times - 1e-7), len(self.ends) - 1)
-        part = (times - begins[step]) / (self.ends[step] - begins[step])
-        return step.astype(np.int32), np.clip(part, 0, 1)
+        part = np.clip((times - begins[step]) / (self.ends[step] - begins[step]), 0, 1)
+        weights = part[:, None] ** np.arange(POWERS)
+        return compress(replace(grid, step_of=step.astype(np.int32), weights=weights), recorded)
 
 
 def shared_delay(twin: Twin) -> float | None:

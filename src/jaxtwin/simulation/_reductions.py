@@ -101,11 +101,16 @@ def _as_read(values: Array) -> Array:
 
 
 def _minimum(trajectory: Array) -> Array:
-    return trajectory.min(axis=0)
+    return _unless_failed(trajectory, trajectory.min(axis=0))
 
 
 def _maximum(trajectory: Array) -> Array:
-    return trajectory.max(axis=0)
+    return _unless_failed(trajectory, trajectory.max(axis=0))
+
+
+def _unless_failed(trajectory: Array, values: Array) -> Array:
+    """NaN for the trajectory of a failed draw, of which XLA:CPU finds infinite extremes."""
+    return jnp.where(jnp.isnan(trajectory[0]), jnp.nan, values)
 
 
 def _range(temperatures: Array) -> Array:
@@ -147,7 +152,9 @@ class Reductions:
       end, `(draws,)`, K.
     - `plate_std`: the standard deviation of the temperatures of the plate's elements at the end,
       `(draws,)`, K.
-    - `energy`: the energy that all cells together draw from the supply, `(draws,)`, J.
+    - `energy`: the energy that all cells together draw from the supply, `(draws,)`, J. Draws in C
+      are integrated over their steps. By JAX, temperatures are linear between samples, as for
+      `Run.energy`; that of coarse samples may differ by a thousandth.
     - `peak_power`: the largest power that they draw together at any time, `(draws,)`, W.
     - `custom`: the results of the user's functions by name, `(draws, ...)`. A function receives a
       trajectory of NaN for a failed draw.

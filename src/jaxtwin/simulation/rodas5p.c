@@ -21,10 +21,12 @@
 
 #include "network.h"
 
+#ifndef LANES /* benchmarks/ways.py takes one */
 #ifdef __AVX512F__
 #define LANES 8
 #else
 #define LANES 4
+#endif
 #endif
 #define STAGES 8
 #define ROUNDING 1e-7 /* of sums of step sizes, s */
@@ -44,16 +46,14 @@ typedef float lanes_32 __attribute__((vector_size(4 * LANES)));
 typedef float pairs __attribute__((vector_size(8 * LANES), may_alias));
 typedef int32_t pairs_of_int __attribute__((vector_size(8 * LANES)));
 
-/* A recording to which draws are compared: rows of weights for the powers of the part of a step that
-   has passed. A row is a sample, or one of a few that stand for many samples (_compressed.py). */
+/* A recording to which draws are compared: sample by sample, or by rows of weights for the powers
+   of the part of a step that has passed, of which a few stand for many samples (_compressed.py). */
 struct recording {
-    int rows;
-    const int *step;
+    int is_by_sample, rows;
+    const int *step;       /* of each row */
     const double *weight;  /* rows x POWERS */
-    const double *ambient; /* of each row: the ambient's deviation from the reference, K */
-    const double *time;    /* of each row, s; 0 where the ambient does not drift */
-    const double *target;  /* rows x channels, degC */
-    const double *counted; /* rows x channels: 1, or 0 for a missing sample */
+    const double *target;  /* rows, or samples, x channels, degC */
+    const double *counted; /* the same shape: 1, or 0 for a missing sample */
     const double *number;  /* of each channel: how many samples there are */
     const double *beyond;  /* of each channel: what no solution can reduce, K^2 */
 };
@@ -67,34 +67,40 @@ struct run {
     const double *ambient;    /* in each step: deviation from the reference, K */
     const double *duty;       /* steps x cells: the command that is held, -1 to 1 */
     const double *first_duty; /* of each cell at the start */
+    const double *input;      /* steps x TERMS: factors of what the other inputs change */
     const double *time;       /* of each sample, s */
     const double *ambient_at; /* at each sample: deviation from the reference, K */
     /* Of each output, the channels first: where its weights begin; and the node of each weight. */
     const int *output_row, *output_node;
-    int first_read; /* the first sample whose temperatures are written */
+    int first_read, first_written; /* the first sample that is needed, that is written */
     struct recording recording;
 };
 
 /* Where the results of the draws go; each but the last two may be NULL. */
 struct results {
-    size_t rows;          /* of each draw in the next two: at least as many as samples are read */
+    size_t rows;          /* of each draw in the next two: at least as many as are written */
     double *temperatures; /* draws x rows x channels, degC; or in single precision: */
     float *temperatures_32;
-    double *cost;            /* draws x channels: mean squared errors, K^2 */
-    double *others;          /* draws x outputs that are no channels: last deviations, K */
-    double *error_estimates; /* of each draw, K */
-    unsigned char *failed;   /* of each draw: 1 if it failed */
+    double *cost;                /* draws x channels: mean squared errors, K^2 */
+    double *minimum, *maximum;   /* draws x channels: over the samples, degC */
+    double *energy, *peak_power; /* of each draw: what all cells draw from the supply, J and W */
+    double *others;              /* draws x outputs that are no channels: last deviations, K */
+    double *error_estimates;     /* of each draw, K */
+    unsigned char *failed;       /* of each draw: 1 if it failed */
 };
 
 /* The numbers of LANES draws, in the order in which they are packed (_native_network.py). */
 struct numbers {
     lanes *is_valid, *reference, *lag, *delay, *drift;
-    lanes *conductance, *capacitance, *to_ambient, *held_heat, *start;
+    lanes *conductance, *capacitance, *to_ambient;
+    lanes *held, *to_held; /* bodies of a given temperature: above the reference, K; W/K */
+    lanes *start;
     lanes *seebeck, *resistance, *supply_voltage, *supply_resistance, *on_resistance,
         *current_limit, *own_voltage;
     lanes *film, *exponent, *radiating;
+    lanes *input; /* TERMS: factors of what the other inputs change */
     lanes *gain, *shift, *ambient_gain, *weight;
-    lanes *loop_conductance; /* follows from them */
+    lanes *loop_conductance, *held_heat; /* follow from them */
 };
 
 /* The losses of two elements of the plate. They are a small part of the heat, and computed in single
@@ -108,7 +114,8 @@ struct workspace {
     size_t numbers; /* how many there are */
     struct loss *loss;
     lanes_32 *rises; /* of the elements with losses, then what they lose */
-    lanes estimate; /* of the error so far, K */
+    lanes *changed;  /* EFFECTS: what the inputs have changed so far */
+    lanes estimate;  /* of the error so far, K */
     lanes *state, *at_stage, *right, *time_heat, *factors, *errors, *stages[STAGES];
     lanes *duty, *before, *duty_slope; /* of each cell: now, at the start of the step, its rate */
     struct drive *driven;              /* STAGES x cells */
@@ -117,6 +124,8 @@ struct workspace {
     int *output_row, *output_node; /* of the weights that are not 0 in all of these draws */
     lanes *staged;   /* the temperatures of a draw in a step */
     lanes *squares;  /* of the errors so far: LANES draws x vectors of channels */
+    lanes *lowest, *highest;  /* of the samples so far, likewise */
+    lanes energy, peak_power; /* so far, J and W */
     double *reading; /* (POWERS + 1) x channels, filled up to whole vectors: a step of a draw */
 };
 
@@ -140,6 +149,14 @@ static inline lanes choose(mask where, lanes one, lanes other)
 static inline lanes broadcast(double x)
 {
     return x - (lanes){0};
+}
+
+static lanes exponential(lanes x)
+{
+    for (int l = 0; l < LANES; ++l) {
+        x[l] = exp(x[l]);
+    }
+    return x;
 }
 
 static inline pairs pair(lanes one, lanes two)
@@ -245,6 +262,19 @@ static inline struct current current_of(const struct numbers *of,
     return is;
 }
 
+/* The power that the bridge of a cell draws from the supply, W. */
+static inline lanes supply_power(const struct numbers *of, int cell, const struct drive *by,
+                                 lanes emf)
+{
+    lanes slope = broadcast(0), current = (by->voltage - emf) * by->conductance;
+    if (network_has_own_supply[cell]) {
+        return by->share * by->voltage * by->voltage * by->conductance;
+    }
+    current = limited(current, of->current_limit[cell], &slope);
+    const lanes power = current * (emf + current / by->conductance);
+    return ON_OFF ? by->share * power : power;
+}
+
 /* The law of the losses at some rises: the factor of the film, and the temperatures. */
 struct film {
     pairs rise, hot, room, factor, calm;
@@ -276,6 +306,31 @@ static inline pairs film_slope(const struct loss *loss, const struct film *at)
     const pairs square = at->rise * at->rise;
     const pairs bend = 2 * loss->half_exponent * square / (square + at->calm);
     return loss->film * (at->factor * (1 + bend) - 1);
+}
+
+/* Brings the inputs besides the duty into the equations (physics/_input_effects.py). Each effect is
+   a sum of products of a number of the draw and a factor of the step. It changes some of the numbers
+   of the draw: conductances, the temperature of a body or the voltage at a cell. The heat of bodies
+   into the nodes follows from them. */
+static void apply_inputs(struct workspace *w, const double *input)
+{
+    const struct numbers *of = &w->of;
+    for (int k = 0; k < EFFECTS; ++k) {
+        lanes change = -w->changed[k];
+        for (int t = network_effect_term[k]; t < network_effect_term[k + 1]; ++t) {
+            change += of->input[t] * input[t];
+        }
+        w->changed[k] += change;
+        for (int p = network_effect_number[k]; p < network_effect_number[k + 1]; ++p) {
+            of->is_valid[network_changed_number[p]] += network_changed_sign[p] * change;
+        }
+    }
+    for (int i = 0; i < NODES; ++i) {
+        of->held_heat[i] = broadcast(0);
+        for (int body = 0; body < BODIES; ++body) {
+            of->held_heat[i] += of->to_held[body * NODES + i] * of->held[body];
+        }
+    }
 }
 
 /* The heat into each node, W: the right-hand side of the equations. */
@@ -466,10 +521,7 @@ static void drive(struct workspace *w, const double *command, lanes size)
     for (int number = 0; number < (HAS_LAG ? STAGES : 1); ++number) {
         const int is_new = number == 0 || method_node[number] != method_node[number - 1];
         if (HAS_LAG && is_new) {
-            const lanes x = -method_node[number] * size / w->of.lag[0];
-            for (int l = 0; l < LANES; ++l) {
-                left[l] = exp(x[l]);
-            }
+            left = exponential(-method_node[number] * size / w->of.lag[0]);
         }
         for (int k = 0; k < CELLS; ++k) {
             w->duty[k] = command[k] + (w->before[k] - command[k]) * left;
@@ -478,22 +530,61 @@ static void drive(struct workspace *w, const double *command, lanes size)
     }
 }
 
-/* The polynomial of each output within a step that begins at `w->state` and ends at `w->at_stage`,
-   in powers of the part of the step that has passed. */
+/* The polynomial of a node within a step that begins at `w->state` and ends at `w->at_stage`, in
+   powers of the part of the step that has passed. */
+static inline void interpolate_node(const struct workspace *w, int i, lanes *of_node)
+{
+    const lanes two = combined(w, method_dense[0], STAGES, i);
+    const lanes three = combined(w, method_dense[1], STAGES, i);
+    const lanes four = combined(w, method_dense[2], STAGES, i);
+    const lanes error = w->errors[i];
+    of_node[0] = w->state[i];
+    of_node[1] = w->at_stage[i] - w->state[i] + two + method_correction[1] * error;
+    of_node[2] = three - two + method_correction[2] * error;
+    of_node[3] = four - three + method_correction[3] * error;
+    of_node[4] = method_correction[4] * error - four;
+    of_node[5] = method_correction[5] * error;
+}
+
+/* Adds the energy that all cells draw from the supply in a step, up to the last sample, and raises
+   their largest power (_power.py): Simpson's rule over both halves of the step. */
+static void add_power(const struct run *run, struct workspace *w, const double *command,
+                      lanes begin, lanes size)
+{
+    static const double weight[] = {1, 4, 2, 4, 1};
+    const struct numbers *of = &w->of;
+    const lanes none = broadcast(0), rest = run->time[run->times - 1] - begin;
+    const lanes length = choose(rest < none, none, choose(rest < size, rest, size));
+    for (int k = 0; k < CELLS; ++k) {
+        interpolate_node(w, network_cold[k], w->of_node + 2 * k * POWERS);
+        interpolate_node(w, network_hot[k], w->of_node + (2 * k + 1) * POWERS);
+    }
+    for (int n = 0; n < 5; ++n) {
+        const lanes passed = 0.25 * n * length, part = passed / size;
+        const lanes left = HAS_LAG ? exponential(-passed / of->lag[0]) : none;
+        lanes power = none;
+        for (int k = 0; k < CELLS; ++k) {
+            const lanes *cold = w->of_node + 2 * k * POWERS, *hot = cold + POWERS;
+            const struct drive by =
+                drive_of(of, k, command[k] + (w->before[k] - command[k]) * left);
+            lanes difference = none;
+            for (int order = POWERS - 1; order >= 0; --order) {
+                difference = difference * part + hot[order] - cold[order];
+            }
+            power += supply_power(of, k, &by, of->seebeck[k] * difference);
+        }
+        w->energy += weight[n] / 12 * length * power;
+        const mask is_larger = (length > 0) & (power > w->peak_power);
+        w->peak_power = choose(is_larger, power, w->peak_power);
+    }
+}
+
+/* The polynomials of the outputs within a step. */
 static void interpolate(const struct run *run, const struct workspace *w)
 {
     lanes *of_node = w->of_node;
-    for (int i = 0; i < NODES; ++i, of_node += POWERS) {
-        const lanes two = combined(w, method_dense[0], STAGES, i);
-        const lanes three = combined(w, method_dense[1], STAGES, i);
-        const lanes four = combined(w, method_dense[2], STAGES, i);
-        const lanes error = w->errors[i];
-        of_node[0] = w->state[i];
-        of_node[1] = w->at_stage[i] - w->state[i] + two + method_correction[1] * error;
-        of_node[2] = three - two + method_correction[2] * error;
-        of_node[3] = four - three + method_correction[3] * error;
-        of_node[4] = method_correction[4] * error - four;
-        of_node[5] = method_correction[5] * error;
+    for (int i = 0; i < NODES; ++i) {
+        interpolate_node(w, i, of_node + i * POWERS);
     }
     for (int o = 0; o < run->outputs; ++o) {
         lanes sum[POWERS] = {{0}};
@@ -607,6 +698,43 @@ static void stream(char *to, const char *from, size_t size)
     memcpy(to, from, size);
 }
 
+/* The readings of a vector of channels at a sample of a step, degC. */
+static inline lanes read_vector(const struct run *run, const lanes *r, int t, double drift,
+                                double begin, double per_size)
+{
+    const double passed = (run->time[t] - begin) * per_size;
+    const double part = passed < 0 ? 0 : passed > 1 ? 1 : passed;
+    const double ambient = run->ambient_at[t] + drift * run->time[t];
+    return r[0] + ambient * r[POWERS] +
+           part * (r[1] + part * (r[2] + part * (r[3] + part * (r[4] + part * r[5]))));
+}
+
+/* Takes the samples of a draw in a step into its extremes, and into the squared errors of a
+   recording that is compared sample by sample. */
+static void summarise(const struct run *run, const struct workspace *w, int first, int stop,
+                      int lane, double begin, double size)
+{
+    const struct recording *recording = &run->recording;
+    const size_t channels = run->channels, vectors = (channels + LANES - 1) / LANES;
+    const double drift = HAS_DRIFT ? w->of.drift[0][lane] : 0, per_size = 1 / size;
+    for (size_t v = 0; v < vectors; ++v) {
+        const lanes *r = (const lanes *)w->reading + v * (POWERS + 1);
+        lanes *const lowest = w->lowest + lane * vectors + v;
+        lanes *const highest = w->highest + lane * vectors + v;
+        for (int t = first; t < stop; ++t) {
+            const lanes value = read_vector(run, r, t, drift, begin, per_size);
+            *lowest = choose(value < *lowest, value, *lowest);
+            *highest = choose(value > *highest, value, *highest);
+            if (recording->is_by_sample) {
+                lanes target, counted;
+                memcpy(&target, recording->target + t * channels + v * LANES, sizeof target);
+                memcpy(&counted, recording->counted + t * channels + v * LANES, sizeof counted);
+                w->squares[lane * vectors + v] += counted * (value - target) * (value - target);
+            }
+        }
+    }
+}
+
 /* Writes the temperatures of a draw at the samples of a step. */
 static void read_samples(const struct run *run, const struct workspace *w, int first, int stop,
                          int lane, double begin, double size, const struct results *to, size_t draw)
@@ -620,12 +748,7 @@ static void read_samples(const struct run *run, const struct workspace *w, int f
         lanes r[POWERS + 1];
         memcpy(r, w->reading + (v - LANES) * (POWERS + 1), sizeof r);
         for (int t = first; t < stop; ++t) {
-            const double passed = (run->time[t] - begin) * per_size;
-            const double part = passed < 0 ? 0 : passed > 1 ? 1 : passed;
-            const double ambient = run->ambient_at[t] + drift * run->time[t];
-            const lanes value =
-                r[0] + ambient * r[POWERS] +
-                part * (r[1] + part * (r[2] + part * (r[3] + part * (r[4] + part * r[5]))));
+            const lanes value = read_vector(run, r, t, drift, begin, per_size);
             const size_t at = (size_t)(t - first) * channels + v - LANES;
             if (to->temperatures) {
                 memcpy(doubles + at, &value, sizeof value);
@@ -635,7 +758,7 @@ static void read_samples(const struct run *run, const struct workspace *w, int f
             }
         }
     }
-    const size_t at = draw * to->rows * channels + (first - run->first_read) * channels;
+    const size_t at = draw * to->rows * channels + (first - run->first_written) * channels;
     const size_t count = (size_t)(stop - first) * channels;
     if (to->temperatures) {
         stream((char *)(to->temperatures + at), (char *)doubles, count * sizeof(double));
@@ -649,13 +772,11 @@ static void compare(const struct run *run, const struct workspace *w, int first,
 {
     const struct recording *recording = &run->recording;
     const size_t channels = run->channels, vectors = (channels + LANES - 1) / LANES;
-    const double drift = HAS_DRIFT ? w->of.drift[0][lane] : 0;
     for (int t = first; t < stop; ++t) {
         const double *weight = recording->weight + (size_t)t * POWERS;
-        const double ambient = recording->ambient[t] + drift * recording->time[t];
         for (size_t v = 0; v < vectors; ++v) {
             const lanes *r = (const lanes *)w->reading + v * (POWERS + 1);
-            lanes value = ambient * r[POWERS], target, counted;
+            lanes value = broadcast(0), target, counted;
 #pragma GCC unroll 8
             for (int k = 0; k < POWERS; ++k) {
                 value += weight[k] * r[k];
@@ -700,8 +821,11 @@ static void read(const struct run *run, struct workspace *w, const struct place 
     }
     interpolate(run, w);
     for (int l = 0; l < count; ++l) {
-        const int first = at->first[l] > run->first_read ? at->first[l] : run->first_read;
+        const int first = at->first[l] > run->first_written ? at->first[l] : run->first_written;
         read_step(run, w, l);
+        if (to->minimum || to->maximum || recording->is_by_sample) {
+            summarise(run, w, at->first[l], at->stop[l], l, begin[l], size[l]);
+        }
         if (at->stop[l] > first && (to->temperatures || to->temperatures_32)) {
             read_samples(run, w, first, at->stop[l], l, begin[l], size[l], to, draw + l);
         }
@@ -723,7 +847,12 @@ static lanes integrate(const struct run *run, struct workspace *w, const struct 
     int row = 0;
     const size_t squares = LANES * ((run->channels + LANES - 1) / LANES);
     memset(w->squares, 0, squares * sizeof(lanes));
-    w->estimate = broadcast(0);
+    for (size_t v = 0; v < squares; ++v) {
+        w->lowest[v] = broadcast(INFINITY);
+        w->highest[v] = broadcast(-INFINITY);
+    }
+    w->estimate = w->energy = broadcast(0);
+    w->peak_power = broadcast(-INFINITY);
     for (int i = 0; i < NODES; ++i) {
         w->state[i] = w->of.start[i];
     }
@@ -735,6 +864,9 @@ static lanes integrate(const struct run *run, struct workspace *w, const struct 
             n < run->waiting ? run->size[n] * w->of.delay[0] : broadcast(run->size[n]);
         const lanes drift = HAS_DRIFT ? w->of.drift[0] : broadcast(0);
         const lanes ambient = run->ambient[n] + drift * begin;
+        if (EFFECTS > 0) {
+            apply_inputs(w, run->input + (size_t)n * TERMS);
+        }
         drive(w, run->duty + (size_t)n * CELLS, size);
         step_matrix(w, size, ambient);
         factorise(w->factors);
@@ -754,6 +886,9 @@ static lanes integrate(const struct run *run, struct workspace *w, const struct 
         place_samples(run, &at, begin + size, n + 1 == run->steps);
         estimate(run, w, &at, begin);
         read(run, w, &at, n, &row, begin, size, to, draw, count);
+        if (to->energy || to->peak_power) {
+            add_power(run, w, run->duty + (size_t)n * CELLS, begin, size);
+        }
         for (int i = 0; i < NODES; ++i) {
             w->state[i] = w->at_stage[i];
             check += 0 * w->state[i];
@@ -763,32 +898,55 @@ static lanes integrate(const struct run *run, struct workspace *w, const struct 
     return check;
 }
 
-/* Writes the mean squared errors of a draw, K^2. */
-static void write_cost(const struct run *run, const struct workspace *w, int lane, double *cost)
+/* Writes what is kept of the trajectory of a draw. */
+static void write_reductions(const struct run *run, const struct workspace *w,
+                             const struct results *to, size_t draw, int lane)
 {
     const size_t channels = run->channels, vectors = (channels + LANES - 1) / LANES;
-    for (size_t o = 0; o < channels; ++o) {
-        const double squares = w->squares[lane * vectors + o / LANES][o % LANES];
-        cost[o] = squares / run->recording.number[o] + run->recording.beyond[o];
+    for (size_t o = 0, at = draw * channels; o < channels; ++o, ++at) {
+        const size_t vector = lane * vectors + o / LANES, place = o % LANES;
+        if (to->cost) {
+            to->cost[at] = w->squares[vector][place] / run->recording.number[o] +
+                           run->recording.beyond[o];
+        }
+        if (to->minimum) {
+            to->minimum[at] = w->lowest[vector][place];
+        }
+        if (to->maximum) {
+            to->maximum[at] = w->highest[vector][place];
+        }
+    }
+    if (to->energy) {
+        to->energy[draw] = w->energy[lane];
+    }
+    if (to->peak_power) {
+        to->peak_power[draw] = w->peak_power[lane];
     }
 }
 
 /* Writes NaN for all that is wanted of a failed draw. */
 static void write_nan(const struct run *run, const struct results *to, size_t draw)
 {
-    const size_t channels = run->channels, others = run->outputs - channels;
-    const size_t temperatures = to->rows * channels;
-    for (size_t k = 0; to->temperatures && k < temperatures; ++k) {
-        to->temperatures[draw * temperatures + k] = NAN;
+    const size_t channels = run->channels, temperatures = to->rows * channels;
+    const struct {
+        double *of;
+        size_t count;
+    } parts[] = {
+        {to->temperatures, temperatures},
+        {to->cost, channels},
+        {to->minimum, channels},
+        {to->maximum, channels},
+        {to->energy, 1},
+        {to->peak_power, 1},
+        {to->others, run->outputs - channels},
+    };
+    for (size_t part = 0; part < sizeof parts / sizeof *parts; ++part) {
+        for (size_t k = 0; parts[part].of && k < parts[part].count; ++k) {
+            parts[part].of[draw * parts[part].count + k] = NAN;
+        }
     }
     for (size_t k = 0; to->temperatures_32 && k < temperatures; ++k) {
         to->temperatures_32[draw * temperatures + k] = NAN;
-    }
-    for (size_t k = 0; to->cost && k < channels; ++k) {
-        to->cost[draw * channels + k] = NAN;
-    }
-    for (size_t k = 0; to->others && k < others; ++k) {
-        to->others[draw * others + k] = NAN;
     }
 }
 
@@ -823,7 +981,8 @@ static void divide(const struct run *run, struct workspace *w,
         {&of->conductance, ENTRIES},
         {&of->capacitance, nodes},
         {&of->to_ambient, nodes},
-        {&of->held_heat, nodes},
+        {&of->held, BODIES},
+        {&of->to_held, BODIES * nodes},
         {&of->start, nodes},
         {&of->seebeck, cells},
         {&of->resistance, cells},
@@ -835,6 +994,7 @@ static void divide(const struct run *run, struct workspace *w,
         {&of->film, losses},
         {&of->exponent, losses},
         {&of->radiating, losses},
+        {&of->input, TERMS},
         {&of->gain, channels},
         {&of->shift, channels},
         {&of->ambient_gain, channels},
@@ -845,6 +1005,8 @@ static void divide(const struct run *run, struct workspace *w,
     }
     w->numbers = memory->taken;
     of->loop_conductance = take(memory, cells);
+    of->held_heat = take(memory, nodes);
+    w->changed = take(memory, EFFECTS);
     w->state = take(memory, nodes);
     w->at_stage = take(memory, nodes);
     w->right = take(memory, nodes);
@@ -858,12 +1020,14 @@ static void divide(const struct run *run, struct workspace *w,
     w->duty_slope = take(memory, cells);
     w->before = take(memory, cells);
     w->driven = (struct drive *)take(memory, STAGES * cells * sizeof(struct drive) / sizeof(lanes));
-    w->of_node = take(memory, POWERS * nodes);
+    w->of_node = take(memory, POWERS * (nodes > 2 * cells ? nodes : 2 * cells));
     w->polynomials = take(memory, POWERS * run->outputs);
     w->output_row = (int *)take(memory, run->outputs * sizeof(int) / sizeof(lanes) + 1);
     w->output_node = (int *)take(memory, run->weights * sizeof(int) / sizeof(lanes) + 1);
     w->staged = take(memory, (run->times * channels + 2 * LANES) / LANES);
     w->squares = take(memory, LANES * ((channels + LANES - 1) / LANES));
+    w->lowest = take(memory, LANES * ((channels + LANES - 1) / LANES));
+    w->highest = take(memory, LANES * ((channels + LANES - 1) / LANES));
     w->reading = (double *)take(memory, (POWERS + 1) * ((channels + LANES - 1) / LANES));
     w->rises = (lanes_32 *)take(memory, (losses + 1) / 2);
     w->loss = (struct loss *)take(memory, losses / 2 * sizeof(struct loss) / sizeof(lanes));
@@ -889,6 +1053,8 @@ static void load(const struct run *run, struct workspace *w, const double *numbe
     for (int k = 0; k < CELLS; ++k) {
         of->loop_conductance[k] = 1 / (of->resistance[k] + of->on_resistance[k]);
     }
+    memset(w->changed, 0, EFFECTS * sizeof(lanes));
+    apply_inputs(w, run->input);
     int used = 0;
     for (int o = 0; o < run->outputs; ++o) {
         w->output_row[o] = used;
@@ -931,9 +1097,7 @@ int jaxtwin_solve(const struct run *run, const double *numbers, size_t columns, 
             const int is_solvable = w.of.is_valid[0][l] > 0 && span[l] <= run->largest_span;
             to->failed[first + l] = !is_solvable || check[l] != 0;
             to->error_estimates[first + l] = !is_solvable ? 0 : check[l] != 0 ? NAN : w.estimate[l];
-            if (to->cost) {
-                write_cost(run, &w, l, to->cost + (first + l) * run->channels);
-            }
+            write_reductions(run, &w, to, first + l, l);
             if (to->failed[first + l]) {
                 write_nan(run, to, first + l);
             }
