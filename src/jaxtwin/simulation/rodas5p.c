@@ -103,8 +103,8 @@ struct numbers {
     lanes *loop_conductance, *held_heat; /* follow from them */
 };
 
-/* The losses of two elements of the plate. They are a small part of the heat, and computed in single
-   precision, as in ModalField. */
+/* The losses of two elements of the plate. They are a small part of the heat, and computed in
+   single precision, as in ModalField. */
 struct loss {
     pairs film, half_exponent, radiating;
 };
@@ -129,8 +129,8 @@ struct workspace {
     double *reading; /* (POWERS + 1) x channels, filled up to whole vectors: a step of a draw */
 };
 
-/* What drives a cell at a stage: the share of a period during which it is connected, the sign of its
-   voltage, the voltage, and the conductance of its circuit while it is connected. */
+/* What drives a cell at a stage: the share of a period during which it is connected, the sign of
+   its voltage, the voltage, and the conductance of its circuit while it is connected. */
 struct drive {
     lanes share, sign, voltage, conductance;
 };
@@ -309,9 +309,9 @@ static inline pairs film_slope(const struct loss *loss, const struct film *at)
 }
 
 /* Brings the inputs besides the duty into the equations (physics/_input_effects.py). Each effect is
-   a sum of products of a number of the draw and a factor of the step. It changes some of the numbers
-   of the draw: conductances, the temperature of a body or the voltage at a cell. The heat of bodies
-   into the nodes follows from them. */
+   a sum of products of a number of the draw and a factor of the step. It changes some of the
+   numbers of the draw: conductances, the temperature of a body or the voltage at a cell. The heat
+   of bodies into the nodes follows from them. */
 static void apply_inputs(struct workspace *w, const double *input)
 {
     const struct numbers *of = &w->of;
@@ -600,8 +600,8 @@ static void interpolate(const struct run *run, const struct workspace *w)
     }
 }
 
-/* The range of the rates that a draw spans (_resolution.py): the fastest of a single node, times the
-   duration or the longest time constant. That is found by inverse iteration with G. */
+/* The range of the rates that a draw spans (_resolution.py): the fastest of a single node, times
+   the duration or the longest time constant. That is found by inverse iteration with G. */
 static lanes spanned(const struct run *run, struct workspace *w)
 {
     const struct numbers *of = &w->of;
@@ -647,7 +647,8 @@ static void place_samples(const struct run *run, struct place *at, lanes end, in
 
 /* Raises the error estimates of the draws to that of a step where it holds samples, other than one
    at its start: the largest of any channel. */
-static void estimate(const struct run *run, struct workspace *w, const struct place *at, lanes begin)
+static void estimate(const struct run *run, struct workspace *w, const struct place *at,
+                     lanes begin)
 {
     mask holds_samples = {0};
     for (int l = 0; l < LANES; ++l) {
@@ -805,7 +806,8 @@ static void read_others(const struct run *run, const struct workspace *w, int la
 /* Reads what is wanted of the draws in a step; `row` is the first row of the recording that is not
    read, and moves on. */
 static void read(const struct run *run, struct workspace *w, const struct place *at, int step,
-                 int *row, lanes begin, lanes size, const struct results *to, size_t draw, int count)
+                 int *row, lanes begin, lanes size, const struct results *to, size_t draw,
+                 int count)
 {
     const struct recording *recording = &run->recording;
     const int first_row = *row;
@@ -837,8 +839,8 @@ static void read(const struct run *run, struct workspace *w, const struct place 
     }
 }
 
-/* Integrates LANES draws and reads the first of them. Returns NaN for those that do not stay finite,
-   else 0. */
+/* Integrates LANES draws and reads the first of them. Returns NaN for those that do not stay
+   finite, else 0. */
 static lanes integrate(const struct run *run, struct workspace *w, const struct results *to,
                        size_t draw, int count)
 {
