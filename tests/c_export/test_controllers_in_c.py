@@ -92,6 +92,7 @@ def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
 ):
     """With readings that do not come, to 1e-12 of full duty in double, 1e-5 in float; then off.
 
+    Plans amplify rounding in an hour of a loop: to 3e-12 in double, as docs/control.md says.
     In float the minimum of a plan is as sharp as its cost is: half a percent of full duty, and 4
     percent along the duty cycles that hold the mean with hardly another range.
     """
@@ -104,7 +105,8 @@ def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
     assert not duty[3403:].any()
     assert found.shape == duty.shape
     in_float = 0.04 if key in COSTS else 5e-3 if key.startswith("plan") else 1e-5
-    allowed = in_float if precision == "float" else 1e-12
+    in_double = 3e-12 if key in COSTS or key.startswith("plan") else 1e-12
+    allowed = in_float if precision == "float" else in_double
     np.testing.assert_allclose(found, duty, rtol=0, atol=allowed)
 
 
