@@ -15,37 +15,10 @@ algebra of normal distributions (`_gaussian`). `observe` (`_observe`) runs it ov
 `live_observer` makes a filter for a rig that is read as it runs. `estimate_noise`
 (`_estimate_noise`) finds the levels of a `ProcessNoise`, and `match_innovations`
 (`_match_innovations`) the values of a twin by the likelihood of a filter.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._estimate_noise import estimate_noise
-from ._estimates import Estimate, Estimates
-from ._forecast import Forecast
-from ._kalman_filter import ExtendedKalmanFilter, KalmanState
-from ._match_innovations import match_innovations
-from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
-from ._observe import live_observer, observe
-from ._observed import Observed
-from ._observer import AbstractObserver
-from ._open_loop import OpenLoop, OpenLoopState
-from ._process_noise import ProcessNoise
-from ._state_bounds import StateBounds
+import lazy_loader
 
-__all__ = [
-    "AbstractObserver",
-    "Estimate",
-    "Estimates",
-    "ExtendedKalmanFilter",
-    "Forecast",
-    "KalmanState",
-    "MovingHorizonEstimator",
-    "MovingHorizonState",
-    "Observed",
-    "OpenLoop",
-    "OpenLoopState",
-    "ProcessNoise",
-    "StateBounds",
-    "estimate_noise",
-    "live_observer",
-    "match_innovations",
-    "observe",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -7,7 +7,7 @@ import numpy as np
 from ..io import Experiment
 from ..matching import Band, Fit
 from ..matching._band import LEVEL
-from ..observers import ProcessNoise, observe
+from ..observers import ProcessNoise
 from ..simulation import Run
 from ._validation import Prediction
 
@@ -28,6 +28,9 @@ def forecast_rest(
     - `start`: the time, s.
     - `noise`: the noise of rig and readings.
     """
+    # A validation without an observer does not wait for its import.
+    from ..observers import observe
+
     assert recording.temperatures is not None
     is_given = recording.time < start
     readings = np.where(is_given[:, None], recording.temperatures, np.nan)
