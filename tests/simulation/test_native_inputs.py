@@ -114,6 +114,7 @@ def test_draws_of_bundled_rigs_with_inputs_are_those_of_jax(rig, monkeypatch):
     np.testing.assert_allclose(found, simulate_batch(twin, run, draws), rtol=0, atol=6e-4)
 
 
+@pytest.mark.slow
 def test_inputs_that_change_while_the_driver_has_a_delay_stay_with_jax():
     """Their changes would come within steps, which move with the delay."""
     table = box_table()
@@ -136,6 +137,7 @@ def test_a_draw_whose_resistance_in_any_state_is_not_above_0_fails(monkeypatch):
 LEVELS = st.tuples(st.floats(0, 1), st.floats(0, 3), st.floats(5, 20), st.floats(5, 60))
 
 
+@pytest.mark.slow
 @given(LEVELS, st.floats(0.05, 5.0), st.floats(-10, 10), st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
 def test_the_numbers_under_any_inputs_are_those_of_the_physics(levels, resistance, room, seed):
