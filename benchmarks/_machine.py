@@ -2,6 +2,7 @@
 
 import os
 import platform
+import subprocess
 from contextlib import suppress
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
@@ -44,6 +45,12 @@ def processor() -> str:
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
+
+
+def compiler() -> str:
+    """The C compiler, as it calls itself."""
+    said = subprocess.run(["cc", "--version"], stdout=subprocess.PIPE, text=True, check=True)
+    return said.stdout.splitlines()[0]
 
 
 def _versions() -> dict[str, str]:

@@ -23,7 +23,7 @@ from jaxtwin.control import LQI, MPC, PID, DecoupledPI
 from jaxtwin.observers import live_observer
 from jaxtwin.simulation import reduce_stepper
 
-from ._machine import machine
+from ._machine import compiler, machine
 from ._results import parser_of, write_results
 from ._tables import table
 
@@ -212,10 +212,9 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=int, default=20, help="runs of each program")
     options = parser.parse_args()
-    version = subprocess.run(["cc", "--version"], stdout=subprocess.PIPE, text=True, check=True)
     answer = {
         "machine": machine(),
-        "compiler": version.stdout.splitlines()[0],
+        "compiler": compiler(),
         "rounds": options.rounds,
         "rows": measure(options.rounds),
     }

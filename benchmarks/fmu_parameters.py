@@ -19,7 +19,7 @@ from jaxtwin.c_export._parameter_tables import settable_parameters
 from jaxtwin.c_export._parametric_twin_c import parametric_twin_c
 
 from ._grid_rig import grid_rig
-from ._machine import machine
+from ._machine import compiler, machine
 from ._results import parser_of, write_results
 from ._tables import table
 
@@ -120,10 +120,9 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=int, default=5, help="runs of each program")
     options = parser.parse_args()
-    version = subprocess.run(["cc", "--version"], stdout=subprocess.PIPE, text=True, check=True)
     answer = {
         "machine": machine(),
-        "compiler": version.stdout.splitlines()[0],
+        "compiler": compiler(),
         "rounds": options.rounds,
         "rows": [measure(twin, step, options.rounds) for twin, step in twins()],
     }
