@@ -82,10 +82,14 @@ def network_modes(
     - `reference`: the temperature from which deviations are counted, K.
     """
     system, duty, reference = jax.lax.stop_gradient((system, duty, reference))
-    sides, resistance = side_nodes(system), None
-    if duty is not None:
+    sides = side_nodes(system)
+    if duty is None:
+        duty = jnp.zeros(len(system.wiring.cold), system.capacitance.dtype)
+        at = jnp.zeros_like(system.capacitance)
+    else:
         resistance = solve_definite(system.conductance, jnp.eye(system.capacitance.size)[:, sides])
-    point = linearise(system, duty, reference, resistance)
+        at = operating_point(system, duty, reference, resistance)
+    point = linearise(system, duty, reference, at)
     conductance = system.conductance.at[np.ix_(sides, sides)].add(point.conductance)
     plate = None
     if point.loss is not None:
@@ -131,24 +135,18 @@ def side_nodes(system: System) -> np.ndarray:
 
 def linearise(
     system: System,
-    duty: Float[Array, " cells"] | None,
+    duty: Float[Array, " cells"],
     reference: Float[Array, ""],
-    resistance: Float[Array, "nodes sides"] | None,
+    at: Float[Array, " nodes"],
 ) -> Linearisation:
-    """Linearises the cells and losses at their steady state.
+    """Linearises the cells and losses under a duty, -1 to 1.
 
     **Arguments:**
 
-    - `duty`, `reference`: as in `network_modes`.
-    - `resistance`: the network's thermal resistances between the cells' sides, K/W; None for cells
-      that are off.
+    - `reference`: the temperature from which deviations are counted, K.
+    - `at`: the deviations of the nodes at which they are linearised, K.
     """
     sides = side_nodes(system)
-    if duty is None or resistance is None:
-        duty = jnp.zeros(len(system.wiring.cold), system.capacitance.dtype)
-        at = jnp.zeros_like(system.capacitance)
-    else:
-        at = _operating_point(system, duty, reference, sides, resistance)
     slope = heat_slope(system, at[sides], duty, reference)
     loss = None
     if system.loss is not None:
@@ -186,18 +184,19 @@ def run_modes(system: System, inputs: InputSummary) -> Modes:
     return jax.vmap(lambda regime: modes_of(system.under(system.conditions(regime))))(levels)
 
 
-def _operating_point(
+def operating_point(
     system: System,
     duty: Float[Array, " cells"],
     reference: Float[Array, ""],
-    sides: np.ndarray,
     resistance: Float[Array, "nodes sides"],
 ) -> Float[Array, " nodes"]:
-    """The approximate steady state under a duty: deviations of the cells' sides, K.
+    """The approximate steady state under a duty: deviations of the nodes, K.
 
-    It is found by Newton's method for the cells' sides, x = Z q(x), where Z are the network's
+    `resistance` are the network's thermal resistances between nodes and cells' sides, K/W. The
+    state is found by Newton's method for the cells' sides, x = Z q(x), where Z are the network's
     thermal resistances between them. An error of a few kelvin does not matter; losses are linear.
     """
+    sides = side_nodes(system)
     side_resistance = resistance[sides]
     unit = jnp.eye(sides.size, dtype=side_resistance.dtype)
     lowest, highest = (bound - reference for bound in BELIEVABLE)

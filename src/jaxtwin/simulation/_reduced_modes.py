@@ -30,7 +30,7 @@ from ..physics._system import conductance_entries
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
-from ._modes import Linearisation, Modes, linearise, side_nodes
+from ._modes import Linearisation, Modes, linearise, operating_point, side_nodes
 from ._refinement import stability_number
 from ._resolution import LARGEST_SPAN
 from ._time_grid import TimeGrid, reference_temperature
@@ -210,7 +210,8 @@ def _linearised(
     reference = reference_temperature(system, inputs)
     start = initial_temperatures(system, initial, inputs.first, reference) - reference
     duty = jnp.asarray(inputs.mean)
-    return linearise(system, duty, reference, jnp.asarray(resistance)), start
+    at = operating_point(system, duty, reference, jnp.asarray(resistance))
+    return linearise(system, duty, reference, at), start
 
 
 @persistent_jit
