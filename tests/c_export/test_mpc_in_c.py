@@ -107,7 +107,7 @@ def model(twin: Twin) -> DiscreteModel:
 @pytest.mark.slow
 def test_references_that_are_known_before_give_the_duty_of_python(twin: Twin, tmp_path: Path):
     """A step that comes after 15 samples, and noise, to 1e-12 of full duty."""
-    limits: Any = {"T11": (0, 33)}
+    limits: Any = {"T11": (0, 33), "T26": (30, 90, 0.5)}
     mpc = MPC(
         model(twin),
         measured=[LEFT, RIGHT],
@@ -119,7 +119,7 @@ def test_references_that_are_known_before_give_the_duty_of_python(twin: Twin, tm
     random = np.random.default_rng(0)
     wanted = np.where(np.arange(36)[:, None] < 15, [22.0, 22.0], [36.0, 31.0])
     coming = np.stack([wanted[n : n + 6] for n in range(30)])
-    seen = wanted[:30, [0, 1, 0]] - 2.0 + 0.1 * random.normal(size=(30, 3))
+    seen = wanted[:30, [0, 1, 0, 1]] - 2.0 + 0.1 * random.normal(size=(30, 4))
     with jax.enable_x64(True):
         step = jax.jit(lambda state, r, y: mpc.step(state, r, y))
         state = jax.tree.map(jnp.asarray, mpc.init(np.zeros(2), seen[0]))

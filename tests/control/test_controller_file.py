@@ -205,7 +205,7 @@ def designed(twin: Twin, kind: type[LQI] | type[MPC], **settings: Any) -> Any:
 
 
 def of_models(twin: Twin) -> list[Any]:
-    limited = {"T11": (10.1, 60), "T26": (-3, 41.7)}
+    limited = {"T11": (10.1, 60), "T26": (-3, 41.7, 0.5)}
     return [
         designed(twin, LQI, setpoint_weight=0.3, drift=0.2),
         designed(twin, LQI, setpoint_weight=[0.3, 0.1]),
@@ -303,7 +303,14 @@ def test_a_file_says_how_far_from_instability_its_loop_is(
         (2, r"\[model\]\nA = \[", "[model]\nA = 3\nQ = [", r"model\.Q: unknown field"),
         (2, r"A = \[\n    \[", "A = [\n    [7, ", r"model\.A: expected any x any finite"),
         (3, r'rate_limit = "', 'rate_limit = "-', "rate_limit: expected a rate of the duty above"),
-        (3, r"excess_deviation = .*", "", "excess_deviation: expected this field, got none"),
+        (4, r"excess_deviation = .*", "", "excess_deviation: expected this field, got none"),
+        (3, r"accepted_excess = .*", "", r"T11\.accepted_excess: expected this field, got none"),
+        (
+            3,
+            r'excess = "0.5 K"',
+            'excess = "0 K"',
+            r"T26\.accepted_excess: expected a temp",
+        ),
         (3, r'_limits\."T11"', '_limits."T99"', r"temperature_limits\.T99: unknown channel"),
         (3, r"\nL = 0.*", "\nL = 2.5", r"T11\.L: expected a number above 0 and below 2, got 2.5"),
         (3, r'lowest = "10.1', 'lowest = "70.1', "T11: expected the lowest and the highest"),

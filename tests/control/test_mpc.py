@@ -100,6 +100,21 @@ def test_a_temperature_limit_is_kept_while_the_other_output_goes_on():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_limits_that_exclude_each_other_the_one_of_smaller_accepted_excess_is_kept(first: int):
+    """The right place shall be warm, which warms the left one, and no cell can cool."""
+    model = plate()
+    accepted = np.array([1.0, 1.0])
+    accepted[first] = 0.01
+    limits: Any = {"left": (-5, 10, accepted[0]), "right": (30, 90, accepted[1])}
+    mpc = MPC(model, measured=BOTH, limits=(0, 1), temperature_limits=limits)
+    outputs, _ = followed(mpc, model, np.zeros((600, 2)))
+    beyond = np.array([outputs[-1, 0] - 10, 30 - outputs[-1, 1]])
+    assert beyond[first] < 0.05
+    assert beyond[1 - first] > 2
+
+
+@pytest.mark.slow
 def test_a_start_beyond_a_temperature_limit_is_left_as_fast_as_the_duty_allows():
     """Soft: there is a plan, although none keeps the limit."""
     model = plate()

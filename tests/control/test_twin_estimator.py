@@ -7,10 +7,19 @@ import numpy as np
 import pytest
 
 from jaxtwin import ControlError, Twin, export_c, linearize, simulate_closed_loop
-from jaxtwin.control import LQI, MPC, DiscreteModel, HeatInput, LinearModel, save_controller
+from jaxtwin.control import (
+    LQI,
+    MPC,
+    DiscreteModel,
+    HeatInput,
+    LinearModel,
+    LiveLoop,
+    save_controller,
+)
 from jaxtwin.control.controllers._kalman import kalman_filter
 from jaxtwin.control.controllers._plant import plant_of
 from jaxtwin.control.controllers._twin_estimator import TwinEstimator
+from jaxtwin.live import Moment
 from jaxtwin.observers import ExtendedKalmanFilter, MovingHorizonEstimator, live_observer
 from jaxtwin.observers._gaussian import Gaussian, corrected, moved
 
@@ -39,18 +48,25 @@ def estimator_of(model: DiscreteModel, observer: ExtendedKalmanFilter) -> TwinEs
 
 
 def known_at_rest(
-    estimator: TwinEstimator, nodes: np.ndarray, channels: np.ndarray, room: float
+    estimator: TwinEstimator,
+    nodes: np.ndarray,
+    channels: np.ndarray,
+    room: float,
+    measured: float = np.nan,
 ) -> np.ndarray:
-    """What the observer adds to the plant with the rig at given temperatures, and a room."""
+    """What the observer adds to the plant with the rig at given temperatures, and a room of which
+    it is certain, or one that is measured."""
     with jax.enable_x64(True):
-        start = estimator.init(jnp.zeros(2), jnp.concatenate([jnp.zeros(2), channels]))
+        readings = jnp.concatenate([jnp.zeros(2), channels, jnp.full(1, jnp.nan)])
+        start = estimator.init(jnp.zeros(2), readings)
         kalman = estimator.observer
         assert isinstance(kalman, ExtendedKalmanFilter)
         state = kalman.init(nodes, estimator.duty)
         place = kalman.model.layout.of("room")
         warmer = state.mean.at[place].set(kalman.model.from_degC(jnp.asarray(room)))
         state = eqx.tree_at(lambda s: s.mean, state, warmer)
-        silent = jnp.concatenate([jnp.zeros(2), jnp.full(len(channels), jnp.nan)])
+        nothing = jnp.full(len(channels), jnp.nan)
+        silent = jnp.concatenate([jnp.zeros(2), nothing, jnp.full(1, measured)])
         found = eqx.filter_jit(estimator.correct)(start._replace(twin=state), silent)
         return np.asarray(found.known)
 
@@ -95,6 +111,9 @@ def test_an_observer_adds_nothing_at_the_operating_point_and_the_room_beside_it(
     change = np.asarray(linear.C)[rows] @ (np.asarray(warmer.nodes) - nodes)
     # A linear model misses how losses grow with the temperature.
     np.testing.assert_allclose(known, change, rtol=0.02)
+    # A measured room is taken as it is, whatever the observer has come to think of it.
+    seen = known_at_rest(estimator, nodes, channels, room, measured=room + 0.3)
+    np.testing.assert_allclose(seen, known, rtol=1e-3)
 
 
 @pytest.mark.slow
@@ -116,6 +135,55 @@ def test_heat_that_no_model_knows_leaves_no_offset(
     time = np.asarray(run.time)
     assert np.abs(error[(time > 300) & (time < 400)]).max() > 0.2
     np.testing.assert_allclose(error[time > 1100].mean(axis=0), 0.0, atol=0.02)
+
+
+@pytest.mark.slow
+def test_a_measured_room_is_fed_forward():
+    """Sensors that touch the rig, and a room that warms by 8 K within 5 minutes: the error is a
+    third of that of a controller which must find it out, whose integral of error at rest is 0."""
+    twin = Twin("tclab")
+    model = linearize(twin, temperatures=40.0).discretise(5.0)
+    controller = MPC(model, measured=["T1", "T2"], observer=live_observer(twin, sample_time=5.0))
+    errors = [
+        np.abs(
+            simulate_closed_loop(
+                twin,
+                controller,
+                40.0,
+                duration=1500,
+                initial=40.0,
+                ambient="0:23,600:23,ramp 900:31",
+                room_is_measured=is_measured,
+                noise=False,
+            ).output[600:]
+            - 40.0
+        ).max()
+        for is_measured in (False, True)
+    ]
+    assert errors[1] < errors[0] / 3
+
+
+@pytest.mark.slow
+def test_a_live_loop_hands_a_measured_room_to_the_controller(
+    model: DiscreteModel, observer: ExtendedKalmanFilter, twin: Twin
+):
+    """A warmer room lets it ask for less; None is a room that nothing measures."""
+    controller = MPC(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
+    loop = LiveLoop(twin, controller, 40.0, duration=60.0)
+    readings = np.full(len(twin.channels), 40.0)
+    idle, fresh = np.zeros(2), np.zeros(len(readings))
+    asked = []
+    for room in (None, 16.0, 24.0):
+        loop = LiveLoop(twin, controller, 40.0, duration=60.0)
+        asked.append(loop(Moment(0.0, readings, fresh, idle, room)))
+    assert all(np.isfinite(duty).all() for duty in asked)
+    assert np.all(asked[2] < asked[1])
+
+
+def test_a_room_is_measured_only_for_a_controller_that_reads_it(twin: Twin, model: DiscreteModel):
+    mpc = MPC(model, measured=OUTPUTS)
+    with pytest.raises(ControlError, match=r"room_is_measured: expected a controller that reads"):
+        simulate_closed_loop(twin, mpc, 40.0, duration=10, room_is_measured=True)
 
 
 def test_a_controller_with_an_observer_has_no_file_and_no_c(

@@ -175,6 +175,12 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt, levels)
         return self.stepped(state, Gaussian(mean, state.covariance), duty, commands, dt)
 
+    def in_room(self, state: KalmanState, ambient: Float[ArrayLike, ""]) -> KalmanState:
+        """The state in a room of this temperature, without doubt; NaN for the room of the state."""
+        place, room = self.model.layout.of("room").start, self.model.from_degC(jnp.asarray(ambient))
+        known = jnp.where(jnp.isfinite(room), room, state.mean[place])
+        return replace(state, mean=state.mean.at[place].set(known))
+
     def commands(
         self, state: KalmanState, command: Float[ArrayLike, " cells"], dt: Float[ArrayLike, ""]
     ) -> tuple[Commands, Float[Array, ""]]:

@@ -170,6 +170,12 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         """The latest state after a single step, with covariance and window left as they were."""
         return state._replace(latest=self.kalman.step_of_mean(state.latest, command, dt, levels))
 
+    def in_room(
+        self, state: MovingHorizonState, ambient: Float[ArrayLike, ""]
+    ) -> MovingHorizonState:
+        """The latest state in a room of this temperature, without doubt; NaN for its own room."""
+        return state._replace(latest=self.kalman.in_room(state.latest, ambient))
+
     def correct(
         self,
         state: MovingHorizonState,

@@ -35,7 +35,7 @@ Controller = TypeVar("Controller", bound="AbstractController")
 
 class TemperatureLimit(NamedTuple):
     """The limits of the temperature of a channel, degC, and the excess that a controller accepts,
-    K."""
+    K. Where limits exclude each other, the one with the smallest accepted excess has priority."""
 
     lowest: float
     highest: float
@@ -52,7 +52,8 @@ class AbstractController(eqx.Module):
 
     References are temperatures of the controller's outputs. Each output is a weighted sum of
     channels of the rig, see `output_weights`. The measurement holds the outputs and, after them,
-    what a controller only watches, see `reading_weights`.
+    what a controller only watches, see `reading_weights`, and at its end the room for one that
+    reads it, see `reads_room`.
 
     A class with a name (`kind`) can have a file: `register_controller` makes `read_controller`
     know it.
@@ -88,6 +89,12 @@ class AbstractController(eqx.Module):
     @property
     def needs_one_thread(self) -> bool:
         """Whether many simulated loops are computed in one thread."""
+        return False
+
+    @property
+    def reads_room(self) -> bool:
+        """Whether the measurement ends with the temperature of the room, degC, NaN where nothing
+        measures it. With the default of False it does not."""
         return False
 
     def channel_limits(self) -> Mapping[str, TemperatureLimit]:

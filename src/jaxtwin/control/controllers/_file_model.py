@@ -18,7 +18,7 @@ from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ...rig._units import TEMPERATURE, Kind
 from ..linear._riccati import LARGEST_STABLE_POLE
-from ._controller import AbstractController, checked_measured, means_of
+from ._controller import AbstractController, TemperatureLimit, checked_measured, means_of
 from ._controller_fields import (
     REQUIRED_OWN,
     FileContents,
@@ -43,7 +43,9 @@ PER_KELVIN = Kind("a gain", "1/K", "1 1/K", least="any")
 
 _MODEL = {"A": PLAIN, "B": PLAIN, "C": PER_STATE, "L": PER_KELVIN}
 
-_LIMIT = ("lowest", "highest", "operating_point", "C", "L")
+_LIMIT = ("lowest", "highest", "accepted_excess", "operating_point", "C", "L")
+
+EXCESS = Kind("a temperature difference", "K", "0.1 K")
 
 
 class FileModel(NamedTuple):
@@ -95,28 +97,32 @@ def model_settings(controller: type[AbstractController], contents: FileContents)
     return common | field_arguments(controller, controller.fields, contents)
 
 
-def temperature_limits(contents: FileContents) -> dict[str, list[float]]:
-    """Reads the lowest and the highest temperature of each limited channel, degC."""
-    return {
-        name: [_celsius(row, name, key, contents.refuse) for key in ("lowest", "highest")]
-        for name, row in contents.data.get("temperature_limits", {}).items()
-    }
+def temperature_limits(contents: FileContents) -> dict[str, TemperatureLimit]:
+    """Reads the limits of each limited channel."""
+    found, refuse = {}, contents.refuse
+    for name, row in contents.data.get("temperature_limits", {}).items():
+        lowest, highest = (_celsius(row, name, key, refuse) for key in ("lowest", "highest"))
+        field = f"temperature_limits.{name}.accepted_excess"
+        excess = quantity(row["accepted_excess"], field, EXCESS, refuse, is_list=False)
+        found[name] = TemperatureLimit(lowest, highest, float(excess))
+    return found
 
 
 def limit_lines(
     name: str,
-    limits: tuple[float, float],
+    limit: TemperatureLimit,
     operating_point: float,
     C: np.ndarray,
     L: float,
 ) -> list[str]:
     """Returns the table of a temperature limit of a channel."""
-    lowest, highest = limits
+    lowest, highest, excess = limit
     return [
         "",
         f"[temperature_limits.{json.dumps(name)}]",
         f'lowest = "{lowest!r} degC"',
         f'highest = "{highest!r} degC"',
+        f'accepted_excess = "{excess!r} K"',
         f'operating_point = "{operating_point!r} degC"',
         f"C = {as_matrix(C[None], PER_STATE)}",
         f"L = {L!r}",

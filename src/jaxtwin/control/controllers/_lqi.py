@@ -245,6 +245,11 @@ class LQI(AbstractDutyLimitedController):
         """What estimates the states: the Kalman filter, alone or with an observer."""
         return self.kalman if self.observed is None else self.observed
 
+    @property
+    def reads_room(self) -> bool:
+        """True with an observer, to which a measured room is a reading."""
+        return self.observed is not None
+
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weights of the outputs, and all channels for an observer."""
         outputs = self.output_weights(channels)
@@ -351,7 +356,7 @@ class LQI(AbstractDutyLimitedController):
         self, measurement: Float[ArrayLike, " readings"]
     ) -> tuple[Float[Array, " outputs"], Float[Array, " read"]]:
         """Computes the deviations of the outputs from the operating point, and what the estimator
-        reads: the same, or all channels."""
+        reads: the same, and for an observer all channels and the room."""
         readings, count = jnp.asarray(measurement), len(self.outputs)
         outputs = readings[:count] - self.outputs
         return outputs, jnp.concatenate([outputs, readings[count:]])

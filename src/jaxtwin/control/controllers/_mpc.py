@@ -50,6 +50,7 @@ from ._condensed_program import (
 from ._controller import (
     AbstractController,
     Numbers,
+    TemperatureLimit,
     checked_deviations,
     checked_measured,
     means_of,
@@ -72,6 +73,7 @@ from ._law import Law
 from ._mpc_file import mpc_contents, mpc_lines
 from ._mpc_law import mpc_law
 from ._mpc_limits import (
+    accepted_excesses,
     channels_of,
     check_horizon,
     checked_control_horizon,
@@ -141,16 +143,18 @@ class MPC(AbstractPredictiveController):
       the planned duty is held; None for all of them. A shorter one costs less time.
     - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none. On a rig the
       change in a sample is a whole number of the driver's counts, so that rounding keeps the limit.
-    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC. Each channel
-      is read at every sample, and the difference of its readings from the model shifts what is
-      predicted of it. A limit is exceeded if no duty can keep it; `ClosedLoopRun.exceeded` says so.
+    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC, or with an
+      accepted excess, K, as in `TemperatureLimit`. Each channel is read at every sample, and the
+      difference of its readings from the model shifts what is predicted of it. A limit is exceeded
+      if no duty can keep it; `ClosedLoopRun.exceeded` says so. Of limits that exclude each other,
+      that of the smallest accepted excess has priority.
     - `evenness`: what makes the temperatures of `points`, outputs of the model, uneven; None for
       a controller of the outputs alone. With it every channel of `measured` is read at every
       sample. `point_errors`: what an error of 1 K of the model at each read channel (those with
       limits first) changes at each point; None for the channel itself alone. `UniformityMPC`
       computes all of them for a plate.
-    - `excess_deviation`: the accepted excess over a temperature limit, and of a point over the
-      farthest one at rest, K. With a smaller value the limit is stricter.
+    - `excess_deviation`: the accepted excess over a temperature limit that states none, and of a
+      point over the farthest one at rest, K. With a smaller value the limit is stricter.
     - `observer`: an observer of the twin (`jaxtwin.observers.live_observer`), from which the Kalman
       filter knows what the twin does beyond the linear model; None for the filter alone. It reads
       all channels at every sample. Such a controller has no file and no C.
@@ -191,13 +195,14 @@ class MPC(AbstractPredictiveController):
     soft: SoftLimits | None
     points: EvenPoints | None
     evenness: AbstractEvennessCost | None
-    excess_deviation: Float[Array | np.ndarray, ""]
+    excess_deviation: Float[Array | np.ndarray, " limited_and_points"]
+    """The accepted excess of each channel with limits, and then that of points, K."""
     adaptation: Float[Array | np.ndarray, ""]
     of_channels: Float[Array | np.ndarray, "outputs watched"]
     """The outputs as means of the watched channels; without points there are none of them."""
     duty: Float[Array | np.ndarray, " cells"]
     outputs: Float[Array | np.ndarray, " outputs"]
-    temperature_limits: tuple[tuple[str, float, float], ...] = eqx.field(static=True)
+    temperature_limits: tuple[tuple[str, TemperatureLimit], ...] = eqx.field(static=True)
     read_channels: tuple[str, ...] = eqx.field(static=True)
     """The channels that are read beside the outputs; first those with limits."""
     point_names: tuple[str, ...] = eqx.field(static=True)
@@ -245,7 +250,9 @@ class MPC(AbstractPredictiveController):
         self.counts = None
         self.control_horizon = checked_control_horizon(control_horizon, self.horizon)
         channels = model.output_names if isinstance(model, DiscreteModel) else None
-        self.temperature_limits = checked_temperature_limits(temperature_limits, channels)
+        (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
+        self.temperature_limits = checked_temperature_limits(temperature_limits, channels, excess)
+        self.excess_deviation = accepted_excesses(self.temperature_limits, excess)
         self.evenness = checked_evenness(evenness, points)
         self.point_names = names_of("MPC: points", points, ControlError)
         limited = [name for name, *_ in self.temperature_limits]
@@ -264,14 +271,12 @@ class MPC(AbstractPredictiveController):
                 ("reading_noise", reading_noise, len(plant.read)),
             )
         )
-        (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
-        self.excess_deviation = np.asarray(excess)
         self.adaptation = np.asarray(1 - np.abs(np.linalg.eigvals(plant.A)).max() ** SLOWNESS)
         self.deviations, self.noises = Deviations(y, u, change), MPCNoises(w, v)
         predicted = predict(plant, self.horizon, self.control_horizon)
         squares = self.evenness is not None and self.evenness.is_quadratic
         self.condensed = condense(plant, predicted, self.deviations, tracks_points=squares)
-        limits_of = np.array([limit for _, *limit in self.temperature_limits])
+        limits_of = np.array([limit[:2] for _, limit in self.temperature_limits])
         self.soft = soft_limits(plant, predicted, limits_of) if limited else None
         self.points = None
         if self.point_names:
@@ -337,8 +342,8 @@ class MPC(AbstractPredictiveController):
             control_horizon=self.control_horizon,
             limits=self.limits,
             rate_limit=self.rate_limit,
-            temperature_limits={name: limits for name, *limits in self.temperature_limits},
-            excess_deviation=float(self.excess_deviation),
+            temperature_limits=self.channel_limits(),
+            excess_deviation=float(self.excess_deviation[-1]),
             preview=self.preview,
             **{**self.design_weights(), **weights},
         )
@@ -349,6 +354,11 @@ class MPC(AbstractPredictiveController):
     def estimator(self) -> AbstractEstimator:
         """What estimates the states: the Kalman filter, alone or with an observer."""
         return self.kalman if self.observed is None else self.observed
+
+    @property
+    def reads_room(self) -> bool:
+        """True with an observer, to which a measured room is a reading."""
+        return self.observed is not None
 
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weights of the outputs, those of the other channels that are read, and all
@@ -409,7 +419,8 @@ class MPC(AbstractPredictiveController):
         self, measurement: Float[ArrayLike, " readings"]
     ) -> tuple[Float[Array, " read"], Float[Array, " watched"]]:
         """Computes what the estimator reads, and the deviations of the watched channels from the
-        operating point. The filter reads deviations too, an observer all channels."""
+        operating point. The filter reads deviations too, an observer all channels and the
+        room."""
         readings, count = jnp.asarray(measurement), len(self.outputs)
         last = count + len(self.read_channels)
         watched = readings[count:last] - jnp.asarray(self.watched.at)

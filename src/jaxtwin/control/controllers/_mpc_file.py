@@ -35,7 +35,7 @@ def mpc_contents(
     model = read_model(contents, controller.kind, even.rows)
     settings = model_settings(controller, contents) | even.arguments
     limits = temperature_limits(contents)
-    if (limits or even.arguments) and "excess_deviation" not in contents.data:
+    if even.arguments and "excess_deviation" not in contents.data:
         contents.refuse("excess_deviation", "expected this field, got none")
     preview = contents.data.get("preview", False)
     if not isinstance(preview, bool):
@@ -57,11 +57,11 @@ def mpc_lines(mpc: "MPC") -> list[str]:
     tables: list[str] = []
     if mpc.rate_limit is not None:
         values["rate_limit"] = mpc.rate_limit
-    if mpc.soft is not None or mpc.points is not None:
-        values["excess_deviation"] = mpc.excess_deviation
-    for row, (name, *limits) in enumerate(mpc.temperature_limits):
+    if mpc.points is not None:
+        values["excess_deviation"] = mpc.excess_deviation[-1]
+    for row, (name, limit) in enumerate(mpc.temperature_limits):
         C, at, gain = (np.asarray(part)[row] for part in mpc.watched[:3])
-        tables += limit_lines(name, (limits[0], limits[1]), float(at), C, float(gain))
+        tables += limit_lines(name, limit, float(at), C, float(gain))
     C = None
     if mpc.points is not None and mpc.evenness is not None:
         C = np.asarray(mpc.of_channels) @ np.asarray(mpc.watched.C)

@@ -11,6 +11,7 @@ from ..._arguments import finite_number, mapping_of, whole_number
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ._condensed_program import EvenPoints
+from ._controller import TemperatureLimit
 from ._evenness import EVENNESS_COSTS, AbstractEvennessCost
 from ._plant import Plant
 
@@ -20,12 +21,17 @@ horizon is not reached by it."""
 
 
 def checked_temperature_limits(
-    limits: Any, channels: Sequence[str] | None, controller: str = "MPC"
-) -> tuple[tuple[str, float, float], ...]:
+    limits: Any,
+    channels: Sequence[str] | None,
+    accepted_excess: float,
+    controller: str = "MPC",
+) -> tuple[tuple[str, TemperatureLimit], ...]:
     """Returns the temperature limits with numbers as floats. The channels that they may name are
-    those of the model; None if it names none.
+    those of the model; None if it names none. Limits that state no accepted excess get the given
+    one, K.
 
-    **Raises:** `ControlError` if they are not a mapping from channels to (lowest, highest).
+    **Raises:** `ControlError` if they are not a mapping from channels to (lowest, highest), or to
+    these with an accepted excess above 0.
     """
     where = f"{controller}: temperature_limits"
     if limits is None:
@@ -36,16 +42,24 @@ def checked_temperature_limits(
         if channels is not None and name not in channels:
             raise ControlError(f"{where}: {unknown_name('channel', name, channels)}")
         try:
-            lowest, highest = (float(limit) for limit in pair)
-            if not -np.inf < lowest < highest < np.inf:
+            lowest, highest, *own = (float(number) for number in pair)
+            (excess,) = own or (accepted_excess,)
+            if not (-np.inf < lowest < highest < np.inf and 0 < excess < np.inf):
                 raise ValueError
         except (TypeError, ValueError):
             raise ControlError(
-                f"{where}: {name}: expected the lowest and the highest temperature, degC, got "
-                f"{pair!r}"
+                f"{where}: {name}: expected the lowest and the highest temperature, degC, and, if "
+                f"it is not excess_deviation, an accepted excess above 0, K, got {pair!r}"
             ) from None
-        found.append((name, lowest, highest))
+        found.append((name, TemperatureLimit(lowest, highest, float(excess))))
     return tuple(found)
+
+
+def accepted_excesses(
+    limits: Sequence[tuple[str, TemperatureLimit]], of_points: float
+) -> Float[np.ndarray, " limited_and_points"]:
+    """Returns the accepted excess of each channel with limits, and then that of points, K."""
+    return np.array([*(limit.accepted_excess for _, limit in limits), of_points])
 
 
 def checked_rate(rate_limit: float | int, controller: str = "MPC") -> float:

@@ -35,13 +35,13 @@ class SoftTemperatures(NamedTuple):
 
     - `limits`, `points`: None for none.
     - `cost`: the cost of the points; None without points.
-    - `excess`: the accepted excess, K.
+    - `excess`: the accepted excess of each channel with limits, and then of points, K.
     """
 
     limits: SoftLimits | None
     points: EvenPoints | None
     cost: AbstractEvennessCost | None
-    excess: Float[Array | np.ndarray, ""]
+    excess: Float[Array | np.ndarray, " limited_and_points"]
 
     @property
     def limited(self) -> int:
@@ -120,7 +120,7 @@ def plan_program(
         wide = jnp.maximum(rest.deviation, NARROWEST_BAND)[:, None]
         low = jnp.concatenate([low, (-wide - coming).reshape(-1)])
         high = jnp.concatenate([high, (wide - coming).reshape(-1)])
-    softness = _softness(soft, hard, len(low))
+    softness = _softness(soft, len(rest.duty), hard, len(low))
     return QuadraticProgram(jnp.asarray(cost.hessian), slope, matrix, low, high, softness, bands)
 
 
@@ -166,7 +166,7 @@ def rest_program(
         by_rest = jnp.asarray(limited.rest_gain)
         coming = by_rest @ heat + errors[:rows]
         matrix = jnp.concatenate([matrix, _wider(by_rest, size)])
-        softness = _softness(soft, size, size + rows)
+        softness = _softness(soft, 1, size, size + rows)
         low = jnp.concatenate([low, limited.lowest[:rows] - coming])
         high = jnp.concatenate([high, limited.highest[:rows] - coming])
     if soft.points is None or soft.cost is None:
@@ -207,7 +207,11 @@ def _wider(by_rest: Float[Array, "rows cells"], size: int, last: float = 0.0) ->
     return jnp.concatenate([by_rest, column], axis=1)
 
 
-def _softness(soft: SoftTemperatures, hard: int, all_limits: int) -> Array:
-    """The softness of all limits, 0 for the hard ones, which are the first."""
+def _softness(soft: SoftTemperatures, samples: int, hard: int, all_limits: int) -> Array:
+    """The softness of all limits: 0 for the hard ones, which are the first, that of the channels
+    with limits in each sample, and that of points."""
     accepted = jnp.asarray(soft.excess) ** 2
-    return jnp.concatenate([jnp.zeros(hard, accepted.dtype), jnp.full(all_limits - hard, accepted)])
+    of_channels = jnp.tile(accepted[:-1], samples)
+    points = all_limits - hard - len(of_channels)
+    none = jnp.zeros(hard, accepted.dtype)
+    return jnp.concatenate([none, of_channels, jnp.full(points, accepted[-1])])

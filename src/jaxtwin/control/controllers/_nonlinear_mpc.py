@@ -42,6 +42,7 @@ from ..linear._linearize import linearize
 from ._condensed_program import Condensed, SoftLimits
 from ._controller import (
     Numbers,
+    TemperatureLimit,
     checked_deviations,
     checked_measured,
     checked_sample_time,
@@ -51,6 +52,7 @@ from ._duty_limits import checked_limits
 from ._kalman import KalmanFilter, error_gain, kalman_filter
 from ._law import Law
 from ._mpc_limits import (
+    accepted_excesses,
     checked_control_horizon,
     checked_rate,
     checked_temperature_limits,
@@ -134,9 +136,11 @@ class NonlinearMPC(AbstractPredictiveController):
     """The temperatures of the nodes where the filter was designed, degC."""
     output_deviation: Float[Array | np.ndarray, " outputs"]
     duty_change_deviation: Float[Array | np.ndarray, " cells"]
-    excess_deviation: Float[Array | np.ndarray, ""]
     error_gain: Float[Array | np.ndarray, ""]
-    temperature_limits: tuple[tuple[str, float, float], ...] = eqx.field(static=True)
+    excess_deviation: Float[Array | np.ndarray, " limited_and_points"]
+    """The accepted excess of each channel with limits; the last one stands for points, of which
+    there are none."""
+    temperature_limits: tuple[tuple[str, TemperatureLimit], ...] = eqx.field(static=True)
     horizon: int = eqx.field(static=True)
     control_horizon: int = eqx.field(static=True)
     iterations: int = eqx.field(static=True)
@@ -181,9 +185,11 @@ class NonlinearMPC(AbstractPredictiveController):
         self.preview = true_or_false(f"{where}: preview", preview, ControlError)
         self.rate_limit = None if rate_limit is None else checked_rate(rate_limit, where)
         self.counts, self.designed_for = None, twin.rig.name
+        (excess,) = checked_deviations(where, "excess_deviation", excess_deviation, 1)
         self.temperature_limits = checked_temperature_limits(
-            temperature_limits, twin.channels, where
+            temperature_limits, twin.channels, excess, where
         )
+        self.excess_deviation = accepted_excesses(self.temperature_limits, excess)
         self.stepper = to_numpy(Stepper(twin, self.sample_time_s / self.steps))
         delay = 0.0 if self.stepper.system.delay is None else float(self.stepper.system.delay)
         if self.horizon * self.sample_time_s <= delay:
@@ -209,8 +215,6 @@ class NonlinearMPC(AbstractPredictiveController):
                 ("reading_noise", reading_noise, outputs),
             )
         )
-        (excess,) = checked_deviations(where, "excess_deviation", excess_deviation, 1)
-        self.excess_deviation = np.asarray(excess)
         self.error_gain = np.asarray(error_gain(w.mean(), v.mean(), self.sample_time_s))
         self.kalman = kalman_filter(where, plant, w, v, self.sample_time_s)
         capacitance = np.asarray(self.stepper.system.capacitance)[:, None]
@@ -400,7 +404,7 @@ class NonlinearMPC(AbstractPredictiveController):
 
     def _limits_of_samples(self) -> Float[np.ndarray, "2 rows"]:
         """The lowest and the highest temperature of each limited channel in each sample, degC."""
-        ends = [ends for _, *ends in self.temperature_limits]
+        ends = [limit[:2] for _, limit in self.temperature_limits]
         return np.tile(ends, (self.horizon, 1)).T
 
     def _read(

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 import equinox as eqx
-import numpy as np
-from jaxtyping import Array, Float
 
 from ..._errors import ControlError
 from ...rig import Rig
@@ -30,10 +28,8 @@ class AbstractPredictiveController(AbstractDutyLimitedController):
     """The largest rate of the duty, 1/s; None for any."""
     counts: eqx.AbstractVar[int | None]
     """Full duty in counts of the driver; None before the controller knows its rig."""
-    temperature_limits: eqx.AbstractVar[tuple[tuple[str, float, float], ...]]
-    """The limits of channels: name, lowest and highest, degC."""
-    excess_deviation: eqx.AbstractVar[Float[Array | np.ndarray, ""]]
-    """The accepted excess over a temperature limit, K."""
+    temperature_limits: eqx.AbstractVar[tuple[tuple[str, TemperatureLimit], ...]]
+    """The limits of channels, by name."""
     designed_for: eqx.AbstractVar[str]
     """The rig of the model; empty for that of no rig file."""
 
@@ -64,10 +60,7 @@ class AbstractPredictiveController(AbstractDutyLimitedController):
 
     def channel_limits(self) -> Mapping[str, TemperatureLimit]:
         """Returns the temperature limits."""
-        return {
-            name: TemperatureLimit(lowest, highest, float(self.excess_deviation))
-            for name, lowest, highest in self.temperature_limits
-        }
+        return dict(self.temperature_limits)
 
     @property
     def reach(self) -> float | None:

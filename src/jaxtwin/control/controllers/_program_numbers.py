@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from ..._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
 from ._condensed_program import Condensed, Deviations, WatchedChannels
+from ._controller import TemperatureLimit
 from ._law import Table, parameter_text
 from ._mpc_programs import EVENNESS_WEIGHT, NARROWEST_BAND, WIDEST_BAND, SoftTemperatures
 
@@ -128,13 +129,12 @@ def program_numbers(
         if soft.cost.has_free_centre:
             constants["CENTRES"] = samples
     if plan_sums:
+        accepted = np.asarray(soft.excess, float)
         tables |= {
             "plan_sums": (np.vstack(plan_sums), "limited temperatures and points by the moves, K"),
             "rest_sums": (np.vstack(rest_sums), "the same at rest"),
-        }
-        constants |= {
-            "PLAN_SOFTNESS": float(soft.excess) ** 2 * plan,
-            "REST_SOFTNESS": float(soft.excess) ** 2 * scale,
+            "plan_softness": (accepted**2 * plan, "of each limited temperature, and of points"),
+            "rest_softness": (accepted**2 * scale, "the same at rest"),
         }
     constants["SOFT_ROWS"] = sum(map(len, plan_sums))
     return ProgramNumbers(tables, constants)
@@ -170,7 +170,7 @@ def work_of(unknowns: int, limits: int, centres: int) -> dict[str, int]:
 def parameter_lines(
     deviations: Deviations,
     rate_limit: float | None,
-    temperature_limits: Sequence[tuple[str, float, float]],
+    temperature_limits: Sequence[tuple[str, TemperatureLimit]],
     soft: SoftTemperatures,
 ) -> list[str]:
     """The parameters of an `MPC` with their units, a line for each."""
@@ -181,15 +181,17 @@ def parameter_lines(
         parameter_text("accepted changes of the duty", change, ""),
         f"limit of the rate of the duty: {'none' if rate_limit is None else f'{rate_limit!r} 1/s'}",
     ]
-    for channel, lowest, highest in temperature_limits:
-        lines.append(f"soft limits of {channel}: {lowest!r} to {highest!r} degC")
+    for channel, (lowest, highest, excess) in temperature_limits:
+        limits = f"{lowest!r} to {highest!r} degC, accepted excess {excess!r} K"
+        lines.append(f"soft limits of {channel}: {limits}")
     if soft.cost is not None and soft.points is not None:
         price = (
             f", {soft.cost.energy_price!r} K for a unit of duty" if soft.cost.energy_price else ""
         )
         lines.append(f"even: {len(soft.points.at)} points, by their {soft.cost.name}{price}")
-    if soft.limits is not None or soft.has_bands:
-        lines.append(parameter_text("accepted excess", soft.excess, "K"))
+    if soft.has_bands:
+        of_points = np.asarray(soft.excess)[-1]
+        lines.append(parameter_text("accepted excess of points", of_points, "K"))
     return lines
 
 

@@ -54,7 +54,8 @@ class TwinEstimate(NamedTuple):
 @final
 class TwinEstimator(AbstractEstimator):
     """Estimates the states of a plant by its Kalman filter, which knows from an observer of the
-    twin what the plant lacks. Its readings are those of the filter, and all channels, degC.
+    twin what the plant lacks. Its readings are those of the filter, and all channels and the room,
+    degC; NaN for a room that is not measured.
 
     **Arguments:**
 
@@ -99,21 +100,21 @@ class TwinEstimator(AbstractEstimator):
 
     def init(self, duty: Float[Array, " cell"], readings: Float[Array, " reading"]) -> TwinEstimate:
         """The estimate with the plant at rest under the duty."""
-        read, channels = jnp.split(readings, [len(self.kalman.C)])
+        read, channels, _ = self._parts(readings)
         twin = self.observer.init(jnp.mean(channels), duty + self.duty)
         plant = self.kalman.init(duty, read)
         return TwinEstimate(twin, plant, duty, jnp.zeros(self.disturbed.shape[1], plant.dtype))
 
     def correct(self, estimate: TwinEstimate, readings: Float[Array, " reading"]) -> TwinEstimate:
         """The estimate that the readings leave."""
-        read, channels = jnp.split(readings, [len(self.kalman.C)])
-        twin = self.observer.correct(estimate.twin, channels, jnp.isfinite(channels), jnp.nan)
+        read, channels, room = self._parts(readings)
+        twin = self.observer.correct(estimate.twin, channels, jnp.isfinite(channels), room)
         plant = self.kalman.correct(estimate.plant, read)
         first = self._first(twin)
         # The commands on their way are known to the filter.
         states = plant.at[: len(first)].set(first).at[-len(estimate.known) :].set(0.0)
         planned = self.kalman.predict(states, estimate.duty)[: len(first)]
-        missed = self._first(self._later(twin, estimate.duty)) - planned
+        missed = self._first(self._later(twin, room, estimate.duty)) - planned
         known = jnp.asarray(self.to_disturbance) @ missed
         return TwinEstimate(twin, plant, estimate.duty, known)
 
@@ -128,15 +129,26 @@ class TwinEstimator(AbstractEstimator):
         plant = self.kalman.predict(estimate.plant, duty + known)
         return estimate._replace(twin=twin, plant=plant, duty=duty)
 
+    def _parts(
+        self, readings: Float[Array, " reading"]
+    ) -> tuple[Float[Array, " read"], Float[Array, " channels"], Float[Array, ""]]:
+        """What the filter reads, the channels, and the room."""
+        count = len(self.kalman.C)
+        return readings[:count], readings[count:-1], readings[-1]
+
     def _first(self, twin: PyTree) -> Float[Array, " first"]:
         """The states of the plant that follow from the temperatures of the nodes."""
         return jnp.asarray(self.projection) @ (self.observer.nodes(twin) - self.nodes)
 
-    def _later(self, twin: PyTree, duty: Float[Array, " cell"]) -> PyTree:
-        """The mean a sample later."""
+    def _later(self, twin: PyTree, room: Float[Array, ""], duty: Float[Array, " cell"]) -> PyTree:
+        """The mean a sample later. A measured room is taken as it is: the observer's own follows
+        it slowly, and an error of the sensor moves the duty little."""
         step, command = self.sample_time_s / self.parts, duty + self.duty
         return jax.lax.fori_loop(
-            0, self.parts, lambda _, s: self.observer.step_of_mean(s, command, step), twin
+            0,
+            self.parts,
+            lambda _, s: self.observer.step_of_mean(s, command, step),
+            self.observer.in_room(twin, room),
         )
 
 

@@ -167,7 +167,7 @@ class _Loop(NamedTuple):
         measurement = first + self.readings.weights @ error
         return _LoopState(
             plant,
-            self.controller.init(idle, measurement),
+            self.controller.init(idle, self._with_room(measurement, scenario.ambient[0, 0])),
             measurement,
             jnp.zeros((), bool),
             jnp.broadcast_to(first, (scenario.sensor_delay_steps, len(first))),
@@ -177,7 +177,8 @@ class _Loop(NamedTuple):
         """Reads the plant, computes the duty, and steps the plant to the next sample."""
         stepper, controller, scenario = self.stepper, self.controller, self.scenario
         read = self._read(state, inputs)
-        asked, following = controller.step(state.controller, inputs.reference, read.measurement)
+        measurement = self._with_room(read.measurement, inputs.steps.ambient[0])
+        asked, following = controller.step(state.controller, inputs.reference, measurement)
         duty = _applied(scenario, stepper.system.wiring.lowest_duty, asked, read.is_off)
 
         def step(
@@ -200,6 +201,14 @@ class _Loop(NamedTuple):
         plant, late = carry
         later = read._replace(plant=plant, controller=following, late=late)
         return later, _Recorded(*kept, duty, read.measurement)
+
+    def _with_room(
+        self, measurement: Float[Array, " readings"], ambient: Float[Array, ""]
+    ) -> Float[Array, "..."]:
+        """Returns the measurement with the room at its end, for a controller that reads it."""
+        if not self.controller.reads_room:
+            return measurement
+        return jnp.append(measurement, ambient if self.scenario.room_is_measured else jnp.nan)
 
     def _read(self, state: _LoopState, inputs: _SampleInputs) -> _LoopState:
         """Returns the state with a new measurement, or with the last one if no reading arrives."""

@@ -170,7 +170,7 @@ class LiveLoop:
             # Compiled here, because messages of a connected rig would wait during a compilation.
             off = np.zeros(len(twin.rig.driven))
             still = self._references[0]
-            readings = np.full(len(self._weights), still[0])
+            readings = np.full(len(self._weights) + controller.reads_room, still[0])
             self._state: Any = jax.tree.map(np.asarray, _begun(controller, off, readings))
             self._decide(self._state, self._ahead[0], readings)
         self._silence = float(silence)
@@ -227,7 +227,7 @@ class LiveLoop:
         self._sample, self._duty = sample, np.clip(duty, self._lowest, 1.0)
         reference = self._references[min(sample, len(self._references) - 1)]
         outputs = measurement[: len(reference)]
-        watched = measurement[None, len(reference) :]
+        watched = measurement[None, len(reference) : len(self._weights)]
         for one in exceeded_soft_limits(
             self._limits, [*self._limits], np.array([moment.time]), watched
         ):
@@ -272,6 +272,9 @@ class LiveLoop:
         else:
             waited = float(moment.age[used].max(initial=0.0))
             measurement = self._weights @ moment.temperatures
+            if self._controller.reads_room:
+                room = np.nan if moment.ambient is None else moment.ambient
+                measurement = np.append(measurement, room)
         if waited > self._silence:
             raise SafetyStop(
                 f"stopped: the controller has had no reading that it uses for {waited:.1f} s",

@@ -102,7 +102,8 @@ def check_cells(where: str, controller: AbstractController, rig: Rig, outputs: i
     if not rig.cells and not isinstance(controller, FunctionController):
         check_limits_of_heaters(f"{where}: controller", controller.limits, rig)
     preview = (controller.preview_samples,) if controller.preview_samples else ()
-    readings = len(controller.reading_weights([channel.name for channel in rig.channels]))
+    channels = [channel.name for channel in rig.channels]
+    readings = len(controller.reading_weights(channels)) + controller.reads_room
 
     def commanded() -> Array | None:
         measurement = jnp.zeros(readings)

@@ -51,6 +51,7 @@ class Scenario(eqx.Module):
     - `sensor_delay_steps`: the delay of the readings in steps.
     - `counts`: full duty in counts; None for a duty that is not quantised.
     - `silence_limit`: the cells are switched off for good after this time without a reading, s.
+    - `room_is_measured`: whether a controller that reads the room gets the ambient temperature.
     """
 
     time: Float[Array | np.ndarray, " samples"]
@@ -69,6 +70,7 @@ class Scenario(eqx.Module):
     sensor_delay_steps: int = eqx.field(static=True)
     counts: int | None = eqx.field(static=True)
     silence_limit: float = eqx.field(static=True)
+    room_is_measured: bool = eqx.field(static=True)
 
     @property
     def switched_off(self) -> float | None:
@@ -94,6 +96,7 @@ def scenario(
     quantised: bool = True,
     sensor_delay: float | int = 0.0,
     silence: float | int = 3.0,
+    room_is_measured: bool = False,
 ) -> Scenario:
     """Makes the scenario of a closed loop, for `closed_loop` and `simulate_closed_loop`.
 
@@ -114,6 +117,8 @@ def scenario(
     - `sensor_delay`: the delay of the readings, s.
     - `silence`: the cells are switched off for the rest of the run after this time without a
       reading, s.
+    - `room_is_measured`: whether a sensor without error gives the ambient temperature to a
+      controller that reads it, such as an `MPC` with an observer.
 
     **Raises:** `ControlError` for an invalid argument, for a controller whose outputs or gains do
     not belong to the cells of the rig, for a reference out of reach, and for a sample time above
@@ -134,6 +139,13 @@ def scenario(
             f"{where}: disturbances: expected a list of Draught and HeatInput, got {disturbances!r}"
         )
     is_quantised = true_or_false(f"{where}: quantised", quantised, ControlError)
+    is_measured = true_or_false(f"{where}: room_is_measured", room_is_measured, ControlError)
+    if is_measured and not chosen.reads_room:
+        raise ControlError(
+            f"{where}: room_is_measured: expected a controller that reads the room, such as an MPC "
+            "or an LQI with an observer, MPC(..., observer=jaxtwin.observers.live_observer(twin)), "
+            f"got {chosen}"
+        )
     if isinstance(faults, str):
         faults = Faults.parse(faults)
     expected = "text such as 'drop=0.01,jumps=164', or Faults"
@@ -194,6 +206,7 @@ def scenario(
         sensor_delay_steps=late_steps,
         counts=plant.rig.driver.counts if is_quantised else None,
         silence_limit=silence,
+        room_is_measured=is_measured,
     )
 
 

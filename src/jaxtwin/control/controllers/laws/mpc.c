@@ -111,6 +111,12 @@ static model_real model_centre(const model_real *reference)
 }
 #endif
 
+#ifdef MODEL_LIMITED
+enum { MODEL_SOFT_CHANNELS = MODEL_LIMITED };
+#else
+enum { MODEL_SOFT_CHANNELS = 0 };
+#endif
+
 #ifdef MODEL_BANDS
 enum { MODEL_REST_SIZE = MODEL_CELLS + 1 };
 #else
@@ -126,18 +132,16 @@ static void model_target(model_state *state, const model_real *reference,
         model_rest_hessian,
 #ifdef MODEL_SOFT
         model_rest_sums,
-        MODEL_REST_SOFTNESS,
+        model_rest_softness,
 #else
         0,
         0,
 #endif
+        MODEL_SOFT_CHANNELS,
+        1,
         MODEL_REST_SIZE,
         0,
-#ifdef MODEL_LIMITED
-        MODEL_LIMITED,
-#else
-        0,
-#endif
+        MODEL_SOFT_CHANNELS,
 #ifdef MODEL_BANDS
         2 * MODEL_POINTS,
         MODEL_CENTRES_AT_REST,
@@ -217,11 +221,13 @@ static void model_plan(model_state *state)
         model_hessian,
 #ifdef MODEL_SOFT
         model_plan_sums,
-        MODEL_PLAN_SOFTNESS,
+        model_plan_softness,
 #else
         0,
         0,
 #endif
+        MODEL_SOFT_CHANNELS,
+        MODEL_HORIZON,
         MODEL_MOVES,
         HAS_RATE,
         MODEL_SOFT_ROWS,

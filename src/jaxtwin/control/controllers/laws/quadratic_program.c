@@ -3,12 +3,16 @@
    jaxtwin.control. They are scaled to a Hessian of about 1; all memory is in the state. */
 
 /* A cost z'Hz / 2 + slope'z, with limits of z, with a rate also of its change from
-   sample to sample, and then soft and hard ones of sums: lowest <= value <= highest. The last sums
-   can form bands of so many members, counted from a centre that is free; the centres follow z. */
+   sample to sample, and then soft and hard ones of sums: lowest <= value <= highest. The soft sums
+   are the limited ones, once in each turn, and others; softness has one number for each limited one
+   and a last one for the others. The last sums can form bands of so many members, counted from a
+   centre that is free; the centres follow z. */
 typedef struct {
     const model_real *hessian;
     const model_real *sums;
-    model_real softness;
+    const model_real *softness;
+    int limited;
+    int turns;
     int size;
     int has_rate;
     int soft;
@@ -29,8 +33,11 @@ static int model_limits(const model_program *program)
 
 static model_real model_softness(const model_program *program, int i)
 {
-    const int first = program->size * (1 + program->has_rate);
-    return i < first || i >= first + program->soft ? 0 : program->softness;
+    const int soft = i - program->size * (1 + program->has_rate), limited = program->limited;
+    if (soft < 0 || soft >= program->soft) {
+        return 0;
+    }
+    return program->softness[soft < limited * program->turns ? soft % limited : limited];
 }
 
 /* The first sum of a band. */
