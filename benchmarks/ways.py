@@ -28,6 +28,7 @@ from ._pydiffsol import DiffsolSetting, diffsol
 from ._reference import reference_readings
 from ._scipy import lsoda
 from ._stock_diffrax import stock_diffrax
+from ._sundae import cvode
 from ._task import DUAL_CELL, PUBLISHED, STARTUP, Task
 
 Run = Callable[[], Float[np.ndarray, "d t c"]]
@@ -86,9 +87,13 @@ def _candidates(task: Task, quick: bool) -> dict[str, tuple[Candidates, int, int
         f"{tolerance:.0e}".replace("e-0", "e-"): partial(lsoda, tolerance=tolerance)
         for tolerance in (1e-5, 3e-6, 1e-6)
     }
+    sundials: Candidates = {
+        f"{tolerance:.0e}".replace("e-0", "e-"): partial(cvode, tolerance=tolerance)
+        for tolerance in (1e-5, 3e-6, 1e-6)
+    }
     if quick:
-        casadi, stock, odeint, rust = (
-            dict(list(c.items())[-1:]) for c in (casadi, stock, odeint, rust)
+        casadi, stock, odeint, sundials, rust = (
+            dict(list(c.items())[-1:]) for c in (casadi, stock, odeint, sundials, rust)
         )
     # pydiffsol's model has no lag, no on/off drive and no losses that are not linear.
     one_thread = {"pydiffsol": (rust, 16, 128)} if task.rig == "paper-2024" else {}
@@ -97,6 +102,7 @@ def _candidates(task: Task, quick: bool) -> dict[str, tuple[Candidates, int, int
         **one_thread,
         "diffrax, vmapped": (stock, 16, 64),
         "scipy LSODA": (odeint, 8, 8),
+        "scikit-sundae CVODE": (sundials, 8, 8),
     }
 
 
