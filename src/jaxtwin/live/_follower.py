@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._celsius import ZERO_CELSIUS
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit, persistent_jit_unoptimised
 from ..observers import AbstractObserver, OpenLoop
 from ..physics import Twin
 from .protocol._clock import seconds
@@ -95,7 +95,8 @@ class Follower:
 
     def _start(self, temperature: float) -> None:
         with jax.enable_x64(True):
-            self._state = self._observer.init(temperature, self._duty)
+            state = _begun(self._observer, np.float64(temperature), self._duty)
+        self._state = jax.tree.map(np.asarray, state)
         predicted = self._step(0.0)
         # This compiles, and corrects nothing: a reading is used once.
         self._correct(np.full(len(predicted), math.nan))
@@ -118,6 +119,15 @@ class Follower:
             mask = np.isfinite(readings)
             state = self._take_readings(self._state, readings, mask, room)
         self._state = jax.tree.map(np.asarray, state)
+
+
+@persistent_jit_unoptimised
+def _begun(
+    observer: AbstractObserver[Any],
+    temperature: Float[ArrayLike, ""],
+    duty: Float[ArrayLike, " cells"],
+) -> Any:
+    return observer.init(temperature, duty)
 
 
 @persistent_jit

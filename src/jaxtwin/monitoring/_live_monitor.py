@@ -56,14 +56,14 @@ class LiveMonitor:
         self._take = _stepped.bind(monitor)
         self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, KEPT)
         with jax.enable_x64(True):
-            self._state = jax.tree.map(np.asarray, monitor.init())
+            start = jax.tree.map(np.asarray, monitor.init())
+        self._state = start
         self.follower = Follower(observer.model.twin, observer)
         """What follows the rig: its estimates are those of the monitor."""
         self._time: int | None = None
         nothing = np.full(len(channels_of(observer.model)), np.nan)
         self._step(nothing, nothing, 0.0)  # compiles before the first data arrive
-        with jax.enable_x64(True):
-            self._state = jax.tree.map(np.asarray, monitor.init())
+        self._state = start
 
     @property
     def present(self) -> tuple[Finding, ...]:

@@ -24,7 +24,6 @@ from typing import NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
 
 from .._errors import MatchError
 from ..io import Experiment
@@ -123,6 +122,8 @@ def match_session(
     first, drift_cost = result.vector, result.cost
     limit = EXPLAINED * fit.rmse
     places: tuple[int, ...] = ()
+    from scipy.stats import chi2  # takes a while to import
+
     furthest = float(chi2.isf(SURE, len(prior.mean)))
     while len(places) < changes and (
         _error(result) > limit or _distance(result, prior, places) > furthest

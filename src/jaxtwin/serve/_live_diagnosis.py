@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Any, final
 
-from ..diagnosis import diagnose
 from ..io import Experiment
 from ..live import Finding, Record, RigState
 from ..monitoring._finding_log import KINDS
@@ -89,4 +88,6 @@ def causes_of(twin: Twin, recorded: Experiment, noise: ProcessNoise | None) -> l
 
     **Raises:** the errors of `jaxtwin.diagnose`.
     """
+    from ..diagnosis import diagnose  # the process of the page needs none of it
+
     return diagnose(twin, recorded, None, noise).to_dict()["causes"]

@@ -5,8 +5,6 @@ from typing import final
 
 from ..io import Experiment
 from ..live import Record, RigState
-from ..refitting import refit
-from ..refitting._keep_refit import keep_refit
 from ..twin_store import TwinStore
 from ._child_process import ChildProcess
 from ._recent_samples import RecentSamples
@@ -61,6 +59,9 @@ def refit_champion(store: TwinStore, recorded: Experiment) -> str:
 
     **Raises:** the errors of `jaxtwin.refit` and of the store.
     """
+    from ..refitting import refit  # the process of the page needs none of it
+    from ..refitting._keep_refit import keep_refit
+
     champion = store.version("champion")
     found = refit(champion.fit(), recorded, noise=champion.noise)
     keep_refit(store, champion, recorded, found)
