@@ -8,6 +8,7 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from folded import feed
@@ -17,12 +18,14 @@ from jaxtwin.io import Session
 from jaxtwin.live import (
     Duty,
     Event,
+    Finding,
     Publisher,
     Reading,
     Recorder,
     RigState,
     Sample,
     Service,
+    StateEstimate,
     SystemClock,
     VirtualRig,
     connect,
@@ -203,6 +206,42 @@ def test_an_alarm_reaches_subscribers(broker: str, rig: Rig) -> None:
         "detail": "over-temperature: T11 is at 91.0 degC",
         "time": 1.0,
     }
+
+
+@pytest.mark.mosquitto
+def test_estimates_and_findings_reach_subscribers(broker: str, rig: Rig) -> None:
+    def listening_to(topic: str) -> MqttTransport:
+        address = MqttAddress.parse(f"mqtt://{broker}/bench")
+        return MqttTransport(address, reads=topic, writes="none")
+
+    def received(subscriber: MqttTransport) -> dict[str, Any]:
+        content = b""
+        while b"}" not in content:
+            content += subscriber.read()
+        subscriber.close()
+        return json.loads(content)
+
+    estimates, findings = listening_to("estimates"), listening_to("findings")
+    publisher = Publisher(f"mqtt://{broker}/bench", rig)
+    publisher.send(StateEstimate(2 * 10**9, "mine", {"room_degC": 21.5, "room_spread_K": 0.2}))
+    publisher.send_finding(
+        Finding("drift", "T11 drifts", channel="T11", since=10**9, size=2.0, unit="K")
+    )
+    assert received(estimates) == {
+        "twin": "mine",
+        "room_degC": 21.5,
+        "room_spread_K": 0.2,
+        "time": 2.0,
+    }
+    found = received(findings)
+    publisher.close()
+    assert (found["kind"], found["channel"], found["size"], found["unit"]) == (
+        "drift",
+        "T11",
+        2.0,
+        "K",
+    )
+    assert (found["since"], found["until"]) == (1.0, None)
 
 
 def test_an_address_says_all_that_a_broker_wants() -> None:

@@ -62,6 +62,12 @@ LinkOption = Annotated[
         "may be repeated, for a controller and a camera, say.",
     ),
 ]
+PublishOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URL", help="mqtt://HOST/TOPIC: readings, events, estimates and findings as JSON."
+    ),
+]
 BaudOption = Annotated[int, typer.Option(min=1, metavar="RATE", help="Of serial ports.")]
 DatabaseOption = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Record at the same time, .db.")

@@ -27,6 +27,7 @@ from ._options import (
     LinkOption,
     NoiseOption,
     ParameterFileOption,
+    PublishOption,
     QuietOption,
     RigArgument,
     SetOption,
@@ -49,9 +50,7 @@ def record(
         typer.Option("--daily", help="A file for each day (UTC), FILE-2026-01-31.db, checksummed."),
     ] = False,
     duration: DurationOption = None,
-    publish: Annotated[
-        str | None, typer.Option(metavar="URL", help="mqtt://HOST/TOPIC: readings as JSON.")
-    ] = None,
+    publish: PublishOption = None,
     alarm: AnyAlarmOption = None,
     monitor: MonitorOption = False,
     noise: NoiseOption = None,
@@ -77,6 +76,7 @@ def record(
     from ..live import (
         Alarms,
         Finding,
+        Publisher,
         RecordConsumer,
         Service,
         connect,
@@ -97,6 +97,8 @@ def record(
 
         def ring(finding: Finding) -> None:
             ring_and_note(connection, command, finding)
+            if publisher is not None:
+                publisher.send_finding(finding)
 
         consumers: list[RecordConsumer] = []
         if options is not None:
@@ -104,11 +106,9 @@ def record(
             twin = open_twin(loaded, set_name, parameter_file)
             consumers.append(options.monitor(twin, ring))
         names = [channel.name for channel in loaded.channels]
+        publisher = None
         if publish is not None:
-            from ..live import Publisher
-
-            publisher = Publisher(publish, loaded)
-            stack.callback(publisher.close)
+            publisher = stack.enter_context(contextlib.closing(Publisher(publish, loaded)))
             consumers.append(publisher)
         days = stack.enter_context(
             RecordedDays(out, loaded, daily=daily, append=append, keep_frames=frames)

@@ -20,6 +20,7 @@ from ._options import (
     DurationOption,
     NoiseOption,
     ParameterFileOption,
+    PublishOption,
     QuietOption,
     RigArgument,
     SetOption,
@@ -71,6 +72,7 @@ def serve(
         Path | None,
         typer.Option("--out", metavar="FILE", help="Record, .db; one that is there is continued."),
     ] = None,
+    publish: PublishOption = None,
     host: Annotated[str, typer.Option(help="The address on which it listens.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65_535, help="0 takes a free one.")] = 8000,
     name: Annotated[
@@ -111,7 +113,7 @@ def serve(
     """
     check_extra()
     from ..control import read_controller
-    from ..live import Finding, Guard, OperatingLimits, Record, Recorder, Replay, opener
+    from ..live import Finding, Guard, OperatingLimits, Publisher, Record, Recorder, Replay, opener
     from ..live.protocol._mqtt_address import without_password
     from ..monitoring import MonitorCalibration
     from ..observers import ProcessNoise
@@ -195,6 +197,10 @@ def serve(
             if finding.is_alarm:
                 command.ring(finding)
 
+        publisher = None
+        if publish is not None:
+            publisher = stack.enter_context(contextlib.closing(Publisher(publish, loaded)))
+
         access = Access.of(
             host, opened.getsockname()[1], names=tuple(name or ()), allow_control=allow_control
         )
@@ -211,6 +217,7 @@ def serve(
             controller=holds,
             about={"operator": getpass.getuser()},
             raised=raised,
+            publisher=publisher,
         )
         with server:
             announce(address, access.token, token_file)

@@ -1,9 +1,10 @@
-"""A record, and what is known of a rig, as JSON: for a broker, a health file, a page."""
+"""A record, a finding, and what is known of a rig, as JSON: for a broker, a health file, a page."""
 
 import math
 from collections.abc import Sequence
 from typing import Any
 
+from .._json_values import json_value
 from ..rig import Rig
 from .protocol._records import (
     Command,
@@ -18,6 +19,7 @@ from .protocol._records import (
     StateEstimate,
 )
 from .protocol._rig_state import RigState
+from .safety._finding import Finding
 
 MILLIKELVIN = 3  # digits of a temperature
 
@@ -55,6 +57,14 @@ def state_as_json(state: RigState, rig: Rig) -> dict[str, Any]:
         "recalibrating": state.recalibrating,
         "counts": dict(state.counts),
     }
+
+
+def finding_as_json(finding: Finding) -> dict[str, Any]:
+    """A finding on a live rig as a dictionary that JSON can hold; its times are s since 1970."""
+    names = ("kind", "detail", "channel", "severity", "size", "unit", "probability")
+    times = {name: getattr(finding, name) for name in ("since", "found", "until")}
+    seconds = {name: None if value is None else value * 1e-9 for name, value in times.items()}
+    return {name: json_value(getattr(finding, name)) for name in names} | seconds
 
 
 def _kind(record: Record) -> str:

@@ -1,24 +1,26 @@
-"""Records as JSON for the subscribers of an MQTT broker."""
+"""Records and findings as JSON for the subscribers of an MQTT broker."""
 
 import json
-from typing import final
+from typing import Any, final
 
 from .._errors import LinkError
 from ..rig import Rig
-from ._json import record_as_json
+from ._json import finding_as_json, record_as_json
 from .protocol._mqtt_address import MqttAddress, without_password
 from .protocol._mqtt_transport import WAITING, connect_client, mqtt_client
 from .protocol._records import Record
 from .protocol._rig_state import RigState
+from .safety._finding import Finding
 
-TOPICS = {"reading": "readings", "duty": "duty", "event": "events"}
+TOPICS = {"reading": "readings", "duty": "duty", "event": "events", "estimate": "estimates"}
 """The kinds of records that are published -> the topics below that of the rig."""
 
 
 @final
 class Publisher:
     """Publishes records as JSON: `TOPIC/readings`, `TOPIC/duty`, `TOPIC/events`. It consumes the
-    records of a source.
+    records of a source. What does not come from there is sent to it: estimates of an observer
+    (`TOPIC/estimates`) and findings (`TOPIC/findings`).
 
     If the broker is slow, messages are lost here, but never in the recording.
 
@@ -43,13 +45,24 @@ class Publisher:
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Sends a record to the broker without waiting for it."""
-        content = record_as_json(record, self._rig)
-        topic = TOPICS.get(content.pop("kind"))
-        if topic is not None:
-            self._client.publish(f"{self._topic}/{topic}", json.dumps(content), qos=0)
+        self.send(record)
 
     def on_time(self, state: RigState, now: int) -> None:
         """Does nothing: what is published are records."""
+
+    def send(self, record: Record) -> None:
+        """Sends a record, such as a `StateEstimate`."""
+        content = record_as_json(record, self._rig)
+        topic = TOPICS.get(content.pop("kind"))
+        if topic is not None:
+            self._publish(topic, content)
+
+    def send_finding(self, finding: Finding) -> None:
+        """Sends a finding of an alarm or of a monitor."""
+        self._publish("findings", finding_as_json(finding))
+
+    def _publish(self, topic: str, content: dict[str, Any]) -> None:
+        self._client.publish(f"{self._topic}/{topic}", json.dumps(content), qos=0)
 
     def close(self) -> None:
         """Ends the connection."""

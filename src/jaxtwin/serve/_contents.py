@@ -8,7 +8,6 @@ from jaxtyping import Float
 
 from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
-from ..live import Finding
 from ..observers._moments import Moment
 from ._outlook import Outlook
 
@@ -72,14 +71,6 @@ def outlook_content(
         "power": rounded(found.power),
         "energy": round(energy, 1),
     }
-
-
-def finding_content(finding: Finding) -> dict[str, Any]:
-    """A finding; its times are s since 1970."""
-    names = ("kind", "detail", "channel", "severity", "size", "unit", "probability")
-    times = {name: getattr(finding, name) for name in ("since", "found", "until")}
-    seconds = {name: None if value is None else value * 1e-9 for name, value in times.items()}
-    return {name: json_value(getattr(finding, name)) for name in names} | seconds
 
 
 def rounded(values: Any) -> Any:

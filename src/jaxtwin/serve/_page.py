@@ -10,10 +10,11 @@ import numpy as np
 from .._celsius import ZERO_CELSIUS
 from .._normal_distribution import QUANTILE_975
 from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState
+from ..live._json import finding_as_json
 from ..live.protocol._clock import seconds
 from ..observers._moments import Moment
 from ..physics import Twin
-from ._contents import finding_content, outlook_content, sample_content
+from ._contents import outlook_content, sample_content
 from ._frame_ring import FrameRing
 from ._history import History
 from ._metrics import Metric
@@ -267,7 +268,7 @@ class Page:
         if found == self._findings:
             return
         self._findings = found
-        self.ring.append("findings", [finding_content(one) for one in reversed(found[-LINES:])])
+        self.ring.append("findings", [finding_as_json(one) for one in reversed(found[-LINES:])])
 
     def _show_story(self, state: RigState, now: int) -> None:
         rig, follower = self.twin.rig, self._follower

@@ -15,6 +15,7 @@ from ..live import (
     EstimateJournal,
     Event,
     Finding,
+    Publisher,
     RecordConsumer,
     Replay,
     RigConnection,
@@ -53,6 +54,7 @@ class PageServer:
     - `controller`: holds references on order; None: nobody does.
     - `about`: what a recording keeps of each run.
     - `raised`: called with each new finding.
+    - `publisher`: sends readings, estimates and findings to a broker; None: nobody does.
     """
 
     def __init__(
@@ -71,11 +73,12 @@ class PageServer:
         controller: AbstractController | None = None,
         about: Mapping[str, Any] | None = None,
         raised: Callable[[Finding], object] = lambda _: None,
+        publisher: Publisher | None = None,
     ):
         is_live = isinstance(source, RigConnection)
         outputs = () if controller is None else controller.output_names(beside.twin.channels)
         ring, rig = FrameRing(), beside.twin.rig
-        self._source, self._raised = source, raised
+        self._source, self._raised, self._publisher = source, raised, publisher
         self._records = recording is not None
         self.page = Page(
             ring,
@@ -108,6 +111,8 @@ class PageServer:
             watching.append(alarms)
             if recording is not None:
                 watching.append(EstimateJournal(source.note, lambda: self.page.followed))
+        if publisher is not None:
+            watching += [publisher, EstimateJournal(publisher.send, lambda: self.page.followed)]
         self.loop = RigLoop(
             source,
             self.page,
@@ -141,6 +146,8 @@ class PageServer:
         self._diagnosis.on_finding(finding)
         self.loop.on_finding(finding)
         self._raised(finding)
+        if self._publisher is not None:
+            self._publisher.send_finding(finding)
         if self._records and finding.is_alarm and isinstance(self._source, RigConnection):
             detail = f"{finding.kind}: {finding.detail} ({finding.severity})"
             self._source.note(Event("", self._source.clock.now(), "alarm", detail))
