@@ -22,8 +22,9 @@ from ..diagnosis._suspects import Faults, chosen
 from ..io import Experiment
 from ..matching import Fit
 from ..observers import Observed, ProcessNoise
-from ..observers._filter_run import filtered, samples_of, started
+from ..observers._filter_run import filtered, samples_of
 from ..observers._observe import filter_for, usual_noise
+from ..observers._programs import started
 from ..observers._start import first_reading
 from ..physics import Twin
 from ..simulation import simulate

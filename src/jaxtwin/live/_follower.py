@@ -5,11 +5,11 @@ from typing import Any, final
 
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
-from .._compilation import persistent_jit, persistent_jit_unoptimised
 from ..observers import AbstractObserver, OpenLoop
+from ..observers._programs import corrected, predicted, started
 from ..physics import Twin
 from .protocol._clock import seconds
 from .protocol._records import Reading, Record, Sample
@@ -37,8 +37,8 @@ class Follower:
         """The prediction of them, before they corrected anything, degC."""
         with jax.enable_x64(True):
             self._observer: AbstractObserver[Any] = OpenLoop(twin) if observer is None else observer
-        self._predict = _predicted.bind(self._observer)
-        self._take_readings = _corrected.bind(self._observer)
+        self._predict = predicted.bind(self._observer)
+        self._take_readings = corrected.bind(self._observer)
         self._driver = twin.rig.driver
         room = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
         self.ambient = math.nan
@@ -95,7 +95,7 @@ class Follower:
 
     def _start(self, temperature: float) -> None:
         with jax.enable_x64(True):
-            state = _begun(self._observer, np.float64(temperature), self._duty)
+            state = started(self._observer, np.float64(temperature), self._duty)
         self._state = jax.tree.map(np.asarray, state)
         predicted = self._step(0.0)
         # This compiles, and corrects nothing: a reading is used once.
@@ -119,35 +119,3 @@ class Follower:
             mask = np.isfinite(readings)
             state = self._take_readings(self._state, readings, mask, room)
         self._state = jax.tree.map(np.asarray, state)
-
-
-@persistent_jit_unoptimised
-def _begun(
-    observer: AbstractObserver[Any],
-    temperature: Float[ArrayLike, ""],
-    duty: Float[ArrayLike, " cells"],
-) -> Any:
-    return observer.init(temperature, duty)
-
-
-@persistent_jit
-def _predicted(
-    observer: AbstractObserver[Any],
-    state: Any,
-    duty: Float[ArrayLike, " cells"],
-    room: Float[ArrayLike, ""],
-    dt: Float[ArrayLike, ""],
-) -> tuple[Any, Float[Array, " channels"]]:
-    state = observer.predict(state, duty, room, dt)
-    return state, observer.readings(state, room)
-
-
-@persistent_jit
-def _corrected(
-    observer: AbstractObserver[Any],
-    state: Any,
-    readings: Float[ArrayLike, " channels"],
-    mask: Bool[ArrayLike, " channels"],
-    room: Float[ArrayLike, ""],
-) -> Any:
-    return observer.correct(state, readings, mask, room)

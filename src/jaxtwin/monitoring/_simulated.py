@@ -13,7 +13,8 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..observers import ExtendedKalmanFilter, KalmanState, Observed
-from ..observers._filter_run import Samples, filtered, started
+from ..observers._filter_run import Samples, filtered
+from ..observers._programs import started
 from ..observers._start import first_reading
 
 FREEDOM = 4.0

@@ -128,16 +128,6 @@ def estimated(
     return jax.lax.scan(take, estimator.init(reading, duty), samples)[1]
 
 
-@persistent_jit_unoptimised
-def started(
-    kalman: ExtendedKalmanFilter,
-    reading: Float[Array | np.ndarray, ""],
-    duty: Float[Array | np.ndarray, " cells"],
-) -> KalmanState:
-    """The state at a first reading, degC, with a duty that the driver has reached."""
-    return kalman.init(reading, duty)
-
-
 def samples_between(
     duty: Float[np.ndarray, "times cells"],
     step: float,

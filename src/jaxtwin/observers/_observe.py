@@ -16,11 +16,12 @@ from ..simulation import Stepper
 from ..simulation._simulate import checked_channels
 from ..simulation._stepper import assembled
 from ._augmented_model import AugmentedModel
-from ._filter_run import estimated, filtered, samples_of, started
+from ._filter_run import estimated, filtered, samples_of
 from ._kalman_filter import ExtendedKalmanFilter
 from ._moving_horizon import HORIZON, MovingHorizonEstimator
 from ._observed import Observed
 from ._process_noise import ProcessNoise
+from ._programs import started
 from ._start import first_reading
 from ._state_bounds import StateBounds
 from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of_fit

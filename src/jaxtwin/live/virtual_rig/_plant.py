@@ -4,9 +4,10 @@ from typing import final
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ...observers import OpenLoop, OpenLoopState
+from ...observers._programs import predicted, started
 from ...physics import System, Twin
 
 
@@ -25,9 +26,8 @@ class Plant:
     def __init__(self, twin: Twin):
         self.time = 0.0
         """The time of the twin, s."""
-        with jax.enable_x64(True):
-            self._observer = OpenLoop(twin)
-            self.ambient = float(self._observer.stepper.ambient)
+        self._use(twin)
+        self.ambient = float(self._observer.stepper.ambient)
         """The temperature of the surroundings, degC."""
         self._command = np.zeros(len(twin.netlist.cells))
         # This also compiles the steps before the first data arrive.
@@ -63,7 +63,9 @@ class Plant:
         if ambient is not None:
             self.ambient = float(ambient)
         with jax.enable_x64(True):
-            self._state = self._observer.init(nodes, self._command)
+            at = None if nodes is None else np.asarray(nodes, float)
+            state = started(self._observer, at, self._command)
+        self._state = jax.tree.map(np.asarray, state)
         self._step(0.0)
 
     def drive(self, duty: Float[np.ndarray, " cells"], ambient: float | int | None = None) -> None:
@@ -87,29 +89,19 @@ class Plant:
     def replace(self, system: System) -> None:
         """Continues from the same temperatures with other equations, for example those of a rig
         with a fault."""
-        with jax.enable_x64(True):
-            self._observer = OpenLoop(system)
+        self._use(system)
         self._step(0.0)
+
+    def _use(self, equations: Twin | System) -> None:
+        with jax.enable_x64(True):
+            self._observer = OpenLoop(equations)
+        self._predict = predicted.bind(self._observer)
 
     def _step(self, dt: float) -> None:
         with jax.enable_x64(True):
-            state, temperatures = _stepped(
-                self._observer, self._state, self._command, np.float64(self.ambient), np.float64(dt)
+            state, temperatures = self._predict(
+                self._state, self._command, np.float64(self.ambient), np.float64(dt)
             )
         # The state is stored as NumPy arrays, because it is read between two steps.
         self._state: OpenLoopState = jax.tree.map(np.asarray, state)
         self._temperatures = np.asarray(temperatures)
-
-
-@jax.jit
-def _stepped(
-    observer: OpenLoop,
-    state: OpenLoopState,
-    duty: Float[Array, " cells"],
-    ambient: Float[Array, ""],
-    dt: Float[Array, ""],
-) -> tuple[OpenLoopState, Float[Array, " channels"]]:
-    """Computes steps and readings in one call, because most of the time of a call is spent in
-    Python."""
-    state = observer.predict(state, duty, ambient, dt)
-    return state, observer.readings(state, ambient)
