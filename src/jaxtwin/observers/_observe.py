@@ -5,13 +5,15 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from .._arguments import of_kind
+from .._compilation import persistent_jit_unoptimised
 from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..matching import Fit
-from ..physics import Twin
+from ..physics import System, Twin
 from ..simulation import Stepper
 from ..simulation._simulate import checked_channels
 from ..simulation._stepper import assembled
@@ -141,11 +143,14 @@ def usual_noise(
 def _full_heat(twin: Twin) -> float:
     """The heat into the nodes that cells or heaters heat at full duty, in the mean, W."""
     with own_settings():
-        system = assembled(twin)
-        count = len(system.wiring.cold)
-        sides = np.full(2 * count, float(system.ambient_temperature))
-        flow = system.cell_heat(jnp.asarray(sides), jnp.ones(count))
-        return float(jnp.mean(jnp.abs(flow.cold)))
+        return float(_mean_full_heat(assembled(twin)))
+
+
+@persistent_jit_unoptimised
+def _mean_full_heat(system: System) -> Float[Array, ""]:
+    count = len(system.wiring.cold)
+    sides = jnp.broadcast_to(jnp.asarray(system.ambient_temperature), (2 * count,))
+    return jnp.mean(jnp.abs(system.cell_heat(sides, jnp.ones(count, sides.dtype)).cold))
 
 
 def _usual_levels(twin: Twin, sample_time: float, names: Sequence[str] = ()) -> ProcessNoise:
