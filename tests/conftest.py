@@ -38,12 +38,28 @@ WORKER = os.environ.get("PYTEST_XDIST_WORKER", "alone")
 WRITING = 5.0
 """A compiled program is written completely after this time, s."""
 
+WORTH_KEEPING = 0.3
+"""The time of compilation from which a program is kept, s. To write and read a smaller one takes as
+long as to compile it."""
+
 LARGEST_CACHE = 4e9
-"""Bytes of compiled programs beyond which they are thrown away and the cache begins anew."""
+"""Bytes of compiled programs beyond which those of earlier runs are thrown away."""
+
+LONGEST_RUN = 3600.0
+"""A program that is older was not compiled by a run that still goes on, s."""
 
 QUICK_COMPILATION = "JAX_DISABLE_MOST_OPTIMIZATIONS"
 """JAX's setting that leaves out most of XLA's optimisations. Runs without the slow tests set it,
 unless the environment already says 0 or 1."""
+
+QUICK_FLAGS = "--xla_cpu_parallel_codegen_split_count=1 --xla_cpu_use_fusion_emitters=false"
+"""XLA's flags beside that setting. A program is not divided among threads that compile it, which
+costs a sixth more in all: each processor has a worker here. Fused operations get the code that
+`persistent_jit` asks for, in half of the time, also in what a test compiles itself."""
+
+YOUNG_OBJECTS = 50_000
+"""New objects after which Python looks for cycles among them, in place of 700. Programs are traced
+in so many objects that a tenth of the time would go into that."""
 
 MOST_MEMORY_MAPS = 20_000
 """Every compiled program maps memory, and Linux ends a process that has 65 530 maps."""
@@ -53,16 +69,23 @@ def pytest_configure(config: pytest.Config) -> None:
     """Lets JAX keep compiled programs between runs."""
     folder = COMPILED / WORKER
     if WORKER == "alone" and sum(f.stat().st_size for f in COMPILED.glob("*/*")) > LARGEST_CACHE:
-        shutil.rmtree(COMPILED)
+        for file in COMPILED.glob("*/*"):
+            if file.stat().st_mtime < time.time() - LONGEST_RUN:
+                file.unlink()
     folder.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_compilation_cache_dir", str(folder))
     # By default the name of an entry depends on the folder, and no worker finds another's.
     jax.config.update("jax_persistent_cache_enable_xla_caches", "none")
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", WORTH_KEEPING)
     if "not slow" in config.option.markexpr and QUICK_COMPILATION not in os.environ:
         # Most of the time of the quick tests is compilation. Processes that they start do the same.
         os.environ[QUICK_COMPILATION] = "1"
         jax.config.update("jax_disable_most_optimizations", True)
+    if jax.config.read("jax_disable_most_optimizations"):
+        flags = os.environ.get("XLA_FLAGS", "")
+        if QUICK_FLAGS not in flags:  # a worker has those of the process that started it
+            os.environ["XLA_FLAGS"] = f"{flags} {QUICK_FLAGS}".strip()
+    gc.set_threshold(YOUNG_OBJECTS, 20, 100)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -38,6 +38,10 @@ SMALLER = {
     # All parameters of two recordings are matched once; other options, each of which is compiled
     # anew, get two parameters.
     "match(twin, recordings, solver=": 'match(twin, recordings[:1], free=["R_E", "h_A"], solver=',
+    "match(twin, experiments)": 'match(twin, experiments, free=["R_E", "R_pc"])',
+    'leave_one_out(jt.Twin("single-cell"), sessions)': (
+        'leave_one_out(jt.Twin("single-cell"), sessions, free=["R_E", "R_Th"])'
+    ),
     "match(twin, recordings, loss=": 'match(twin, recordings, free=["R_E", "h_A"], loss=',
     "loss=Huber(3.0),": 'loss=Huber(3.0), free=["R_E", "h_A"],',
     'free=[*names, "T_amb_drift"]': 'free=["R_E", "T_amb_drift"]',

@@ -65,8 +65,17 @@ def small() -> DiscreteModel:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [of_the_paper, reduced, small])
-@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("make", "precision"),
+    [
+        (of_the_paper, "double"),
+        (reduced, "double"),
+        (small, "double"),
+        (small, "float"),
+        pytest.param(of_the_paper, "float", marks=pytest.mark.long),
+        pytest.param(reduced, "float", marks=pytest.mark.long),
+    ],
+)
 def test_an_hour_in_c_is_the_hour_in_python(make, precision, tmp_path: Path):
     """To 1e-12 of the largest temperature in double, within 0.01 K in float."""
     model = make()

@@ -63,7 +63,9 @@ def test_the_plate_at_rest_has_the_slopes_of_the_twin_itself(tmp_path: Path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("objective", ["range", "standard deviation"])
+@pytest.mark.parametrize(
+    "objective", ["range", pytest.param("standard deviation", marks=pytest.mark.long)]
+)
 def test_no_place_of_a_grid_is_more_even(tmp_path: Path, objective: str):
     """SciPy's `brute`, over 0.25 mm, of the twin whose place is a parameter."""
     twin = twin_of(tmp_path, MOVING)

@@ -340,8 +340,14 @@ class TestCommands:
     @pytest.mark.slow
     @pytest.mark.parametrize(
         "driver",
-        [{}, {"lag": "3 s"}, {"lag": "3 s", "delay": "0.4 s"}, {"lag": "3 s", "delay": "4.3 s"}],
-        ids=["neither", "a lag", "a short delay", "a delay of several samples"],
+        [
+            pytest.param({}, id="neither", marks=pytest.mark.long),
+            pytest.param({"lag": "3 s"}, id="a lag"),
+            pytest.param(
+                {"lag": "3 s", "delay": "0.4 s"}, id="a short delay", marks=pytest.mark.long
+            ),
+            pytest.param({"lag": "3 s", "delay": "4.3 s"}, id="a delay of several samples"),
+        ],
     )
     def test_without_readings_the_filter_follows_the_equations(self, driver: dict[str, str]):
         """At irregular times, with a command at nearly each of them. A step in which a command

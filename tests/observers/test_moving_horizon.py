@@ -117,7 +117,7 @@ def both_ends(path: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rig", ["tclab", "pcr-block"])
+@pytest.mark.parametrize("rig", ["tclab", pytest.param("pcr-block", marks=pytest.mark.long)])
 def test_the_way_through_a_window_is_the_minimum_that_scipy_finds(rig: str):
     """With heats that may not be below a bound where they would be."""
     kalman, steps = followed(rig), 6

@@ -44,7 +44,7 @@ def test_a_cell_on_lines_of_the_grid_is_one_whose_contacts_are_listed():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("angle", ["0 deg", "30 deg"])
+@pytest.mark.parametrize("angle", [pytest.param("0 deg", marks=pytest.mark.long), "30 deg"])
 def test_a_place_by_parameters_is_that_place(angle: str):
     turned = f'\nangle = "{angle}"'
     fixed = Twin(placed_rig(AT.replace('"5 cm"', '"5.3 cm"') + turned, grid=COARSE))

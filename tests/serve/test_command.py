@@ -82,9 +82,12 @@ def test_without_the_extra_it_says_how_to_install_it(
 
 
 @pytest.mark.slow
-def test_a_served_virtual_rig_is_commanded_and_stopped_and_its_recording_is_continued() -> None:
+def test_a_served_virtual_rig_is_commanded_and_stopped_and_its_recording_is_continued(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """From the command line to the browser and back, twice: the second server goes on with the
-    recording of the first, which was killed."""
+    recording of the first, which was killed, and with its compiled programs."""
+    monkeypatch.setenv("JAXTWIN_COMPILATION_CACHE", "compiled")
     for number in range(2):
         words = "serve tclab --virtual --port 0 --allow-control --token-file token --out session.db"
         command = [sys.executable, "-m", "jaxtwin", *words.split()]
@@ -108,6 +111,7 @@ def test_a_served_virtual_rig_is_commanded_and_stopped_and_its_recording_is_cont
         finally:
             process.kill()
             process.communicate()
+    assert any(Path("compiled").rglob("*"))
     with Session("session.db") as session:
         assert report(session)["events"]["not-recorded"] == 1  # the gap between the two
         assert set(session.estimates().run) == {1, 2}

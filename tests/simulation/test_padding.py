@@ -75,9 +75,9 @@ def test_sizes_grow_by_an_eighth_at_most():
 @pytest.mark.parametrize(
     ("rig", "ambient"),
     [
-        ("paper-2024", None),
+        pytest.param("paper-2024", None, marks=pytest.mark.long),
         pytest.param("dual-cell", None, marks=pytest.mark.long),
-        pytest.param("dual-cell", "recorded", marks=pytest.mark.slow),
+        ("dual-cell", "recorded"),
     ],
 )
 def test_padding_a_grid_with_steps_of_zero_length_changes_nothing(rig, ambient, float64):

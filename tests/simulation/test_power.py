@@ -96,7 +96,7 @@ def plate() -> tuple[Twin, Experiment]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", [None, diffrax.Kvaerno5()])
+@pytest.mark.parametrize("solver", [None, pytest.param(diffrax.Kvaerno5(), marks=pytest.mark.long)])
 def test_many_draws_have_the_energy_and_the_peak_of_their_runs(solver: Any, plate):
     """With the driver's delay and lag, by the default solver and by diffrax. Draws in C are
     integrated over their steps, the run from temperatures that are linear between samples."""

@@ -113,7 +113,13 @@ def test_coefficients_satisfy_the_conditions_of_a_rosenbrock_method():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", SOLVERS, ids=["full", "sparse"])
+@pytest.mark.parametrize(
+    "solver",
+    [
+        pytest.param(SOLVERS[0], id="full", marks=pytest.mark.long),
+        pytest.param(SOLVERS[1], id="sparse"),
+    ],
+)
 def test_derivatives_are_those_of_the_steps(solver, float64):
     """Forward and backward, against differences of the same steps."""
     start = known(jnp.array(0.0)) + 0.1

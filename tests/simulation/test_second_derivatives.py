@@ -86,7 +86,10 @@ def test_with_respect_to_start_and_duty_they_are_those_of_differences(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("derivative", [forwards_twice, backwards_over_forwards])
+@pytest.mark.parametrize(
+    "derivative",
+    [pytest.param(forwards_twice, marks=pytest.mark.long), backwards_over_forwards],
+)
 @pytest.mark.parametrize("name", ["R_pc", pytest.param("C_side", marks=pytest.mark.long)])
 def test_with_respect_to_a_parameter_and_the_duty_they_are_those_of_differences(
     name: str, derivative: Callable[..., np.ndarray]

@@ -251,9 +251,24 @@ def test_samples_between_the_ends_of_long_steps_follow_fast_modes():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "rig", ["single-cell", pytest.param("pcr-block", marks=pytest.mark.long), "dual-cell"]
+    ("rig", "hold"),
+    [
+        ("single-cell", 3.0),
+        ("dual-cell", 0.2),
+        *(
+            pytest.param(rig, hold, marks=pytest.mark.long)
+            for rig, hold in (
+                ("single-cell", 0.2),
+                ("single-cell", 1.0),
+                ("dual-cell", 1.0),
+                ("dual-cell", 3.0),
+                ("pcr-block", 0.2),
+                ("pcr-block", 1.0),
+                ("pcr-block", 3.0),
+            )
+        ),
+    ],
 )
-@pytest.mark.parametrize("hold", [0.2, pytest.param(1.0, marks=pytest.mark.long), 3.0])
 def test_samples_between_two_changes_of_the_duty_are_as_exact_as_those_at_them(
     rig: str, hold: float
 ):
