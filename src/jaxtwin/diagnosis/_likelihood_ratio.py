@@ -38,6 +38,10 @@ CANDIDATES = 28
 YOUNG = 10
 """A candidate is kept for so many samples in any case."""
 
+FORGOTTEN = 600.0
+"""The time within which what innovations said is forgotten, s. No twin is so exact that hours of
+innovations may be added up: in the end they show that the rig has other losses than its twin."""
+
 SHIFT = 1.0
 """The standard deviation of the shifts of whitened innovations by a fault that no model knows."""
 
@@ -189,13 +193,14 @@ def advance(
     (error, seen), found = signature(
         kalman, faults, before, candidates.error, candidates.held, sample
     )
+    kept = jnp.exp(-jnp.asarray(sample.dt) / FORGOTTEN)
     return Candidates(
         candidates.onset,
         error,
-        candidates.score + jnp.einsum("r,rmf->mf", found.whitened, seen),
-        candidates.information + (seen**2).sum(axis=0),
-        candidates.sums + found.whitened[1:],
-        candidates.counts + jnp.isfinite(jnp.asarray(sample.readings)),
+        kept * candidates.score + jnp.einsum("r,rmf->mf", found.whitened, seen),
+        kept * candidates.information + (seen**2).sum(axis=0),
+        kept * candidates.sums + found.whitened[1:],
+        kept * candidates.counts + jnp.isfinite(jnp.asarray(sample.readings)),
         candidates.held,
     )
 
