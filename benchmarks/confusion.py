@@ -1,4 +1,4 @@
-"""Draws the confusion matrix of `benchmarks.diagnosis` from its page of results.
+"""Draws the confusion matrix of `benchmarks.faults` from its page of results.
 
 A row is a fault of the virtual rig, a column what the diagnosis called it; rows are of all sizes.
 
@@ -16,7 +16,7 @@ HEADING = "What the likeliest explanation was"
 
 
 def main() -> None:
-    columns, rows = confusion_of((RESULTS / "diagnosis.md").read_text(encoding="utf-8"))
+    columns, rows = confusion_of((RESULTS / "faults.md").read_text(encoding="utf-8"))
     (RESULTS / "confusion.png").write_bytes(confusion_picture(columns, rows))
 
 

@@ -232,7 +232,7 @@ class Watch:
             "name": cause.name, "tie": list(cause.tie), "found_s": cause.found - onset,
             "probability": cause.probability, "size": cause.size,
             "inside": bool(own and own[0].lower <= truth <= own[0].upper),
-            "until_s": cause.until,
+            "until_s": cause.until, "misfit": cause.misfit,
         }  # fmt: skip
 
 

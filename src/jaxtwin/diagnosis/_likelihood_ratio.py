@@ -15,7 +15,8 @@ the fault is
 $$\frac{D^2 \sigma^2}{2 (1 + C \sigma^2)} - \frac{1}{2} \log(1 + C \sigma^2).$$
 
 Each sample begins a candidate for the onset. Of those that are no longer young only some are kept:
-one goes if it explains little, or if it is close to others in time.
+one goes if it explains little, if it is close to others in time, or if it has not been found for
+long.
 """
 
 from typing import NamedTuple, final
@@ -24,7 +25,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._compilation import persistent_jit
 from ..observers import ExtendedKalmanFilter, KalmanState
@@ -37,10 +38,6 @@ CANDIDATES = 28
 
 YOUNG = 10
 """A candidate is kept for so many samples in any case."""
-
-FORGOTTEN = 600.0
-"""The time within which what innovations said is forgotten, s. No twin is so exact that hours of
-innovations may be added up: in the end they show that the rig has other losses than its twin."""
 
 SHIFT = 1.0
 """The standard deviation of the shifts of whitened innovations by a fault that no model knows."""
@@ -56,11 +53,16 @@ class Prior(NamedTuple):
     - `is_one_sided`: whether it is above 0.
     - `inflation`: the variance of the standardised statistic of each fault in healthy recordings, 1
       if the innovations are as expected; last that of a fault that no model knows.
+    - `patience`: a candidate that is older than so many samples goes, unless the logarithm of one
+      of its ratios is above `enough`. No twin is so exact that hours of innovations may be added
+      up: in the end they show that the rig has other losses than its twin.
     """
 
     spread: Float[np.ndarray | Array, " faults"]
     is_one_sided: Bool[np.ndarray | Array, " faults"]
     inflation: Float[np.ndarray | Array, " faults_and_other"]
+    patience: Float[ArrayLike, ""]
+    enough: Float[ArrayLike, ""]
 
 
 class Judged(NamedTuple):
@@ -193,14 +195,13 @@ def advance(
     (error, seen), found = signature(
         kalman, faults, before, candidates.error, candidates.held, sample
     )
-    kept = jnp.exp(-jnp.asarray(sample.dt) / FORGOTTEN)
     return Candidates(
         candidates.onset,
         error,
-        kept * candidates.score + jnp.einsum("r,rmf->mf", found.whitened, seen),
-        kept * candidates.information + (seen**2).sum(axis=0),
-        kept * candidates.sums + found.whitened[1:],
-        kept * candidates.counts + jnp.isfinite(jnp.asarray(sample.readings)),
+        candidates.score + jnp.einsum("r,rmf->mf", found.whitened, seen),
+        candidates.information + (seen**2).sum(axis=0),
+        candidates.sums + found.whitened[1:],
+        candidates.counts + jnp.isfinite(jnp.asarray(sample.readings)),
         candidates.held,
     )
 
@@ -277,7 +278,9 @@ def _replaced(
 ) -> Int[Array, ""]:
     """The place of the candidate that goes for the next."""
     onset = candidates.onset
-    value = log_ratios(prior, candidates).max(axis=1) + jnp.log(_spans(onset))
+    ratio = log_ratios(prior, candidates).max(axis=1)
+    is_late = (number - onset > prior.patience) & (ratio < prior.enough)
+    value = jnp.where(is_late, -jnp.inf, ratio + jnp.log(_spans(onset)))
     value = jnp.where(by_age, onset, value)
     is_young = (number - onset < YOUNG) & ~by_age
     return jnp.argmin(jnp.where(onset < 0, -jnp.inf, jnp.where(is_young, jnp.inf, value)))
