@@ -24,18 +24,19 @@ def faults_page(
     """The results as a page."""
     runs = [one for one in lines if "fault" in one]
     hours = [one for one in lines if "first" in one]
-    parts = [
-        "# Faults of a virtual rig\n",
+    about = (
         f"{machine}; `python -m benchmarks.faults`. {len(runs)} hours with a fault and "
         f"{sum(one['hours'] for one in hours)} healthy ones of the virtual `dual-cell`: 15 "
         "channels with errors of their own, noise, corrections of the camera, another room, a "
         "random duty, and a rig that differs from the twin by a draw from the posterior of the "
-        "match. Intervals are of 95 %, by Clopper and Pearson. "
-        "[What changes in a rig](../../docs/awareness.md) says what follows.\n",
-    ]
+        "match, in the six directions that its readings show. The thresholds of the monitor are "
+        "those of one false alarm in 30 days, from 30 other hours. Intervals are of 95 %, by "
+        "Clopper and Pearson. [What changes in a rig](../../docs/awareness.md) says what follows.\n"
+    )
+    parts = ["# Faults of a virtual rig\n", about]
     if runs:
         parts += [_judged(runs, judged), _all(runs, faults), _matrix(runs)]
-    return "\n".join([*parts, _healthy(runs, hours)])
+    return "\n".join([*parts, _healthy(lines, runs, hours)])
 
 
 def share(count: int, total: int) -> str:
@@ -106,7 +107,8 @@ def _all(runs: Sequence[Line], faults: Mapping[str, Any]) -> str:
             names = Counter(one["cause"]["name"] for one in found).most_common(3)
             rows.append((
                 name, f"{size:g}", len(own), len(found),
-                sum(one <= limit for one in delays), "" if middle == float("inf") else f"{middle:.0f}",
+                sum(one <= limit for one in delays),
+                "" if middle == float("inf") else f"{middle:.0f}",
                 sum(_delay(one, "monitor") <= limit for one in own),
                 sum(_is_named(one) for one in found), sum(_is_tied(one) for one in found),
                 f"{sum(one['cause']['inside'] for one in known)} of {len(known)}",
@@ -118,8 +120,8 @@ def _all(runs: Sequence[Line], faults: Mapping[str, Any]) -> str:
         "## Three sizes of each\n\n"
         "*In time* is within 120 s, of a supply within 300 s. *Named*: the likeliest explanation "
         "is the fault; *tied*: it is another, but the fault is not less likely by a factor of 20. "
-        "*Size in its band*: of those, in how many the 95 % band of the size holds the true one.\n\n"
-        + table(head, rows)
+        "*Size in its band*: of those, in how many the 95 % band of the size holds the true "
+        "one.\n\n" + table(head, rows)
     )
 
 
@@ -138,12 +140,14 @@ def _matrix(runs: Sequence[Line]) -> str:
     )
 
 
-def _healthy(runs: Sequence[Line], hours: Sequence[Line]) -> str:
+def _healthy(lines: Sequence[Line], runs: Sequence[Line], hours: Sequence[Line]) -> str:
     alarms = sum(len(one["alarms"]) for one in hours)
     total = sum(one["hours"] for one in hours)
     before = sum(one["onset"] for one in runs) / 3600
     watched = sum(WATCHED - SETTLE - (LENGTH - one["onset"]) for one in runs) / 3600
     causes = sum(len(one["false_causes"]) for one in runs)
+    whole = [one for one in lines if "diagnosed" in one]
+    wrong = sum(len(one["causes"]) for one in whole)
     early = sum(one["false_alarms"] for one in runs)
     return (
         "## A healthy rig\n\n"
@@ -152,13 +156,14 @@ def _healthy(runs: Sequence[Line], hours: Sequence[Line]) -> str:
             [
                 ("monitor, healthy hours", f"{total:.0f}", alarms, poisson(alarms, total)),
                 ("monitor, before a fault", f"{before:.0f}", early, poisson(early, before)),
+                ("diagnosis, whole hours", len(whole), wrong, poisson(wrong, len(whole))),
                 ("diagnosis, before a fault", f"{watched:.0f}", causes, poisson(causes, watched)),
             ],
         )
         + "".join(
             f"\nSeed {one['seed']}: {'; '.join(one['alarms'])}."
-            for line in hours
-            for one in line["alarms"]
+            for batch in hours
+            for one in batch["alarms"]
         )
     )
 

@@ -23,7 +23,7 @@ LENGTH = 3600
 """How long an hour is, s."""
 LASTS = 245
 """A fault begins so long before the end of the hour, s, or up to 40 s later."""
-WATCHED = 1530
+WATCHED = 760
 """The number of samples at the end of an hour that are diagnosed, which is most of the work."""
 CORRECTED = 164.0
 """The time between two corrections of the camera, s."""

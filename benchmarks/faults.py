@@ -6,14 +6,15 @@ by a draw from the posterior. All 15 channels are read. A fault begins 4 minutes
 weak supply 8.
 
 - Faults of three sizes each, watched by a monitor and by a diagnosis that looks for all usual
-  suspects of the rig. Four of them are judged, and have four runs where the others have one.
+  suspects of the rig. Four of them are judged, and have eight runs where the others have one.
 - Healthy hours, watched by the monitor.
-- What the diagnosis says of the time before the fault: it watches the last 25 minutes.
+- What the diagnosis says of the time before the fault: it watches the last 12 minutes.
+- Healthy hours, watched by the diagnosis from beginning to end.
 
 The thresholds of the monitor come from 30 other healthy hours. Each run is a line of
 `results/faults.jsonl`; the script goes on where it ended, and writes the page beside it.
 
-    python -m benchmarks.faults FOLDER_WITH_RECORDINGS KEPT [--rounds 8] [--healthy 1000]
+    python -m benchmarks.faults FOLDER_WITH_RECORDINGS KEPT [--rounds 6] [--healthy 1000]
 """
 
 import json
@@ -74,7 +75,7 @@ JUDGED = {"contact": 1.5, "dead cell": 1.0, "gain": 0.95, "supply": 0.9}
 """The faults that must be found, and of which size."""
 LONGER = {"supply": 490}
 """How long some faults last, s."""
-MORE = 4
+MORE = 8
 """How many runs a judged fault has where another has one."""
 LEVELS = {
     "reading": 0.0611, "reading_time": 0.107, "heat": 0.324, "command_time": 0.296,
@@ -85,8 +86,9 @@ LEVELS = {
 """The noise of `dual-cell` in the results of the observer."""
 EARLY = 60.0
 """A cause is that of the fault if it begins no more than this before it, s."""
-CALIBRATED, HEALTHY, FAULTY = 100_000, 200_000, 300_000
-"""The first seeds of the hours from which thresholds come, of the healthy and the faulty ones."""
+CALIBRATED, HEALTHY, FAULTY, DIAGNOSED = 100_000, 200_000, 300_000, 400_000
+"""The first seeds of the hours from which thresholds come, of healthy hours, of those with a fault,
+and of the healthy ones that are diagnosed."""
 CALIBRATION_HOURS = 30
 BATCH = 20
 """The number of healthy hours in a line of the results."""
@@ -97,8 +99,9 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("kept", type=Path, help="a folder that keeps match and thresholds")
-    parser.add_argument("--rounds", type=int, default=8, help="runs of each fault and size")
-    parser.add_argument("--healthy", type=int, default=1000, help="healthy hours")
+    parser.add_argument("--rounds", type=int, default=6, help="runs of each fault and size")
+    parser.add_argument("--healthy", type=int, default=1000, help="healthy hours of the monitor")
+    parser.add_argument("--diagnosed", type=int, default=40, help="those of the diagnosis")
     parser.add_argument("--seed", type=int, default=0, help="added to all seeds that are judged")
     parser.add_argument(
         "--share", type=int, nargs=2, default=(0, 1), metavar=("NUMBER", "OF"),
@@ -114,6 +117,10 @@ def main() -> None:
         is_mine = number % given.share[1] == given.share[0]
         if is_mine and not any(one.get("seed") == seed for one in done):
             append(lines, {"fault": name, **watch.faulty(case, seed)})
+    for seed in range(DIAGNOSED + given.seed, DIAGNOSED + given.seed + given.diagnosed):
+        if not any(one.get("diagnosed") == seed for one in done):
+            found = watch.diagnose(watch.observed(None, seed)[0])
+            append(lines, {"diagnosed": seed, "causes": [one.best.text for one in found.causes]})
     for number in range(0, given.healthy, BATCH):
         first = HEALTHY + given.seed + number
         if not any(one.get("first") == first for one in done):
@@ -125,11 +132,15 @@ def main() -> None:
 
 def plan(rounds: int) -> Iterator[tuple[str, FaultCase]]:
     """The faults in the order of their runs."""
+    several = [
+        (name, FaultCase(model, part, size, LONGER.get(name, LASTS)))
+        for name, (model, part, sizes) in FAULTS.items()
+        for size in sizes
+    ]
+    judged = [(name, case) for name, case in several if JUDGED.get(name) == case.size]
     for _ in range(rounds):
-        for name, (model, part, sizes) in FAULTS.items():
-            for size in sizes:
-                for _ in range(MORE if JUDGED.get(name) == size else 1):
-                    yield name, FaultCase(model, part, size, LONGER.get(name, LASTS))
+        yield from judged * MORE
+        yield from (one for one in several if one not in judged)
 
 
 class Watch:
@@ -154,7 +165,7 @@ class Watch:
         """The thresholds."""
         if not self._thresholds.exists():
             hours = range(CALIBRATED, CALIBRATED + CALIBRATION_HOURS)
-            calibration_of_recordings([self._observed(None, seed)[0] for seed in hours]).save(
+            calibration_of_recordings([self.observed(None, seed)[0] for seed in hours]).save(
                 self._thresholds
             )
         return MonitorCalibration.load(self._thresholds)
@@ -181,7 +192,7 @@ class Watch:
     def faulty(self, case: FaultCase, seed: int) -> dict[str, Any]:
         """What monitor and diagnosis say of an hour with a fault."""
         began = time.process_time()
-        observed, onset = self._observed(case, seed)
+        observed, onset = self.observed(case, seed)
         alarms = self._monitored(observed).alarms
         found = self.diagnose(last_of(observed))
         times = [one.found or 0.0 for one in alarms]
@@ -190,7 +201,7 @@ class Watch:
         return {
             "model": case.model, "part": case.part, "size": case.size, "seed": seed, "onset": onset,
             "monitor_s": min((at - onset for at in times if at >= onset), default=None),
-            "kinds": sorted({one.kind for one, at in zip(alarms, times, strict=True) if at >= onset}),
+            "kinds": sorted({one.kind for one in alarms if (one.found or 0.0) >= onset}),
             "false_alarms": sum(at < onset for at in times),
             "false_causes": [one.best.text for one in before],
             "cause": None if own is None else self._said(own, case, onset),
@@ -216,7 +227,8 @@ class Watch:
             "cpu_s": round(time.process_time() - began, 1),
         }  # fmt: skip
 
-    def _observed(self, case: FaultCase | None, seed: int) -> tuple[Observed, int]:
+    def observed(self, case: FaultCase | None, seed: int) -> tuple[Observed, int]:
+        """An hour that the filter has followed, and when its fault begins."""
         recorded, onset = hour(self.kalman, values_of_filter(self.kalman, seed), case, seed)
         return follow(self.kalman, recorded), onset
 
