@@ -1,5 +1,6 @@
 """The page of `benchmarks.faults`: tables with intervals, and the confusion matrix."""
 
+import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from statistics import median
@@ -13,6 +14,9 @@ from ._tables import table
 from ._virtual_hours import LENGTH, WATCHED
 
 Line = Mapping[str, Any]
+
+DUTIES = 0.0, 0.3, 0.5, 1.01
+"""The ends of the classes of duty."""
 
 WITHIN = {"supply": 300.0}
 """Within what time a fault should be found, s, if not within two minutes."""
@@ -35,7 +39,7 @@ def faults_page(
     )
     parts = ["# Faults of a virtual rig\n", about]
     if runs:
-        parts += [_judged(runs, judged), _all(runs, faults), _matrix(runs)]
+        parts += [_judged(runs, judged), _by_duty(runs), _all(runs, faults), _matrix(runs)]
     return "\n".join([*parts, _healthy(lines, runs, hours)])
 
 
@@ -90,6 +94,21 @@ def _judged(runs: Sequence[Line], judged: Mapping[str, float]) -> str:
     head = ("fault", "runs", "within, s", "found, %", "by the diagnosis, %", "by the monitor, %",
             "of those that it found named or tied, %", "named")  # fmt: skip
     return "## The faults that must be found\n\n" + table(head, rows)
+
+
+def _by_duty(runs: Sequence[Line]) -> str:
+    """What the duty of the cell has to do with it."""
+    own = [one for one in runs if one["fault"] == "contact" and one["size"] == 1.5]
+    rows = []
+    for low, high in itertools.pairwise(DUTIES):
+        here = [one for one in own if low <= one["duty"] < high]
+        soon = sum(_delay(one, "both") <= 120.0 for one in here)
+        rows.append((f"{low:g} to {min(high, 1):g}", len(here), soon))
+    return (
+        "A contact of 1.5 times the resistance, by the mean duty of its cell in the 120 s after "
+        "the onset: what a contact does is proportional to the heat that it passes.\n\n"
+        + table(("duty", "runs", "found within 120 s"), rows)
+    )
 
 
 def _all(runs: Sequence[Line], faults: Mapping[str, Any]) -> str:

@@ -74,12 +74,7 @@ def hour(
     twin = kalman.model.twin.with_values(values)
     rig, cells = twin.rig, len(twin.rig.driven)
     last = LASTS if fault is None else fault.lasts
-    onset = LENGTH - last + int(random.integers(40))
-    switches = np.cumsum(random.uniform(60, 200, LENGTH // 60 + 10)).astype(int)
-    levels = random.uniform(0.1, 1.0, (len(switches) + 1, cells))
-    # The fault is simulated for the same time whenever it begins, so that programs are shared.
-    duty = levels[np.searchsorted(switches, np.arange(LENGTH + last), side="right")]
-    duty[: int(random.uniform(0, 60))] = 0.0
+    onset, duty = plan_of(random, last, cells)
     stepper = jt.Stepper(twin, 1.0)
     room = float(stepper.ambient) + random.normal(0, 1.0)
     with own_settings():
@@ -99,6 +94,20 @@ def hour(
         time, duty[: len(clean)], channels=twin.channels, temperatures=readings, name=str(seed)
     )
     return recorded, onset
+
+
+def plan_of(
+    random: np.random.Generator, last: int, cells: int
+) -> tuple[int, Float[np.ndarray, "times cells"]]:
+    """When a fault begins that lasts so long, s, and a duty that changes every one to three
+    minutes."""
+    onset = LENGTH - last + int(random.integers(40))
+    switches = np.cumsum(random.uniform(60, 200, LENGTH // 60 + 10)).astype(int)
+    levels = random.uniform(0.1, 1.0, (len(switches) + 1, cells))
+    # The fault is simulated for the same time whenever it begins, so that programs are shared.
+    duty = levels[np.searchsorted(switches, np.arange(LENGTH + last), side="right")]
+    duty[: int(random.uniform(0, 60))] = 0.0
+    return onset, duty
 
 
 def _errors(

@@ -77,13 +77,15 @@ LONGER = {"supply": 490}
 """How long some faults last, s."""
 MORE = 8
 """How many runs a judged fault has where another has one."""
-LEVELS = {
-    "reading": 0.0611, "reading_time": 0.107, "heat": 0.324, "command_time": 0.296,
-    "disturbance": 0.299, "disturbance_time": 58.8, "room": 0.003, "twin": 1.0,
-    "twin_time": 3410.0, "slow": 0.05, "slow_time": 3600.0, "common": 0.307, "common_time": 41.9,
-    "jump": 1.0, "channel": 0.22, "channel_time": 170.0, "ambient": 0.2,
-}  # fmt: skip
+NOISE = ProcessNoise(
+    reading=0.0611, reading_time=0.107, heat=0.324, command_time=0.296, disturbance=0.299,
+    disturbance_time=58.8, room=0.003, twin=1.0, twin_time=3410.0, slow=0.05, slow_time=3600.0,
+    common=0.307, common_time=41.9, jump=1.0, channel=0.22, channel_time=170.0, ambient=0.2,
+)  # fmt: skip
 """The noise of `dual-cell` in the results of the observer."""
+SOON = 120
+"""The mean duty of the first cell, at which the faults of cells are, is that of so many seconds
+after the onset."""
 EARLY = 60.0
 """A cause is that of the fault if it begins no more than this before it, s."""
 CALIBRATED, HEALTHY, FAULTY, DIAGNOSED = 100_000, 200_000, 300_000, 400_000
@@ -155,9 +157,7 @@ class Watch:
         if not saved.exists():
             jt.match(jt.Twin("dual-cell"), halves).save(saved)
         fit = jt.Fit.load(saved, experiments=halves)
-        self.kalman: ExtendedKalmanFilter = filter_for(
-            fit, template(fit.mean_twin), ProcessNoise(**LEVELS)
-        )
+        self.kalman: ExtendedKalmanFilter = filter_for(fit, template(fit.mean_twin), NOISE)
         self._thresholds = kept / "virtual-calibration.toml"
 
     @cached_property
@@ -200,6 +200,7 @@ class Watch:
         before = [one for one in found.causes if one.onset <= onset - EARLY]
         return {
             "model": case.model, "part": case.part, "size": case.size, "seed": seed, "onset": onset,
+            "duty": round(float(observed.experiment.duty[onset : onset + SOON, 0].mean()), 3),
             "monitor_s": min((at - onset for at in times if at >= onset), default=None),
             "kinds": sorted({one.kind for one in alarms if (one.found or 0.0) >= onset}),
             "false_alarms": sum(at < onset for at in times),

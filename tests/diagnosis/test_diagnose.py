@@ -96,6 +96,17 @@ def test_two_faults_at_once_leave_more_than_noise(later: int):
 
 
 @pytest.mark.slow
+def test_two_weak_faults_at_once_are_called_one_of_them():
+    """What is left of the second is not more than noise: the page says so."""
+    duty, readings = clean()
+    readings = readings + np.random.default_rng(3).normal(0.0, SIZE, readings.shape)
+    readings[ONSET:] = 23 + np.array([0.95, 0.97]) * (readings[ONSET:] - 23)
+    (cause,) = jt.diagnose(bench(), with_readings(readings, duty)).causes
+    assert cause.name == "gain T1"
+    assert not cause.is_partial
+
+
+@pytest.mark.slow
 def test_a_fault_of_ones_own_is_a_function():
     own = FAULT_MODELS["gain"](bench(), "T1", 0.9)
     diagnosis = jt.diagnose(bench(), recording("gain", "T1", 0.8), {"dust on T1": own})
