@@ -167,6 +167,8 @@ def _healthy(lines: Sequence[Line], runs: Sequence[Line], hours: Sequence[Line])
     causes = sum(len(one["false_causes"]) for one in runs)
     whole = [one for one in lines if "diagnosed" in one]
     wrong = sum(len(one["causes"]) for one in whole)
+    others = [one for one in lines if "other" in one]
+    alarmed, called = (sum(bool(one[key]) for one in others) for key in ("alarms", "causes"))
     early = sum(one["false_alarms"] for one in runs)
     return (
         "## A healthy rig\n\n"
@@ -184,6 +186,10 @@ def _healthy(lines: Sequence[Line], runs: Sequence[Line], hours: Sequence[Line])
             for batch in hours
             for one in batch["alarms"]
         )
+        + f"\n\nOf {len(others)} healthy hours of rigs from the whole posterior of the match, "
+        "which leaves contacts open by a factor of two to four, the monitor has an alarm in "
+        f"{alarmed}, and the diagnosis a cause in {called}: to this twin they are other rigs, and "
+        "need a match of their own.\n"
     )
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
+from jaxtwin.matching import posterior_draws
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, Observed
 from jaxtwin.observers._filter_run import Samples, filtered, samples_of, started
 from jaxtwin.observers._start import first_reading
@@ -64,6 +65,11 @@ def values_of_filter(kalman: ExtendedKalmanFilter, seed: int) -> dict[str, float
         amounts = np.clip(random.normal(size=directions.count), -LARGEST, LARGEST)
         amounts = amounts * directions.spreads(kalman.model.noise)
         return {name: float(one) for name, one in directions.changed(jnp.asarray(amounts)).items()}
+
+
+def values_of_posterior(fit: jt.Fit, seed: int) -> dict[str, float]:
+    """Values of a rig from the whole posterior of the match."""
+    return {name: float(one[0]) for name, one in posterior_draws(fit, 1, seed=seed).items()}
 
 
 def hour(
