@@ -26,7 +26,7 @@ def confusion_of(page: str) -> tuple[list[str], dict[str, list[int]]]:
     table = [
         [cell.strip() for cell in line.strip("|").split("|")]
         for line in lines[: lines.index("")]
-        if not line.startswith("|---")
+        if set(line) - set("|-: ")
     ]
     (_, *columns), *rows = table
     return columns, {name: [int(cell or 0) for cell in cells] for name, *cells in rows}
