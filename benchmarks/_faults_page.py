@@ -177,6 +177,12 @@ def _healthy(lines: Sequence[Line], runs: Sequence[Line], hours: Sequence[Line])
             [
                 ("monitor, healthy hours", f"{total:.0f}", alarms, poisson(alarms, total)),
                 ("monitor, before a fault", f"{before:.0f}", early, poisson(early, before)),
+                (
+                    "monitor, together",
+                    f"{total + before:.0f}",
+                    alarms + early,
+                    poisson(alarms + early, total + before),
+                ),
                 ("diagnosis, whole hours", len(whole), wrong, poisson(wrong, len(whole))),
                 ("diagnosis, before a fault", f"{watched:.0f}", causes, poisson(causes, watched)),
             ],
@@ -186,10 +192,9 @@ def _healthy(lines: Sequence[Line], runs: Sequence[Line], hours: Sequence[Line])
             for batch in hours
             for one in batch["alarms"]
         )
-        + f"\n\nOf {len(others)} healthy hours of rigs from the whole posterior of the match, "
-        "which leaves contacts open by a factor of two to four, the monitor has an alarm in "
-        f"{alarmed}, and the diagnosis a cause in {called}: to this twin they are other rigs, and "
-        "need a match of their own.\n"
+        + "\n\nHealthy hours of rigs from the whole posterior of the match, which leaves contacts "
+        f"open by a factor of two to four: {len(others)}; with an alarm of the monitor {alarmed}, "
+        f"with a cause {called}. To this twin they are other rigs, and need a match of their own.\n"
     )
 
 
