@@ -39,7 +39,7 @@ def faults_page(
     )
     parts = ["# Faults of a virtual rig\n", about]
     if runs:
-        parts += [_judged(runs, judged), _by_duty(runs), _all(runs, faults), _matrix(runs)]
+        parts += [_judged(runs, judged), _by_duty(runs), _all(runs, faults), _matrix(runs, faults)]
     return "\n".join([*parts, _healthy(lines, runs, hours)])
 
 
@@ -144,7 +144,8 @@ def _all(runs: Sequence[Line], faults: Mapping[str, Any]) -> str:
     )
 
 
-def _matrix(runs: Sequence[Line]) -> str:
+def _matrix(runs: Sequence[Line], faults: Mapping[str, Any]) -> str:
+    runs = sorted(runs, key=lambda one: list(faults).index(one["fault"]))
     rows: dict[str, Counter[str]] = {}
     for one in runs:
         said = "healthy" if one["cause"] is None else one["cause"]["name"]
