@@ -1,4 +1,4 @@
-"""Draws the confusion matrix of `benchmarks.diagnosis` from its page of results.
+"""Draws the confusion matrix of `benchmarks.faults` from its page of results.
 
 A row is a fault of the virtual rig, a column what the diagnosis called it; rows are of all sizes.
 
@@ -16,7 +16,7 @@ HEADING = "What the likeliest explanation was"
 
 
 def main() -> None:
-    columns, rows = confusion_of((RESULTS / "diagnosis.md").read_text(encoding="utf-8"))
+    columns, rows = confusion_of((RESULTS / "faults.md").read_text(encoding="utf-8"))
     (RESULTS / "confusion.png").write_bytes(confusion_picture(columns, rows))
 
 
@@ -26,7 +26,7 @@ def confusion_of(page: str) -> tuple[list[str], dict[str, list[int]]]:
     table = [
         [cell.strip() for cell in line.strip("|").split("|")]
         for line in lines[: lines.index("")]
-        if not line.startswith("|---")
+        if set(line) - set("|-: ")
     ]
     (_, *columns), *rows = table
     return columns, {name: [int(cell or 0) for cell in cells] for name, *cells in rows}

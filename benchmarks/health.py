@@ -12,11 +12,16 @@ Management 1 (2010)), which ProgPy has:
 - cumulative relative accuracy: the mean over predictions of 1 - |predicted - true| / true remaining
   life, with the median as prediction.
 
-    python -m benchmarks.health [--rigs 20]
+With a folder of recordings the sessions 1 to 6 and 15 of the single cell are looked at as well:
+`R_E`, `R_ph` and the Seebeck coefficient of each by itself, with the other values of a match to the
+first four.
+
+    python -m benchmarks.health [FOLDER_WITH_RECORDINGS] [--rigs 20]
 """
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -49,12 +54,27 @@ ALPHA, BETA = 0.2, 0.5
 
 DRAWS = 20_000
 
+MATCHED, LOOKED_AT = (1, 2, 3, 4), (1, 2, 3, 4, 5, 6, 15)
+"""The sessions of the single cell of the match, and those that are looked at."""
+
+FREE = ("R_E", "R_ph", "alpha")
+"""What is free in a match of one of its sessions, beside room and start."""
+
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("folder", type=Path, nargs="?")
     arguments.add_argument("--rigs", type=int, default=20)
-    rigs = arguments.parse_args().rigs
+    given = arguments.parse_args()
     print("# Health\n")
+    if given.rigs:
+        ageing(given.rigs)
+    if given.folder is not None:
+        single_cell(given.folder / "single-cell")
+
+
+def ageing(rigs: int) -> None:
+    """Rigs whose second heater loses power."""
     print(
         f"{rigs} rigs `tclab`, {SESSIONS} sessions of 15 minutes, one every {EVERY:g} days. The "
         f"power of the second heater falls by {100 * LOSS:g} % in a day, with {100 * BETWEEN:g} % "
@@ -72,6 +92,29 @@ def main() -> None:
         print(f"| {name} | {' | '.join(column[name] for column in table.values())} |")
     for label, each in found.items():
         reliability(label, each)
+
+
+def single_cell(folder: Path) -> None:
+    """The sessions of the single cell."""
+    sessions = {
+        number: jt.read_recording(folder / f"BMData{number}_022722.mat") for number in LOOKED_AT
+    }
+    reference = jt.match(jt.Twin("single-cell"), [sessions[number] for number in MATCHED])
+    of_recording = [name for name, row in reference.parameters.items() if row.scope == "recording"]
+    free = [*FREE, *of_recording]
+    fits = {str(number): jt.match(reference, one, free=free) for number, one in sessions.items()}
+    found = jt.health(fits)
+    print("\n## The single cell\n")
+    print(f"| parameter | {' | '.join(f'session {one}' for one in LOOKED_AT)} | error, % | p-value "
+          "of a trend | the last one off the trend of the others, standard errors |")  # fmt: skip
+    print(f"|{'---|' * (len(LOOKED_AT) + 4)}")
+    for name in FREE:
+        row = found[name]
+        values = " | ".join(f"{one:.3g}" for one in row.values)
+        print(
+            f"| {name} | {values} | {100 * np.median(row.errors):.2g} | {row.p_value:.2g} | "
+            f"{abs(row.last_distance):.1f} |"
+        )
 
 
 def measures(found: Sequence[Sequence[Health]]) -> dict[str, str]:

@@ -1,26 +1,24 @@
-"""Does a monitor find faults, and how often does it raise false alarms?
+"""What does a monitor find in recordings, and do its thresholds hold?
 
 - Textbook thresholds: how often a cumulative sum with h = 5 alarms, on normal innovations and on
   real ones.
 - Extrapolation: from ten hours of independent innovations with heavy tails to what is passed once
   in 12 days, which is then counted in 44 days.
 - `single-cell`: matched, noise and thresholds from the sessions 1 to 4; then the others.
-- `dual-cell`, virtual: the match to the first halves of the three steps, and twins drawn in the six
-  directions in which it is uncertain, 15 channels with errors of their own, noise and corrections
-  of the camera, another room, a random duty, a fault after 15 minutes; and healthy runs. Thresholds
-  come from other healthy runs of the same kind.
-- The same rig, recorded: thresholds from the first halves; then the whole steps, and another day.
+- `dual-cell`: match, noise and thresholds from the first halves of the three steps; then the whole
+  steps, and another day.
 - A heated box (`incubator/`), whose lid was opened twice in one of three recordings, if `--box`
   names its rig file.
 - The time of a step.
 
-    python -m benchmarks.monitor FOLDER_WITH_RECORDINGS [--runs 20] [--hours 30] [--box box.toml]
+`benchmarks.faults` has faults and false alarms of a virtual rig.
+
+    python -m benchmarks.monitor FOLDER_WITH_RECORDINGS [--box box.toml]
 """
 
 import argparse
 import time
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -30,39 +28,16 @@ import jaxtwin as jt
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.live import Finding
-from jaxtwin.monitoring import Monitor, MonitorCalibration, Seen
-from jaxtwin.monitoring._calibrate import calibration_of_recordings
+from jaxtwin.monitoring import Seen
 from jaxtwin.monitoring._evidence import seen
 from jaxtwin.monitoring._finding_log import FindingLog
 from jaxtwin.monitoring._innovation_tests import InnovationState, InnovationTests
 from jaxtwin.monitoring._monitored import Monitored
-from jaxtwin.monitoring._response import Response, response_of
-from jaxtwin.monitoring._run import evidences_of
 from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
 from jaxtwin.monitoring._tails import block_maxima, tail_of
-from jaxtwin.monitoring._thresholds import DAY
-from jaxtwin.observers import ExtendedKalmanFilter
-from jaxtwin.observers._filter_run import filtered, samples_of, started
-from jaxtwin.observers._observe import filter_for
-from jaxtwin.observers._start import first_reading
-from jaxtwin.physics import FAULT_MODELS
-from jaxtwin.physics._recalibrations import Recalibrations
 
 MATCHED = (1, 2, 3, 4)
 STEPS = tuple(f"peltierMIMOStepSec{zone}.mat" for zone in "ABC")
-ONSET, LENGTH = 900, 1300
-"""When a fault begins, and how long a run is, s."""
-SOON = 120.0
-"""A fault should be found within this time, s."""
-FAULTS = (
-    ("contact +50 %", "loosen", "P1", 1.5),
-    ("contact +20 %", "loosen", "P1", 1.2),
-    ("dead cell", "fail", "P1", 1.0),
-    ("gain -5 %", "gain", "T12", 0.95),
-    ("gain -2 %", "gain", "T12", 0.98),
-    ("supply -10 %", "weaken", "supply", 0.9),
-)
-"""Name, model, part and size of the faults."""
 RUN_LENGTHS = (3.0, 4.0, 5.0, 6.0, 8.0)
 """The thresholds of the table of textbook sums."""
 
@@ -70,8 +45,6 @@ RUN_LENGTHS = (3.0, 4.0, 5.0, 6.0, 8.0)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--runs", type=int, default=20, help="runs of each fault")
-    parser.add_argument("--hours", type=float, default=30.0, help="healthy hours")
     parser.add_argument("--fits", type=Path, help="a folder that keeps fits and noise")
     parser.add_argument("--box", type=Path, help="the rig file of the heated box")
     given = parser.parse_args()
@@ -82,8 +55,7 @@ def main() -> None:
     single(given.folder, given.fits)
     if given.box is not None:
         box(given.folder / "incubator", given.box, given.fits)
-    fit, noise = double(given.folder, given.fits)
-    virtual(fit, noise, given.runs, given.hours)
+    speed(double(given.folder, given.fits))
 
 
 def extrapolation() -> None:
@@ -163,15 +135,14 @@ def box(folder: Path, rig_file: Path, kept: Path | None) -> None:
     recorded(fit, noise, known, recordings)
 
 
-def double(folder: Path, kept: Path | None) -> tuple[jt.Fit, jt.ProcessNoise]:
-    """The recordings of the two-cell rig; the match to their first halves, and its noise."""
+def double(folder: Path, kept: Path | None) -> Monitored:
+    """The recordings of the two-cell rig; what was found in the last of them."""
     steps = {name: jt.read_recording(folder / name) for name in STEPS}
     halves = [one.between(0, one.duration / 2) for one in steps.values()]
     fit, noise = fitted("dual-cell", halves, (), kept)
     day = jt.read_recording(folder / "other-day" / "peltierMIMOSecA1.mat")
     print("\n## The two-cell rig\n")
-    recorded(fit, noise, halves, {**steps, "another day": day})
-    return fit, noise
+    return recorded(fit, noise, halves, {**steps, "another day": day})
 
 
 def recorded(
@@ -179,8 +150,8 @@ def recorded(
     noise: jt.ProcessNoise,
     known: Sequence[jt.Experiment],
     judged: Mapping[str, jt.Experiment],
-) -> None:
-    """What is found in recordings with thresholds from those that are known."""
+) -> Monitored:
+    """What is found in recordings with thresholds from those that are known; that of the last."""
     calibration = jt.calibrate_monitor(fit, known, noise)
     print("| recording | thresholds know it | alarms | findings |\n|---|---|---|---|")
     found = None
@@ -189,8 +160,9 @@ def recorded(
         is_known = "yes" if one.fingerprint in [each.fingerprint for each in known] else "no"
         texts = "; ".join(text(finding) for finding in found.findings) or "none"
         print(f"| {name} | {is_known} | {len(found.alarms)} | {texts} |", flush=True)
-    if found is not None:
-        print(f"\n{thresholds(found)}")
+    assert found is not None
+    print(f"\n{thresholds(found)}")
+    return found
 
 
 def textbook(series: Sequence[np.ndarray]) -> None:
@@ -223,132 +195,6 @@ def thresholds(found: Monitored) -> str:
         )
         lines.append(f"| {name} | {row.threshold:.1f} | {row.source} | {row.hours:.0f} | {span} |")
     return "\n".join(lines)
-
-
-def virtual(fit: jt.Fit, noise: jt.ProcessNoise, runs: int, hours: float) -> None:
-    """Faults of the virtual two-cell rig."""
-    kalman = filter_for(fit, template(fit.mean_twin), noise)
-    count = int(np.ceil(hours * 3600 / LENGTH))
-    made = partial(recording, kalman)
-    healthy = [follow(kalman, made(None, seed)) for seed in range(count)]
-    calibration = calibration_of_recordings(healthy)
-    judged = partial(judge, kalman, calibration, response_of(kalman))
-    alarmed = [judged(made(None, 10_000 + n)) for n in range(count)]
-    wrong = sum(bool(one.alarms) for one in alarmed)
-    print("\n## The virtual two-cell rig\n")
-    print(
-        f"{count * LENGTH / 3600:.1f} healthy hours, other twins than those of the thresholds: "
-        f"{wrong} of {count} runs with an alarm.\n"
-    )
-    print("| fault | found | within 120 s | median delay, s | kinds |\n|---|---|---|---|---|")
-    for number, (name, model, part, size) in enumerate(FAULTS):
-        found = [judged(made((model, part, size), 20_000 + runs * number + n)) for n in range(runs)]
-        delays = np.array([delay(one) for one in found])
-        kinds = sorted({one.kind for each in found for one in each.alarms})
-        print(
-            f"| {name} | {100 * np.isfinite(delays).mean():.0f} % | "
-            f"{100 * (delays <= SOON).mean():.0f} % | {np.median(delays):.0f} | "
-            f"{', '.join(kinds)} |",
-            flush=True,
-        )
-    print(f"\n{thresholds(alarmed[-1])}")
-    speed(alarmed[-1])
-
-
-def delay(found: Monitored) -> float:
-    """The time from the onset of the fault to the first alarm after it, s; infinite for none."""
-    times = [one.found for one in found.alarms if one.found is not None]
-    return min((at - ONSET for at in times if at >= ONSET), default=np.inf)
-
-
-def template(twin: jt.Twin) -> jt.Experiment:
-    """A recording for which a filter is made."""
-    times, cells = np.arange(LENGTH + 1.0), len(twin.rig.driven)
-    duty = np.repeat([[0.3], [0.8], [0.5]], len(times) // 3 + 1, axis=0)[: len(times)]
-    return jt.simulate(
-        twin, jt.Experiment(times, np.tile(duty, cells), channels=twin.channels)
-    ).to_recording(noise=0.05)
-
-
-def recording(
-    kalman: ExtendedKalmanFilter, fault: tuple[str, str, float] | None, seed: int
-) -> jt.Experiment:
-    """A run of a rig that differs from the twin as the filter takes it to."""
-    random = np.random.default_rng(seed)
-    model, noise = kalman.model, kalman.model.noise
-    directions, level = model.directions, noise.levels()
-    assert directions is not None
-    with own_settings():
-        amounts = np.clip(random.normal(size=directions.count), -2.5, 2.5)
-        amounts = amounts * directions.spreads(noise)
-        values = {
-            name: float(one) for name, one in directions.changed(jax.numpy.asarray(amounts)).items()
-        }
-    twin = model.twin.with_values(values)
-    rig, cells = twin.rig, len(twin.rig.driven)
-    switches = np.cumsum(random.uniform(60, 200, 40)).astype(int)
-    levels = random.uniform(0.1, 1.0, (41, cells))
-    duty = levels[np.searchsorted(switches, np.arange(LENGTH + 1), side="right")]
-    duty[: int(random.uniform(0, 60))] = 0.0
-    stepper = jt.Stepper(twin, 1.0)
-    room = float(stepper.ambient) + random.normal(0, 1.0)
-    with own_settings():
-        state = stepper.start(room)
-        state, before = _path(stepper, state, duty[:ONSET], room)
-        if fault is not None:
-            name, part, size = fault
-            change = FAULT_MODELS[name](twin, part, size)
-            stepper = jt.Stepper(change(stepper.system), 1.0)
-        _, after = _path(stepper, state, duty[ONSET:-1], room)
-        start = np.asarray(stepper.channels(stepper.start(room), room))
-    clean = np.concatenate([start[None], before, after])
-    camera = Recalibrations(164.0, seed, rig.common_error)
-    offsets = np.empty(len(clean))
-    for at in range(len(clean)):
-        camera.advance(float(at))
-        offsets[at] = camera.offset(float(at))
-    own = np.empty_like(clean)
-    own[0] = random.normal(0, level["channel"], clean.shape[1])
-    memory = np.exp(-1 / level["channel_time"])
-    for at in range(1, len(own)):
-        fresh = random.normal(0, level["channel"], clean.shape[1])
-        own[at] = memory * own[at - 1] + np.sqrt(1 - memory**2) * fresh
-    white = random.normal(0, level["reading"], clean.shape)
-    readings = clean + offsets[:, None] + own + white
-    time = np.arange(len(clean), dtype=float)
-    return jt.Experiment(time, duty, channels=twin.channels, temperatures=readings, name=str(seed))
-
-
-@jax.jit
-def _path(
-    stepper: jt.Stepper, state: jt.StepperState, duty: np.ndarray, room: float
-) -> tuple[jt.StepperState, jax.Array]:
-    def take(now: jt.StepperState, command: jax.Array) -> tuple[jt.StepperState, jax.Array]:
-        after = stepper.step(now, command, room)
-        return after, stepper.channels(after, room)
-
-    return jax.lax.scan(take, state, jax.numpy.asarray(duty))
-
-
-def follow(kalman: ExtendedKalmanFilter, experiment: jt.Experiment) -> jt.Observed:
-    """Follows a recording with a filter that is there already."""
-    samples, is_sample = samples_of(kalman, experiment)
-    with own_settings():
-        first = np.asarray(first_reading(experiment))
-        start = started(kalman, first, np.zeros_like(samples.duty[0]))
-        return jt.Observed(experiment, kalman, samples, is_sample, filtered(kalman, start, samples))
-
-
-def judge(
-    kalman: ExtendedKalmanFilter,
-    calibration: MonitorCalibration,
-    response: Response,
-    experiment: jt.Experiment,
-) -> Monitored:
-    """Monitors a recording with a filter that is there already."""
-    observed = follow(kalman, experiment)
-    monitor = Monitor(kalman, calibration, response, 30 * DAY)
-    return Monitored(observed, monitor, calibration, 30 * DAY, evidences_of(monitor, observed))
 
 
 def speed(found: Monitored) -> None:

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from faulty_runs import ONSET, bench, clean, recording, with_readings
+from faulty_runs import ONSET, SIZE, bench, clean, recording, with_readings
 
 import jaxtwin as jt
 from jaxtwin._errors import ObserverError
@@ -49,6 +49,7 @@ def test_a_fault_is_named_with_its_size_and_onset_in_their_bands(
     assert ONSET < cause.found <= ONSET + 2 * within
     assert cause.probability > 0.5
     assert cause.until is None
+    assert not cause.is_partial
 
 
 @pytest.mark.slow
@@ -79,6 +80,30 @@ def test_none_of_these_is_an_answer():
     diagnosis = jt.diagnose(bench(), recording("gain", "T1", 0.8), ["leak H2", "age H2"])
     assert diagnosis.causes[0].name == "none of these"
     assert np.isnan(diagnosis.causes[0].size)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("later", [0, 150])
+def test_two_faults_at_once_leave_more_than_noise(later: int):
+    """No suspect is two of them: the likeliest one is said to explain a part."""
+    duty, readings = clean("fail", "H1", 0.5)
+    readings = readings + np.random.default_rng(3).normal(0.0, SIZE, readings.shape)
+    readings[ONSET + later :, 1] *= 0.8
+    diagnosis = jt.diagnose(bench(), with_readings(readings, duty))
+    assert any(cause.is_partial for cause in diagnosis.causes)
+    assert "explains a part" in diagnosis.summary()
+    assert max(cause["misfit"] for cause in diagnosis.to_dict()["causes"]) > 1.25
+
+
+@pytest.mark.slow
+def test_two_weak_faults_at_once_are_called_one_of_them():
+    """What is left of the second is not more than noise: the page says so."""
+    duty, readings = clean()
+    readings = readings + np.random.default_rng(3).normal(0.0, SIZE, readings.shape)
+    readings[ONSET:] = 23 + np.array([0.95, 0.97]) * (readings[ONSET:] - 23)
+    (cause,) = jt.diagnose(bench(), with_readings(readings, duty)).causes
+    assert cause.name == "gain T1"
+    assert not cause.is_partial
 
 
 @pytest.mark.slow

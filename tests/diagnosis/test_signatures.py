@@ -14,7 +14,14 @@ from jaxtwin._jax_settings import own_settings
 from jaxtwin.diagnosis import Suspect, suspects
 from jaxtwin.diagnosis._causes import diagnosed
 from jaxtwin.diagnosis._diagnose import learned
-from jaxtwin.diagnosis._likelihood_ratio import signature
+from jaxtwin.diagnosis._likelihood_ratio import (
+    CANDIDATES,
+    Candidates,
+    _replaced,
+    judged,
+    log_ratios,
+    signature,
+)
 from jaxtwin.diagnosis._recorded import inputs_of
 from jaxtwin.diagnosis._signatures import suspected
 from jaxtwin.physics import FAULT_MODELS
@@ -157,3 +164,51 @@ def test_the_usual_suspects_are_models_of_faults():
     assert {"loosen P1", "age P2", "fade P1", "weaken P1", "weaken supply", "block P2"} < set(names)
     assert "swap T1+T2" in suspects(bench())
     assert "gain T2" not in suspects(bench(), ["T1"])
+
+
+def test_the_band_of_an_onset_is_the_shortest_set_of_95_percent():
+    """That of onsets sorted by their weights, where each stands for one sample."""
+    random = np.random.default_rng(0)
+    several = [Suspect(name, None) for name in ("a", "b", "c")]
+    faults, channels = len(several), 2
+    with own_settings():
+        score = random.normal(0, 4, (CANDIDATES, faults))
+        none = Candidates.none(5, faults, channels)
+        onset, sums = jnp.arange(CANDIDATES), random.normal(size=(CANDIDATES, channels))
+        several_onsets = Candidates(
+            onset, none.error, jnp.asarray(score), jnp.ones_like(none.score) * 9.0,
+            jnp.asarray(sums), jnp.ones_like(none.counts), none.held,
+        )  # fmt: skip
+        prior = learned(several, [])
+        said = jax.tree.map(np.asarray, jax.jit(judged)(prior, several_onsets))
+        weights = np.exp(np.asarray(jax.jit(log_ratios)(prior, several_onsets)))
+    for fault in range(faults + 1):
+        shares = weights[:, fault] / weights[:, fault].sum()
+        order = np.argsort(-shares)
+        inside = order[: 1 + np.searchsorted(shares[order].cumsum(), 0.95)]
+        assert said.earliest[fault] == inside.min()
+        assert said.latest[fault] == inside.max()
+        assert said.onset[fault] == order[0]
+
+
+def test_an_onset_that_shows_nothing_for_long_makes_room_first():
+    """Of onsets that say the same, the one that stands for most samples is kept but for that."""
+    faults, channels, patience = 3, 2, 600.0
+    with own_settings():
+        none = Candidates.none(5, faults, channels)
+        onset = jnp.arange(CANDIDATES).at[:2].set(jnp.array([-950, -900]) + CANDIDATES)
+        several_onsets = Candidates(
+            onset + 1000, none.error, none.score + 1.0, none.information + 1.0, none.sums,
+            none.counts, none.held,
+        )  # fmt: skip
+        prior = learned([Suspect(name, None) for name in ("a", "b", "c")], [])
+        place = jax.jit(_replaced)
+        number, by_age = jnp.asarray(1000 + CANDIDATES), jnp.asarray(False)
+
+        def goes(patience: float, enough: float) -> int:
+            own = prior._replace(patience=np.asarray(patience), enough=np.asarray(enough))
+            return int(place(own, several_onsets, number, by_age))
+
+        assert goes(patience, 20.0) == 0
+        assert goes(patience, -20.0) > 1
+        assert goes(2000.0, 20.0) > 1

@@ -25,6 +25,9 @@ EVERY = 30 * DAY
 SURE = math.log(19.0)
 """Logarithm of the odds from which on something has changed: 95 %."""
 
+PATIENCE = 600.0
+"""A fault has to show itself within this time, s."""
+
 OVER = 10.0
 """A fault is over when so much of the logarithm of its odds is lost, and a tenth of it."""
 
@@ -54,6 +57,7 @@ def diagnosed(
     start = int(np.searchsorted(time, time[0] + SETTLE))
     step = float(np.median(np.diff(observed.time)))
     rate = math.log(step / EVERY / (len(several) + 1))
+    prior = prior._replace(patience=np.asarray(PATIENCE / step), enough=np.asarray(-rate))
     answers = np.zeros((len(time), len(several) + 2))
     answers[:, -1] = 1.0
     causes: list[Cause] = []
@@ -143,7 +147,7 @@ def _cause(
     is_sure = np.logaddexp.reduce(logs[begin : span.best + 1], axis=1) > SURE
     found = begin + int(is_sure.argmax()) if is_sure.any() else span.found
     until = float(time[alive.first + alive.evidence.shape[1] - 1]) if span.is_over else None
-    return Cause(tuple(order), float(time[found]), until)
+    return Cause(tuple(order), float(time[found]), until, alive.excess)
 
 
 def _onset(

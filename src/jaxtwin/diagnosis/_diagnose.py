@@ -1,5 +1,6 @@
 """Diagnoses a recording: the observer runs once, and what explains its innovations is named."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -77,6 +78,8 @@ def learned(several: Sequence[Suspect], healthy: Sequence[Observed]) -> Prior:
         np.full(len(several), SPREAD),
         np.array([one.is_one_sided for one in several]),
         np.ones(len(several) + 1),
+        np.asarray(math.inf),
+        np.asarray(math.inf),
     )
     squares, counts = np.zeros(len(several) + 1), np.zeros(len(several) + 1)
     for one in healthy:

@@ -70,6 +70,10 @@ class Explanation(NamedTuple):
         )
 
 
+PARTIAL = 1.25
+"""The misfit above which a suspect explains a change only in part."""
+
+
 @final
 @dataclass(frozen=True)
 class Cause:
@@ -78,11 +82,14 @@ class Cause:
     - `explanations`: the faults that may explain it, the likeliest first.
     - `found`: when it was more likely than not to 95 % that something had changed, s. `until`: when
       it was over, s; None if it was there at the end.
+    - `misfit`: the mean square of the innovations that the best suspect leaves, as a multiple of
+      that in healthy recordings, 1 at least. It is 1 if the suspect explains all.
     """
 
     explanations: tuple[Explanation, ...]
     found: float
     until: float | None
+    misfit: float
 
     @property
     def best(self) -> Explanation:
@@ -108,6 +115,12 @@ class Cause:
     def probability(self) -> float:
         """Its probability."""
         return self.best.probability
+
+    @property
+    def is_partial(self) -> bool:
+        """Whether the best suspect leaves more than noise: two faults at once, or one that is none
+        of the suspects and resembles it."""
+        return self.misfit > PARTIAL
 
     @property
     def tie(self) -> tuple[str, ...]:
@@ -161,6 +174,8 @@ class Diagnosis:
         for cause in self.causes:
             until = "" if cause.until is None else f", over at {cause.until:.0f} s"
             lines.append(f"  {cause.best.text}, found at {cause.found:.0f} s{until}")
+            if cause.is_partial and cause.name != OTHER:
+                lines.append(f"    it explains a part: {cause.misfit:.2g} times the noise is left")
             lines += [
                 f"    or {one.text}" for one in cause.explanations[1:] if one.name in cause.tie
             ]
@@ -194,6 +209,7 @@ class Diagnosis:
                 {
                     "found_s": cause.found,
                     "until_s": cause.until,
+                    "misfit": cause.misfit,
                     "tie": list(cause.tie),
                     "explanations": [_plain(one) for one in cause.explanations],
                 }
@@ -225,7 +241,13 @@ class Diagnosis:
         if not self.causes:
             return [{"cause": 0, "name": HEALTHY, "probability": float(self.probabilities[-1, -1])}]
         return [
-            {"cause": number, **one._asdict(), "found": cause.found, "until": cause.until}
+            {
+                "cause": number,
+                **one._asdict(),
+                "found": cause.found,
+                "until": cause.until,
+                "misfit": cause.misfit,
+            }
             for number, cause in enumerate(self.causes)
             for one in cause.explanations
         ]

@@ -15,7 +15,8 @@ the fault is
 $$\frac{D^2 \sigma^2}{2 (1 + C \sigma^2)} - \frac{1}{2} \log(1 + C \sigma^2).$$
 
 Each sample begins a candidate for the onset. Of those that are no longer young only some are kept:
-one goes if it explains little, or if it is close to others in time.
+one goes if it explains little, if it is close to others in time, or if it has not been found for
+long.
 """
 
 from typing import NamedTuple, final
@@ -24,7 +25,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._compilation import persistent_jit
 from ..observers import ExtendedKalmanFilter, KalmanState
@@ -52,11 +53,16 @@ class Prior(NamedTuple):
     - `is_one_sided`: whether it is above 0.
     - `inflation`: the variance of the standardised statistic of each fault in healthy recordings, 1
       if the innovations are as expected; last that of a fault that no model knows.
+    - `patience`: a candidate that is older than so many samples goes, unless the logarithm of one
+      of its ratios is above `enough`. No twin is so exact that hours of innovations may be added
+      up: in the end they show that the rig has other losses than its twin.
     """
 
     spread: Float[np.ndarray | Array, " faults"]
     is_one_sided: Bool[np.ndarray | Array, " faults"]
     inflation: Float[np.ndarray | Array, " faults_and_other"]
+    patience: Float[ArrayLike, ""]
+    enough: Float[ArrayLike, ""]
 
 
 class Judged(NamedTuple):
@@ -84,7 +90,8 @@ class Candidates(eqx.Module):
     """The onsets that are considered.
 
     - `onset`: the number of the first sample, -1 for none.
-    - `error`: $e$. `score`, `information`: $D$ and $C$.
+    - `error`: $e$, in float32, which is enough for what is linear in it and forgotten.
+    - `score`, `information`: $D$ and $C$.
     - `sums`, `counts`: of the whitened innovations of each channel since the onset.
     - `held`: the readings at the onset, K.
     """
@@ -103,8 +110,8 @@ class Candidates(eqx.Module):
         empty = jnp.zeros((CANDIDATES, channels))
         table = jnp.zeros((CANDIDATES, faults))
         return cls(
-            jnp.full(CANDIDATES, -1), jnp.zeros((state, CANDIDATES, faults)), table, table, empty,
-            empty, empty,
+            jnp.full(CANDIDATES, -1), jnp.zeros((state, CANDIDATES, faults), jnp.float32), table,
+            table, empty, empty, empty,
         )  # fmt: skip
 
     def begun(
@@ -156,16 +163,23 @@ def signature(
     added = of_step(
         model, faults, before.mean, before.duty, commands, jnp.asarray(sample.dt), sample.levels
     )
-    size, count, columns = error.shape
-    driven, flat = len(step.driven), error.reshape(size, -1)
-    moved = jnp.concatenate([step.driven @ flat[:driven], step.decay[:, None] * flat[driven:]])
-    moved = (moved.reshape(size, count, columns) + added[:, None]).reshape(size, -1)
     away = jnp.where(used, held - model.read(predicted.mean).mean, 0.0)
     direct = of_readings(model, faults, predicted.mean)
     direct = direct + is_held(faults, len(used)) * away[..., None]  # (candidates channels faults)
-    seen = jnp.einsum("rc,mcf->rmf", whitening_of(kalman, found), direct)
-    seen = found.slope @ moved + seen.reshape(len(found.slope), -1)
-    moved = moved - found.gain @ seen
+    transition, decay, added, slope, gain, whitening, direct = (
+        part.astype(error.dtype)
+        for part in (
+            step.driven, step.decay, added, found.slope, found.gain,
+            whitening_of(kalman, found), direct,
+        )
+    )  # fmt: skip
+    size, count, columns = error.shape
+    driven, flat = len(transition), error.reshape(size, -1)
+    moved = jnp.concatenate([transition @ flat[:driven], decay[:, None] * flat[driven:]])
+    moved = (moved.reshape(size, count, columns) + added[:, None]).reshape(size, -1)
+    seen = jnp.einsum("rc,mcf->rmf", whitening, direct)
+    seen = slope @ moved + seen.reshape(len(slope), -1)
+    moved = moved - gain @ seen
     shape = (count, columns)
     return Signature(moved.reshape(size, *shape), seen.reshape(len(seen), *shape)), found
 
@@ -231,11 +245,12 @@ def judged(prior: Prior, candidates: Candidates) -> Judged:
     best = jnp.argmax(weights, axis=0)
     faults = jnp.arange(each.shape[1] - 1)
     information = jnp.maximum(candidates.information[best[:-1], faults], 1e-300)
-    # The shortest set of candidates of 95 %, from the likeliest on.
-    order = jnp.argsort(-weights, axis=0)
-    shares = jnp.exp(jnp.take_along_axis(weights, order, axis=0) - evidence)
-    is_inside = jnp.cumsum(shares, axis=0) - shares < 0.95
-    onsets = candidates.onset[order]
+    # The shortest set of candidates of 95 %: what is likelier than each of it has less than that.
+    # Sorting them takes longer than all else that is said here.
+    is_likelier = weights[:, None] > weights[None]
+    shares = jnp.exp(weights - evidence)
+    is_inside = jnp.where(is_likelier, shares[:, None], 0.0).sum(axis=0) < 0.95
+    onsets = candidates.onset[:, None]
     return Judged(
         evidence=evidence,
         ratio=each[best, jnp.arange(each.shape[1])],
@@ -263,7 +278,9 @@ def _replaced(
 ) -> Int[Array, ""]:
     """The place of the candidate that goes for the next."""
     onset = candidates.onset
-    value = log_ratios(prior, candidates).max(axis=1) + jnp.log(_spans(onset))
+    ratio = log_ratios(prior, candidates).max(axis=1)
+    is_late = (number - onset > prior.patience) & (ratio < prior.enough)
+    value = jnp.where(is_late, -jnp.inf, ratio + jnp.log(_spans(onset)))
     value = jnp.where(by_age, onset, value)
     is_young = (number - onset < YOUNG) & ~by_age
     return jnp.argmin(jnp.where(onset < 0, -jnp.inf, jnp.where(is_young, jnp.inf, value)))
