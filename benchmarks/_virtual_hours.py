@@ -15,7 +15,8 @@ import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.matching import posterior_draws
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, Observed
-from jaxtwin.observers._filter_run import Samples, filtered, samples_of, started
+from jaxtwin.observers._filter_run import Samples, filtered, samples_of
+from jaxtwin.observers._programs import started
 from jaxtwin.observers._start import first_reading
 from jaxtwin.physics import FAULT_MODELS
 from jaxtwin.physics._recalibrations import Recalibrations
