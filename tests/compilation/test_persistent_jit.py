@@ -111,6 +111,24 @@ def test_a_function_compiled_without_optimisations_is_a_program_of_its_own_and_k
     assert traced == ["a", "a"]
 
 
+def test_an_option_that_the_compiler_does_not_know_costs_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """A later version of XLA may lack one that is asked for here."""
+    tried, compiled_by_jax = [], jax.stages.Lowered.compile
+
+    def noted(lowered: jax.stages.Lowered, options: dict[str, Any]) -> jax.stages.Compiled:
+        tried.append(options)
+        return compiled_by_jax(lowered, options)
+
+    monkeypatch.setattr(jax.stages.Lowered, "compile", noted)
+    known = {"xla_backend_optimization_level": "0"}
+    asked = {"xla_cpu_no_such_option": False, **known}
+    compiled = _persistent_jit._compiled(jax.jit(jnp.sin).lower(1.0), asked)
+    assert float(compiled(1.0)) == pytest.approx(np.sin(1.0))
+    assert tried == [asked, known]
+
+
 def test_another_process_loads_instead_of_tracing():
     x = jnp.arange(3.0)
     first = another_process()(Line(jnp.array(3.0), "a"), x)

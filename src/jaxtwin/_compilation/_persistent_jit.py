@@ -238,11 +238,17 @@ class PersistentJit(Generic[P, T]):
         on_arrays.__name__ = self._function.__name__
         with _clock:
             lowered = jax.jit(on_arrays).lower(*arrays)
-            try:
-                compiled = lowered.compile(self._compiler_options())
-            except jax.errors.JaxRuntimeError:  # another version of XLA may not have the option
-                compiled = lowered.compile()
+            compiled = _compiled(lowered, self._compiler_options())
         return _Program(compiled, output)
+
+
+def _compiled(lowered: jax.stages.Lowered, options: dict[str, str | bool]) -> jax.stages.Compiled:
+    """Compiles with those of the options that this version of XLA has."""
+    try:
+        return lowered.compile(options)
+    except jax.errors.JaxRuntimeError as error:  # it names an option that it does not know
+        known = {name: value for name, value in options.items() if name not in str(error)}
+        return _compiled(lowered, known) if len(known) < len(options) else lowered.compile()
 
 
 @final
