@@ -52,13 +52,9 @@ QUICK_COMPILATION = "JAX_DISABLE_MOST_OPTIMIZATIONS"
 """JAX's setting that leaves out most of XLA's optimisations. Runs without the slow tests set it,
 unless the environment already says 0 or 1."""
 
-QUICK_FLAGS = "--xla_cpu_parallel_codegen_split_count=1"
+QUICK_FLAG = "--xla_cpu_parallel_codegen_split_count=1"
 """XLA's flag beside that setting. A program is not divided among threads that compile it, which
 costs a sixth more in all: each processor has a worker here."""
-if jax.__version_info__ < (0, 11):  # a later XLA ends a process that names this flag
-    # Fused operations get the code that `persistent_jit` asks for, in half of the time, also in
-    # what a test compiles itself.
-    QUICK_FLAGS += " --xla_cpu_use_fusion_emitters=false"
 
 YOUNG_OBJECTS = 50_000
 """New objects after which Python looks for cycles among them, in place of 700. Programs are traced
@@ -86,8 +82,8 @@ def pytest_configure(config: pytest.Config) -> None:
         jax.config.update("jax_disable_most_optimizations", True)
     if jax.config.read("jax_disable_most_optimizations"):
         flags = os.environ.get("XLA_FLAGS", "")
-        if QUICK_FLAGS not in flags:  # a worker has those of the process that started it
-            os.environ["XLA_FLAGS"] = f"{flags} {QUICK_FLAGS}".strip()
+        if QUICK_FLAG not in flags:  # a worker has those of the process that started it
+            os.environ["XLA_FLAGS"] = f"{flags} {QUICK_FLAG}".strip()
     gc.set_threshold(YOUNG_OBJECTS, 20, 100)
 
 
