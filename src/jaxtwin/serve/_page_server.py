@@ -16,6 +16,7 @@ from ..live import (
     Event,
     Finding,
     Publisher,
+    Record,
     RecordConsumer,
     Replay,
     RigConnection,
@@ -100,6 +101,7 @@ class PageServer:
             say = partial(self.page.say, "notice")
             self._refit = LiveRefit(champion.store, recent, say)
         self.desk = Desk(stop)
+        takers: list[Callable[[Record], None]] = []  # of estimates
         watching: list[RecordConsumer] = [recent, *consumers(self.page, self.desk)]
         if is_live:
             limit = rig.maximum_temperature
@@ -110,9 +112,17 @@ class PageServer:
             alarms = Alarms(names, hottest, silence, disk, now, self.page.on_finding)
             watching.append(alarms)
             if recording is not None:
-                watching.append(EstimateJournal(source.note, lambda: self.page.followed))
+                takers.append(source.note)
         if publisher is not None:
-            watching += [publisher, EstimateJournal(publisher.send, lambda: self.page.followed)]
+            watching.append(publisher)
+            takers.append(publisher.send)
+        if takers:
+
+            def note(record: Record) -> None:
+                for take in takers:
+                    take(record)
+
+            watching.append(EstimateJournal(note, lambda: self.page.followed))
         self.loop = RigLoop(
             source,
             self.page,
