@@ -16,7 +16,6 @@ from ..live import (
     Event,
     Finding,
     Publisher,
-    Record,
     RecordConsumer,
     Replay,
     RigConnection,
@@ -101,7 +100,6 @@ class PageServer:
             say = partial(self.page.say, "notice")
             self._refit = LiveRefit(champion.store, recent, say)
         self.desk = Desk(stop)
-        takers: list[Callable[[Record], None]] = []  # of estimates
         watching: list[RecordConsumer] = [recent, *consumers(self.page, self.desk)]
         if is_live:
             limit = rig.maximum_temperature
@@ -111,18 +109,13 @@ class PageServer:
             disk = recording or Path.cwd() / "-"
             alarms = Alarms(names, hottest, silence, disk, now, self.page.on_finding)
             watching.append(alarms)
-            if recording is not None:
-                takers.append(source.note)
+            if recording is not None or publisher is not None:
+                # A note comes back with the next records, and so reaches the publisher too.
+                watching.append(EstimateJournal(source.note, lambda: self.page.followed))
+        elif publisher is not None:  # a replay takes no notes
+            watching.append(EstimateJournal(publisher.send, lambda: self.page.followed))
         if publisher is not None:
             watching.append(publisher)
-            takers.append(publisher.send)
-        if takers:
-
-            def note(record: Record) -> None:
-                for take in takers:
-                    take(record)
-
-            watching.append(EstimateJournal(note, lambda: self.page.followed))
         self.loop = RigLoop(
             source,
             self.page,
