@@ -2,6 +2,7 @@
 
 import json
 
+import dask
 import pytest
 
 from jaxtwin import open_sweep
@@ -56,3 +57,10 @@ def test_mistakes_are_one_line_and_leave_no_folder(tmp_path, engine, capsys, opt
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_scheduler_that_is_not_found_leaves_dask_as_it_was(tmp_path, engine):
+    """xarray asks Dask for its scheduler whenever it writes a file."""
+    options = [*DRIVE, "--draws", "5", "--out", "out", "--dask", "nowhere"]
+    assert run(["sweep", "paper-2024", *options]) == 2
+    assert dask.config.get("scheduler", None) is None

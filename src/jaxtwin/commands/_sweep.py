@@ -124,8 +124,10 @@ def _dask_executor(address: str) -> "Iterator[Executor]":
             "--dask: expected Dask, which is not installed: pip install 'jaxtwin[dask]', in a "
             "checkout pip install -e '.[dask]'"
         ) from None
+    # A client that is the default tells all of Dask to use it, and a failed one leaves that behind:
+    # xarray then writes no file in this process.
     try:
-        client = Client(address, timeout=CONNECTING)
+        client = Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError) as problem:
         raise SimulationError(f"--dask: {address}: {problem}") from None
     with client:
