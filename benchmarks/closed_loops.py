@@ -42,9 +42,9 @@ def measure(quick: bool = False) -> dict[str, Any]:
     }.items():
         for precision in ("float32", "float64"):
             settings: Any = options | {"duration": duration, "precision": precision}
-            jt.simulate_closed_loop(twin, pid, references, **settings)  # compiles
+            jt.simulate_closed_loops(twin, pid, references, **settings)  # compiles
             wall, cpu = time.perf_counter(), time.process_time()
-            jt.simulate_closed_loop(twin, pid, references, **settings)
+            jt.simulate_closed_loops(twin, pid, references, **settings)
             wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
             answer[f"{name}, {precision}"] = {
                 "us_per_step": 1e6 * cpu / count / duration,

@@ -65,7 +65,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
         conditions = scenario(twin, controller, 40, duration=duration, quantised=False)
         vector = ControllerVector.of("benchmark", controller, names[name])
         slopes = LoopSlopes(twin, draws, vector, conditions, kept, None)
-        answer[f"gradient of a {name}, s"] = _seconds(lambda s=slopes, v=vector: s([v.values], 1))
+        answer[f"gradient of a {name}, s"] = _seconds(lambda s=slopes, v=vector: s([v.line(v.values)], 1))
     name = "DecoupledPI over 1200 s"
     controller, duration = loops[name]
     problem = tuning_problem(
@@ -93,7 +93,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
 def _steps(mpc: MPC, twin: jt.Twin, count: int) -> Callable[[], object]:
     """All steps of a warm-up to 40 degC, with the readings of its closed loop."""
     run = jt.simulate_closed_loop(twin, mpc, 40, duration=count)
-    rows = run.reference, run.measurement
+    rows = run.reference, run.loop.measurement  # with the readings of watched channels
 
     @jax.jit
     def all_steps(start: Any, rows: Any) -> Any:
@@ -105,7 +105,7 @@ def _steps(mpc: MPC, twin: jt.Twin, count: int) -> Callable[[], object]:
 
     def taken() -> object:
         with jax.enable_x64(True):
-            start = jax.tree.map(jnp.asarray, mpc.init(np.zeros(2), run.measurement[0]))
+            start = jax.tree.map(jnp.asarray, mpc.init(np.zeros(2), rows[1][0]))
             return jax.block_until_ready(all_steps(start, rows))
 
     return taken
