@@ -13,7 +13,7 @@ weak supply 8.
 - Healthy hours of rigs from the whole posterior, watched by both. The match leaves much open that
   its recordings do not show and an hour with a random duty does.
 
-The thresholds of the monitor come from 30 other healthy hours. Each run is a line of
+The thresholds of the monitor come from 100 other healthy hours. Each run is a line of
 `results/faults.jsonl`; the script goes on where it ended, and writes the page beside it.
 
     python -m benchmarks.faults FOLDER_WITH_RECORDINGS KEPT [--rounds 6] [--healthy 1000]
@@ -94,7 +94,7 @@ EARLY = 60.0
 CALIBRATED, HEALTHY, FAULTY, DIAGNOSED, OTHER = (100_000 * number for number in range(1, 6))
 """The first seeds of the hours from which thresholds come, of healthy hours, of those with a fault,
 of the healthy ones that are diagnosed, and of those of the whole posterior."""
-CALIBRATION_HOURS = 30
+CALIBRATION_HOURS = 100
 BATCH = 20
 """The number of healthy hours in a line of the results."""
 FALSE_ALARM_TIME = 30 * DAY

@@ -7,13 +7,12 @@
 - `single-cell`: matched, noise and thresholds from the sessions 1 to 4; then the others.
 - `dual-cell`: match, noise and thresholds from the first halves of the three steps; then the whole
   steps, and another day.
-- A heated box (`incubator/`), whose lid was opened twice in one of three recordings, if `--box`
-  names its rig file.
+- A heated box (`incubator/`), whose lid was opened twice in one of three recordings.
 - The time of a step.
 
 `benchmarks.faults` has faults and false alarms of a virtual rig.
 
-    python -m benchmarks.monitor FOLDER_WITH_RECORDINGS [--box box.toml]
+    python -m benchmarks.monitor FOLDER_WITH_RECORDINGS
 """
 
 import argparse
@@ -25,6 +24,7 @@ import jax
 import numpy as np
 
 import jaxtwin as jt
+from benchmarks._devices import BOX, of_box
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.live import Finding
@@ -46,15 +46,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--fits", type=Path, help="a folder that keeps fits and noise")
-    parser.add_argument("--box", type=Path, help="the rig file of the heated box")
     given = parser.parse_args()
     print(f"{processor()}\n")
     if given.fits is not None:
         given.fits.mkdir(exist_ok=True)
     extrapolation()
     single(given.folder, given.fits)
-    if given.box is not None:
-        box(given.folder / "incubator", given.box, given.fits)
+    box(given.folder / "incubator", given.fits)
     speed(double(given.folder, given.fits))
 
 
@@ -120,19 +118,14 @@ def single(folder: Path, kept: Path | None) -> None:
     recorded(fit, noise, known, judged)
 
 
-def box(folder: Path, rig_file: Path, kept: Path | None) -> None:
+def box(folder: Path, kept: Path | None) -> None:
     """The heated box, while its fan runs."""
-    rig = jt.load_rig(rig_file)
-    recordings = {}
-    for name in ("f24-semi", "ctl-exp2", "lid-jan"):
-        one = jt.read_recording(folder / f"{name}.csv", rig=rig)
-        fan = np.loadtxt(folder / f"{name}.fan.csv", delimiter=",", skiprows=1)
-        runs = one.time[np.interp(one.time, fan[:, 0], fan[:, 1]) > 0.5]
-        recordings[name] = one.between(float(runs[0]), float(runs[-1]))
-    known = [recordings["f24-semi"], recordings["ctl-exp2"]]
-    fit, noise = fitted("box", known, (), kept, rig)
+    rig = jt.load_rig(BOX)
+    runs = {name: of_box(folder, name, rig) for name in ("f24-semi", "ctl-exp2", "lid-jan")}
+    known = [runs["f24-semi"], runs["ctl-exp2"]]
+    fit, noise = fitted("incubator", known, (), kept, rig)
     print("\n## A heated box\n")
-    recorded(fit, noise, known, recordings)
+    recorded(fit, noise, known, runs)
 
 
 def double(folder: Path, kept: Path | None) -> Monitored:

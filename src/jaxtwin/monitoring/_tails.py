@@ -1,9 +1,11 @@
 r"""The tail of a statistic of healthy rigs: from what is seen in hours to once in months.
 
-Peaks over a level $u$ that a fifth of all blocks of a minute pass have an exponential tail, for
-cumulative sums exactly so in the limit (their run length grows by $e^{2kh}$): the logarithm of the
-mean time between two passages of $h$ is linear in $h$. The scale is the mean excess. How far the
-rate at a threshold may be off is found by drawing recordings, and in each the blocks, again.
+Peaks over a level $u$ that few blocks of a minute pass have an exponential tail, for cumulative
+sums exactly so in the limit (their run length grows by $e^{2kh}$): the logarithm of the mean time
+between two passages of $h$ is linear in $h$. The scale is the mean excess. The level is as high as
+leaves enough peaks, at least that of a fifth of the blocks: healthy rigs differ, and of many hours
+the last peaks are those of the rigs that differ most. How far the rate at a threshold may be off is
+found by drawing recordings, and in each the blocks, again.
 """
 
 import math
@@ -18,7 +20,10 @@ BLOCK = 60.0
 """The length of a block, s, of which the largest value counts."""
 
 PASSING = 0.2
-"""The part of the blocks that passes the level of a tail."""
+"""The largest part of the blocks that passes the level of a tail."""
+
+PEAKS = 100
+"""So many blocks pass it if they are no larger part: the scale is then known to a tenth."""
 
 REDRAWN = 200
 """How often recordings are drawn again."""
@@ -46,9 +51,8 @@ def tail_of(
     several = [one for one in maxima if len(one)]
     if sum(map(len, several)) < LEAST_BLOCKS:
         return None
-    level, scale = _level_and_scale(np.concatenate(several))
-    rate = PASSING / BLOCK
-    found = Tail(level, rate, scale, source, sum(map(len, several)) * BLOCK / 3600)
+    hours = sum(map(len, several)) * BLOCK / 3600
+    found = Tail(*_tail(np.concatenate(several)), source, hours)
     seconds = month * len(FAMILIES)
     at = found.threshold(seconds)
     random = np.random.default_rng(0)
@@ -61,11 +65,9 @@ def tail_of(
 
 
 def _tail(maxima: Float[np.ndarray, " blocks"]) -> tuple[float, float, float]:
-    level, scale = _level_and_scale(maxima)
-    return level, PASSING / BLOCK, scale
-
-
-def _level_and_scale(maxima: Float[np.ndarray, " blocks"]) -> tuple[float, float]:
-    level = float(np.quantile(maxima, 1 - PASSING))
+    """The level, its rate and the scale."""
+    passing = min(PASSING, PEAKS / len(maxima))
+    level = float(np.quantile(maxima, 1 - passing))
     over = maxima[maxima > level] - level
-    return level, max(float(over.mean()) if len(over) else 0.0, 1e-3 * max(abs(level), 1e-3))
+    scale = max(float(over.mean()) if len(over) else 0.0, 1e-3 * max(abs(level), 1e-3))
+    return level, passing / BLOCK, scale
