@@ -1,4 +1,4 @@
-"""Recordings of devices that others built, and rig files of them that were written from the docs."""
+"""Recordings of devices that others built, and rig files of them, written from the docs."""
 
 from pathlib import Path
 

@@ -65,7 +65,9 @@ def measure(quick: bool = False) -> dict[str, Any]:
         conditions = scenario(twin, controller, 40, duration=duration, quantised=False)
         vector = ControllerVector.of("benchmark", controller, names[name])
         slopes = LoopSlopes(twin, draws, vector, conditions, kept, None)
-        answer[f"gradient of a {name}, s"] = _seconds(lambda s=slopes, v=vector: s([v.line(v.values)], 1))
+        answer[f"gradient of a {name}, s"] = _seconds(
+            lambda s=slopes, v=vector: s([v.line(v.values)], 1)
+        )
     name = "DecoupledPI over 1200 s"
     controller, duration = loops[name]
     problem = tuning_problem(
