@@ -1,6 +1,7 @@
 """The loop around a virtual rig: the page follows it, orders are obeyed behind the interlocks, and
 a stop reaches it whatever it does. A clock that tests turn; no waiting."""
 
+import socket
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,12 +21,14 @@ from jaxtwin import RecordingError, Twin, TwinStore
 from jaxtwin.control import DecoupledPI
 from jaxtwin.live import (
     Finding,
+    Publisher,
     Reading,
     Record,
     Recorder,
     RigConnection,
     RigState,
     Sample,
+    StateEstimate,
     VirtualRig,
 )
 from jaxtwin.live._stop_request import StopRequest
@@ -37,6 +40,7 @@ from jaxtwin.serve import (
     LiveDiagnosis,
     LiveRefit,
     Page,
+    PageServer,
     RecentSamples,
     RigLoop,
     TwinBeside,
@@ -480,3 +484,26 @@ def test_a_change_is_diagnosed_beside_the_loop() -> None:
     best = shown[1]["causes"][0]["explanations"][0]
     assert best["name"] == "fail H1"
     assert best["onset"] == pytest.approx(START * 1e-9 + ONSET, abs=10.0)
+
+
+@pytest.mark.slow
+def test_an_estimate_that_is_recorded_is_published_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, sent = HandClock(), list[Record]()
+    monkeypatch.setattr(Publisher, "send", lambda _, record: sent.append(record))
+    publisher = object.__new__(Publisher)  # without a broker
+    path = tmp_path / "run.db"
+    with Recorder(path, twin().rig) as journal, socket.socket() as opened:
+        device = VirtualRig(twin(), controller_rate=4.0)
+        source = virtual_bench(twin().rig, device, clock, journal=journal)
+        server = PageServer(
+            source, TwinBeside(twin(), "values of the rig file"), StopRequest(),
+            Access.of("127.0.0.1", 8000), opened, name="virtual rig", recording=path,
+            publisher=publisher,
+        )  # fmt: skip
+        while clock.now() < START + 20e9:
+            server.loop.turn()
+    times = [one.arrival for one in sent if isinstance(one, StateEstimate)]
+    assert len(times) > 10
+    assert len(times) == len(set(times))
