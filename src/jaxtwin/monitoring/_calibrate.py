@@ -1,7 +1,7 @@
 """The calibration of a monitor: what its statistics are on healthy recordings."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -72,14 +72,23 @@ def calibrate_monitor(
             f"calibrate_monitor: experiments: expected a recording of at least {2 * SETTLE:g} s, "
             f"the longest has {longest:g}"
         )
-    drawn: list[Observed] = []
-    while sum(one.experiment.duration for one in drawn) < 3600 * budget:
-        drawn.append(simulated(observed[len(drawn) % len(observed)], first + len(drawn)))
-    return calibration_of_recordings(observed, drawn)
+    return calibration_of_recordings(observed, _simulations(observed, 3600 * budget, first))
+
+
+def _simulations(
+    observed: Sequence[Observed], seconds: float | int, seed: int
+) -> Iterator[Observed]:
+    """Simulations of recordings that last so long together, one at a time: an hour of a large rig
+    takes 100 MB."""
+    number = 0
+    while seconds > 0:
+        one = simulated(observed[number % len(observed)], seed + number)
+        number, seconds = number + 1, seconds - one.experiment.duration
+        yield one
 
 
 def calibration_of_recordings(
-    observed: Sequence[Observed], drawn: Sequence[Observed] = ()
+    observed: Sequence[Observed], drawn: Iterable[Observed] = ()
 ) -> MonitorCalibration:
     """What observed recordings, and simulations of them, say of a healthy rig."""
     plain = _plain_calibration(observed)
@@ -176,7 +185,7 @@ def _references(observed: Sequence[Observed]) -> dict[str, Reference]:
 
 
 def _tails(
-    observed: Sequence[Observed], plain: MonitorCalibration, response: Response, source: str
+    observed: Iterable[Observed], plain: MonitorCalibration, response: Response, source: str
 ) -> dict[str, Tail]:
     """The tails of all families in some recordings."""
     maxima: dict[str, list[np.ndarray]] = {family: [] for family in FAMILIES}
