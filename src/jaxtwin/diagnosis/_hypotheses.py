@@ -209,7 +209,7 @@ def _corrected(
         jnp.concatenate([of_room[None], slope]),
         jnp.concatenate([jnp.reshape(noise.ambient**2, 1), variance]),
         jnp.concatenate([jnp.isfinite(room)[None], used]),
-        jnp.zeros(size + 1, bool).at[layout.of("values")].set(True),
+        layout.of("values"),
     )
     duty = found.state.mean[layout.of("duty")] if layout.duty else state.duty
     limited = jnp.clip(found.state.mean[-1], hypothesis.least, hypothesis.largest)

@@ -81,12 +81,12 @@ def corrected(
     slope: Float[Array, "readings state"],
     variance: Float[Array, " readings"],
     mask: Bool[Array, " readings"],
-    is_cautious: Bool[Array, " state"],
+    cautious: slice,
 ) -> Correction:
     """The distribution after readings.
 
     A reading that is more than `SURPRISE` standard deviations from what was expected has a cause
-    that the model does not know. It moves the entries that `is_cautious` marks no farther than one
+    that the model does not know. It moves the entries of `cautious` no farther than one
     of that many standard deviations, with a gain that is smaller than the optimal one.
 
     **Arguments:**
@@ -95,7 +95,7 @@ def corrected(
     - `slope`: the derivatives of the readings with respect to the state.
     - `variance`: the variance of the noise of each reading.
     - `mask`: the readings that count.
-    - `is_cautious`: the entries that say how the rig is made, not what it is doing.
+    - `cautious`: the entries that say how the rig is made, not what it is doing.
     """
     innovation = jnp.where(mask, innovation, 0.0)
     slope = jnp.where(mask[:, None], slope, 0.0)
@@ -108,9 +108,10 @@ def corrected(
     columns = whiten(jnp.concatenate([cross, innovation[:, None]], axis=1))
     optimal, whitened = columns[:, :-1].T, columns[:, -1]
     caution = SURPRISE / jnp.maximum(jnp.abs(whitened), SURPRISE)
-    gain = jnp.where(is_cautious[:, None], caution, 1.0) * optimal
-    missed = gain - optimal
-    covariance = state.covariance - optimal @ optimal.T + missed @ missed.T
+    gain = optimal.at[cautious].multiply(caution)
+    missed = (gain - optimal)[cautious]  # the other rows are 0
+    covariance = state.covariance - optimal @ optimal.T
+    covariance = covariance.at[cautious, cautious].add(missed @ missed.T)
     spreads = jnp.diagonal(root)
     density = -0.5 * (whitened**2 + LOG_TWO_PI) - jnp.log(spreads)
     return Correction(

@@ -249,7 +249,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             expected.slope,
             measured.variance,
             measured.mask,
-            jnp.zeros(state.mean.shape, bool).at[self.model.layout.of("values")].set(True),
+            self.model.layout.of("values"),
         )
 
     def measured(

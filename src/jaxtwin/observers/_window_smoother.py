@@ -72,9 +72,8 @@ def corrected_by(
 ) -> Correction:
     """The state after readings that are linearised at another state."""
     innovation = measured.values - seen.mean - seen.slope @ (state.mean - after)
-    nothing = jnp.zeros(len(after), bool)
     opened = Gaussian(state.mean, state.covariance + jnp.diag(measured.opened))
-    return corrected(opened, innovation, seen.slope, measured.variance, measured.mask, nothing)
+    return corrected(opened, innovation, seen.slope, measured.variance, measured.mask, slice(0))
 
 
 def most_likely(passed: Passed, bounds: BoundRows) -> Float[Array, "samples state"]:
