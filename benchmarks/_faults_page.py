@@ -34,7 +34,7 @@ def faults_page(
         "channels with errors of their own, noise, corrections of the camera, another room, a "
         "random duty, and a rig that differs from the twin by a draw from the posterior of the "
         "match, in the six directions that its readings show. The thresholds of the monitor are "
-        "those of one false alarm in 30 days, from 30 other hours. Intervals are of 95 %, by "
+        "those of one false alarm in 30 days, from 100 other hours. Intervals are of 95 %, by "
         "Clopper and Pearson. [What changes in a rig](../../docs/awareness.md) says what follows.\n"
     )
     parts = ["# Faults of a virtual rig\n", about]
