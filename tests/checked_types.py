@@ -42,7 +42,7 @@ def _checked(thing: Any, typechecker: Any) -> Any:
     if not isinstance(thing, FunctionType) or inspect.isgeneratorfunction(thing):
         return jaxtyped(thing, typechecker=typechecker)
     hints = _hints(thing)
-    checked = beartype(_copy(thing, hints), conf=CHECKS)
+    checked = beartype(conf=CHECKS)(_copy(thing, hints))
     if not any(map(_names_axes, hints.values())):
         return functools.update_wrapper(checked, thing)
 
