@@ -52,6 +52,9 @@ help:
 demo: $(INSTALLED)
 	$(BIN)/jaxtwin demo --out report
 
+# Each processor has a process of its own, and threads of OpenBLAS would wait for each other.
+test test-lowest test-newest: export OPENBLAS_NUM_THREADS ?= 1
+
 test: $(INSTALLED_DEV)
 	$(BIN)/python -m pytest $(PARALLEL) -m "$(MARKS)" $(ARGS)
 

@@ -12,10 +12,10 @@ from typing import Any
 import hypothesis
 import jax
 import pytest
-from jaxtyping import install_import_hook
+from checked_types import check_package
 
 # Before the first import of jaxtwin: every annotated shape and type in the package is checked.
-install_import_hook("jaxtwin", "beartype.beartype")
+check_package("jaxtwin")
 
 # Tests count what is compiled; programs that an earlier process compiled would not be.
 os.environ["JAXTWIN_COMPILATION_CACHE"] = "off"

@@ -37,7 +37,13 @@ SMALLER = {
     "LiveLoop(twin, relay, 40, duration=900)": "LiveLoop(twin, relay, 40, duration=5)",
     # All parameters of two recordings are matched once; other options, each of which is compiled
     # anew, get two parameters.
-    "match(twin, recordings, solver=": 'match(twin, recordings[:1], free=["R_E", "h_A"], solver=',
+    "match(twin, recordings, solver=": (
+        'match(jt.Twin("single-cell"), "session-0.csv", free=["R_E", "R_Th"], solver='
+    ),
+    "match(twin, recordings, on_progress=": (
+        'match(twin, recordings, free=["R_E", "h_A"], on_progress='
+    ),
+    "duration=1200, names=": "duration=600, names=",
     "match(twin, experiments)": 'match(twin, experiments, free=["R_E", "R_pc"])',
     'leave_one_out(jt.Twin("single-cell"), sessions)': (
         'leave_one_out(jt.Twin("single-cell"), sessions, free=["R_E", "R_Th"])'

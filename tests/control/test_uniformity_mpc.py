@@ -2,6 +2,7 @@
 
 from typing import Any, final
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -79,7 +80,7 @@ def at_rest(mpc: MPC, reference: float, limits: tuple[float, float]) -> np.ndarr
     with jax.enable_x64(True):
         states, errors = jnp.zeros(len(mpc.kalman.A)), jnp.zeros(len(mpc.read_channels))
         box = limits[0] - mpc.duty, limits[1] - mpc.duty
-        rest = mpc._rest(jnp.full((1, 1), reference), states, errors, box)
+        rest = eqx.filter_jit(mpc._rest)(jnp.full((1, 1), reference), states, errors, box)
         return np.asarray(rest.duty)[0] + mpc.duty
 
 

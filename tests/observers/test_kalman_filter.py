@@ -196,8 +196,8 @@ def test_a_transition_has_the_derivatives_of_a_step_of_any_twin(duty: list[float
     """It linearises once a step, not in each stage: a warm plate that loses heat nonlinearly, cells
     whose duty has just changed, and a slow parameter."""
     kalman = live_observer(Twin("dual-cell"), ProcessNoise(names=("R_E",)))
-    start, warm = kalman.init(25.0, np.zeros(2)), np.array([0.8, 0.3])
-    state = jax.jit(lambda state: kalman.predict(state, warm, np.nan, 60.0))(start)
+    warm = np.array([0.8, 0.3])
+    state = jax.jit(lambda: kalman.predict(kalman.init(25.0, np.zeros(2)), warm, np.nan, 60.0))()
     given = jnp.asarray(duty), jnp.asarray(1.0)
     wanted = jax.jit(
         jax.jacfwd(lambda mean: kalman.step_of_mean(replace(state, mean=mean), *given).mean)
@@ -216,7 +216,8 @@ def test_a_transition_has_the_derivatives_of_a_step_of_any_twin(duty: list[float
 def test_a_step_of_the_mean_alone_is_the_step(kalman: ExtendedKalmanFilter):
     state = kalman.init(START, np.zeros(2))
     given = jnp.array([0.5, 0.1]), jnp.asarray(0.9)
-    whole, alone = kalman.step(state, *given), kalman.step_of_mean(state, *given)
+    whole = eqx.filter_jit(kalman.step)(state, *given)
+    alone = eqx.filter_jit(kalman.step_of_mean)(state, *given)
     np.testing.assert_allclose(alone.mean, whole.mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(alone.slope, whole.slope, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(alone.covariance, state.covariance)

@@ -4,6 +4,7 @@ and the minimum that scipy finds for the same problem where something is."""
 from functools import cache
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,7 +67,8 @@ class Problem:
     def __init__(self, state: MovingHorizonState, estimator: MovingHorizonEstimator):
         self.window, self.model = state.window, estimator.model
         self.kalman, self.bounds = estimator.kalman, estimator.bounds
-        steps, _ = linearised(self.kalman, self.window.steps, *both_ends(self.window.path))
+        ends = both_ends(self.window.path)
+        steps, _ = eqx.filter_jit(linearised)(self.kalman, self.window.steps, *ends)
         self.roots = np.stack([factor(noise) for noise in steps.step.noise])
         self.first = factor(self.window.start.covariance)
 
@@ -103,7 +105,7 @@ class Problem:
             method="SLSQP", constraints=[limits], options={"ftol": 1e-13, "maxiter": 200},
         )  # fmt: skip
         assert found.success
-        return np.asarray(self.path(found.x))
+        return np.asarray(jax.jit(self.path)(found.x))
 
 
 def factor(covariance: Array) -> Float[np.ndarray, "state state"]:

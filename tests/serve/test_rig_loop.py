@@ -177,12 +177,12 @@ def test_references_are_held_and_changed_without_a_jump_of_the_duty() -> None:
     def change() -> None:
         duties.append(bench.device.pwm)
         if len(duties) == 100:
-            changed.append(bench.desk.ask(HoldOrder((34.0, 30.0), 300.0)))
+            changed.append(bench.desk.ask(HoldOrder((34.0, 30.0), 200.0)))
         watch.action = change
 
     changed: list[Any] = []
     watch.action = change
-    answer = bench.desk.ask(HoldOrder((32.0, 30.0), 600.0))
+    answer = bench.desk.ask(HoldOrder((32.0, 30.0), 300.0))
     bench.loop.turn()
     assert answer.result(0) == (True, "the rig is held at 32 °C, 30 °C")
     assert changed[0].result(0).text == "the rig is held at 34 °C, 30 °C from now on"
