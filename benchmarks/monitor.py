@@ -79,7 +79,7 @@ def extrapolation() -> None:
         passed = sum(int((one > limit).sum()) for one in maxima)
         expected = chains * length / rare
         print(
-            f"| {name} | {whole.level:.2f} | {whole.rate:.4f} | {whole.scale:.3f} | {limit:.1f} | "
+            f"| {name} | {whole.level:.2f} | {whole.rate:.2g} | {whole.scale:.3f} | {limit:.1f} | "
             f"{passed} times, {expected:.1f} expected |"
         )
     print()
