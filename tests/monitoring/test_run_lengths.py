@@ -46,6 +46,18 @@ def test_the_threshold_for_a_time_is_passed_once_in_it():
     assert tail.seconds(limit) == pytest.approx(500 * BLOCK)
 
 
+def test_the_tail_is_that_of_the_rigs_that_differ_most():
+    """One rig of twenty has peaks three times as high: above what a fifth of the blocks pass, most
+    peaks are still those of the others."""
+    random = np.random.default_rng(3)
+    scale = np.repeat([3.0, 1.0], [500, 9500])
+    tail = tail_of([scale * random.exponential(1.0, 10_000)], "recordings")
+    assert tail is not None
+    assert tail.scale == pytest.approx(3.0, rel=0.25)
+    once = 20 * 10_000 * BLOCK
+    assert tail.threshold(once) == pytest.approx(3.0 * np.log(500 * 20), rel=0.15)
+
+
 def test_too_few_blocks_have_no_tail():
     assert tail_of([np.ones(3)], "recordings") is None
     assert tail_of([], "recordings") is None

@@ -2,7 +2,7 @@
 
 import json
 
-import dask
+import dask.config
 import pytest
 
 from jaxtwin import open_sweep

@@ -2,10 +2,11 @@ r"""The tail of a statistic of healthy rigs: from what is seen in hours to once 
 
 Peaks over a level $u$ that few blocks of a minute pass have an exponential tail, for cumulative
 sums exactly so in the limit (their run length grows by $e^{2kh}$): the logarithm of the mean time
-between two passages of $h$ is linear in $h$. The scale is the mean excess. The level is as high as
-leaves enough peaks, at least that of a fifth of the blocks: healthy rigs differ, and of many hours
-the last peaks are those of the rigs that differ most. How far the rate at a threshold may be off is
-found by drawing recordings, and in each the blocks, again.
+between two passages of $h$ is linear in $h$. The scale is the mean excess. Two levels are tried,
+which a fifth of the blocks and a hundred of them pass, and the one with the higher threshold
+counts: healthy rigs differ, so that the peaks of many hours are those of the rigs that differ most;
+and where simulations are calmer than a rig, their last peaks are too. How far the rate at a
+threshold may be off is found by drawing recordings, and in each the blocks, again.
 """
 
 import math
@@ -20,10 +21,10 @@ BLOCK = 60.0
 """The length of a block, s, of which the largest value counts."""
 
 PASSING = 0.2
-"""The largest part of the blocks that passes the level of a tail."""
+"""The part of the blocks that passes the lower level."""
 
 PEAKS = 100
-"""So many blocks pass it if they are no larger part: the scale is then known to a tenth."""
+"""So many blocks pass the higher one: the scale is then known to a tenth."""
 
 REDRAWN = 200
 """How often recordings are drawn again."""
@@ -51,22 +52,24 @@ def tail_of(
     several = [one for one in maxima if len(one)]
     if sum(map(len, several)) < LEAST_BLOCKS:
         return None
-    hours = sum(map(len, several)) * BLOCK / 3600
-    found = Tail(*_tail(np.concatenate(several)), source, hours)
-    seconds = month * len(FAMILIES)
-    at = found.threshold(seconds)
+    blocks, seconds = np.concatenate(several), month * len(FAMILIES)
+    tails = {
+        passing: Tail(*_tail(blocks, passing), source, len(blocks) * BLOCK / 3600)
+        for passing in (PASSING, min(PASSING, PEAKS / len(blocks)))
+    }
+    passing = max(tails, key=lambda one: tails[one].threshold(seconds))
+    at = tails[passing].threshold(seconds)
     random = np.random.default_rng(0)
     logs = []
     for _ in range(REDRAWN):
         drawn = [several[n] for n in random.integers(len(several), size=len(several))]
         again = np.concatenate([one[random.integers(len(one), size=len(one))] for one in drawn])
-        logs.append(math.log(Tail(*_tail(again)).seconds(at)))
-    return found._replace(spread=float(np.std(logs)))
+        logs.append(math.log(Tail(*_tail(again, passing)).seconds(at)))
+    return tails[passing]._replace(spread=float(np.std(logs)))
 
 
-def _tail(maxima: Float[np.ndarray, " blocks"]) -> tuple[float, float, float]:
-    """The level, its rate and the scale."""
-    passing = min(PASSING, PEAKS / len(maxima))
+def _tail(maxima: Float[np.ndarray, " blocks"], passing: float) -> tuple[float, float, float]:
+    """The level that a part of the blocks passes, its rate and the scale."""
     level = float(np.quantile(maxima, 1 - passing))
     over = maxima[maxima > level] - level
     scale = max(float(over.mean()) if len(over) else 0.0, 1e-3 * max(abs(level), 1e-3))
