@@ -16,12 +16,11 @@ import numpy as np
 
 import jaxtwin as jt
 
-from ._devices import BOX, HEATER, LID, of_box
+from ._devices import BOX, HEATER, LID, box_recordings
 from ._machine import machine
 from ._results import parser_of, write_results
 from ._tables import table
 
-MATCHED = ("f24-semi", "ctl-exp2")
 GIVEN = (60.0, 120.0, 180.0, 240.0)
 """The parts of the third recording that the box's group of values is estimated from, s."""
 SPLIT = 0.6
@@ -42,15 +41,15 @@ def main() -> None:
 
 def box(folder: Path) -> dict[str, Any]:
     """The fit of the matched recordings, and predictions of the third."""
-    rig = jt.load_rig(BOX)
-    fit = jt.match(jt.Twin(rig), [of_box(folder, name, rig) for name in MATCHED])
-    third = of_box(folder, "lid-jan", rig).between(None, LID[0][0])
+    rig, known, third = box_recordings(folder)
+    fit = jt.match(jt.Twin(rig), known)
+    third = third.between(None, LID[0][0])
     predicted = {
         f"{seconds:g}": judged(jt.validate(fit, third, given=seconds)) for seconds in GIVEN
     }
     return {
         "lines": lines_of(BOX),
-        "matched": {name: mean_fit(fit.fit_percent, name) for name in MATCHED},
+        "matched": {name: mean_fit(fit.fit_percent, name) for name in fit.recordings},
         "rmse_K": float(fit.rmse),
         "seconds": fit.wall_time,
         "predicted": predicted,
@@ -110,7 +109,7 @@ def page(answer: dict[str, Any]) -> str:
         f"# Devices that others built, measured {where['date']}\n\n"
         f"{where['processor']}; `python -m benchmarks.devices FOLDER`. Fits are means over the "
         "channels. A match of both recordings of the box takes the time of both rows together.\n\n"
-        + table(("device", "lines of the rig file", "matched", "fit, %", "first match, s"), matched)
+        + table(("device", "lines of the rig file", "matched", "fit, %", "match, s"), matched)
         + "\n`lid-jan`, a third day of the box, until its lid is opened, predicted after a first "
         "part from which the values of its day are estimated; and the last 40 % of the heater's "
         "recording, predicted from the rest:\n\n"

@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 
 import jaxtwin as jt
-from benchmarks._devices import BOX, LID, of_box
+from benchmarks._devices import LID, box_recordings
 from benchmarks._machine import processor
 from benchmarks.monitor import fitted
 
@@ -29,13 +29,11 @@ def main() -> None:
 
 def box(folder: Path, kept: Path | None) -> None:
     """The heated box, whose lid was open twice in the last recording."""
-    rig = jt.load_rig(BOX)
-    runs = {name: of_box(folder, name, rig) for name in ("f24-semi", "ctl-exp2", "lid-jan")}
-    known = [runs["f24-semi"], runs["ctl-exp2"]]
+    rig, known, third = box_recordings(folder)
     fit, noise = fitted("incubator", known, (), kept, rig)
     spans = " and ".join(f"from {first:g} to {last:g} s" for first, last in LID)
     print(f"## A heated box\n\nIts lid was open in lid-jan {spans}.\n")
-    for one in runs.values():
+    for one in (*known, third):
         found = jt.diagnose(fit, one, noise=noise, healthy=known)
         print(found.summary(), flush=True)
     print()

@@ -24,7 +24,7 @@ import jax
 import numpy as np
 
 import jaxtwin as jt
-from benchmarks._devices import BOX, of_box
+from benchmarks._devices import box_recordings
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.live import Finding
@@ -120,12 +120,10 @@ def single(folder: Path, kept: Path | None) -> None:
 
 def box(folder: Path, kept: Path | None) -> None:
     """The heated box, while its fan runs."""
-    rig = jt.load_rig(BOX)
-    runs = {name: of_box(folder, name, rig) for name in ("f24-semi", "ctl-exp2", "lid-jan")}
-    known = [runs["f24-semi"], runs["ctl-exp2"]]
+    rig, known, third = box_recordings(folder)
     fit, noise = fitted("incubator", known, (), kept, rig)
     print("\n## A heated box\n")
-    recorded(fit, noise, known, runs)
+    recorded(fit, noise, known, {one.name: one for one in (*known, third)})
 
 
 def double(folder: Path, kept: Path | None) -> Monitored:

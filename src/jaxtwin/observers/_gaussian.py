@@ -86,8 +86,8 @@ def corrected(
     """The distribution after readings.
 
     A reading that is more than `SURPRISE` standard deviations from what was expected has a cause
-    that the model does not know. It moves the entries of `cautious` no farther than one
-    of that many standard deviations, with a gain that is smaller than the optimal one.
+    that the model does not know. It moves the entries of `cautious` no farther than one of that
+    many standard deviations, with a gain that is smaller than the optimal one.
 
     **Arguments:**
 
