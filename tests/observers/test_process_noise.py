@@ -113,6 +113,30 @@ def test_the_noise_of_readings_is_found_from_a_recording(
     assert "not estimated" in said
 
 
+def test_the_search_does_not_stop_at_a_maximum_that_is_not_the_highest(
+    twin: Twin, recording: Experiment, monkeypatch: pytest.MonkeyPatch
+):
+    """Two maxima of one level, of heights 0.3 and 1: the lower one is nearer to the start."""
+    start = ProcessNoise()
+
+    def score(names: tuple[str, ...], logarithms: np.ndarray) -> tuple[float, np.ndarray]:
+        place = names.index("common")
+        at = (logarithms[place] - np.log(start.levels()["common"])) / SPREADS["common"]
+        places, heights = np.array([0.5, -1.2]), np.array([0.3, 1.0])
+        parts = heights * np.exp(-5 * (at - places) ** 2)
+        slope = np.zeros(len(names))
+        slope[place] = -10 * (parts @ (at - places)) / parts.sum() / SPREADS["common"]
+        return np.log(parts.sum()), slope
+
+    monkeypatch.setattr(
+        _estimate_noise, "_scored", lambda *arguments: score(arguments[5], arguments[7])
+    )
+    found = estimate_noise(twin, recording, start=start, horizon=20.0)
+    assert np.log(found.levels()["common"] / 0.2) / SPREADS["common"] == pytest.approx(
+        -1.2, abs=0.1
+    )
+
+
 def test_a_recording_that_is_not_longer_than_the_horizon_is_refused(
     twin: Twin, recording: Experiment
 ):

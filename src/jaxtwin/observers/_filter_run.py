@@ -12,6 +12,7 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
+from ._augmented_model import Transition
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
 from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
@@ -86,24 +87,30 @@ def _parts(steps: Float[np.ndarray, "*steps"], longest: float) -> Int[np.ndarray
     return np.where(steps > GAP * longest, np.ceil(steps / longest - 1e-9), 1).astype(int)
 
 
-def following(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> Filtered:
-    """Filters all samples, as a function that can be differentiated."""
+def following(
+    kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples
+) -> tuple[Filtered, Transition]:
+    """Filters all samples, as a function that can be differentiated; and the steps to each."""
 
     @jax.checkpoint
-    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Filtered]:
-        state = kalman.step(state, sample.duty, sample.dt, sample.levels)
+    def take(
+        state: KalmanState, sample: Samples
+    ) -> tuple[KalmanState, tuple[Filtered, Transition]]:
+        state, step = kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)
         expected = kalman.readings(state, sample.ambient)
         covariance = kalman.reading_covariance(state)
         state = kalman.correct(
             state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
-        return state, Filtered(state, expected, covariance)
+        return state, (Filtered(state, expected, covariance), step)
 
     return jax.lax.scan(take, start, samples)[1]
 
 
-filtered = persistent_jit(following)
-"""The same as a program of its own."""
+@persistent_jit
+def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> Filtered:
+    """Filters all samples, as a program of its own."""
+    return following(kalman, start, samples)[0]
 
 
 @persistent_jit

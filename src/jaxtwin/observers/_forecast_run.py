@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
+from ._augmented_model import Transition
 from ._filter_run import Samples, samples_between
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moment
@@ -93,37 +94,38 @@ def _block(
     counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
 ) -> Moment:
-    return expected_at(kalman, states, samples, ends, counts, steps)
+    def transition(row: tuple[KalmanState, Samples]) -> Transition:
+        state, sample = row
+        return kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)[1]
+
+    earlier = jax.tree.map(lambda leaf: leaf[:-1], states)
+    later = jax.tree.map(lambda leaf: leaf[1:], samples)
+    taken = jax.lax.map(transition, (earlier, later), batch_size=16)
+    return expected_at(kalman, states, samples, taken, ends, counts, steps)
 
 
 def expected_at(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
     samples: Samples,
+    taken: Transition,
     ends: Int[Array | np.ndarray, " forecasts"],
     counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
 ) -> Moment:
     """What was expected of the readings of some samples, as a function that can be differentiated.
 
-    **Arguments:** as for `expected_ahead`; `steps` is the largest number of steps.
+    **Arguments:** as for `expected_ahead`; `steps` is the largest number of steps. `taken` are the
+    filter's steps, that from sample k to sample k + 1 in row k.
     """
     model = kalman.model
-
-    def transition(row: tuple[KalmanState, Samples]) -> tuple[Array, Array]:
-        state, sample = row
-        _, step = kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)
-        return step.slope, step.noise
-
-    # Row k: the step from sample k to sample k + 1.
+    driven = taken.driven.shape[-1]
     following = jax.tree.map(lambda leaf: leaf[1:], samples)
-    earlier = jax.tree.map(lambda leaf: leaf[:-1], states)
-    slopes, noises = jax.lax.map(transition, (earlier, following), batch_size=16)
 
     def forecast(end: Array, count: Array) -> KalmanState:
         @jax.checkpoint
         def take(state: KalmanState, number: Array) -> tuple[KalmanState, None]:
-            row = jnp.minimum(end - count + number, len(slopes) - 1)
+            row = jnp.minimum(end - count + number, len(taken.decay) - 1)
             sample = jax.tree.map(lambda leaf: leaf[row], following)
             after = kalman.step_of_mean(state, sample.duty, sample.dt, sample.levels)
             return jax.tree.map(partial(jnp.where, number < count), after, state), None
@@ -138,10 +140,13 @@ def expected_at(
     def back(carry: tuple[Array, Array], number: Array) -> tuple[tuple[Array, Array], None]:
         rows, variance = carry
         step = jnp.maximum(ends - number - 1, 0)
-        added = jnp.einsum("kcs,kst,kct->kc", rows, noises[step], rows)
+        added = jnp.einsum("kcs,kst,kct->kc", rows, taken.noise[step], rows)
         is_step = number < counts
         variance = variance + jnp.where(is_step[:, None], added, 0.0)
-        rows = jnp.where(is_step[:, None, None], rows @ slopes[step], rows)
+        of_driven = rows[..., :driven] @ taken.driven[step]
+        of_others = rows[..., driven:] * taken.decay[step][:, None]
+        before = jnp.concatenate([of_driven, of_others], axis=-1)
+        rows = jnp.where(is_step[:, None, None], before, rows)
         return (rows, variance), None
 
     begin = seen.slope, jax.vmap(kalman.reading_variance)(found)

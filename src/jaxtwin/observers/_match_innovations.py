@@ -223,7 +223,7 @@ def _scored(
         changed = eqx.tree_at(lambda k: k.model, kalman, model)
         start = kalman.init(first, jnp.zeros(samples.duty.shape[1]))
         start = _carried(start, kalman.model, model)
-        return following(changed, start, samples).states.log_likelihood.sum()
+        return following(changed, start, samples)[0].states.log_likelihood.sum()
 
     return jax.value_and_grad(of)(jnp.asarray(local))
 
