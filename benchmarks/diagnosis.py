@@ -11,8 +11,8 @@ from pathlib import Path
 
 import jaxtwin as jt
 from benchmarks._devices import LID, box_recordings
+from benchmarks._fitted import fitted
 from benchmarks._machine import processor
-from benchmarks.monitor import fitted
 
 
 def main() -> None:
@@ -22,8 +22,6 @@ def main() -> None:
     parser.add_argument("--fits", type=Path, help="a folder that keeps fits and noise")
     given = parser.parse_args()
     print(f"{processor()}\n")
-    if given.fits is not None:
-        given.fits.mkdir(exist_ok=True)
     box(given.folder / "incubator", given.fits)
 
 

@@ -32,6 +32,7 @@ import numpy as np
 
 import jaxtwin as jt
 from benchmarks._faults_page import faults_page
+from benchmarks._fitted import STEPS
 from benchmarks._machine import processor
 from benchmarks._results import parser_of
 from benchmarks._virtual_hours import (
@@ -45,7 +46,6 @@ from benchmarks._virtual_hours import (
     values_of_filter,
     values_of_posterior,
 )
-from benchmarks.monitor import STEPS
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.diagnosis import Cause, Diagnosis, Explanation, suspects
 from jaxtwin.diagnosis._causes import diagnosed

@@ -25,6 +25,7 @@ import numpy as np
 
 import jaxtwin as jt
 from benchmarks._devices import box_recordings
+from benchmarks._fitted import MATCHED, STEPS, fitted, single_cell_sessions
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.live import Finding
@@ -36,8 +37,6 @@ from jaxtwin.monitoring._monitored import Monitored
 from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
 from jaxtwin.monitoring._tails import block_maxima, tail_of
 
-MATCHED = (1, 2, 3, 4)
-STEPS = tuple(f"peltierMIMOStepSec{zone}.mat" for zone in "ABC")
 RUN_LENGTHS = (3.0, 4.0, 5.0, 6.0, 8.0)
 """The thresholds of the table of textbook sums."""
 
@@ -48,8 +47,6 @@ def main() -> None:
     parser.add_argument("--fits", type=Path, help="a folder that keeps fits and noise")
     given = parser.parse_args()
     print(f"{processor()}\n")
-    if given.fits is not None:
-        given.fits.mkdir(exist_ok=True)
     extrapolation()
     single(given.folder, given.fits)
     box(given.folder / "incubator", given.fits)
@@ -105,10 +102,7 @@ def _scores(tests: InnovationTests, innovations: jax.Array) -> jax.Array:
 
 def single(folder: Path, kept: Path | None) -> None:
     """The sessions of the single cell."""
-    sessions = {
-        int(file.stem.removeprefix("BMData").split("_")[0]): jt.read_recording(file)
-        for file in sorted((folder / "single-cell").glob("BMData*.mat"))
-    }
+    sessions = single_cell_sessions(folder)
     known = [sessions[number] for number in MATCHED]
     fit, noise = fitted("single-cell", known, ("R_E",), kept)
     observed = [jt.observe(fit, one, noise) for one in known]
@@ -204,25 +198,6 @@ def speed(found: Monitored) -> None:
             log.take(float(n), jax.tree.map(np.asarray, evidences))
             durations.append(time.perf_counter() - start)
     print(f"\nA step of the monitor with 15 channels: {1e3 * np.median(durations[10:]):.2f} ms")
-
-
-def fitted(
-    name: str,
-    experiments: Sequence[jt.Experiment],
-    names: Sequence[str],
-    kept: Path | None,
-    rig: jt.Rig | None = None,
-) -> tuple[jt.Fit, jt.ProcessNoise]:
-    """The match and its noise; both are kept in a folder, if one is given."""
-    if kept is not None and (kept / f"{name}.toml").exists():
-        fit = jt.Fit.load(kept / f"{name}.toml", rig=rig, experiments=experiments)
-        return fit, jt.ProcessNoise.load(kept / f"{name}-noise.toml")
-    fit = jt.match(jt.Twin(name if rig is None else rig), experiments)
-    noise = jt.estimate_noise(fit, experiments, names=names)
-    if kept is not None:
-        fit.save(kept / f"{name}.toml")
-        noise.save(kept / f"{name}-noise.toml")
-    return fit, noise
 
 
 if __name__ == "__main__":

@@ -20,36 +20,31 @@ import jax
 import numpy as np
 
 import jaxtwin as jt
+from benchmarks._fitted import MATCHED, STEPS, fitted, single_cell_sessions
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState
 
 LEADS = (60.0, 300.0)
-STEPS = tuple(f"peltierMIMOStepSec{zone}.mat" for zone in "ABC")
-MATCHED = (1, 2, 3, 4)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder
+    parser.add_argument("--fits", type=Path, help="a folder that keeps fits and noise")
+    given = parser.parse_args()
+    folder = given.folder
     print(f"{processor()}\n")
     heads = "recordings", "ahead s", "RMSE K", "without common K", "inside %", "band K"
     print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
-    sessions = {
-        int(file.stem.removeprefix("BMData").split("_")[0]): jt.read_recording(file)
-        for file in sorted((folder / "single-cell").glob("BMData*.mat"))
-    }
-    seen = [sessions[number] for number in MATCHED]
-    single = jt.match(jt.Twin("single-cell"), seen)
-    noise = timed("noise of single-cell", lambda: jt.estimate_noise(single, seen, names=("R_E",)))
+    sessions = single_cell_sessions(folder)
+    single, noise = fitted("single-cell", [sessions[n] for n in MATCHED], ("R_E",), given.fits)
     unseen = {n: one for n, one in sessions.items() if n not in MATCHED}
     for number, one in sorted(unseen.items()):
         judge(f"single-cell, session {number}", [jt.observe(single, one, noise)])
     steps = [jt.read_recording(folder / name) for name in STEPS]
     halves = [one.between(0, one.duration / 2) for one in steps]
-    dual = jt.match(jt.Twin("dual-cell"), halves)
-    of_halves = timed("noise of dual-cell", lambda: jt.estimate_noise(dual, halves))
+    dual, of_halves = fitted("dual-cell", halves, (), given.fits)
     observed = [jt.observe(dual, one, of_halves) for one in steps]
     judge("dual-cell, second halves", observed, after=steps[0].duration / 2)
     day = jt.read_recording(folder / "other-day" / "peltierMIMOSecA1.mat")
@@ -113,16 +108,6 @@ def seconds(work: Callable[[], object]) -> float:
     start = time.perf_counter()
     jax.block_until_ready(work())
     return time.perf_counter() - start
-
-
-def timed(name: str, work: Callable[[], jt.ProcessNoise]) -> jt.ProcessNoise:
-    """Does something, and prints what it found and how long it took."""
-    start, cpu = time.perf_counter(), time.process_time()
-    noise = work()
-    wall, cpu = time.perf_counter() - start, time.process_time() - cpu
-    levels = ", ".join(f"{key} {level:.3g}" for key, level in noise.levels().items())
-    print(f"<!-- {name}: {levels}; {wall:.0f} s, CPU {cpu:.0f} s -->", flush=True)
-    return noise
 
 
 if __name__ == "__main__":
