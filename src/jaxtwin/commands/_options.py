@@ -58,8 +58,8 @@ LinkOption = Annotated[
     typer.Option(
         "--link",
         metavar="URL",
-        help="socket://HOST:PORT, a serial port, rfc2217://HOST:PORT or mqtt://HOST/TOPIC; "
-        "may be repeated, for a controller and a camera, say.",
+        help="socket://HOST:PORT, a serial port, rfc2217://HOST:PORT, tclab://PORT or "
+        "mqtt://HOST/TOPIC; may be repeated, for a controller and a camera, say.",
     ),
 ]
 PublishOption = Annotated[
