@@ -22,11 +22,14 @@ view = { x = [0, 80], y = [0, 60] }
 """
 
 
-def bundled(name: str, driver: Mapping[str, str]) -> Twin:
-    """A bundled rig whose driver has other values."""
+def bundled(
+    name: str, driver: Mapping[str, str], parameters: Mapping[str, Mapping[str, Any]] | None = None
+) -> Twin:
+    """A bundled rig whose driver has other values, with further parameters."""
     text = (data_folder() / "rigs" / f"{name}.toml").read_text()
     document: dict[str, Any] = tomllib.loads(text)
     document["driver"] |= driver
+    document["parameters"] |= parameters or {}
     return Twin(build_rig(document, name))
 
 

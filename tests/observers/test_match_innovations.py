@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_rigs import bundled
 
 from jaxtwin import Experiment, Fit, ObserverError, ProcessNoise, Twin, match, simulate
 from jaxtwin.matching._fit import solution_of
@@ -50,6 +51,20 @@ def test_the_derivative_is_that_of_central_differences(exact: Fit, heat: float):
     step = 1e-4 * np.eye(len(vector))
     central = [(score(vector + e)[0] - score(vector - e)[0]) / 2e-4 for e in step]
     np.testing.assert_allclose(slope, central, rtol=1e-6, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_the_derivative_with_respect_to_the_drivers_delay_is_that_of_central_differences():
+    delay = {"value": 3.3, "unit": "s", "bounds": [0.1, 20.0], "free": True}
+    late = bundled("tclab", {"lag": "3 s", "delay": "t_delay"}, {"t_delay": delay})
+    fit = match(late, recording(23.0, 1), free=["R_1", "t_delay"], max_iterations=1)
+    score = _Score(solution_of(fit).problem, fit, noise_of(fit))
+    vector = np.array(solution_of(fit).vector)
+    _, slope = score(vector)
+    step = 1e-4 * np.eye(len(vector))
+    central = [(score(vector + e)[0] - score(vector - e)[0]) / 2e-4 for e in step]
+    assert abs(slope[1]) > 0.1
+    np.testing.assert_allclose(slope, central, rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.slow
