@@ -85,6 +85,18 @@ def test_where_the_twin_is_exact_nothing_is_gained_and_the_true_values_are_insid
 
 
 @pytest.mark.slow
+def test_a_fit_from_a_file_is_matched_as_the_fit_itself(exact: Fit, tmp_path: Path):
+    exact.save(tmp_path / "fit.toml")
+    kept = Fit.load(tmp_path / "fit.toml", experiments=[recording(23.0, 1)])
+    noise = noise_of(exact)
+    found, again = (match_innovations(fit, noise, max_iterations=1) for fit in (exact, kept))
+    for name in FREE:
+        assert again.parameters[name].value == pytest.approx(found.parameters[name].value, rel=1e-6)
+        errors = [fit.parameters[name].standard_error for fit in (again, found)]
+        assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
+@pytest.mark.slow
 def test_a_room_that_nobody_recorded_no_longer_pushes_its_error_into_the_values():
     """The room wanders by kelvins. A match of runs is sure of resistances that are a tenth wrong;
     the filter has a state for the room."""

@@ -34,6 +34,7 @@ from ..matching._descent_result import Estimate, make_optimum
 from ..matching._fit import solution_of
 from ..matching._fitted_parameters import fitted_parameters
 from ..matching._match import default_solver, make_fit
+from ..matching._noise_model import update_noise_model
 from ..matching._objective import make_objective
 from ..matching._problem import MatchProblem
 from ..matching._uncertainty import Uncertainty, VectorEntries, uncertainty
@@ -304,5 +305,7 @@ def _at(
     space = problem.unknowns.search_space()
     objective = make_objective(problem, noise_model)
     (result,) = descend([objective], default_solver(problem), [vector], space, 0)
+    if noise_model.channel_curvature is None:  # the fit comes from a file
+        noise_model = update_noise_model(problem, noise_model, result.recording_errors())
     optimum = make_optimum(problem, result, 0, result)
     return make_fit(problem, Estimate(result, noise_model), 0, (optimum,), began)
