@@ -9,8 +9,7 @@ import pytest
 
 from jaxtwin import Twin
 from jaxtwin.data import data_folder
-from jaxtwin.rig import Rig, load_rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, load_rig, rig_from_tables
 
 MakeRig = Callable[..., Rig]
 
@@ -27,7 +26,7 @@ def bundled(name: str, driver: Mapping[str, str]) -> Twin:
     text = (data_folder() / "rigs" / f"{name}.toml").read_text()
     document: dict[str, Any] = tomllib.loads(text)
     document["driver"] |= driver
-    return Twin(build_rig(document, name))
+    return Twin(rig_from_tables(document, name))
 
 
 def small_rig_file(
