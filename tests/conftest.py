@@ -57,9 +57,12 @@ QUICK_FLAGS = (
     "--xla_cpu_use_fusion_emitters=false",
 )
 """XLA's flags beside that setting. A program is not divided among threads that compile it, which
-costs a sixth more in all: each processor has a worker here. And its small loops are written in
-LLVM's language by XLA itself, without MLIR, whose compiler is made anew for each of them: a fifth to
-a half less time for tests with many small programs, none for large ones."""
+costs a sixth more in all: each processor has a worker here. And XLA itself writes small loops of
+a program for LLVM, without MLIR, whose compiler is made anew for each: up to half of the time of
+tests with many small programs, nothing with large ones.
+
+If a test fails with them and passes with JAX_DISABLE_MOST_OPTIMIZATIONS=0, suspect the second:
+jaxlib 0.10.2 compiled one program wrongly with it (tests/simulation/test_numbered_chunk.py)."""
 
 YOUNG_OBJECTS = 50_000
 """New objects after which Python looks for cycles among them, in place of 700. Programs are traced
