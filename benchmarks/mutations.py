@@ -42,7 +42,7 @@ CHECKOUT = Path(__file__).parent.parent
 
 TESTS = {
     "_compilation": ["tests/compilation/test_*.py"],
-    "commands": ["tests/test_cli.py", "tests/test_commands.py", "tests/*/test_command*.py"],
+    "commands": ["tests/commands/test_*.py", "tests/*/test_command*.py"],
     "doctor": ["tests/test_doctor.py"],
     TOP_LEVEL: ["tests/test_*.py"],
 }

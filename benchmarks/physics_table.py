@@ -21,7 +21,7 @@ import numpy as np
 from jaxtwin import Experiment, Fit, Run, Twin, match, read_recording
 from jaxtwin.data import data_folder
 from jaxtwin.matching._fit import solution_of
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 from jaxtwin.simulation import fit_percent
 
 HALF = 500.0
@@ -95,7 +95,7 @@ def stages() -> list[tuple[str, Twin]]:
         text = repr(rig)
         used = {key: row for key, row in rig["parameters"].items() if text.count(f"'{key}'") > 1}
         rig["parameters"] = used
-        found.append((name, Twin(build_rig(rig, name))))
+        found.append((name, Twin(rig_from_tables(rig, name))))
     return found
 
 

@@ -11,6 +11,7 @@ grid is that of the three steps with the values matched on it, against elements 
 import argparse
 import json
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from benchmarks.physics_table import HALF, hottest_cell, row, second_half
 from jaxtwin import Twin, match, read_recording
 from jaxtwin.data import data_folder
 from jaxtwin.matching._fit import solution_of
-from jaxtwin.rig._build import parse_rig
+from jaxtwin.rig import rig_from_tables
 
 PLACES = (["5.75 cm", "4.25 cm"], ["17 cm", "4.25 cm"])
 HELD = {"n_film": 0.2, "R_supply": 0.2, "C_sink": 200.0}
@@ -63,7 +64,9 @@ CHANGES = (
 
 def placed(resolution: str) -> Twin:
     """`dual-cell` with placed cells."""
-    return Twin(parse_rig(placed_text(resolution).encode(), "dual-cell with placed cells"))
+    return Twin(
+        rig_from_tables(tomllib.loads(placed_text(resolution)), "dual-cell with placed cells")
+    )
 
 
 def main() -> None:

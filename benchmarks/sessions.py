@@ -22,7 +22,7 @@ from jaxtwin.matching._descent import descend
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._match import default_solver
 from jaxtwin.matching._objective import make_objective
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 BETWEEN = 0.2
 """Prior standard deviation of a parameter between sessions, as a part of its own prior's."""
@@ -35,7 +35,7 @@ def with_values_for_each_session() -> Twin:
         if "prior" in row and "scope" not in row:
             row["scope"] = "group"
             row["prior"]["between_groups"] = BETWEEN * row["prior"]["spread"]
-    return Twin(build_rig(rig, "single-cell, each session"))
+    return Twin(rig_from_tables(rig, "single-cell, each session"))
 
 
 def falls_of_cost(fit: Fit) -> np.ndarray:

@@ -38,7 +38,7 @@ from scipy.signal import lfilter
 
 from jaxtwin import Experiment, Fit, Twin, match_many, prediction_band, simulate
 from jaxtwin.data import data_folder
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 RESULTS = Path(__file__).parent / "results"
 DAYS = ("steps", "steps", "steps", "full")
@@ -101,7 +101,7 @@ def finer_plant() -> Twin:
             for i in range(2)
             for j in range(2)
         }
-    return Twin(build_rig(rig, "finer"))
+    return Twin(rig_from_tables(rig, "finer"))
 
 
 def plant_values(plant: str, values: dict[str, float]) -> dict[str, float]:

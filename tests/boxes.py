@@ -9,8 +9,7 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from jaxtwin import Experiment, Twin
-from jaxtwin.rig import Rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, rig_from_tables
 
 TEXT = """
 format = 1
@@ -94,7 +93,7 @@ def box_table() -> dict[str, Any]:
 
 def box() -> Rig:
     """The rig."""
-    return build_rig(box_table(), "box")
+    return rig_from_tables(box_table(), "box")
 
 
 def box_file(folder: Path) -> Path:

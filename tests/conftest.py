@@ -52,9 +52,17 @@ QUICK_COMPILATION = "JAX_DISABLE_MOST_OPTIMIZATIONS"
 """JAX's setting that leaves out most of XLA's optimisations. Runs without the slow tests set it,
 unless the environment already says 0 or 1."""
 
-QUICK_FLAG = "--xla_cpu_parallel_codegen_split_count=1"
-"""XLA's flag beside that setting. A program is not divided among threads that compile it, which
-costs a sixth more in all: each processor has a worker here."""
+QUICK_FLAGS = (
+    "--xla_cpu_parallel_codegen_split_count=1",
+    "--xla_cpu_use_fusion_emitters=false",
+)
+"""XLA's flags beside that setting. A program is not divided among threads that compile it, which
+costs a sixth more in all: each processor has a worker here. And XLA itself writes small loops of
+a program for LLVM, without MLIR, whose compiler is made anew for each: up to half of the time of
+tests with many small programs, nothing with large ones.
+
+If a test fails with them and passes with JAX_DISABLE_MOST_OPTIMIZATIONS=0, suspect the second:
+jaxlib 0.10.2 compiled one program wrongly with it (tests/simulation/test_numbered_chunk.py)."""
 
 YOUNG_OBJECTS = 50_000
 """New objects after which Python looks for cycles among them, in place of 700. Programs are traced
@@ -81,9 +89,10 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ[QUICK_COMPILATION] = "1"
         jax.config.update("jax_disable_most_optimizations", True)
     if jax.config.read("jax_disable_most_optimizations"):
-        flags = os.environ.get("XLA_FLAGS", "")
-        if QUICK_FLAG not in flags:  # a worker has those of the process that started it
-            os.environ["XLA_FLAGS"] = f"{flags} {QUICK_FLAG}".strip()
+        flags = os.environ.get("XLA_FLAGS", "").split()
+        # A worker has those of the process that started it.
+        flags += [flag for flag in QUICK_FLAGS if flag not in flags]
+        os.environ["XLA_FLAGS"] = " ".join(flags)
     gc.set_threshold(YOUNG_OBJECTS, 20, 100)
 
 

@@ -4,8 +4,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
-from jaxtwin.live import Recorder, RigConnection, VirtualRig
-from jaxtwin.live.virtual_rig._serve import InProcess
+from jaxtwin.live import InProcess, Recorder, RigConnection, VirtualRig
 from jaxtwin.rig import Rig
 
 START = 1_700_000_000_000_000_000  # ns since 1970: the size that real stamps have

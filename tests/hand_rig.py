@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import expm
 
-from jaxtwin.rig import Rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, rig_from_tables
 
 NODES = ["V11", "V12", "P1.TC", "P1.TH"]
 CAPACITANCE = 30.0, 30.0, 10.0, 10.0
@@ -71,7 +70,7 @@ temperature = "20 degC"
 
 def hand_rig(**parts: str) -> Rig:
     """The rig of the file `hand.toml`, with keys and tables added: see `hand_text`."""
-    return build_rig(tomllib.loads(hand_text(**parts)), "hand.toml")
+    return rig_from_tables(tomllib.loads(hand_text(**parts)), "hand.toml")
 
 
 def hand_text(
@@ -147,7 +146,7 @@ def text_of_many_parts(averaging: str) -> str:
 
 def rig_of_many_parts(averaging: str) -> Rig:
     """The rig of that file."""
-    return build_rig(tomllib.loads(text_of_many_parts(averaging)), "hand.toml")
+    return rig_from_tables(tomllib.loads(text_of_many_parts(averaging)), "hand.toml")
 
 
 def heater_power(duty: float) -> float:

@@ -16,8 +16,7 @@ import numpy as np
 from hand_clock import START, HandClock, stepped_bench
 
 from jaxtwin._errors import JaxtwinError, SafetyStop
-from jaxtwin.control import PID, control, read_controller, save_controller
-from jaxtwin.control.loops._control import LiveLoop
+from jaxtwin.control import PID, LiveLoop, control, read_controller, save_controller
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Data,

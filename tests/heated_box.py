@@ -8,8 +8,7 @@ from jaxtyping import Float
 from scipy.linalg import expm
 
 from jaxtwin.data import data_folder
-from jaxtwin.rig import Rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, rig_from_tables
 
 NODES = ("air", "wall", "heater")
 CAPACITANCE = np.array([60.0, 400.0, 25.0])  # J/K
@@ -71,12 +70,12 @@ def cell_and_heater(averaging: str) -> Rig:
             "contacts": {"V11": "1.5 K/W", "ambient": "30 K/W"},
         },
     ]
-    return build_rig(document, "cell and heater")
+    return rig_from_tables(document, "cell and heater")
 
 
 def heated_box(*changes: tuple[str, str]) -> Rig:
     """The rig, with some texts of its file replaced by others."""
-    return build_rig(tomllib.loads(heated_box_text(*changes)), "box.toml")
+    return rig_from_tables(tomllib.loads(heated_box_text(*changes)), "box.toml")
 
 
 def heated_box_text(*changes: tuple[str, str]) -> str:

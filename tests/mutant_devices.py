@@ -5,7 +5,9 @@ import re
 from dataclasses import replace
 
 from jaxtwin.live import Duty, Order, OutputStage, VirtualRig, deframe, encode_line
-from jaxtwin.live.protocol._output_stage import Answer
+
+Answer = tuple[str, str]
+"""The event with which a device answers a command: its kind and reason."""
 
 
 class Stage(OutputStage):  # pyright: ignore[reportGeneralTypeIssues]

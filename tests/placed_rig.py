@@ -2,8 +2,7 @@
 
 import tomllib
 
-from jaxtwin.rig import Rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, rig_from_tables
 
 GRID = 'width = "16 cm"\nheight = "8 cm"\nresolution = "1 cm"'
 AT = 'at = ["5 cm", "4 cm"]\nsize = "4 cm"\ncontact_resistance = "R_contact"'
@@ -89,4 +88,4 @@ def placed_text(
 
 def placed_rig(place: str = AT, **parts: str) -> Rig:
     """The rig of the file `placed.toml`: see `placed_text`."""
-    return build_rig(tomllib.loads(placed_text(place, **parts)), "placed.toml")
+    return rig_from_tables(tomllib.loads(placed_text(place, **parts)), "placed.toml")

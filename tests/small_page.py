@@ -6,8 +6,7 @@ import numpy as np
 from hand_clock import START
 
 from jaxtwin import Twin
-from jaxtwin.live import Reading, RigState, Sample
-from jaxtwin.live._stop_request import StopRequest
+from jaxtwin.live import Reading, RigState, Sample, StopRequest
 from jaxtwin.serve import Access, Desk, FrameRing, Page, TwinBeside, web_app
 
 TOKEN = "the-token-of-a-test"

@@ -9,8 +9,7 @@ import pytest
 
 from jaxtwin import Twin
 from jaxtwin.data import data_folder
-from jaxtwin.rig import Rig, load_rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, load_rig, rig_from_tables
 
 MakeRig = Callable[..., Rig]
 
@@ -30,7 +29,7 @@ def bundled(
     document: dict[str, Any] = tomllib.loads(text)
     document["driver"] |= driver
     document["parameters"] |= parameters or {}
-    return Twin(build_rig(document, name))
+    return Twin(rig_from_tables(document, name))
 
 
 def small_rig_file(

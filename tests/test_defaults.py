@@ -1,7 +1,7 @@
 """What Python functions take for an argument that is left out: scripts and results rely on it.
 
 Each number stands in the documentation of its function or can be read off its results, so a change
-is one of behaviour. Those of the commands are in `test_commands.py`.
+is one of behaviour. Those of the commands are in `commands/test_commands.py`.
 """
 
 import importlib

@@ -1,8 +1,6 @@
 """Whoever mistypes a name is told the nearest one."""
 
-import inspect
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
@@ -17,10 +15,6 @@ from jaxtwin import (
 )
 from jaxtwin._by_recording import ByRecording
 from jaxtwin._name_suggestions import did_you_mean
-from jaxtwin.commands._sources import open_twin
-from jaxtwin.sensitivity_analysis._input_choices import resolve_inputs
-from jaxtwin.sensitivity_analysis._methods import checked_method
-from jaxtwin.sensitivity_analysis._unit_samples import checked_kind
 
 DRIVE = Experiment.schedule("0:0.5", duration=3, channels=("T",))
 RECORDED = Experiment([0, 1], [0, 1], channels=("T11", "T12"), temperatures=[[20, 20], [21, 21]])
@@ -43,24 +37,12 @@ def test_the_nearest_of_several_names():
         (lambda: Twin("single-cell", {"R_los": 1.0}), "R_loss"),
         (lambda: load_rig("dual-cel"), "dual-cell"),
         (lambda: Twin("dual-cell").module("P11"), "P[12]"),
-        (lambda: unchecked(checked_method)("sobl"), "sobol"),
-        (lambda: unchecked(checked_kind)("latin-hypercub"), "latin-hypercube"),
-        (
-            lambda: unchecked(resolve_inputs)("bound", None, Twin("single-cell"), None, 0.2),
-            "bounds",
-        ),
         (lambda: ByRecording({"monday": 1})["mondya"], "monday"),
-        (lambda: open_twin(load_rig("paper-2024"), "publishd", None), "published"),
     ],
 )
 def test_a_mistyped_name_is_answered_with_the_nearest(ask: Callable[[], object], name: str):
     with pytest.raises(JaxtwinError, match=f"did you mean '{name}'"):
         ask()
-
-
-def unchecked(function: Any) -> Any:
-    """Without the check of types that tests add, which refuses a wrong name before the function."""
-    return inspect.unwrap(function)
 
 
 def experiment(channel: str) -> Experiment:

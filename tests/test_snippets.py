@@ -35,8 +35,10 @@ SMALLER = {
     "moment.time > 600": "moment.time > 3",
     '"0:30,300:35", duration=600)': '"0:30", duration=5)',
     "LiveLoop(twin, relay, 40, duration=900)": "LiveLoop(twin, relay, 40, duration=5)",
-    # All parameters of two recordings are matched once; other options, each of which is compiled
-    # anew, get two parameters.
+    # Matches, of which each option is compiled anew, get two parameters; the notebooks match all.
+    "fit = jt.match(twin, recordings)\nprint": (
+        'fit = jt.match(twin, recordings, free=["R_E", "h_A"])\nprint'
+    ),
     "match(twin, recordings, solver=": (
         'match(jt.Twin("single-cell"), "session-0.csv", free=["R_E", "R_Th"], solver='
     ),

@@ -15,8 +15,7 @@ from heated_box import cell_and_heater, heated_box
 
 from jaxtwin import ControlError, Experiment, Stepper, Twin, simulate
 from jaxtwin.c_export import export_c
-from jaxtwin.rig import Rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, rig_from_tables
 from jaxtwin.simulation import reduce_stepper
 
 MAIN = """
@@ -86,7 +85,7 @@ def box_with_losses() -> Rig:
     table["plate"] |= {"material": "aluminium", "film_coefficient": "10 W/(m^2 K)"}
     table["plate"] |= {"film_exponent": "0.25", "emissivity": "0.8"}
     table["driver"] |= {"delay": "1.4 s", "lag": "2 s"}
-    return build_rig(table, "box")
+    return rig_from_tables(table, "box")
 
 
 WITH_INPUTS = {

@@ -5,7 +5,7 @@ import pytest
 from boxes import box, box_table
 
 from jaxtwin import ControlError, Experiment, LinearModel, Twin, linearize, simulate
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 OTHER = {"lid": "open", "fan": 0.4, "V_supply": 11.0, "T_water": 28.0}
 
@@ -21,7 +21,7 @@ def other() -> Twin:
     table = box_table()
     for one in table["inputs"]:
         one["value"] = OTHER[one["name"]]
-    return Twin(build_rig(table, "box"))
+    return Twin(rig_from_tables(table, "box"))
 
 
 def assert_equal(found: LinearModel, expected: LinearModel) -> None:

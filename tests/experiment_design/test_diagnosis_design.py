@@ -8,7 +8,6 @@ import pytest
 from faulty_runs import bench
 
 import jaxtwin as jt
-from jaxtwin.diagnosis._diagnosis import TIE
 from jaxtwin.experiment_design import DiagnosisDesign
 from jaxtwin.experiment_design._evidence import Evidence, EvidenceProblem, _crossing
 from jaxtwin.experiment_design._schedules import make_schedules
@@ -75,7 +74,8 @@ def test_what_is_known_at_the_end_counts_where_nothing_is_told_apart():
 
 
 def test_between_two_samples_the_time_is_that_of_a_line():
-    enough = math.log(TIE)
+    """The time from which one cause is twenty times as likely as the other: no tie any more."""
+    enough = math.log(20)
     time = np.array([10.0, 20.0, 30.0])
     assert _crossing(time, np.array([0.0, 0.0, 2 * enough])) == 25.0
     assert _crossing(time, np.array([2 * enough, 3 * enough, 4 * enough])) == 5.0

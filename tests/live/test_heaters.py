@@ -26,7 +26,7 @@ def make_box_twin(box: Rig) -> Twin:
     return Twin(box)
 
 
-def test_a_greeting_names_the_cells_that_only_heat(box: Rig, box_twin: Twin):
+def test_a_greeting_names_the_cells_that_only_heat_and_no_camera(box: Rig, box_twin: Twin):
     hello = VirtualRig(box_twin).hello
     assert hello.cells == hello.heaters == ("heater", "bulb")
     line = encode(hello).rsplit(b"*", 1)[0].decode()
@@ -37,6 +37,8 @@ def test_a_greeting_names_the_cells_that_only_heat(box: Rig, box_twin: Twin):
     cools = identity.refusal(replace(hello, heaters=()))
     assert cools is not None
     assert cools.startswith("heaters: expected ('heater', 'bulb') as in the rig file, got ()")
+    sees = identity.refusal(replace(hello, camera=(80, 60)))
+    assert sees == "camera: expected None as in the rig file, got (80, 60)"
 
 
 def test_a_device_refuses_negative_counts_of_a_heater(box_twin: Twin):

@@ -1,9 +1,7 @@
 """What a recording that nobody watches needs: alarms, copies, files by day, signs of life."""
 
 import hashlib
-import json
 import shutil
-import socket
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from folded import feed
-from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
+from hand_clock import START
 
 from jaxtwin import RecordingError
 from jaxtwin.cli import run
-from jaxtwin.commands._heartbeat import Heartbeat
-from jaxtwin.commands._recorded_days import RecordedDays
 from jaxtwin.io import Session, backup_session
 from jaxtwin.live import (
     Alarms,
-    Data,
     Finding,
     Greeting,
     Hello,
@@ -31,7 +26,6 @@ from jaxtwin.live import (
     Recorder,
     RigState,
     Sample,
-    encode,
 )
 from jaxtwin.rig import Rig
 
@@ -223,51 +217,6 @@ def test_a_backup_replaces_nothing_and_copies_recordings_only(rig: Rig, tmp_path
     with pytest.raises(RecordingError, match="expected a recording of a live rig"):
         backup_session(copy, tmp_path / "other.db")
     assert run(["backup", str(file), str(tmp_path / "third.db")]) == 0
-
-
-def test_a_new_day_is_a_new_file_and_the_old_one_has_its_checksum(
-    rig: Rig, tmp_path: Path, clock: HandClock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    today = ["2026-01-31"]
-    monkeypatch.setattr(RecordedDays, "_today", lambda self: today[0])
-    reads = [encode(HELLO), *[encode(Data(n, n * 1000, (0, 0))) for n in range(10)]]
-    opener = lambda: ScriptedTransport(*reads)  # noqa: E731
-    options = {"daily": True, "append": False, "keep_frames": False}
-    with RecordedDays(tmp_path / "s.db", rig, **options) as days:
-        bench = stepped_bench(rig, {"link": opener}, clock, journal=days.recorder)
-        for turn in range(15):
-            if turn == 6:
-                today[0] = "2026-02-01"
-            bench.poll()
-            days.turn(bench)
-    counts = {}
-    for file in sorted(tmp_path.glob("s-*.db")):
-        with Session(file) as session:
-            rows = session.database.execute("SELECT count(*), min(seq), max(seq) FROM samples")
-            counts[file.name] = rows.fetchone()
-    (first, before), (second, after) = counts.items()
-    assert (first, second) == ("s-2026-01-31.db", "s-2026-02-01.db")
-    assert before[0] + after[0] == 10
-    assert after[1] == before[2] + 1
-    subprocess.run(["sha256sum", "--check", f"{first}.sha256"], cwd=tmp_path, check=True)
-
-
-def test_systemd_and_a_file_hear_that_it_is_alive(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    address = tmp_path / "notify"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
-        supervisor.bind(str(address))
-        monkeypatch.setenv("NOTIFY_SOCKET", str(address))
-        heartbeat = Heartbeat(tmp_path / "health.json")
-        heartbeat.ready()
-        for records, now in enumerate((5.0, 5.99, 6.01, 7.0)):  # once a second
-            monkeypatch.setattr("jaxtwin.commands._heartbeat.time.monotonic", lambda now=now: now)
-            heartbeat.beat({"records": records})
-        received = [supervisor.recv(100) for _ in range(3)]
-        assert received == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1"]
-    health = json.loads((tmp_path / "health.json").read_text())
-    assert health["records"] == 2
 
 
 def test_an_alarm_runs_the_command_and_shows_in_the_exit_code(

@@ -3,7 +3,6 @@ does meanwhile; and a device that reports heat after a stop is not left alone.""
 
 import contextlib
 import signal
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -282,16 +281,6 @@ def test_the_command_exits_with_5_and_calls_the_alarm_if_the_device_reports_heat
     assert run([*command, "--alarm", f'echo "$JAXTWIN_ALARM" > "{called}"']) == 5
     assert called.read_text() == "still-on\n"
     assert "CUT THE POWER" in capsys.readouterr().err
-
-
-def test_the_signals_of_a_command_are_named() -> None:
-    from jaxtwin.commands._signals import stop_signals
-
-    for number, name in ((signal.SIGINT, ""), (signal.SIGTERM, "SIGTERM")):
-        with stop_signals() as stop:
-            signal.raise_signal(number)
-        assert isinstance(stop, threading.Event)
-        assert (stop.is_set(), stop.signal) == (True, name)
 
 
 def test_heat_that_is_reported_is_named_also_if_the_user_ends_the_stop_at_once(

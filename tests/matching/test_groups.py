@@ -32,7 +32,6 @@ from jaxtwin.matching._match_group import check_given
 from jaxtwin.matching._problem import LinearPrior
 from jaxtwin.matching._unknowns import Unknowns
 from jaxtwin.rig import Parameter, Rig
-from jaxtwin.validation._validate import _beyond_given
 
 PARAMETERS = """
 [parameters.k]
@@ -285,18 +284,6 @@ def test_what_an_earlier_match_knows_is_a_normal_prior_of_the_next():
     squares = np.sum((prior.matrix @ point - prior.values) ** 2)
     assert squares == pytest.approx(away @ np.linalg.inv(covariance) @ away)
     assert not prior.matrix[:, 3:].any()
-
-
-def test_a_prediction_far_outside_of_what_was_given_is_warned_of():
-    """A plate that has come half its way in the given part, and one that is there already."""
-    time = np.arange(100.0)
-    on_its_way = 20 + 30 * (1 - np.exp(-time / 29))[:, None]
-    (warning,) = _beyond_given(on_its_way, time < 20, 20.0)
-    # 30 (1 - exp(-19 / 29)) = 14.4 K of 29.0 K.
-    assert "up to 14.6 K outside of the first 20 s, whose range is 14.4 K" in warning
-    assert _beyond_given(on_its_way, time < 60, 60.0) == ()
-    idle = np.where(time < 50, 20.0, 21.0)[:, None]
-    assert len(_beyond_given(idle, time < 50, 50.0)) == 1
 
 
 @pytest.mark.slow

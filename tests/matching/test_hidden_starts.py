@@ -14,7 +14,7 @@ from jaxtwin.matching._initial_condition_priors import (
     expected_distance,
     starting_shares,
 )
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 BOX = """
 format = 1
@@ -101,7 +101,7 @@ TRUTH = {"C_air": 300.0, "C_wall": 3000.0, "R_wall": 1.0}
 
 
 def box() -> Twin:
-    return Twin(build_rig(tomllib.loads(BOX), "box"))
+    return Twin(rig_from_tables(tomllib.loads(BOX), "box"))
 
 
 def session(seed: int) -> Experiment:

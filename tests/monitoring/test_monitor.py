@@ -15,7 +15,7 @@ from jaxtwin.monitoring._monitor import SETTLE
 from jaxtwin.monitoring._run import run
 from jaxtwin.monitoring._state_test import StateTest
 from jaxtwin.monitoring._thresholds import DAY, FAMILIES, nominal_calibration
-from jaxtwin.observers._observe import filter_for
+from jaxtwin.observers import live_observer
 
 
 def watched(readings: np.ndarray) -> Monitored:
@@ -170,7 +170,7 @@ def test_the_jump_of_one_error_alone_counts_and_that_of_several_does_not():
 def said_of_errors(errors: np.ndarray) -> np.ndarray:
     """The scores of the errors of both channels, with thresholds of 1."""
     noise = ProcessNoise(channel=0.2, channel_time=170.0)
-    model = filter_for(bench(), recording(), noise).model
+    model = live_observer(bench(), noise).model
     test = StateTest(model, np.zeros(0, int), np.ones(2))
     means = np.zeros((len(errors), model.layout.size))
     means[:, model.layout.of("channels")] = errors

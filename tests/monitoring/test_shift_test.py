@@ -1,30 +1,29 @@
 """Parameters are compared with the recordings of the match by Student's distribution."""
 
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
-from faulty_runs import bench, recording
+from faulty_runs import bench
 
 from jaxtwin.monitoring import Reference, Seen
 from jaxtwin.monitoring._shift_test import AVERAGED, LEVEL, PERSISTENT, ShiftTest
-from jaxtwin.observers import ProcessNoise
-from jaxtwin.observers._augmented_model import AugmentedModel
-from jaxtwin.observers._observe import filter_for
+from jaxtwin.observers import ProcessNoise, live_observer
 
 pytestmark = pytest.mark.usefixtures("float64")
 KNOWN = Reference(mean=0.02, spread=0.03, recordings=4)
 
 
 @pytest.fixture(scope="module")
-def model() -> AugmentedModel:
+def model() -> Any:
     noise = ProcessNoise(names=("P_1",))
-    return filter_for(bench(), recording(), noise).model
+    return live_observer(bench(), noise).model
 
 
-def stepped(test: ShiftTest, model: AugmentedModel, change: float, seconds: int):
+def stepped(test: ShiftTest, model: Any, change: float, seconds: int):
     """The evidence after some time with a constant change of the logarithm of the parameter."""
     mean = np.zeros(model.layout.size)
     assert model.directions is not None
@@ -37,7 +36,7 @@ def stepped(test: ShiftTest, model: AugmentedModel, change: float, seconds: int)
     return found  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
-def test_the_difference_that_counts_is_that_of_student(model: AugmentedModel):
+def test_the_difference_that_counts_is_that_of_student(model: Any):
     test = ShiftTest(model, {"P_1": KNOWN})
     quantile = scipy.stats.t.isf(LEVEL / 2, 3)
     assert test.unlike[0] == pytest.approx(quantile * 0.03 * math.sqrt(1.25))
@@ -47,7 +46,7 @@ def test_the_difference_that_counts_is_that_of_student(model: AugmentedModel):
     assert test.probability(0, at_limit) == pytest.approx(1 - LEVEL)
 
 
-def test_without_recordings_the_spread_is_that_of_the_noise(model: AugmentedModel):
+def test_without_recordings_the_spread_is_that_of_the_noise(model: Any):
     for known in ({}, {"P_1": Reference(0.0, 0.0, 1)}):
         test = ShiftTest(model, known)
         slow = float(np.asarray(model.noise.slow))
@@ -56,7 +55,7 @@ def test_without_recordings_the_spread_is_that_of_the_noise(model: AugmentedMode
         assert test.unlike[0] == pytest.approx(scipy.stats.norm.isf(LEVEL / 2) * spread)
 
 
-def test_a_change_counts_when_it_has_lasted(model: AugmentedModel):
+def test_a_change_counts_when_it_has_lasted(model: Any):
     test = ShiftTest(model, {"P_1": KNOWN})
     short = stepped(test, model, 0.2, int(PERSISTENT / 2))
     assert 0 < float(short.score[0]) < 1
@@ -66,6 +65,6 @@ def test_a_change_counts_when_it_has_lasted(model: AugmentedModel):
     assert float(found.size[0]) == pytest.approx(math.expm1(0.2 - KNOWN.mean), rel=0.05)
 
 
-def test_a_parameter_as_in_the_match_is_not_changed(model: AugmentedModel):
+def test_a_parameter_as_in_the_match_is_not_changed(model: Any):
     test = ShiftTest(model, {"P_1": KNOWN})
     assert float(stepped(test, model, 0.05, int(AVERAGED + PERSISTENT)).score[0]) == 0

@@ -9,7 +9,6 @@ from small_rigs import MakeRig
 from jaxtwin import RigError, load_rig, plate_map
 from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights
 from jaxtwin.rig import Rig, bundled_rigs
-from jaxtwin.rig._zone_means import mean_weights
 
 RIGS = [name for name in bundled_rigs() if load_rig(name).has_plate]
 WITH_CAMERA = [name for name in RIGS if load_rig(name).camera is not None]
@@ -138,22 +137,6 @@ def test_zone_weights_by_hand(dual_cell):
         for column in range(3)
     }
     assert {name: weight for name, weight in weights.items() if weight} == pytest.approx(expected)
-
-
-@given(st.lists(st.floats(1, 9), min_size=1, max_size=6), st.data())
-def test_the_mean_over_a_range_is_that_of_the_interpolated_temperature(sizes, data):
-    """Against `numpy.interp` and the trapezoidal rule, exact for piecewise linear functions."""
-    edges = np.concatenate([[0.0], np.cumsum(sizes)])
-    low = data.draw(st.floats(0, 0.9)) * edges[-1]
-    high = low + data.draw(st.floats(0.1, 1)) * (edges[-1] - low)
-    temperatures = np.arange(len(sizes)) ** 2 - 3.0
-    centres = (edges[1:] + edges[:-1]) / 2
-    x = np.unique([low, high, *centres[(centres > low) & (centres < high)]])
-    mean = np.trapezoid(np.interp(x, centres, temperatures), x) / (high - low)
-    weights = mean_weights(edges, np.array(low), np.array(high))
-    assert weights @ temperatures == pytest.approx(mean, abs=1e-9)
-    assert weights.sum() == pytest.approx(1)
-    assert weights.min() >= 0
 
 
 def test_many_frames_at_once_and_whole_numbers(dual_cell):

@@ -5,7 +5,6 @@ import pytest
 from hand_rig import AMBIENT, hand_rig, heater_power
 
 from jaxtwin import Experiment, ParameterError, RigError, Twin, linearize, simulate, simulate_batch
-from jaxtwin.simulation._check_values import valid_draws
 
 SPEED = '[parameters]\nn_fan = { value = 1.0, unit = "", bounds = [0.2, 2.0], free = true }'
 SINK = 'sink_capacitance = "50 J/K"\nsink_air_resistance = "0.4 K/W"\n'
@@ -91,13 +90,6 @@ def test_a_speed_that_a_draw_may_take_to_zero_is_refused():
     bounds = SPEED.replace("0.2,", "0.0,")
     with pytest.raises(RigError, match=r"fan\.speed: .* got 0 as the lower bound of 'n_fan'"):
         hand_rig(cell=FAN, more=bounds)
-
-
-def test_draws_of_a_speed_not_above_zero_are_not_valid():
-    """The power of a negative speed is no real number, and that of 0 is infinite."""
-    twin = Twin(hand_rig(cell=FAN, more=SPEED))
-    drawn = {"n_fan": np.array([0.5, -1.0, 0.0, 2.0])}
-    assert valid_draws(twin, drawn).tolist() == [True, False, False, True]
 
 
 def test_a_speed_not_above_zero_is_refused_where_the_twin_runs():

@@ -12,7 +12,7 @@ import pytest
 from jaxtwin import Experiment, Rig, Twin, simulate
 from jaxtwin.data import data_folder
 from jaxtwin.physics._heat_loss import NonlinearLoss
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 from jaxtwin.spice import to_spice
 
 DRIVE = Experiment.schedule("0:0.5/0.7,60:0.8", duration=120, step=2.0, cells=2)
@@ -24,7 +24,7 @@ def changed(name: str, *changes: tuple[str, str]) -> Rig:
     for old, new in changes:
         assert old in text
         text = text.replace(old, new, 1)
-    return build_rig(tomllib.loads(text), "changed")
+    return rig_from_tables(tomllib.loads(text), "changed")
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import load_rig
+from jaxtwin._compilation._fingerprint import fingerprint
 from jaxtwin.physics import System, Twin
 from jaxtwin.physics._wiring import wiring_of
 from jaxtwin.rig import Circuit, Rig
@@ -92,3 +93,10 @@ def test_negative_resistances_and_heat_capacities_are_not_valid(name):
     with jax.enable_x64(True):
         assert bool(assembled(Twin("paper-2024")).is_valid)
         assert not bool(assembled(Twin("paper-2024", {name: -1.0})).is_valid)
+
+
+def test_the_wiring_of_another_rig_or_network_has_another_digest():
+    """By which kept programs are found."""
+    rigs = [load_rig("paper-2024"), load_rig("dual-cell")]
+    wirings = [wiring_of(rig, lumped) for rig in rigs for lumped in (False, True)]
+    assert len({fingerprint(wiring) for wiring in wirings}) == 4

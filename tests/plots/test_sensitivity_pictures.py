@@ -9,8 +9,14 @@ from matplotlib.axes import Axes
 
 from jaxtwin import GlobalSensitivity, ParameterError
 from jaxtwin.plots._convergence import _limits
-from jaxtwin.sensitivity_analysis import Inputs, Normal, Output, indices_of
-from jaxtwin.sensitivity_analysis._methods import METHODS, MethodName
+from jaxtwin.sensitivity_analysis import (
+    METHODS,
+    Inputs,
+    MethodName,
+    Normal,
+    Output,
+    indices_of,
+)
 
 NAMES = [f"R_{letter}" for letter in "abcdefgh"]
 TIMES = np.linspace(10.0, 100.0, 5)

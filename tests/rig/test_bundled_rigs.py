@@ -1,11 +1,13 @@
 """The bundled rigs against the facts that they are made from."""
 
 import math
+import tomllib
 from collections import Counter
 
 import pytest
 
-from jaxtwin.rig import Rig, ZoneSensor, bundled_rigs, load_rig
+from jaxtwin.data import data_folder
+from jaxtwin.rig import Rig, ZoneSensor, bundled_rigs, load_rig, rig_from_tables
 from jaxtwin.rig._plate import AMBIENT
 
 COLUMNS, ROWS = range(1, 9), range(1, 4)
@@ -241,3 +243,11 @@ def test_elements_are_named_by_row_and_column(paper, dual):
     assert dual.plate.extent("V23") == pytest.approx((0.05, 0.09, 0.04, 0.08))
     with pytest.raises(KeyError):
         dual.plate.extent("V99")
+
+
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_the_tables_of_a_file_are_the_rig_of_that_file(name: str):
+    tables = tomllib.loads((data_folder() / "rigs" / f"{name}.toml").read_text())
+    rig = rig_from_tables(tables, "tables")
+    assert rig.fingerprint == load_rig(name).fingerprint
+    assert (rig.source, rig.text) == ("tables", "")

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from jaxtwin import RigError
 from jaxtwin.data import data_folder
 from jaxtwin.physics import build_netlist
-from jaxtwin.rig import Heater, Rig, Value, json_schema
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Heater, Rig, Value, json_schema, rig_from_tables
 
 LIST = 'contacts = ["air"]'
 TABLE = 'contacts = { air = "0.8 K/W", ambient = "20 K/W" }'
@@ -68,7 +67,7 @@ def test_a_rig_without_cells_and_heaters_is_refused():
     with pytest.raises(
         RigError, match=r"cells: expected \[\[cells\]\] or \[\[heaters\]\], got neither"
     ):
-        build_rig(document, "box.toml")
+        rig_from_tables(document, "box.toml")
 
 
 def test_a_rig_says_what_it_has():
@@ -90,7 +89,7 @@ def test_a_heater_stands_behind_the_cells_of_a_rig():
     text = (data_folder() / "rigs" / "single-cell.toml").read_text()
     document = tomllib.loads(text)
     document["heaters"] = [{"name": "foil", "power": "5 W", "contacts": ["V11"]}]
-    rig = build_rig(document, "both")
+    rig = rig_from_tables(document, "both")
     assert rig.driven == ("P1", "foil")
     assert rig.lowest_duty == (-1.0, 0.0)
     assert [cell.is_heater for cell in build_netlist(rig).cells] == [False, True]
@@ -191,10 +190,10 @@ def test_cells_need_the_keys_of_a_driver(key: str):
     document = tomllib.loads(text)
     del document["driver"][key]
     with pytest.raises(RigError, match=f"driver.{key}: missing, every rig with cells needs it"):
-        build_rig(document, "single-cell")
+        rig_from_tables(document, "single-cell")
     del document["driver"]
     with pytest.raises(RigError, match="driver: missing, every rig with cells needs it"):
-        build_rig(document, "single-cell")
+        rig_from_tables(document, "single-cell")
 
 
 def test_the_schema_for_editors_knows_heaters():

@@ -7,7 +7,7 @@ import pytest
 from boxes import box, box_table
 
 from jaxtwin import RigError
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 
 def test_inputs_are_parts_of_the_rig():
@@ -45,18 +45,18 @@ def test_a_wrong_input_is_refused(change, message):
     known = {one["name"]: one for one in table["inputs"]}
     table["inputs"] = list({**known, **{one["name"]: one for one in change["inputs"]}}.values())
     with pytest.raises(RigError, match=re.escape(message)):
-        build_rig(table, "box.toml")
+        rig_from_tables(table, "box.toml")
 
 
 def test_an_input_twice_and_one_that_nothing_uses_are_refused():
     table = box_table()
     table["inputs"].append({"name": "fan", "value": 1})
     with pytest.raises(RigError, match="expected each name once, got 'fan' twice"):
-        build_rig(table, "box.toml")
+        rig_from_tables(table, "box.toml")
     table = box_table()
     table["inputs"].append({"name": "door", "value": 1})
     with pytest.raises(RigError, match=re.escape("inputs[door]: expected an input that a field")):
-        build_rig(table, "box.toml")
+        rig_from_tables(table, "box.toml")
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_an_input_in_a_field_that_cannot_change_is_refused(field, message):
     table = box_table()
     table["cells"][0][field] = "fan"
     with pytest.raises(RigError, match=re.escape(message)):
-        build_rig(table, "box.toml")
+        rig_from_tables(table, "box.toml")
 
 
 @pytest.mark.parametrize(
@@ -87,4 +87,4 @@ def test_a_wrong_switch_is_refused(resistance, message):
     table = box_table()
     table["links"][1]["resistance"] = resistance
     with pytest.raises(RigError, match=re.escape(message)):
-        build_rig(table, "box.toml")
+        rig_from_tables(table, "box.toml")

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from jaxtwin import RigError
 from jaxtwin.data import data_folder
-from jaxtwin.rig import Rig, load_rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import Rig, load_rig, rig_from_tables
 
 TEXTS = {
     name: (data_folder() / "rigs" / f"{name}.toml").read_bytes()
@@ -112,13 +111,13 @@ def test_a_mutated_rig_loads_or_is_refused(data):
         elif kind == "copy":
             other = data.draw(st.sampled_from(list(parent) if isinstance(parent, dict) else [key]))
             parent[other] = copy.deepcopy(value)
-    check_loads_or_refuses(lambda: build_rig(rig, "mutated.toml"), "mutated.toml")
+    check_loads_or_refuses(lambda: rig_from_tables(rig, "mutated.toml"), "mutated.toml")
 
 
 @settings(max_examples=200)
 @given(st.dictionaries(st.sampled_from([*RIGS["many parts"], "camera", "limits", "x"]), anything))
 def test_tables_with_anything_in_them_load_or_are_refused(data):
-    check_loads_or_refuses(lambda: build_rig(data, "mutated.toml"), "mutated.toml")
+    check_loads_or_refuses(lambda: rig_from_tables(data, "mutated.toml"), "mutated.toml")
 
 
 @settings(max_examples=100)

@@ -12,8 +12,7 @@ import pytest
 from placed_rig import AT, GRID, MOVING, PLACES, placed_rig, placed_text
 
 from jaxtwin import RigError
-from jaxtwin.rig import load_rig
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import load_rig, rig_from_tables
 from jaxtwin.rig._overlap import corners, overlap_areas
 
 COLUMNS, ROWS = np.array([0.0, 0.5, 2.0, 2.7, 4.0]), np.array([0.0, 1.0, 1.8, 3.0])
@@ -222,4 +221,4 @@ def test_a_place_needs_a_plate():
     document["channels"] = [{"name": "T", "nodes": ["block"]}]
     document["bodies"] = [{"name": "block", "capacitance": "10 J/K"}]
     with pytest.raises(RigError, match=r"cells\[P1\].at: expected a \[plate\], on which it lies"):
-        build_rig(document, "placed.toml")
+        rig_from_tables(document, "placed.toml")

@@ -8,7 +8,6 @@ from small_results import fit, recordings
 from jaxtwin import Experiment, SimulationError, Twin, read_recording, sensitivity, validate
 from jaxtwin.data import synthetic_recordings
 from jaxtwin.sensitivity_analysis._paired_twins import paired_twins
-from jaxtwin.sweeps._plan import plan_sweep
 
 
 def ambients(twins: list[Twin]) -> list[float]:
@@ -51,15 +50,6 @@ def test_a_sensitivity_of_a_fit_is_that_of_its_twins():
     ours = sensitivity(fit(), **options)
     theirs = sensitivity(list(fit().twins.values()), recordings(), **options)
     assert ours.cost.tolist() == theirs.cost.tolist()
-
-
-def test_a_sweep_of_a_fit_is_that_of_its_twins(matched):
-    plan = plan_sweep(
-        fit(), None, draws=4, spread=0.25, seed=0, names=None, reductions=None,
-        precision="float64", chunk_size=4,
-    )  # fmt: skip
-    assert [values["T_amb"] for values in plan.identity["values"]] == matched
-    assert plan.recordings == ("synthetic-A", "synthetic-B")
 
 
 def test_a_twin_without_experiments_is_refused():

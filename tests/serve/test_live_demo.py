@@ -5,8 +5,7 @@ from hand_clock import START
 from small_page import SECOND, page, twin
 
 from jaxtwin import load_rig
-from jaxtwin.live import Reading, RigState
-from jaxtwin.live._stop_request import StopRequest
+from jaxtwin.live import Reading, RigState, StopRequest
 from jaxtwin.serve import Desk
 from jaxtwin.serve._desk import DriveOrder, RefitOrder
 from jaxtwin.serve._live_demo import LOOSE_AT, REFIT_AFTER, RIG, STEP, DemoScript, demo_faults

@@ -29,9 +29,9 @@ from jaxtwin.live import (
     RigState,
     Sample,
     StateEstimate,
+    StopRequest,
     VirtualRig,
 )
-from jaxtwin.live._stop_request import StopRequest
 from jaxtwin.serve import (
     Access,
     Champion,

@@ -15,7 +15,7 @@ from scipy.integrate import simpson
 
 from jaxtwin import Experiment, Run, Twin
 from jaxtwin.data import data_folder
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 # Powered, then reversed in one cell and full in the other, then off: 40 s each. Samples are 0.02 s
 # apart for 10 s after each change and 0.5 s after that: Simpson's rule on them is good to 1e-8.
@@ -98,7 +98,7 @@ def test_heat_in_is_heat_out_plus_stored_with_on_off_switching():
     document = tomllib.loads((data_folder() / "rigs" / "dual-cell.toml").read_text())
     for part in ("lag", "delay"):
         del document["parameters"][document["driver"].pop(part)]
-    twin = Twin(build_rig(document, "at once"))
+    twin = Twin(rig_from_tables(document, "at once"))
     values = twin.numbers_si
     C = np.array([node.capacitance.evaluate(values) for node in twin.netlist.nodes])
     to_air = np.zeros(len(C))

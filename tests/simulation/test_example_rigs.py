@@ -8,8 +8,7 @@ import pytest
 
 from jaxtwin import Experiment, Twin, simulate
 from jaxtwin.data import data_folder
-from jaxtwin.rig import load_rig
-from jaxtwin.rig._value import Value
+from jaxtwin.rig import Value, load_rig
 from jaxtwin.simulation import Run
 
 ZERO = 273.15

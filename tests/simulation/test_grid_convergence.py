@@ -8,7 +8,6 @@ from placed_rig import AT, GRID, placed_text
 
 from jaxtwin import Experiment, RigError, SimulationError, Twin, grid_convergence, simulate
 from jaxtwin.rig import Rig, load_rig
-from jaxtwin.rig._with_resolution import with_resolution
 from jaxtwin.simulation import Grid, GridConvergence
 
 STEP = Experiment.schedule("0:0.5", duration=300.0, cells=1)
@@ -24,25 +23,17 @@ def read(folder, *changes: tuple[str, str], place: str = AT) -> Rig:
     return load_rig(path)
 
 
-def test_the_same_rig_on_another_grid(tmp_path):
-    rig = read(tmp_path)
-    fine = with_resolution(rig, 0.005)
-    assert (len(rig.plate.columns), len(fine.plate.columns)) == (16, 32)
-    assert fine.plate.width == pytest.approx(rig.plate.width)
-    assert fine.parameters == rig.parameters
-    assert fine.cells[0].placement == rig.cells[0].placement
-
-
 @pytest.mark.slow
 def test_the_resolution_found_keeps_the_tolerance(tmp_path):
     """The readings on the chosen grid, against those on one four times as fine."""
     twin = Twin(read(tmp_path), {"R_contact": 0.9})
     found = grid_convergence(twin, STEP, tolerance=0.4)
     assert found.resolution is not None
-    chosen, finer = (
-        simulate(Twin(with_resolution(twin.rig, size), twin.values), STEP).temperatures
+    rigs = [
+        read(tmp_path, (GRID, GRID.replace("1 cm", f"{size} m")))
         for size in (found.resolution, found.resolution / 4)
-    )
+    ]
+    chosen, finer = (simulate(Twin(rig, twin.values), STEP).temperatures for rig in rigs)
     assert np.abs(chosen - finer).max() < 0.4
     sizes = [grid.resolution for grid in found.grids]
     assert sizes[0] == 0.04  # half of the smaller side

@@ -6,7 +6,7 @@ from boxes import box, box_table, by_radau
 
 import jaxtwin as jt
 from jaxtwin import Experiment, Twin
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 SCHEDULES = {
     "lid": "0:0,150:1,300:0,620:1",
@@ -106,7 +106,7 @@ def test_a_driver_with_a_delay_delays_the_duty_and_not_the_lid():
     table = box_table()
     table["driver"] |= {"lag": "1 s", "delay": "tau"}
     table["parameters"]["tau"] = {"value": 7.3, "unit": "s", "bounds": [0.1, 60.0], "free": True}
-    twin = Twin(build_rig(table, "box"))
+    twin = Twin(rig_from_tables(table, "box"))
     duty, lid = np.zeros(121), np.zeros(121)
     duty[20:], lid[60:] = 0.5, 1.0
     run = jt.simulate(twin, Experiment(np.arange(121.0), duty, ambient=20.0, inputs={"lid": lid}))

@@ -15,8 +15,7 @@ from heated_box import cell_and_heater
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import Experiment, SimulationError, Twin, load_rig, reduce_batch, simulate_batch
-from jaxtwin.physics._wiring import wiring_of
+from jaxtwin import Experiment, SimulationError, Twin, reduce_batch, simulate_batch
 from jaxtwin.simulation import _native_library
 from jaxtwin.simulation._native_elimination import Elimination
 from jaxtwin.simulation._native_library import VARIABLE, native_library, native_state
@@ -299,7 +298,7 @@ def test_sanitizers_find_no_wrong_access_and_no_undefined_operation():
 def test_a_compiler_that_fails_is_told_and_does_without(monkeypatch, caplog):
     monkeypatch.setattr(_native_library, "FLAGS", ("--no-such-flag",))
     _native_library._library.cache_clear()
-    header = native_network(wiring_of(load_rig("single-cell"), True)).header
+    header = native_network(Twin("single-cell").system(lumped=True).wiring).header
     assert native_library(header) is None
     assert "draws are solved by JAX" in caplog.text
     _native_library._library.cache_clear()

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxtwin import Experiment, Twin, reduce_batch, simulate_batch
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 from jaxtwin.simulation._initial import checked_initial
 from jaxtwin.simulation._native_chunk import native_run
 from jaxtwin.simulation._native_library import VARIABLE
@@ -119,7 +119,7 @@ def test_inputs_that_change_while_the_driver_has_a_delay_stay_with_jax():
     """Their changes would come within steps, which move with the delay."""
     table = box_table()
     table["driver"] |= {"lag": "1 s", "delay": "7 s"}
-    twin = Twin(build_rig(table, "box"))
+    twin = Twin(rig_from_tables(table, "box"))
     assert not is_native(twin, experiment())
     assert is_native(twin, experiment().with_inputs(lid=1.0, fan=0.5, V_supply=11.0, T_water=25.0))
 

@@ -8,7 +8,7 @@ from boxes import box, box_table
 
 import jaxtwin as jt
 from jaxtwin import Experiment, RigError, SimulationError, Twin
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 IDLE = Experiment.schedule("0:0", duration=100, step=10, ambient=20.0)
 
@@ -18,7 +18,7 @@ def test_nodes_begin_as_the_rig_file_says():
     table = box_table()
     table["initial"] = {"temperature": "25 degC", "nodes": {"air": "T_air", "P1.TH": "40 degC"}}
     table["parameters"]["T_air"] = {"value": 30.0, "unit": "degC", "bounds": [0.0, 60.0]}
-    twin = Twin(build_rig(table, "box"))
+    twin = Twin(rig_from_tables(table, "box"))
     run = jt.simulate(twin, IDLE)
     first = dict(zip(run.nodes, run.states[0], strict=True))
     assert first == pytest.approx(
@@ -56,7 +56,7 @@ def test_the_start_of_an_unknown_node_is_refused():
     table = box_table()
     table["initial"] = {"nodes": {"ari": "20 degC"}}
     with pytest.raises(RigError, match=re.escape("initial.nodes: unknown node 'ari'")):
-        jt.build_netlist(build_rig(table, "box"))
+        jt.build_netlist(rig_from_tables(table, "box"))
 
 
 @pytest.mark.slow
@@ -68,7 +68,7 @@ def test_a_match_holds_only_the_starts_that_are_given(tmp_path):
             "value": 22.0, "unit": "degC", "bounds": [0.0, 60.0], "free": True,
             "scope": "recording", "prior": {"spread": 10.0},
         }  # fmt: skip
-    twin = Twin(build_rig(table, "box"))
+    twin = Twin(rig_from_tables(table, "box"))
     truth = twin.with_values({"T_air": 28.0, "T_sink": 35.0})
     experiment = Experiment.schedule("0:0.3,300:0", duration=900, step=5, ambient=20.0)
     stated = experiment.with_inputs(lid="closed", fan=1.0, V_supply=12.0, T_water=20.0)

@@ -10,8 +10,6 @@ from scipy.integrate import simpson
 from small_rigs import bundled
 
 from jaxtwin import Experiment, SimulationError, Twin, reduce_batch, simulate
-from jaxtwin.sensitivity_analysis._slopes import slopes_of
-from jaxtwin.simulation._native_library import VARIABLE
 
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
 """Power of `printer-bed` at full duty, W: its tracks, switch and supply."""
@@ -119,22 +117,6 @@ def test_a_draw_that_fails_has_no_energy(plate):
     found = reduce_batch(twin, experiment, {"R_E": [2.0, -1.0]}, ["energy"])
     assert found["energy"][0] > 0
     assert np.isnan(found["energy"][1])
-
-
-@pytest.mark.slow
-def test_derivatives_of_the_energy_are_those_of_differences(plate, monkeypatch):
-    """Both by JAX, whose energy has a rule of its own."""
-    monkeypatch.setenv(VARIABLE, "off")
-    twin, experiment = plate
-    values, step = {"R_E": np.array([2.0])}, 1e-3
-    (slope,) = slopes_of(twin, experiment, values, ["energy", "peak_power"])
-    ends = reduce_batch(
-        twin, experiment, {"R_E": [2.0 - step, 2.0 + step]}, ["energy", "peak_power"]
-    )
-    for name in ("energy", "peak_power"):
-        by_differences = np.diff(ends[name])[0] / (2 * step)
-        assert slope[name][0] == pytest.approx(by_differences, rel=1e-5)
-        assert by_differences < 0
 
 
 @pytest.mark.slow

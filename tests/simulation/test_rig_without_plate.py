@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import jaxtwin as jt
 from jaxtwin import Experiment, SimulationError, Twin, simulate, simulate_batch
-from jaxtwin.rig._build import build_rig
+from jaxtwin.rig import rig_from_tables
 
 LONE = """
 format = 1
@@ -41,7 +41,7 @@ TIME = np.arange(0.0, 601.0, 5.0)
 )
 def test_a_lone_body_rises_exponentially(power, resistance, capacitance, duty):
     """P R above the room in the end, with the time constant R C."""
-    twin = Twin(build_rig(tomllib.loads(LONE), "lone"))
+    twin = Twin(rig_from_tables(tomllib.loads(LONE), "lone"))
     twin = twin.with_values({"P": power, "R": resistance, "C": capacitance})
     run = simulate(twin, Experiment(TIME, np.full((len(TIME), 1), duty)))
     rise = duty * power * resistance

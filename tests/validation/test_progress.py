@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Twin, leave_one_out, validate, validate_split
-from jaxtwin.commands._validate import _ValidationProgress
 from jaxtwin.matching import Iteration
 from jaxtwin.validation import Prediction
 
@@ -63,28 +62,3 @@ def test_leave_one_out_tells_of_every_match(days: list[Experiment]):
     assert [part.number for part in told if isinstance(part, Iteration)].count(0) == 2
     assert kinds.index(Prediction) < len(told) - 1
     assert kinds[-1] is Prediction
-
-
-@pytest.mark.slow
-def test_the_command_says_how_many_are_predicted_and_how_far_the_match_is(
-    days: list[Experiment],
-):
-    said: list[str] = []
-    (prediction,) = validate(Twin("single-cell"), days[0]).predictions
-
-    class Listener:
-        def step(self, text: str) -> None:
-            said.append(text)
-
-        def update(self, text: str) -> None:
-            said.append(text)
-
-    news = _ValidationProgress(Listener(), 2)
-    news(prediction)
-    step = Iteration(number=3, start=0, cost=0.04, rmse=0.2, gradient=0.0, accepted=True, values={})
-    news(step)
-    assert said == [
-        "0 of 2 predicted",
-        "1 of 2 predicted",
-        "1 of 2 predicted, matching: iteration 3: RMSE 0.2000 K",
-    ]

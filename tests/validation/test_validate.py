@@ -19,6 +19,7 @@ from jaxtwin import (
     validate_split,
 )
 from jaxtwin.matching import estimate_initial_conditions
+from jaxtwin.validation._validate import _beyond_given
 
 FREE = ["C_load", "T_amb", "T_start", "T_sink"]
 NOISE = 0.05
@@ -307,3 +308,15 @@ def test_a_twin_that_is_no_fit_has_no_band(truth: Twin, days: list[Experiment]):
     assert result.bands == {}
     assert result.to_dict()["band_width_K"] is None
     assert "95 % bands" not in repr(result)
+
+
+def test_a_prediction_far_outside_of_what_was_given_is_warned_of():
+    """A plate that has come half its way in the given part, and one that is there already."""
+    time = np.arange(100.0)
+    on_its_way = 20 + 30 * (1 - np.exp(-time / 29))[:, None]
+    (warning,) = _beyond_given(on_its_way, time < 20, 20.0)
+    # 30 (1 - exp(-19 / 29)) = 14.4 K of 29.0 K.
+    assert "up to 14.6 K outside of the first 20 s, whose range is 14.4 K" in warning
+    assert _beyond_given(on_its_way, time < 60, 60.0) == ()
+    idle = np.where(time < 50, 20.0, 21.0)[:, None]
+    assert len(_beyond_given(idle, time < 50, 50.0)) == 1

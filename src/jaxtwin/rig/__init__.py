@@ -31,7 +31,7 @@ from ._driver import Driver
 from ._heater import Heater
 from ._input import Input, Switched
 from ._json_schema import json_schema
-from ._load import load_rig
+from ._load import load_rig, rig_from_tables
 from ._material import Material, load_material
 from ._new_rig import CellPlace, new_rig_text
 from ._nodes_sensor import NodesSensor
@@ -85,5 +85,6 @@ __all__ = [
     "new_rig_text",
     "read_parameters",
     "register_sensor",
+    "rig_from_tables",
     "write_parameters",
 ]

@@ -1,6 +1,8 @@
 """Reading rig files."""
 
 import os
+from collections.abc import Mapping
+from typing import Any
 
 from .._arguments import path_of
 from .._errors import RigError
@@ -49,6 +51,24 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
             "and Twin(rig, file) or --parameters takes its values, beside the rig that it is of",
         )
     return parse_rig(content, source)
+
+
+def rig_from_tables(tables: Mapping[str, Any], source: str) -> Rig:
+    """The rig that the tables of a rig file describe, for a program that writes or changes them.
+
+    The rig has no `text`: a saved fit of it does not hold its rig file, and neither its grid nor
+    the places of its cells can be changed afterwards.
+
+    **Arguments:**
+
+    - `tables`: tables, lists and texts as `tomllib.loads` reads them.
+    - `source`: what error messages call the rig file.
+
+    **Raises:** `RigError` for the first mistake, as `load_rig` does.
+    """
+    from ._build import build_rig
+
+    return build_rig(dict(tables), source)
 
 
 def rig_of_stored_twin(address: TwinAddress) -> Rig:

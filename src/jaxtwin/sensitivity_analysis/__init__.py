@@ -23,6 +23,7 @@ from ._global_sensitivity import GlobalSensitivity
 from ._inputs import Inputs
 from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
 from ._method import AbstractMethod, Design, indices_of
+from ._methods import METHODS, MethodName
 from ._monte_carlo import sensitivity
 from ._morris import Morris
 from ._one_at_a_time import OneAtATime
@@ -35,6 +36,7 @@ from ._shapley import Shapley
 from ._sobol import Sobol
 
 __all__ = [
+    "METHODS",
     "AbstractMarginal",
     "AbstractMethod",
     "DerivativeBased",
@@ -42,6 +44,7 @@ __all__ = [
     "GlobalSensitivity",
     "Inputs",
     "LogNormal",
+    "MethodName",
     "Morris",
     "Normal",
     "OneAtATime",

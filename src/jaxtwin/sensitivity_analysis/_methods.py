@@ -18,6 +18,7 @@ from ._sobol import Sobol
 MethodName: TypeAlias = Literal[
     "pearson", "spearman", "src", "prcc", "oat", "morris", "sobol", "shapley", "dgsm", "pce"
 ]
+"""The name of a method of `global_sensitivity`."""
 
 METHODS: dict[MethodName, AbstractMethod] = {
     "pearson": Pearson(),
@@ -31,6 +32,7 @@ METHODS: dict[MethodName, AbstractMethod] = {
     "dgsm": DerivativeBased(),
     "pce": PolynomialChaos(),
 }
+"""Name -> method, with its usual settings."""
 
 
 def checked_method(method: MethodName | AbstractMethod) -> AbstractMethod:

@@ -22,8 +22,7 @@ from jaxtwin.commands._monitored import MonitorOptions
 from jaxtwin.control import PID
 from jaxtwin.control import control as run_controller
 from jaxtwin.control.loops import _control as _control_loop
-from jaxtwin.experiment_design import ExperimentDesign
-from jaxtwin.experiment_design._experiment_design import PlannedSchedule
+from jaxtwin.experiment_design import ExperimentDesign, PlannedSchedule
 from jaxtwin.sensitivity_analysis import Sobol
 
 Noted = dict[str, Any]

@@ -23,6 +23,7 @@ from small_results import fit, recordings
 from jaxtwin import (
     Experiment,
     Fit,
+    JaxtwinError,
     Twin,
     bundled_rigs,
     global_sensitivity,
@@ -38,7 +39,7 @@ from jaxtwin import (
 from jaxtwin.cli import app, run
 from jaxtwin.commands import _rigs
 from jaxtwin.commands._output import say
-from jaxtwin.commands._sources import find_recording, open_twins
+from jaxtwin.commands._sources import find_recording, open_twin, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
 from jaxtwin.matching import FittedParameters
 from jaxtwin.report import write_demo
@@ -120,7 +121,7 @@ def fresh(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
 
 
 def test_the_page_of_commands_has_every_command():
-    text = (Path(__file__).parents[1] / "docs/commands.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs/commands.md").read_text(encoding="utf-8")
     rows = re.search(r"These are all commands:\n\n(.*?)\n\n", text, re.DOTALL)
     assert rows is not None
     listed = re.findall(r"`([\w -]+)`", " ".join(row.split("|")[1] for row in rows[1].split("\n")))
@@ -421,6 +422,11 @@ def test_match_saves_what_the_other_commands_take(minute, capsys):
     assert len(json.loads(printed(capsys))["ranking"]) == 16
     with xarray.open_dataset("s.nc") as stored:
         assert stored.sizes["draw"] == 8
+
+
+def test_a_mistyped_parameter_set_is_answered_with_the_nearest():
+    with pytest.raises(JaxtwinError, match="did you mean 'published'"):
+        open_twin(load_rig("paper-2024"), "publishd", None)
 
 
 def test_recordings_get_the_values_that_a_parameter_file_has_under_their_names():

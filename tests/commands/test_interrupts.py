@@ -10,7 +10,7 @@ import pytest
 
 from jaxtwin import Experiment, Twin, cli, reduce_batch
 from jaxtwin.commands import _rigs
-from jaxtwin.commands._signals import lasting_interrupt
+from jaxtwin.commands._signals import lasting_interrupt, stop_signals
 
 
 @pytest.fixture(autouse=True)
@@ -71,3 +71,11 @@ def test_a_batch_that_is_interrupted_while_it_hands_out_its_chunks_drops_the_res
             on_progress=done.append,
         )
     assert sum(done) < 4000
+
+
+def test_the_signals_of_a_command_are_named() -> None:
+    for number, name in ((signal.SIGINT, ""), (signal.SIGTERM, "SIGTERM")):
+        with stop_signals() as stop:
+            signal.raise_signal(number)
+        assert isinstance(stop, threading.Event)
+        assert (stop.is_set(), stop.signal) == (True, name)
