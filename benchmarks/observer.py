@@ -78,9 +78,14 @@ def speed(observed: jt.Observed) -> None:
     with own_settings():
         one = jax.jit(partial(_step, observer))
         steps = [seconds(lambda: one(state, duty, readings)) for _ in range(1000)]
-        many = jax.jit(jax.vmap(partial(_step, observer), in_axes=(0, None, None)))
+        # Whose states fit into a processor's cache.
+        many = jax.jit(
+            lambda states: jax.lax.map(
+                lambda state: _step(observer, state, duty, readings), states, batch_size=32
+            )
+        )
         batch = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (1000, *leaf.shape)), state)
-        batched = min(seconds(lambda: many(batch, duty, readings)) for _ in range(4))
+        batched = min(seconds(lambda: many(batch)) for _ in range(4))
     size = len(state.mean)
     print(
         f"\nA step with {len(readings)} channels and {size} states: median "
@@ -97,7 +102,10 @@ def speed(observed: jt.Observed) -> None:
 
 
 def _step(
-    observer: ExtendedKalmanFilter, state: KalmanState, duty: np.ndarray, readings: np.ndarray
+    observer: ExtendedKalmanFilter,
+    state: KalmanState,
+    duty: jax.Array | np.ndarray,
+    readings: jax.Array | np.ndarray,
 ) -> KalmanState:
     after = observer.step(state, duty, 1.0)
     return observer.correct(after, readings, jax.numpy.isfinite(readings), np.nan)
