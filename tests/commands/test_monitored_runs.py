@@ -4,12 +4,12 @@ import json
 import logging
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from faulty_runs import bench
+from findings import ALARM, NOTICE
 
 from jaxtwin.cli import run
 from jaxtwin.commands._monitored import MonitorOptions
@@ -25,9 +25,6 @@ from jaxtwin.live import (
     VirtualRig,
     serve,
 )
-
-ALARM = Finding("sudden", "T1 is 3 K above what is expected", "T1")
-NOTICE = replace(ALARM, kind="changed", severity="notice")
 
 
 class Announcer:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from faulty_runs import bench
+from findings import ALARM, NOTICE
 from hand_clock import HandClock, virtual_bench
 
 from jaxtwin import Experiment, JaxtwinError, load_rig
@@ -22,9 +23,6 @@ from jaxtwin.live import (
 from jaxtwin.monitoring import LiveMonitor
 from jaxtwin.observers import live_observer
 from jaxtwin.physics import Faults
-
-ALARM = Finding("sudden", "T1 is 3 K above what is expected", "T1")
-NOTICE = replace(ALARM, kind="changed", severity="notice")
 
 
 def test_it_trips_on_the_first_alarm_and_on_no_notice():
