@@ -52,18 +52,17 @@ QUICK_COMPILATION = "JAX_DISABLE_MOST_OPTIMIZATIONS"
 """JAX's setting that leaves out most of XLA's optimisations. Runs without the slow tests set it,
 unless the environment already says 0 or 1."""
 
-# jaxlib 0.12 ends a process that is given the second.
-QUICK_FLAGS = ["--xla_cpu_parallel_codegen_split_count=1", "--xla_cpu_use_fusion_emitters=false"][
-    : 2 if jax.__version_info__ < (0, 11) else 1
-]
+QUICK_FLAGS = ["--xla_cpu_parallel_codegen_split_count=1"]
 """XLA's flags beside that setting. A program is not divided among threads that compile it, which
-costs a sixth more in all: each processor has a worker here. And XLA itself writes small loops of a
-program for LLVM, as it does for the programs of the library, without MLIR, whose compiler is made
-anew for each: up to half of the time of tests with many small programs, nothing with large ones.
+costs a sixth more in all: each processor has a worker here."""
 
-If a test fails with them and passes with JAX_DISABLE_MOST_OPTIMIZATIONS=0, suspect the second:
-jaxlib 0.10.2 compiled one program wrongly that way, without fusion
-(tests/simulation/test_numbered_chunk.py)."""
+if jax.__version_info__ < (0, 11):  # jaxlib 0.12 ends a process that is given it
+    # XLA itself writes small loops of a program for LLVM, as it does for the programs of the
+    # library, without MLIR, whose compiler is made anew for each: up to half of the time of tests
+    # with many small programs, nothing with large ones. If a test fails with it and passes with
+    # JAX_DISABLE_MOST_OPTIMIZATIONS=0, suspect it: jaxlib 0.10.2 compiled one program wrongly that
+    # way, without fusion (tests/simulation/test_numbered_chunk.py).
+    QUICK_FLAGS.append("--xla_cpu_use_fusion_emitters=false")
 
 YOUNG_OBJECTS = 50_000
 """New objects after which Python looks for cycles among them, in place of 700. Programs are traced

@@ -20,7 +20,9 @@ from jaxtwin.simulation._numbered_chunk import LEAST_DRAWS, MOST_STEPS, numbered
 from jaxtwin.simulation._time_grid import TimeGrid
 
 DRAWS = 8
-UNFUSED = {"xla_disable_hlo_passes": "fusion", "xla_cpu_use_fusion_emitters": True}
+UNFUSED: dict[str, str | bool] = {"xla_disable_hlo_passes": "fusion"}
+if jax.__version_info__ < (0, 11):  # jaxlib 0.12 has MLIR alone
+    UNFUSED["xla_cpu_use_fusion_emitters"] = True
 
 
 @pytest.fixture
