@@ -17,7 +17,6 @@ is exact.
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -128,15 +127,18 @@ def estimate_noise(
         advanced(count)
         return (value, slope) if np.isfinite(value) else (1e12, np.zeros_like(slope))
 
-    descend = partial(
-        minimize, objective, jac=True, method="L-BFGS-B", bounds=[(-4.0, 4.0)] * len(estimated)
-    )
-    first = [
-        descend(start, options={"maxiter": FIRST_ITERATIONS, "ftol": 1e-4})
-        for start in _starts(estimated)
-    ]
-    best = min(first, key=lambda one: one.fun)
-    found = descend(best.x, options={"maxiter": ITERATIONS, "ftol": 1e-4})
+    def descend(start: np.ndarray, iterations: int) -> Any:
+        return minimize(
+            objective,
+            start,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(-4.0, 4.0)] * len(start),
+            options={"maxiter": iterations, "ftol": 1e-4},
+        )
+
+    first = [descend(start, FIRST_ITERATIONS) for start in _starts(estimated)]
+    found = descend(min(first, key=lambda one: one.fun).x, ITERATIONS)
     values = np.exp(centre + spread * found.x)
     errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
     return dataclasses.replace(

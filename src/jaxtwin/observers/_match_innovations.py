@@ -219,8 +219,8 @@ def _scored(
 
     def of(local: Array) -> Array:
         of_recording = twin.with_values(layout.local_values(local))
-        # The filter keeps the commands in the driver's delay itself, so that a stepper has room for
-        # none.
+        # The filter keeps the commands in the driver's delay itself: the stepper's own queue, which
+        # is never filled, may be short.
         stepper, noise = Stepper(of_recording, step, longest_delay=step), kalman.model.noise
         model = AugmentedModel(of_recording, None, noise, columns, stepper, room_spread)
         changed = eqx.tree_at(lambda k: k.model, kalman, model)
