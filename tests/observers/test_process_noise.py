@@ -13,7 +13,7 @@ from hypothesis import strategies as some
 from jaxtwin import Experiment, Twin, simulate
 from jaxtwin._errors import ObserverError
 from jaxtwin.observers import ProcessNoise, _estimate_noise, estimate_noise
-from jaxtwin.observers._process_noise import SPREADS
+from jaxtwin.observers._process_noise import SIGNED, SPREADS
 
 LEVELS = tuple(ProcessNoise().levels())
 POSITIVE = some.floats(min_value=1e-300, max_value=1e300, allow_subnormal=False)
@@ -57,6 +57,7 @@ def test_a_level_that_a_file_does_not_state_keeps_its_default(tmp_path: Path):
         ("standard_errors = 1", "standard_errors: expected a table, got 1"),
         ("[standard_errors]\nhat = 1", r"standard_errors\.hat: expected levels of noise, got 1"),
         ("[standard_errors]\nheat = 0", r"standard_errors\.heat: expected a number above 0, got 0"),
+        ("jump_mean = nan", "jump_mean: expected a finite number, got nan"),
         ("heat = = 1", "expected levels of noise as TOML"),
     ],
 )
@@ -72,13 +73,21 @@ def test_a_file_that_is_missing_is_refused_by_name(tmp_path: Path):
         ProcessNoise.load(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize("name", LEVELS)
+@pytest.mark.parametrize("name", [name for name in LEVELS if name not in SIGNED])
 @pytest.mark.parametrize("level", [-0.1, 0.0, float("nan"), float("inf")])
 def test_each_level_has_to_be_a_number_above_zero(name: str, level: float):
     noise = dataclasses.replace(ProcessNoise(), **{name: level})
     with pytest.raises(ObserverError, match=rf"noise: {name}: expected a number above 0, got"):
         noise.check()
     dataclasses.replace(noise, **{name: 0.1}).check()
+
+
+def test_the_mean_of_a_jump_may_have_either_sign(tmp_path: Path):
+    noise = ProcessNoise(jump_mean=-0.3)
+    noise.check()
+    assert ProcessNoise.load(noise.save(tmp_path / "noise.toml")).levels()["jump_mean"] == -0.3
+    with pytest.raises(ObserverError, match="noise: jump_mean: expected a finite number, got inf"):
+        ProcessNoise(jump_mean=np.inf).check()
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from .._errors import ControlError
 from .._jax_settings import own_settings
 from ..control.controllers._law import Table
 from ..observers import ExtendedKalmanFilter
+from ..observers._expected_correction import INTERVAL_SPREAD
 from ..observers._kalman_filter import OPENED_AT
 from ..observers._start import GRID, READ_SPREAD, REST_SCALE
 from ..simulation import Stepper
@@ -125,6 +126,8 @@ def _constants(
         "READING_TIME": float(np.asarray(noise.reading_time)),
         "AMBIENT_VARIANCE": float(np.asarray(noise.ambient)) ** 2,
         "JUMP_VARIANCE": float(np.asarray(noise.jump)) ** 2,
+        "JUMP_MEAN": float(np.asarray(noise.jump_mean)),
+        "INTERVAL_SPREAD": INTERVAL_SPREAD,
         "OPENED_AT": OPENED_AT,
         "ROOM_SPREAD": float(np.asarray(model.room_spread)),
         "REST_SCALE": REST_SCALE,
@@ -157,6 +160,8 @@ def _sizes(kalman: ExtendedKalmanFilter, sizes: StepperSizes) -> dict[str, int |
     }
     if layout.channels:
         found["OWN"] = layout.of("channels").start
+    if kalman.model.interval is not None:
+        found["INTERVAL"] = kalman.model.interval
     return found
 
 
@@ -166,7 +171,8 @@ def _memory(kalman: ExtendedKalmanFilter, sizes: StepperSizes) -> int:
     states, rows = layout.size, layout.of("room").start
     of_state = states * (1 + states) + sizes.cells * (1 + kalman.held) + kalman.held
     of_step = sizes.modes**2 + rows * (layout.driven + states)
-    return of_state + len(kalman.model.columns) + of_step
+    clock = kalman.model.interval is not None
+    return of_state + len(kalman.model.columns) + clock + of_step
 
 
 def _about(kalman: ExtendedKalmanFilter, name: str, precision: str, origin: str) -> str:

@@ -361,6 +361,31 @@ static model_real model_seen(const model_real *z, int channel)
     return sum;
 }
 
+#ifdef MODEL_INTERVAL
+/* Adds the correction of the camera that is expected within a step. */
+static void model_expect_correction(model_state *state)
+{
+    const model_real middle = state->since + MODEL_SAMPLE_TIME_S / 2;
+    const model_real number = model_fmax(1, model_floor(middle / MODEL_INTERVAL + (model_real)0.5));
+    const model_real scale = MODEL_INTERVAL_SPREAD * model_sqrt(2);
+    const model_real before = (state->since / MODEL_INTERVAL - number) / scale;
+    const model_real after =
+        ((state->since + MODEL_SAMPLE_TIME_S) / MODEL_INTERVAL - number) / scale;
+    const model_real probability = (model_erf(after) - model_erf(before)) / 2;
+    const model_real mean = probability * MODEL_JUMP_MEAN;
+    int i;
+    if (state->since < 0) {
+        return;
+    }
+    for (i = MODEL_COMMON + 1; i < MODEL_COMMON + MODEL_COMMONS; ++i) {
+        state->x[i] += mean;
+        state->P[i][i] += probability * (MODEL_JUMP_VARIANCE + MODEL_JUMP_MEAN * MODEL_JUMP_MEAN)
+                          - mean * mean;
+    }
+    state->since += MODEL_SAMPLE_TIME_S;
+}
+#endif
+
 void model_predict(model_state *state, const model_real duty[MODEL_CELLS])
 {
     model_real start[MODEL_CELLS], middle[MODEL_CELLS], end[MODEL_CELLS], change[MODEL_CELLS];
@@ -397,6 +422,9 @@ void model_predict(model_state *state, const model_real duty[MODEL_CELLS])
     for (i = MODEL_ROOM; i < MODEL_STATES; ++i) {
         state->x[i] *= model_kept[i];
     }
+#ifdef MODEL_INTERVAL
+    model_expect_correction(state);
+#endif
     for (i = 0; i < MODEL_CELLS; ++i) {
         state->duty[i] = end[i];
 #ifdef MODEL_HAS_LAG
@@ -510,6 +538,11 @@ static void model_open(model_state *state, const model_real *measured)
     for (i = MODEL_COMMON + 1; i < MODEL_COMMON + MODEL_COMMONS; ++i) {
         state->P[i][i] += opened;
     }
+#ifdef MODEL_INTERVAL
+    if (opened > 0) {
+        state->since = 0;
+    }
+#endif
 #else
     (void)state;
     (void)measured;
@@ -631,6 +664,9 @@ void model_init(model_state *state, model_real reading, const model_real duty[MO
     for (i = 0; i < MODEL_CHANNELS; ++i) {
         state->slope[i] = 0;
     }
+#ifdef MODEL_INTERVAL
+    state->since = -1;
+#endif
 }
 
 void model_output(const model_state *state, model_real temperatures[MODEL_CHANNELS])

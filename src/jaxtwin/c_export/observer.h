@@ -14,6 +14,9 @@ typedef struct {
     model_real late[MODEL_COMMANDS][MODEL_CELLS]; /* the last commands, the newest first */
     model_real age[MODEL_COMMANDS]; /* the time since each was given, s */
     model_real slope[MODEL_CHANNELS]; /* of the expected readings, K/s */
+#ifdef MODEL_INTERVAL
+    model_real since; /* the last correction of the camera, s; below 0 before the first */
+#endif
     model_real to_modes[MODEL_MODES][MODEL_MODES]; /* the rest is memory for a step */
     model_real by_driven[MODEL_ROWS][MODEL_DRIVEN];
     model_real moved[MODEL_ROWS][MODEL_STATES];

@@ -9,6 +9,8 @@
 #define model_fmin fminf
 #define model_fmax fmaxf
 #define model_exp expf
+#define model_erf erff
+#define model_floor floorf
 #define model_log logf
 #define model_pow powf
 #else
@@ -18,6 +20,8 @@
 #define model_fmin fmin
 #define model_fmax fmax
 #define model_exp exp
+#define model_erf erf
+#define model_floor floor
 #define model_log log
 #define model_pow pow
 #endif

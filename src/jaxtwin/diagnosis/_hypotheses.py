@@ -17,6 +17,7 @@ from .._compilation import persistent_jit
 from ..observers import ExtendedKalmanFilter, KalmanState
 from ..observers._augmented_model import Reading
 from ..observers._commands import Commands
+from ..observers._expected_correction import expected_jump
 from ..observers._filter_run import Samples
 from ..observers._gaussian import Gaussian, corrected, symmetric
 from ._signatures import Suspected, is_held, of_readings, of_step
@@ -62,6 +63,7 @@ class _State(NamedTuple):
     duty: Float[Array, " cells"]
     commands: Commands
     slope: Float[Array, " channels"]
+    since_correction: Float[Array, ""]
     log_likelihood: Float[Array, ""]
     squares: Float[Array, ""]
     readings: Float[Array, ""]
@@ -131,7 +133,7 @@ def _begun(before: KalmanState, hypothesis: Hypotheses) -> _State:
     covariance = covariance.at[size, size].set(jnp.asarray(hypothesis.spread) ** 2)
     return _State(
         Gaussian(jnp.append(before.mean, 0.0), covariance), before.duty, before.commands,
-        before.slope, *jnp.zeros(3, before.mean.dtype),
+        before.slope, before.since_correction, *jnp.zeros(3, before.mean.dtype),
     )  # fmt: skip
 
 
@@ -159,13 +161,16 @@ def _stepped(
     slope = slope.at[:size, block].add(multiple * by_modes)
     slope = slope.at[:size, size].set(effect)
     covariance = slope @ state.known.covariance @ slope.T
-    covariance = covariance.at[:size, :size].add(transition.noise)
-    after = transition.mean + multiple * effect
+    jump = expected_jump(model, state.since_correction, dt)
+    noise = transition.noise + jnp.diag(jump.variance)
+    covariance = covariance.at[:size, :size].add(noise)
+    after = transition.mean + jump.mean + multiple * effect
     return state._replace(
         known=Gaussian(jnp.append(after, state.known.mean[-1]), symmetric(covariance)),
         duty=duty,
         commands=commands.older(dt),
         slope=model.slope_of_readings(mean, after, dt, state.slope),
+        since_correction=state.since_correction + dt,
     )
 
 
@@ -204,7 +209,7 @@ def _corrected(
     room = model.from_degC(jnp.asarray(sample.ambient, mean.dtype)) - mean[place]
     of_room = jnp.zeros(size + 1, mean.dtype).at[place].set(1.0)
     found = corrected(
-        opened,
+        Gaussian(state.known.mean, state.known.covariance + jnp.diag(opened)),
         jnp.concatenate([room[None], innovation]),
         jnp.concatenate([of_room[None], slope]),
         jnp.concatenate([jnp.reshape(noise.ambient**2, 1), variance]),
@@ -216,6 +221,7 @@ def _corrected(
     return state._replace(
         known=Gaussian(found.state.mean.at[-1].set(limited), found.state.covariance),
         duty=duty,
+        since_correction=jnp.where(jnp.any(opened > 0), 0.0, state.since_correction),
         log_likelihood=state.log_likelihood + counts * found.log_densities[1:].sum(),
         squares=state.squares + counts * (found.whitened[1:] ** 2).sum(),
         readings=state.readings + counts * used.sum(),

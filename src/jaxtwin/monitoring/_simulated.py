@@ -26,7 +26,7 @@ LARGEST = 2.5
 and a rig that is farther away is not healthy."""
 
 CORRECTIONS = 160.0
-"""The mean time between two corrections of a camera, s."""
+"""The mean time between two corrections of a camera without an interval, s."""
 
 
 def simulated(observed: Observed, seed: int) -> Observed:
@@ -63,11 +63,9 @@ def _drawn(
 ) -> Float[Array, "samples channels"]:
     """Draws a rig and its readings."""
     model = kalman.model
-    of_start, of_steps = jax.random.split(key)
+    of_start, of_phase, of_steps = jax.random.split(key, 3)
     size = len(start.mean)
-    parts = len(model.relaxation)
-    first = model.layout.of("common").start + 1
-
+    parts, interval = len(model.relaxation), model.interval
     values, room = model.layout.of("values"), model.layout.of("room").start
 
     def drawn(mean: Array, covariance: Array, one: PRNGKeyArray) -> Array:
@@ -77,15 +75,22 @@ def _drawn(
             roots * jax.random.truncated_normal(one, -LARGEST, LARGEST, (size,))
         )
 
-    def take(state: KalmanState, given: tuple[Samples, Array]) -> tuple[KalmanState, Array]:
-        sample, one = given
+    def take(
+        carry: tuple[KalmanState, Array], given: tuple[Samples, Array]
+    ) -> tuple[tuple[KalmanState, Array], Array]:
+        (state, since), (sample, one) = carry, given
         of_noise, of_time, of_jump, of_reading = jax.random.split(one, 4)
         after, transition = kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)
         mean = drawn(after.mean, transition.noise, of_noise)
         if parts:
-            is_corrected = jax.random.uniform(of_time) < sample.dt / CORRECTIONS
-            jump = model.noise.jump * jax.random.normal(of_jump)
-            mean = mean.at[first : first + parts].add(jnp.where(is_corrected, jump / parts, 0.0))
+            since = since + sample.dt
+            if interval is None:
+                is_corrected = jax.random.uniform(of_time) < sample.dt / CORRECTIONS
+            else:
+                is_corrected = since >= interval
+                since = jnp.where(is_corrected, since - interval, since)
+            jump = model.noise.jump_mean + model.noise.jump * jax.random.normal(of_jump, (parts,))
+            mean = mean.at[model.layout.fading].add(jnp.where(is_corrected, jump, 0.0))
         # The values differ between rigs, and do not wander within one.
         mean = mean.at[values].set(state.mean[values])
         # A room that is measured is that of the recording.
@@ -95,7 +100,10 @@ def _drawn(
         after = eqx.tree_at(lambda s: (s.mean, s.covariance), after, (mean, state.covariance))
         heavy = jax.random.t(of_reading, FREEDOM, (len(model.columns),))
         error = heavy * jnp.sqrt((1 - 2 / FREEDOM) * kalman.reading_variance(after))
-        return after, kalman.readings(after, sample.ambient) + error
+        return (after, since), kalman.readings(after, sample.ambient) + error
 
+    # The filter does not know when the camera corrected itself last.
+    since = (interval or 0.0) * jax.random.uniform(of_phase)
     begin = eqx.tree_at(lambda s: s.mean, start, drawn(start.mean, start.covariance, of_start))
-    return jax.lax.scan(take, begin, (samples, jax.random.split(of_steps, len(samples.dt))))[1]
+    keys = jax.random.split(of_steps, len(samples.dt))
+    return jax.lax.scan(take, (begin, since), (samples, keys))[1]

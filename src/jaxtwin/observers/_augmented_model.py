@@ -14,7 +14,8 @@ The state of the observer is a vector with these parts:
 
 Heats, the first part of the common error, the errors of channels and the values are forgotten
 exponentially and driven by white noise (Ornstein-Uhlenbeck processes). The other parts of the
-common error begin at a correction of the camera and decay; nothing drives them.
+common error begin at a correction of the camera and decay; nothing drives them between corrections
+(`_expected_correction`).
 
 A change of the twin's values enters as a heat: the difference between the right-hand sides with the
 changed and with the original values, at the start of a step. The modes therefore stay those of the
@@ -72,6 +73,12 @@ class Layout:
     def driven(self) -> int:
         """The length of the driven parts."""
         return self.of("values").stop
+
+    @property
+    def fading(self) -> slice:
+        """The place of the parts of the common error that begin at a correction of the camera."""
+        common = self.of("common")
+        return slice(common.start + 1, common.stop)
 
     def of(self, part: str) -> slice:
         """The place of a part."""
@@ -147,6 +154,8 @@ class AugmentedModel(eqx.Module):
     columns: Int[Array | np.ndarray, " channels"]
     relaxation: tuple[float, ...] = eqx.field(static=True)
     """The times within which the error of a correction decays, s."""
+    interval: float | None = eqx.field(static=True)
+    """The time between two corrections of a camera that corrects itself at equal intervals, s."""
     layout: Layout = eqx.field(static=True)
 
     def __init__(
@@ -168,6 +177,7 @@ class AugmentedModel(eqx.Module):
         system = stepper.system
         error = twin.rig.common_error
         self.relaxation = () if error is None else tuple(error.relaxation)
+        self.interval = None if error is None else error.interval
         cells = len(system.wiring.cold)
         self.layout = Layout(
             modes=stepper.field.modes.rates.size,

@@ -1,6 +1,6 @@
 r"""Finds the noise of a rig from recordings, by how well readings were expected.
 
-The logarithms of the levels $\ell$ maximise
+The logarithms of the levels $\ell$ (of a mean: itself) maximise
 
 $$\sum_r \frac{T_r}{h} \big\langle \log p(y_k \mid y_1 \dots y_{k-1}; \ell)
 + \log p(y_k \mid y_1 \dots y_{k-m}; \ell) \big\rangle
@@ -23,7 +23,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._arguments import finite_number
 from .._compilation import persistent_jit
@@ -39,7 +39,7 @@ from ._forecast_run import expected_at, starts_of
 from ._gaussian import LOG_TWO_PI
 from ._kalman_filter import ExtendedKalmanFilter
 from ._observe import filter_for, usual_noise
-from ._process_noise import SPREADS, ProcessNoise
+from ._process_noise import SIGNED, SPREADS, ProcessNoise
 from ._start import first_reading
 
 HORIZON = 60.0
@@ -102,7 +102,9 @@ def estimate_noise(
     recordings = [_Recording.of(fit, experiment, start, horizon) for experiment in several]
     estimated = _estimated(recordings[0].kalman, start)
     levels = start.levels()
-    centre = np.log([levels[name] for name in estimated])
+    is_signed = np.isin(estimated, SIGNED)
+    started = np.array([levels[name] for name in estimated])
+    centre = np.where(is_signed, started, np.log(np.where(is_signed, 1.0, started)))
     spread = np.array([SPREADS[name] for name in estimated])
     count = 0
 
@@ -139,7 +141,7 @@ def estimate_noise(
 
     first = [descend(start, FIRST_ITERATIONS) for start in _starts(estimated)]
     found = descend(min(first, key=lambda one: one.fun).x, ITERATIONS)
-    values = np.exp(centre + spread * found.x)
+    values = np.asarray(_levels_at(centre + spread * found.x, is_signed))
     errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
     return dataclasses.replace(
         start,
@@ -205,6 +207,8 @@ def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, 
     model = kalman.model
     parts = {
         "channel": model.layout.channels,
+        "jump": model.interval,
+        "jump_mean": model.interval,
         "twin": model.directions is not None and model.directions.count - model.directions.slow,
     }
     return tuple(name for name in SPREADS if parts.get(name.removesuffix("_time"), True))
@@ -219,13 +223,13 @@ def _scored(
     counts: Int[Array | np.ndarray, " forecasts"],
     names: tuple[str, ...],
     longest: int,
-    logarithms: Float[Array | np.ndarray, " levels"],
+    point: Float[Array | np.ndarray, " levels"],
 ) -> tuple[Float[Array, ""], Float[Array, " levels"]]:
     """The mean log density of the readings of a recording, one sample and one horizon ahead, and
-    its derivative with respect to the logarithms of the levels."""
+    its derivative with respect to the logarithms of the levels, or themselves (`SIGNED`)."""
 
-    def of(logarithms: Array) -> Array:
-        levels: dict[str, Any] = {n: jnp.exp(logarithms[i]) for i, n in enumerate(names)}
+    def of(point: Array) -> Array:
+        levels: Any = dict(zip(names, _levels_at(point, np.isin(names, SIGNED)), strict=True))
         noise = dataclasses.replace(kalman.model.noise, **levels)
         changed = eqx.tree_at(lambda k: k.model.noise, kalman, noise)
         start = changed.init(first, jnp.zeros(samples.duty.shape[1]))
@@ -239,4 +243,11 @@ def _scored(
         density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
         return innovations + jnp.where(there[ends], density, 0.0).sum() / there[ends].sum()
 
-    return jax.value_and_grad(of)(jnp.asarray(logarithms))
+    return jax.value_and_grad(of)(jnp.asarray(point))
+
+
+def _levels_at(
+    point: Float[Array | np.ndarray, " levels"], is_signed: Bool[np.ndarray, " levels"]
+) -> Float[Array, " levels"]:
+    """The levels whose logarithms, or which themselves if they may be below 0, are given."""
+    return jnp.where(is_signed, point, jnp.exp(jnp.where(is_signed, 0.0, point)))

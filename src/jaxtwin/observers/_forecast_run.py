@@ -7,7 +7,9 @@ state $m$ samples before is
 $$\sum_{j=k-m+1}^{k} v_j Q_j v_j^T + v_{k-m} P_{k-m} v_{k-m}^T + r_k, \qquad v_{j-1} = v_j F_j,$$
 
 so that only the rows $v$ of the channels are carried, not covariances. The steps $F_j$ are those
-along the filtered states, the same for all forecasts.
+along the filtered states, the same for all forecasts. A correction of the camera that is expected
+on the way (`_expected_correction`) adds its variance, which fades: a forecast expects it from what
+was known at its start.
 """
 
 from functools import partial
@@ -122,18 +124,24 @@ def expected_at(
     driven = taken.driven.shape[-1]
     following = jax.tree.map(lambda leaf: leaf[1:], samples)
 
-    def forecast(end: Array, count: Array) -> KalmanState:
+    def forecast(end: Array, count: Array) -> tuple[KalmanState, Float[Array, " state"]]:
         @jax.checkpoint
-        def take(state: KalmanState, number: Array) -> tuple[KalmanState, None]:
+        def take(
+            carry: tuple[KalmanState, Array], number: Array
+        ) -> tuple[tuple[KalmanState, Array], None]:
+            state, of_jumps = carry
             row = jnp.minimum(end - count + number, len(taken.decay) - 1)
             sample = jax.tree.map(lambda leaf: leaf[row], following)
             after = kalman.step_of_mean(state, sample.duty, sample.dt, sample.levels)
-            return jax.tree.map(partial(jnp.where, number < count), after, state), None
+            jump = kalman.expected_jump(state, sample.dt)
+            later = after, of_jumps * model.decay(sample.dt) ** 2 + jump.variance
+            return jax.tree.map(partial(jnp.where, number < count), later, carry), None
 
         start = jax.tree.map(lambda leaf: leaf[end - count], states)
-        return jax.lax.scan(take, start, jnp.arange(steps))[0]
+        none = jnp.zeros_like(start.mean)
+        return jax.lax.scan(take, (start, none), jnp.arange(steps))[0]
 
-    found = jax.vmap(forecast)(jnp.asarray(ends), jnp.asarray(counts))
+    found, of_jumps = jax.vmap(forecast)(jnp.asarray(ends), jnp.asarray(counts))
     seen = jax.vmap(model.read)(found.mean)
 
     @jax.checkpoint
@@ -149,7 +157,9 @@ def expected_at(
         rows = jnp.where(is_step[:, None, None], before, rows)
         return (rows, variance), None
 
-    begin = seen.slope, jax.vmap(kalman.reading_variance)(found)
+    of_readings = jax.vmap(kalman.reading_variance)(found)
+    # Its parts are shared by all channels, and independent.
+    begin = seen.slope, of_readings + of_jumps.sum(axis=-1, keepdims=True)
     (rows, variance), _ = jax.lax.scan(back, begin, jnp.arange(steps))
     # The covariance was left as it was at the start of the forecast.
     variance = variance + jnp.einsum("kcs,kst,kct->kc", rows, found.covariance, rows)

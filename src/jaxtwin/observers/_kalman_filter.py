@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ._augmented_model import AugmentedModel, Reading, Transition
 from ._commands import Commands
+from ._expected_correction import Jump, expected_jump
 from ._gaussian import Correction, Gaussian, corrected, moved
 from ._observer import AbstractObserver
 from ._start import start_of
@@ -26,6 +27,8 @@ class KalmanState(eqx.Module):
     - `mean`, `covariance`: of the augmented state, see `AugmentedModel`.
     - `duty`: the duty that reaches the cells. `commands`: those in the driver's delay.
     - `slope`: the expected change of the readings, K/s.
+    - `since_correction`: the time since the last correction of the camera that was seen, s;
+      infinite before the first.
     - `whitened`: the whitened innovations of the last readings, 0 where none was used.
     - `log_likelihood`: of the last readings.
     """
@@ -35,6 +38,7 @@ class KalmanState(eqx.Module):
     duty: Float[Array, " cells"]
     commands: Commands
     slope: Float[Array, " channels"]
+    since_correction: Float[Array, ""]
     whitened: Float[Array, " channels"]
     log_likelihood: Float[Array, ""]
 
@@ -115,6 +119,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             duty=held,
             commands=Commands.held(held, self.held),
             slope=none,
+            since_correction=jnp.asarray(jnp.inf, start.mean.dtype),
             whitened=none,
             log_likelihood=jnp.zeros((), start.mean.dtype),
         )
@@ -156,10 +161,12 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         dt: Float[ArrayLike, ""],
         levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> tuple[KalmanState, Transition]:
-        """The state after a single step, and the linearisation of the step at the state before."""
+        """The state after a single step, and the linearisation of the step at the state before,
+        which does not contain an expected correction of the camera."""
         commands, dt = self.commands(state, command, dt)
         transition, duty = self.model.step(state.mean, state.duty, commands, dt, levels)
-        after = moved(state.gaussian, *transition)
+        after, jump = moved(state.gaussian, *transition), self.expected_jump(state, dt)
+        after = Gaussian(after.mean + jump.mean, after.covariance + jnp.diag(jump.variance))
         return self.stepped(state, after, duty, commands, dt), transition
 
     def step_of_mean(
@@ -173,7 +180,12 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         the time goes into."""
         commands, dt = self.commands(state, command, dt)
         mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt, levels)
+        mean = mean + self.expected_jump(state, dt).mean
         return self.stepped(state, Gaussian(mean, state.covariance), duty, commands, dt)
+
+    def expected_jump(self, state: KalmanState, dt: Float[Array, ""]) -> Jump:
+        """What a correction of the camera that is expected within a step adds to the state."""
+        return expected_jump(self.model, state.since_correction, dt)
 
     def in_room(self, state: KalmanState, ambient: Float[ArrayLike, ""]) -> KalmanState:
         """The state in a room of this temperature, without doubt; NaN for the room of the state."""
@@ -203,6 +215,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             covariance=after.covariance,
             duty=duty,
             commands=commands.older(dt),
+            since_correction=before.since_correction + dt,
             slope=self.model.slope_of_readings(before.mean, after.mean, dt, before.slope),
         )
 
@@ -215,18 +228,24 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     ) -> KalmanState:
         """The state that readings and a measured ambient temperature (NaN if there is none)
         leave."""
-        found = self.correction(state, readings, mask, ambient)
-        return self.corrected(state, found.state.mean, found)
+        measured = self.measured(state, readings, mask, ambient)
+        found = self._correction_by(state, measured)
+        return self.corrected(state, found.state.mean, found, measured.opened)
 
     def corrected(
-        self, state: KalmanState, mean: Float[Array, " state"], by: Correction
+        self,
+        state: KalmanState,
+        mean: Float[Array, " state"],
+        by: Correction,
+        opened: Float[Array, " state"],
     ) -> KalmanState:
         """The state with a mean, and what else a correction by the room, which is first, and by
         readings leaves."""
-        duty = self.model.layout.of("duty")
+        duty, since = self.model.layout.of("duty"), state.since_correction
         return replace(
             state,
             mean=mean,
+            since_correction=jnp.where(jnp.any(opened > 0), jnp.zeros_like(since), since),
             covariance=by.state.covariance,
             duty=mean[duty] if self.model.layout.duty else state.duty,
             whitened=by.whitened[1:],
@@ -241,7 +260,9 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         ambient: Float[ArrayLike, ""],
     ) -> Correction:
         """What the room, which is first, and the readings say."""
-        measured = self.measured(state, readings, mask, ambient)
+        return self._correction_by(state, self.measured(state, readings, mask, ambient))
+
+    def _correction_by(self, state: KalmanState, measured: Measured) -> Correction:
         expected = self.expected(state.mean)
         return corrected(
             Gaussian(state.mean, state.covariance + jnp.diag(measured.opened)),
@@ -266,7 +287,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         used = jnp.asarray(mask) & jnp.isfinite(values)
         expected = model.read(state.mean)
         variance = self.reading_variance(state)
-        opened = self._opened(state.gaussian, expected, values - expected.mean, variance, used)
+        opened = self.opened(state.gaussian, expected, values - expected.mean, variance, used)
         room = model.from_degC(jnp.asarray(ambient, state.mean.dtype))
         return Measured(
             jnp.concatenate([room[None], values]),
@@ -297,23 +318,11 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         innovation: Float[Array, " channels"],
         variance: Float[Array, " channels"],
         used: Bool[Array, " channels"],
-    ) -> Gaussian:
-        """The state before readings of which all channels jumped: if the camera has corrected
-        itself, its common error is unknown again."""
-        variance = self._opened(state, expected, innovation, variance, used)
-        return Gaussian(state.mean, state.covariance + jnp.diag(variance))
-
-    def _opened(
-        self,
-        state: Gaussian,
-        expected: Reading,
-        innovation: Float[Array, " channels"],
-        variance: Float[Array, " channels"],
-        used: Bool[Array, " channels"],
     ) -> Float[Array, " state"]:
-        """The variance that the state gains by a jump of all channels."""
-        parts, none = len(self.model.relaxation), jnp.zeros_like(state.mean)
-        if not parts:
+        """The variance that a state gains by readings of which all channels jumped: if the camera
+        has corrected itself, its common error is unknown again."""
+        none = jnp.zeros_like(state.mean)
+        if not self.model.relaxation:
             return none
         count = jnp.maximum(used.sum(), 1)
         weights = used / count
@@ -322,8 +331,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         common = weights @ jnp.where(used, innovation, 0.0)
         # As much as it takes to explain the jump.
         opened = jnp.clip(common**2 - OPENED_AT**2 * spread, 0.0, self.model.noise.jump**2)
-        first = self.model.layout.of("common").start + 1
-        return none.at[first : first + parts].set(opened)
+        return none.at[self.model.layout.fading].set(opened)
 
     def readings(
         self, state: KalmanState, ambient: Float[ArrayLike, ""]

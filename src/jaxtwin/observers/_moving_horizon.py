@@ -113,7 +113,9 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
     ) -> MovingHorizonState:
         """The state at the start, that of the filter."""
         latest = self.kalman.init(nodes, duty)
-        step = Step(latest.duty, latest.commands, jnp.zeros_like(latest.mean[0]), self._levels())
+        dt = jnp.zeros_like(latest.mean[0])
+        jump = self.kalman.expected_jump(latest, dt)
+        step = Step(latest.duty, latest.commands, dt, self._levels(), jump)
         return MovingHorizonState(latest, begun(self.kalman, latest.gaussian, step, self.horizon))
 
     def predict(
@@ -143,7 +145,8 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         latest, window = state.latest, state.window
         commands, dt = self.kalman.commands(latest, command, dt)
         known = self._levels() if levels is None else jnp.asarray(levels, dt.dtype)
-        taken = Step(latest.duty, commands, dt, known)
+        jump = self.kalman.expected_jump(latest, dt)
+        taken = Step(latest.duty, commands, dt, known, jump)
         # The first step of the window, by which it is left, and the one that is new.
         both = jax.tree.map(lambda rows, row: jnp.stack([rows[0], row]), window.steps, taken)
         before = jnp.stack([window.path[0], latest.mean])
@@ -194,7 +197,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
             passed = filtered_window(window.start, path, steps, measured)
             found = most_likely(passed, self.bounds)
             last = jax.tree.map(lambda rows: rows[-1], passed.corrections)
-            return found, self.kalman.corrected(latest, found[-1], last)
+            return found, self.kalman.corrected(latest, found[-1], last, measured.opened[-1])
 
         start = window.path, latest
         path, latest = jax.lax.fori_loop(

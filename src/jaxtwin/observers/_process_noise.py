@@ -6,7 +6,7 @@ import math
 import os
 import tomllib
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeGuard, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -29,12 +29,20 @@ SPREADS = {
     "twin_time": 0.7,
     "common": 0.7,
     "common_time": 0.7,
+    "jump": 0.7,
+    "jump_mean": 0.5,
     "channel": 0.7,
     "channel_time": 0.7,
 }
-"""The levels that are estimated, with the standard deviation of the prior of their logarithm. How
-far parameters drift is not: recordings that were matched together say nothing of later weeks. How
-far the values of the fit may be from those of the rig is what the fit says."""
+"""The levels that are estimated, with the standard deviation of the prior of their logarithm, or of
+themselves if they are `SIGNED`. How far parameters drift is not: recordings that were matched
+together say nothing of later weeks. How far the values of the fit may be from those of the rig is
+what the fit says."""
+
+SIGNED = ("jump_mean",)
+"""The levels that may be below 0."""
+
+ABOVE_ZERO = "a number above 0"
 
 DETERMINED = 0.5
 """A level is found if recordings leave less than this part of the variance of its prior."""
@@ -54,6 +62,7 @@ UNITS = {
     "common": "K",
     "common_time": "s",
     "jump": "K",
+    "jump_mean": "K",
     "channel": "K",
     "channel_time": "s",
     "ambient": "K",
@@ -64,7 +73,8 @@ UNITS = {
 class ProcessNoise(eqx.Module):
     """The noise that an observer assumes: of the rig, beyond its twin, and of its readings.
 
-    `jaxtwin.estimate_noise` finds the levels from recordings. All are standard deviations.
+    `jaxtwin.estimate_noise` finds the levels from recordings. All are standard deviations but
+    `jump_mean`.
 
     **The rig**
 
@@ -85,8 +95,9 @@ class ProcessNoise(eqx.Module):
     - `reading`: white noise of a reading, K.
     - `reading_time`: the error of the time of a reading, s: noise that grows with the slope.
     - `common`: the error that all channels share, K, forgotten within `common_time`, s.
-    - `jump`: the jump of that error at a correction of the camera, K; without effect for a rig
-      without a camera that corrects itself.
+    - `jump`: the jump of that error at a correction of the camera, K, of each part that fades by
+      itself; without effect for a rig without a camera that corrects itself. `jump_mean`: its mean,
+      of either sign, for a camera that corrects itself at equal intervals.
     - `channel`: the error of each channel by itself, K, which is forgotten within `channel_time`,
       s; without effect if there is a single channel.
     - `ambient`: white noise of a measured ambient temperature, K.
@@ -110,6 +121,7 @@ class ProcessNoise(eqx.Module):
     common: Level = 0.2
     common_time: Level = 60.0
     jump: Level = 1.0
+    jump_mean: Level = 0.0
     channel: Level = 0.1
     channel_time: Level = 300.0
     ambient: Level = 0.2
@@ -119,11 +131,12 @@ class ProcessNoise(eqx.Module):
     def check(self) -> None:
         """Checks the levels.
 
-        **Raises:** `ObserverError` for a level that is not a number above 0.
+        **Raises:** `ObserverError` for a level that is not a number above 0, or not finite if it
+        may be below 0.
         """
         for name, level in self.levels().items():
-            if not (math.isfinite(level) and level > 0):
-                raise ObserverError(f"noise: {name}: expected a number above 0, got {level:g}")
+            if not _is_level(name, level):
+                raise ObserverError(f"noise: {name}: expected {_expected(name)}, got {level:g}")
 
     def as_arrays(self) -> "ProcessNoise":
         """The same levels as arrays, which need no new compilation when they change."""
@@ -147,6 +160,7 @@ class ProcessNoise(eqx.Module):
             kind = "not estimated"
             if error is not None:
                 share = 1 - (error / SPREADS[name]) ** 2
+                error = error if name not in SIGNED else error / abs(level)
                 kind = "found" if share > DETERMINED else "assumed, the recordings do not show it"
             percent = "" if error is None else f"{100 * error:.0f}"
             lines.append(f"{name:18}{level:10.3g}  {UNITS[name]:10}{percent:>6}  {kind}")
@@ -198,10 +212,19 @@ class ProcessNoise(eqx.Module):
         if not isinstance(errors, dict):
             raise ObserverError(f"{source}: standard_errors: expected a table, got {errors!r}")
         for name, error in errors.items():
-            _check_number(source, f"standard_errors.{name}", name in SPREADS, error)
+            where = f"standard_errors.{name}"
+            if name not in SPREADS:
+                raise ObserverError(f"{source}: {where}: expected levels of noise, got {error!r}")
+            if not _is_number(error) or error <= 0:
+                raise ObserverError(f"{source}: {where}: expected {ABOVE_ZERO}, got {error!r}")
         for name, entry in entries.items():
-            if name != "names":
-                _check_number(source, name, name in known, entry)
+            if name in known:
+                if not _is_number(entry) or not _is_level(name, entry):
+                    raise ObserverError(
+                        f"{source}: {name}: expected {_expected(name)}, got {entry!r}"
+                    )
+            elif name != "names":
+                raise ObserverError(f"{source}: {name}: expected levels of noise, got {entry!r}")
             elif not (isinstance(entry, list) and all(isinstance(one, str) for one in entry)):
                 raise ObserverError(
                     f"{source}: names: expected a list of parameters, got {entry!r}"
@@ -211,8 +234,13 @@ class ProcessNoise(eqx.Module):
         return cls(**levels, names=names, standard_errors=errors)
 
 
-def _check_number(source: str, name: str, is_known: bool, entry: object) -> None:
-    is_above = isinstance(entry, int | float) and entry is not True and 0 < entry < math.inf
-    if not (is_known and is_above):
-        allowed = "a number above 0" if is_known else "levels of noise"
-        raise ObserverError(f"{source}: {name}: expected {allowed}, got {entry!r}")
+def _is_number(entry: object) -> TypeGuard[int | float]:
+    return isinstance(entry, int | float) and not isinstance(entry, bool) and math.isfinite(entry)
+
+
+def _is_level(name: str, level: int | float) -> bool:
+    return math.isfinite(level) and (level > 0 or name in SIGNED)
+
+
+def _expected(name: str) -> str:
+    return "a finite number" if name in SIGNED else ABOVE_ZERO

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from ._augmented_model import Reading, Transition
 from ._commands import Commands
+from ._expected_correction import Jump
 from ._gaussian import Gaussian
 from ._kalman_filter import ExtendedKalmanFilter, Measured
 
@@ -20,12 +21,14 @@ class Step(NamedTuple):
     - `reached`: the duty that reaches the cells before it. `commands`: those in force during it.
     - `dt`: its length, s; 0 for a step that was not taken.
     - `levels`: the rig's other inputs; None for those of the rig file.
+    - `jump`: that of a correction of the camera which is expected during it.
     """
 
     reached: Float[Array, "*steps cells"]
     commands: Commands
     dt: Float[Array, "*steps"]
     levels: Float[Array, "*steps inputs"] | None
+    jump: Jump
 
 
 class Window(NamedTuple):
@@ -78,7 +81,12 @@ def linearised(
     duty that reaches the cells after each."""
 
     def one(step: Step, before: Array, after: Array) -> tuple[Linearised, Array]:
-        moved, duty = kalman.model.exact_step(before, *step)
+        moved, duty = kalman.model.exact_step(
+            before, step.reached, step.commands, step.dt, step.levels
+        )
+        moved = moved._replace(
+            mean=moved.mean + step.jump.mean, noise=moved.noise + jnp.diag(step.jump.variance)
+        )
         return Linearised(moved, kalman.expected(after)), duty
 
     return jax.vmap(one)(step, before, after)

@@ -186,4 +186,5 @@ def _common_error(table: CommonErrorTable, fields: Fields) -> CommonError:
         jump=constant("jump", table.jump, TEMPERATURE_DIFFERENCE),
         relaxation=tuple(constant("relaxation", text, DURATION) for text in table.relaxation),
         detect=table.events == "detect",
+        interval=None if table.interval is None else constant("interval", table.interval, DURATION),
     )

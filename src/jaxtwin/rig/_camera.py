@@ -22,6 +22,8 @@ class CommonError:
     - `jump`: the jump at a correction, K. It has a part that fades with each time constant of
       `relaxation`, s; this is the standard deviation of each part.
     - `detect`: whether corrections are looked for in the residuals of a match.
+    - `interval`: the time between two corrections, s, of a camera that corrects itself at equal
+      intervals, from which an observer expects the next one; None if it does not.
     """
 
     offset: float
@@ -30,6 +32,7 @@ class CommonError:
     jump: float
     relaxation: tuple[float, ...]
     detect: bool
+    interval: float | None = None
 
 
 @final

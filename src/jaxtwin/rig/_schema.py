@@ -254,6 +254,7 @@ class CommonErrorTable(Table):
     jump: Quantity
     relaxation: Annotated[list[Quantity], Field(min_length=1)]
     events: Literal["detect", "none"] = "detect"
+    interval: Quantity | None = None
 
 
 class RegistrationTable(Table):

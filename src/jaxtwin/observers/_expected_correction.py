@@ -1,0 +1,58 @@
+r"""The correction of a camera that is expected within a step.
+
+A camera that corrects itself at equal intervals $I$ does so again, at a time $t$ after the last
+correction, with the density $\sum_{k \ge 1} N(t; k I, s^2)$. Within a step it therefore does so
+with the probability
+
+$$p = \Phi\Big(\frac{t + \Delta t - k I}{s}\Big) - \Phi\Big(\frac{t - k I}{s}\Big),$$
+
+where $k I$ is the expected time next to the step. A correction adds a jump $N(\mu, \sigma^2)$ to
+each part of the common error that fades; a mixture of one and none has the mean $p \mu$ and the
+variance $p (\sigma^2 + \mu^2) - p^2 \mu^2$, which are what the step adds.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._augmented_model import AugmentedModel
+
+INTERVAL_SPREAD = 0.01
+"""The standard deviation $s$ of the time of a correction, as a part of the interval."""
+
+
+class Jump(NamedTuple):
+    """What a correction adds to the state.
+
+    - `mean`: the expected jump of each entry. `variance`: the variance of the jump.
+    """
+
+    mean: Float[Array, " state"]
+    variance: Float[Array, " state"]
+
+
+def expected_jump(model: AugmentedModel, since: Float[Array, ""], dt: Float[Array, ""]) -> Jump:
+    """The jump that a step adds.
+
+    **Arguments:**
+
+    - `since`: the time from the last correction of the camera to the start of the step, s;
+      infinite if no correction has been seen.
+    - `dt`: the length of the step, s.
+    """
+    none = jnp.zeros(model.layout.size, dt.dtype)
+    if model.interval is None:
+        return Jump(none, none)
+    is_known = jnp.isfinite(since)
+    start = jnp.where(is_known, since, 0.0)
+    number = jnp.maximum(jnp.round((start + 0.5 * dt) / model.interval), 1.0)
+    edges = (jnp.stack([start, start + dt]) / model.interval - number) / INTERVAL_SPREAD
+    before, after = jax.scipy.special.ndtr(edges)
+    probability = jnp.where(is_known, after - before, 0.0)
+    mean = probability * model.noise.jump_mean
+    square = jnp.asarray(model.noise.jump) ** 2 + jnp.asarray(model.noise.jump_mean) ** 2
+    variance = probability * square - mean**2
+    fading = model.layout.fading
+    return Jump(none.at[fading].set(mean), none.at[fading].set(variance))
