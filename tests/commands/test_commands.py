@@ -80,7 +80,7 @@ DEFAULTS = {
         "starts": 1, "seed": 0,
     },
     "drive": {"duration": 1000.0, "silence": 3.0, "sample_time": 1.0, "baud": 115_200},
-    "estimate-noise": {"horizon": 60.0},
+    "estimate-noise": {"horizon": [60.0, 300.0]},
     "export": {"step": 1.0},
     "health": {"probability": 0.5},
     "match": {"starts": 1, "max_iterations": 200, "seed": 0},
@@ -320,6 +320,6 @@ def test_every_option_of_an_estimate_of_noise_arrives(noted, monkeypatch, capsys
     monkeypatch.setattr(matching.Fit, "load", lambda path: fit())
     words = "estimate-noise fit.toml synthetic-A --name R_E --name alpha --horizon 30 --out n.toml"
     assert run(words.split()) == 0
-    assert without(arguments) == {"names": ["R_E", "alpha"], "horizon": 30.0}
+    assert without(arguments) == {"names": ["R_E", "alpha"], "horizons": [30.0]}
     assert jt.ProcessNoise.load("n.toml").standard_errors == {"heat": 0.1}
     assert re.search(r"\nheat +0\.5 +W s\^0\.5 +10 +found\n", capsys.readouterr().out)

@@ -1,6 +1,7 @@
 """A camera that corrects itself at equal intervals: the filter expects the next correction."""
 
 import dataclasses
+from itertools import pairwise
 from pathlib import Path
 
 import jax
@@ -58,7 +59,7 @@ def test_the_means_of_all_steps_of_an_interval_are_one_correction(
     with jax.enable_x64(True):
         jumps = [
             expected_jump(kalman.model, jnp.asarray(start), jnp.asarray(end - start))
-            for start, end in zip(times[:-1], times[1:], strict=True)
+            for start, end in pairwise(times)
         ]
     fading = kalman.model.layout.fading
     assert sum(jump.mean[fading] for jump in jumps) == pytest.approx([0.8], rel=1e-9)

@@ -108,7 +108,7 @@ def test_the_noise_of_readings_is_found_from_a_recording(
     """Within a fifth, from twice as much. What the recording does not have becomes smaller."""
     monkeypatch.setattr(_estimate_noise, "ITERATIONS", 15)
     start = ProcessNoise(reading=0.3, heat=0.05, disturbance=0.1, channel=0.05, common=0.05)
-    found = estimate_noise(twin, recording, start=start, horizon=20.0)
+    found = estimate_noise(twin, recording, start=start, horizons=[20.0])
     levels = found.levels()
     assert 0.12 < levels["reading"] < 0.18
     assert levels["disturbance"] < 0.1
@@ -138,9 +138,9 @@ def test_the_search_does_not_stop_at_a_maximum_that_is_not_the_highest(
         return np.log(parts.sum()), slope
 
     monkeypatch.setattr(
-        _estimate_noise, "_scored", lambda *arguments: score(arguments[5], arguments[7])
+        _estimate_noise, "_scored", lambda *arguments: score(arguments[4], arguments[6])
     )
-    found = estimate_noise(twin, recording, start=start, horizon=20.0)
+    found = estimate_noise(twin, recording, start=start, horizons=[20.0])
     assert np.log(found.levels()["common"] / 0.2) / SPREADS["common"] == pytest.approx(
         -1.2, abs=0.1
     )
@@ -150,7 +150,7 @@ def test_a_recording_that_is_not_longer_than_the_horizon_is_refused(
     twin: Twin, recording: Experiment
 ):
     with pytest.raises(ObserverError, match="longer than the horizon of 300 s, got 120 s"):
-        estimate_noise(twin, recording, horizon=300.0)
+        estimate_noise(twin, recording, horizons=[300.0])
 
 
 def test_a_parameter_that_does_not_exist_cannot_drift(twin: Twin, recording: Experiment):

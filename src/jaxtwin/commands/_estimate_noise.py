@@ -20,8 +20,9 @@ def estimate_noise(
         typer.Option(metavar="NAME", help="A parameter that drifts from week to week, e.g. R_E."),
     ] = None,
     horizon: Annotated[
-        float, typer.Option(metavar="S", help="The time ahead at which forecasts are judged.")
-    ] = 60.0,
+        list[float],
+        typer.Option(metavar="S", help="A time ahead at which forecasts are judged; repeatable."),
+    ] = [60.0, 300.0],  # noqa: B006  typer copies it
     overwrite: OverwriteOption = False,
     json: JsonOption = None,
 ) -> None:
@@ -36,7 +37,7 @@ def estimate_noise(
         fitted = Fit.load(fit)
         experiments = open_recordings(fitted.twin.rig, recordings)
         progress.step("estimating the noise")
-        noise = observers.estimate_noise(fitted, experiments, names=name or (), horizon=horizon)
+        noise = observers.estimate_noise(fitted, experiments, names=name or (), horizons=horizon)
         noise.save(out)
     say(noise.summary(), json)
     say_written(out, json_path=json)

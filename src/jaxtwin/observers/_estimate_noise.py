@@ -2,22 +2,22 @@ r"""Finds the noise of a rig from recordings, by how well readings were expected
 
 The logarithms of the levels $\ell$ (of a mean: itself) maximise
 
-$$\sum_r \frac{T_r}{h} \big\langle \log p(y_k \mid y_1 \dots y_{k-1}; \ell)
-+ \log p(y_k \mid y_1 \dots y_{k-m}; \ell) \big\rangle
+$$\sum_r \Big( \frac{T_r}{h_1} \big\langle \log p(y_k \mid y_1 \dots y_{k-1}; \ell) \big\rangle
++ \sum_h \frac{T_r}{h} \big\langle \log p(y_k \mid y_1 \dots y_{k-m}; \ell) \big\rangle \Big)
 - \tfrac12 \sum_i \Big(\frac{\log \ell_i - \log \ell_{0,i}}{s_i}\Big)^2 .$$
 
-the mean over all readings. The first density is that of the innovations, the second that of
-readings which are expected a horizon $h$ before, of $m$ samples, with Huber's loss. Both count
-alike, each as often as the recording of length $T_r$ has independent horizons: what makes the
-readings of the channels differ from what was expected is mostly common to them. The likelihood of
-innovations alone would be larger by the number of samples in a horizon: it finds the noise from one
-sample to the next, and a filter whose innovations are white can still forecast badly, since no twin
-is exact.
+the means over all readings. The first density is that of the innovations, the others those of
+readings which are expected a horizon $h$ before, of $m$ samples, with Huber's loss. Each counts as
+often as the recording of length $T_r$ has independent horizons, that of the innovations as often as
+it has the shortest ones: what makes the readings of the channels differ from what was expected is
+mostly common to them. The likelihood of innovations alone would be larger by the number of samples
+in a horizon: it finds the noise from one sample to the next, and a filter whose innovations are
+white can still forecast badly, since no twin is exact.
 """
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -42,11 +42,12 @@ from ._observe import filter_for, usual_noise
 from ._process_noise import SIGNED, SPREADS, ProcessNoise
 from ._start import first_reading
 
-HORIZON = 60.0
-"""The default horizon of the forecasts, s."""
+HORIZONS = (60.0, 300.0)
+"""The default horizons of the forecasts, s."""
 
 FORECASTS = 128
-"""The number of forecasts of a recording that are judged, evenly spaced."""
+"""The number of forecasts of a recording that are judged at the shortest horizon, evenly spaced;
+those of a longer one are as many fewer as they are longer."""
 
 OUTLYING = 2.5
 """A forecast that is wrong by more than so many standard deviations counts less: a supply that is
@@ -71,7 +72,7 @@ def estimate_noise(
     experiments: Experiment | Sequence[Experiment],
     *,
     names: Sequence[str] = (),
-    horizon: float = HORIZON,
+    horizons: Sequence[float] = HORIZONS,
     start: ProcessNoise | None = None,
 ) -> ProcessNoise:
     """Finds the levels of the noise from recordings.
@@ -85,21 +86,22 @@ def estimate_noise(
     - `experiments`: recordings of the rig, such as those that were matched.
     - `names`: parameters above 0 that drift slowly beside the equations of the twin, such as an
       electrical resistance.
-    - `horizon`: the time ahead at which forecasts are judged, s.
+    - `horizons`: the times ahead at which forecasts are judged, s. A recording that is not longer
+      than one of them does not count for it.
     - `start`: where to begin; None: levels from the rig file and the time between samples.
 
     **Returns:** the noise, for `jaxtwin.observe`, with the standard errors of its levels.
 
-    **Raises:** `ObserverError` if a recording has no readings or is not longer than the horizon, or
-    for unknown names; `SimulationError` for a recording of another rig.
+    **Raises:** `ObserverError` if a recording has no readings or is not longer than the shortest
+    horizon, or for unknown names; `SimulationError` for a recording of another rig.
     """
     from scipy.optimize import minimize
 
     several = as_experiments("estimate_noise: experiments", experiments, ObserverError)
-    horizon = finite_number("estimate_noise: horizon", horizon, ObserverError)
+    leads = sorted(finite_number("estimate_noise: horizons", h, ObserverError) for h in horizons)
     if start is None:
         start = usual_noise(fit, several, names)
-    recordings = [_Recording.of(fit, experiment, start, horizon) for experiment in several]
+    recordings = [_Recording.of(fit, experiment, start, leads) for experiment in several]
     estimated = _estimated(recordings[0].kalman, start)
     levels = start.levels()
     is_signed = np.isin(estimated, SIGNED)
@@ -117,14 +119,13 @@ def estimate_noise(
                     recording.kalman,
                     recording.samples,
                     recording.first,
-                    recording.ends,
-                    recording.counts,
+                    recording.leads,
                     estimated,
-                    int(recording.counts.max()),
+                    tuple(int(lead.counts.max()) for lead in recording.leads),
                     centre + spread * point,
                 )
-            value -= recording.weight * float(of)
-            slope -= recording.weight * spread * np.asarray(gradient)
+            value -= float(of)
+            slope -= spread * np.asarray(gradient)
         count += 1
         advanced(count)
         return (value, slope) if np.isfinite(value) else (1e12, np.zeros_like(slope))
@@ -172,6 +173,15 @@ def _standard_errors(
     return np.sqrt(np.sum(vectors**2 / np.maximum(values, 1.0), axis=1))
 
 
+class _Lead(NamedTuple):
+    """The forecasts of a recording with a horizon: the numbers of the samples that are expected,
+    the number of steps of each, and how much all of them count."""
+
+    ends: Int[np.ndarray | Array, " forecasts"]
+    counts: Int[np.ndarray | Array, " forecasts"]
+    weight: Float[np.ndarray | Array, ""]
+
+
 @dataclasses.dataclass(frozen=True)
 class _Recording:
     """What the objective needs of a recording."""
@@ -179,27 +189,30 @@ class _Recording:
     kalman: ExtendedKalmanFilter
     samples: Samples
     first: Float[Array | np.ndarray, ""]
-    ends: Int[np.ndarray, " forecasts"]
-    counts: Int[np.ndarray, " forecasts"]
-    weight: float
+    leads: tuple[_Lead, ...]
 
     @classmethod
     def of(
-        cls, fit: Twin | Fit, experiment: Experiment, noise: ProcessNoise, horizon: float
+        cls, fit: Twin | Fit, experiment: Experiment, noise: ProcessNoise, horizons: Sequence[float]
     ) -> "_Recording":
         """Prepares a recording."""
         kalman = filter_for(fit, experiment, noise)
         samples, is_sample = samples_of(kalman, experiment)
-        ends, counts = starts_of(samples, is_sample, horizon)
-        if not len(ends):
+        leads = []
+        for horizon in horizons:
+            ends, counts = starts_of(samples, is_sample, horizon)
+            if len(ends):
+                number = round(FORECASTS * horizons[0] / horizon)
+                chosen = np.linspace(0, len(ends) - 1, number).astype(int)
+                weight = np.asarray(experiment.duration / horizon)
+                leads.append(_Lead(ends[chosen], counts[chosen], weight))
+        if not leads:
             raise ObserverError(
                 f"{experiment.name or 'experiment'}: expected a recording longer than the horizon "
-                f"of {horizon:g} s, got {experiment.duration:g} s"
+                f"of {horizons[0]:g} s, got {experiment.duration:g} s"
             )
-        chosen = np.linspace(0, len(ends) - 1, FORECASTS).astype(int)
-        weight = experiment.duration / horizon
         first = np.asarray(first_reading(experiment))
-        return cls(kalman, samples, first, ends[chosen], counts[chosen], weight)
+        return cls(kalman, samples, first, tuple(leads))
 
 
 def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, ...]:
@@ -219,13 +232,12 @@ def _scored(
     kalman: ExtendedKalmanFilter,
     samples: Samples,
     first: Float[Array | np.ndarray, ""],
-    ends: Int[Array | np.ndarray, " forecasts"],
-    counts: Int[Array | np.ndarray, " forecasts"],
+    leads: tuple[_Lead, ...],
     names: tuple[str, ...],
-    longest: int,
+    longest: tuple[int, ...],
     point: Float[Array | np.ndarray, " levels"],
 ) -> tuple[Float[Array, ""], Float[Array, " levels"]]:
-    """The mean log density of the readings of a recording, one sample and one horizon ahead, and
+    """The weighted log density of the readings of a recording, one sample and horizons ahead, and
     its derivative with respect to the logarithms of the levels, or themselves (`SIGNED`)."""
 
     def of(point: Array) -> Array:
@@ -235,13 +247,16 @@ def _scored(
         start = changed.init(first, jnp.zeros(samples.duty.shape[1]))
         found, taken = following(changed, start, samples)
         there = jnp.isfinite(samples.readings)
-        innovations = found.states.log_likelihood.sum() / there.sum()
+        score = leads[0].weight * found.states.log_likelihood.sum() / there.sum()
         steps = jax.tree.map(lambda leaf: leaf[1:], taken)
-        expected = expected_at(changed, found.states, samples, steps, ends, counts, longest)
-        deviation = (samples.readings[ends] - expected.mean) / expected.spread
-        cost = jax.vmap(jax.vmap(Huber(OUTLYING).cost))(deviation)
-        density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
-        return innovations + jnp.where(there[ends], density, 0.0).sum() / there[ends].sum()
+        for (ends, counts, weight), most in zip(leads, longest, strict=True):
+            expected = expected_at(changed, found.states, samples, steps, ends, counts, most)
+            deviation = (samples.readings[ends] - expected.mean) / expected.spread
+            cost = jax.vmap(jax.vmap(Huber(OUTLYING).cost))(deviation)
+            density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
+            is_there = there[ends]
+            score = score + weight * jnp.where(is_there, density, 0.0).sum() / is_there.sum()
+        return score
 
     return jax.value_and_grad(of)(jnp.asarray(point))
 
