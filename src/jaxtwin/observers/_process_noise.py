@@ -117,7 +117,7 @@ class ProcessNoise(eqx.Module):
     twin: Level = 1.0
     twin_time: Level = 3000.0
     slow: Level = 0.05
-    slow_time: Level = 3600.0
+    slow_time: Level = 86_400.0
     common: Level = 0.2
     common_time: Level = 60.0
     jump: Level = 1.0

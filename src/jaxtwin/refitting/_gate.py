@@ -21,7 +21,7 @@ from ..rig._units import unit_scale
 from ..simulation import Run
 from ._held_out import Replay, block_errors
 from ._mistakes import BETTER, Mistake
-from ._session_match import SessionMatch, is_explained
+from ._session_match import SessionMatch
 
 BROKEN = ("frozen", "gone")
 """The kinds of findings that no change of a rig explains."""
@@ -116,12 +116,13 @@ def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
     """Whether the session is explained by drift and by what changes on a rig that is still the
     same: few values, none of them many times, and no constant of its matter."""
     names = ", ".join(match.changed)
-    passed = is_explained(match)
+    found = match.explanation
+    passed = found.is_enough
     text = f"{names or 'nothing'} changed beyond the drift between sessions"
     if not passed:
         text = (
             f"{names or 'drift'} alone does not explain the session, with an error of "
-            f"{match.error:.3g} K: this looks like another rig, or one that changed meanwhile"
+            f"{found.error:.3g} K: this looks like another rig, or one that changed meanwhile"
         )
     for name in match.changed:
         row, before = match.fit[name], last[name]
@@ -130,7 +131,7 @@ def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
             passed, text = False, f"{moved.rstrip()}, more than {LARGEST:g} times: another rig"
         elif any(_measures(row.unit, unit) for unit in MATTER):
             passed, text = False, f"{moved}, which rigs do not do by themselves: another rig"
-    return GateCheck("changes", passed, match.error, match.limit, text)
+    return GateCheck("changes", passed, found.error, found.limit, text)
 
 
 def _measures(unit: str, other: str) -> bool:

@@ -19,7 +19,7 @@ from ..matching import Fit
 from ..matching._descent_result import DescentResult
 from ..rig import Input
 from ._forgetting import SessionPrior
-from ._session_match import SessionMatch, descend_each, is_explained, session_problem
+from ._session_match import SessionMatch, descend_each, session_problem
 
 Vector = Float[np.ndarray, " unknowns"]
 
@@ -88,7 +88,7 @@ def _wrong_duty(
         ]
         return _descents(fit, prior, match, corrected, start)
 
-    if not match.changed and is_explained(match):
+    if not match.changed and match.explanation.is_enough:
         # The recorded duty is near: the minimum is between its neighbours if both are worse.
         beside = _costs(descents(BESIDE, match.start))
         if min(beside) >= match.drift_cost:

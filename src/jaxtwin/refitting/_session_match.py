@@ -4,17 +4,19 @@ A fit that is honest about the errors of its model leaves many values open, and 
 posterior alone would explain nearly any session by moving all of them a little, also that of
 another rig. A rig that is still the same drifts, and from time to time a single part of it changes:
 a contact is remounted. The session is therefore first matched with all values at those of the last
-fit, but for the drift between sessions. If its error is then that of the last fit, and the values
-are as near to those as its posterior and the drift allow (a $\chi^2$), nothing has changed, and the
-posterior is the prior of a match of all values. If not, a single value is released
-to what the rig file says of it. With the precision of the drift $P$, the distance $d$ of the match
-from the last fit, the rig file's spread $s_j$ and the Hessian $A$, the cost then falls by about
+fit, but for the drift between sessions. If its error is then that of the last fit, the values are
+as near to those as its posterior and the drift allow (a $\chi^2$), and no single value that changed
+would explain the session far better, nothing has changed, and the posterior is the prior of a match
+of all values. If not, a single value is released to what the rig file says of it. With the
+precision of the drift $P$, the distance $d$ of the match from the last fit, the rig file's spread
+$s_j$ and the Hessian $A$, the cost then falls by about
 
 $$\frac{(P d)_j^2 / 2}{P_{jj} + s_j^{-2} - (P A^{-1} P)_{jj}}$$
 
-(the formula of Woodbury); the values for which this is largest are tried, and the best one is
-released. If the allowed number of releases does not explain the session, it is not that of this
-rig. Values that were not released keep what was known of them.
+(the formula of Woodbury), which for a value that has not changed is half a $\chi^2$ of one degree
+of freedom; the values for which it is largest are tried, and the best one is released. If the
+allowed number of releases does not explain the session, it is not that of this rig. Values that
+were not released keep what was known of them.
 """
 
 import time
@@ -45,8 +47,38 @@ EXPLAINED = 1.5
 SURE = 1e-4
 """The probability of a distance from the last fit that still counts as drift."""
 
+CHANCE = 0.01
+"""The probability that any of the values of a rig which has only drifted seems to have changed."""
+
 TRIED = 3
 """The number of values of which the release is tried."""
+
+
+@final
+class Explanation(NamedTuple):
+    """How well drift and the values that have changed explain a session, and what is enough.
+
+    - `error`, `limit`: the root mean square error that they leave, K.
+    - `distance`, `furthest`: the squared distance of the values that have not changed from those of
+      the last fit, in standard deviations.
+    - `gain`, `most_gain`: by how much the cost would fall if one more value had changed, about.
+    """
+
+    error: float
+    limit: float
+    distance: float
+    furthest: float
+    gain: float
+    most_gain: float
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether nothing else needs to have changed."""
+        return (
+            self.error <= self.limit
+            and self.distance <= self.furthest
+            and self.gain <= self.most_gain
+        )
 
 
 @final
@@ -57,10 +89,7 @@ class SessionMatch(NamedTuple):
     - `cost`, `drift_cost`: half the sum of squared residuals and priors, if the rig has drifted and
       changed, or has only drifted.
     - `changed`: the names of the values that have changed.
-    - `error`, `limit`: the root mean square error that drift and changes leave, and what is
-      allowed, K.
-    - `distance`, `furthest`: the squared distance of the values that have not changed from those of
-      the last fit, in standard deviations, and what is allowed.
+    - `explanation`: how well they explain the session.
     - `noise_model`: the noise that was assumed.
     - `start`: the values that the last twin expects, with the session's own ones as found.
     """
@@ -69,10 +98,7 @@ class SessionMatch(NamedTuple):
     cost: float
     drift_cost: float
     changed: tuple[str, ...]
-    error: float
-    limit: float
-    distance: float
-    furthest: float
+    explanation: Explanation
     noise_model: NoiseModel
     start: Float[np.ndarray, " unknowns"]
 
@@ -120,17 +146,13 @@ def match_session(
             "for parameters far outside their bounds"
         )
     first, drift_cost = result.vector, result.cost
-    limit = EXPLAINED * fit.rmse
     places: tuple[int, ...] = ()
-    from scipy.stats import chi2  # takes a while to import
-
-    furthest = float(chi2.isf(SURE, len(prior.mean)))
-    while len(places) < changes and (
-        _error(result) > limit or _distance(result, prior, places) > furthest
-    ):
+    explanation = _explanation(fit, prior, result, places)
+    while len(places) < changes and not explanation.is_enough:
         place, result = _release(problem, noise_model, prior, result, places, max_iterations)
         places = (*places, place)
-    cost, error, distance = result.cost, _error(result), _distance(result, prior, places)
+        explanation = _explanation(fit, prior, result, places)
+    cost = result.cost
     covariance = prior.covariance_and(places)
     solved = _with_covariance(problem, prior, covariance)
     if not places:
@@ -146,18 +168,10 @@ def match_session(
         cost,
         drift_cost,
         tuple(prior.rows[place].name for place in places),
-        error,
-        limit,
-        distance,
-        furthest,
+        explanation,
         noise_model,
         np.concatenate([prior.mean, first[len(prior.mean) :]]),
     )
-
-
-def is_explained(match: SessionMatch) -> bool:
-    """Whether drift and the changes explain a session."""
-    return match.error <= match.limit and match.distance <= match.furthest
 
 
 def descend_each(
@@ -212,14 +226,26 @@ def _gains(
     return gains
 
 
+def _explanation(
+    fit: Fit, prior: SessionPrior, result: DescentResult, places: tuple[int, ...]
+) -> Explanation:
+    from scipy.stats import chi2  # takes a while to import
+
+    values = len(prior.mean)
+    return Explanation(
+        error=float(np.sqrt(result.mean_square)),
+        limit=EXPLAINED * fit.rmse,
+        distance=_distance(result, prior, places),
+        furthest=float(chi2.isf(SURE, values)),
+        gain=float(_gains(prior, result, places).max()),
+        most_gain=0.5 * float(chi2.isf(CHANCE / values, 1)),
+    )
+
+
 def _distance(result: DescentResult, prior: SessionPrior, places: tuple[int, ...]) -> float:
     away = result.vector[: len(prior.mean)] - prior.mean
     known = prior.covariance_and(places) + LEAST_DRIFT**2 * np.eye(len(away))
     return float(away @ np.linalg.solve(known, away))
-
-
-def _error(result: DescentResult) -> float:
-    return float(np.sqrt(result.mean_square))
 
 
 def _with_covariance(
