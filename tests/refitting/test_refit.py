@@ -97,6 +97,15 @@ def test_a_changed_resistance_is_found_by_name_and_size_and_promoted():
 
 
 @pytest.mark.slow
+def test_a_small_change_of_one_value_is_not_taken_for_drift_of_many():
+    """By error and distance alone it could be: 1.01 of 1.5, and 0.8 of what drift may be."""
+    found = jt.refit(last(), session(4, R_1=63.0))
+    assert found.decision == "promoted"
+    assert found.changed == ("R_1",)
+    assert found.fit["R_1"].value == pytest.approx(63.0, rel=0.01)
+
+
+@pytest.mark.slow
 def test_a_refit_is_saved_with_its_prior_and_forgets_by_the_same_spread(tmp_path: Path):
     """One session says nothing of the spread between sessions: it is handed on."""
     found = changed().fit
