@@ -4,6 +4,7 @@ import dataclasses
 import re
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -135,7 +136,7 @@ def test_the_search_does_not_stop_at_a_maximum_that_is_not_the_highest(
         parts = heights * np.exp(-5 * (at - places) ** 2)
         slope = np.zeros(len(names))
         slope[place] = -10 * (parts @ (at - places)) / parts.sum() / SPREADS["common"]
-        return np.log(parts.sum()), slope
+        return 6 * np.log(parts.sum()), 6 * slope
 
     monkeypatch.setattr(
         _estimate_noise, "_scored", lambda *arguments: score(arguments[4], arguments[6])
@@ -151,6 +152,12 @@ def test_a_recording_that_is_not_longer_than_the_horizon_is_refused(
 ):
     with pytest.raises(ObserverError, match="longer than the horizon of 300 s, got 120 s"):
         estimate_noise(twin, recording, horizons=[300.0])
+
+
+@pytest.mark.parametrize("horizons", [[], [0.0], [60.0, -1.0], 0.0])
+def test_horizons_that_are_no_times_are_refused(twin: Twin, recording: Experiment, horizons: Any):
+    with pytest.raises(ObserverError, match="horizons: expected one time above 0 s or more, got"):
+        estimate_noise(twin, recording, horizons=horizons)
 
 
 def test_a_parameter_that_does_not_exist_cannot_drift(twin: Twin, recording: Experiment):

@@ -16,7 +16,7 @@ white can still forecast badly, since no twin is exact.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -72,7 +72,7 @@ def estimate_noise(
     experiments: Experiment | Sequence[Experiment],
     *,
     names: Sequence[str] = (),
-    horizons: Sequence[float] = HORIZONS,
+    horizons: Sequence[float] | float = HORIZONS,
     start: ProcessNoise | None = None,
 ) -> ProcessNoise:
     """Finds the levels of the noise from recordings.
@@ -98,7 +98,7 @@ def estimate_noise(
     from scipy.optimize import minimize
 
     several = as_experiments("estimate_noise: experiments", experiments, ObserverError)
-    leads = sorted(finite_number("estimate_noise: horizons", h, ObserverError) for h in horizons)
+    leads = _times(horizons)
     if start is None:
         start = usual_noise(fit, several, names)
     recordings = [_Recording.of(fit, experiment, start, leads) for experiment in several]
@@ -149,6 +149,16 @@ def estimate_noise(
         **dict(zip(estimated, values.tolist(), strict=True)),
         standard_errors=dict(zip(estimated, errors.tolist(), strict=True)),
     )
+
+
+def _times(horizons: Sequence[float] | float) -> list[float]:
+    """The horizons, ascending."""
+    where = "estimate_noise: horizons"
+    several = horizons if isinstance(horizons, Iterable) else [horizons]
+    times = sorted(finite_number(where, horizon, ObserverError) for horizon in several)
+    if not times or times[0] <= 0:
+        raise ObserverError(f"{where}: expected one time above 0 s or more, got {horizons!r}")
+    return times
 
 
 def _starts(names: Sequence[str]) -> list[Float[np.ndarray, " levels"]]:
@@ -265,4 +275,5 @@ def _levels_at(
     point: Float[Array | np.ndarray, " levels"], is_signed: Bool[np.ndarray, " levels"]
 ) -> Float[Array, " levels"]:
     """The levels whose logarithms, or which themselves if they may be below 0, are given."""
-    return jnp.where(is_signed, point, jnp.exp(jnp.where(is_signed, 0.0, point)))
+    values = jnp.asarray(point)
+    return jnp.where(is_signed, values, jnp.exp(jnp.where(is_signed, 0.0, values)))
