@@ -257,7 +257,7 @@ def _scored(
         start = changed.init(first, jnp.zeros(samples.duty.shape[1]))
         found, taken = following(changed, start, samples)
         there = jnp.isfinite(samples.readings)
-        score = leads[0].weight * found.states.log_likelihood.sum() / there.sum()
+        score = jnp.asarray(leads[0].weight) * found.states.log_likelihood.sum() / there.sum()
         steps = jax.tree.map(lambda leaf: leaf[1:], taken)
         for (ends, counts, weight), most in zip(leads, longest, strict=True):
             expected = expected_at(changed, found.states, samples, steps, ends, counts, most)
@@ -265,7 +265,8 @@ def _scored(
             cost = jax.vmap(jax.vmap(Huber(OUTLYING).cost))(deviation)
             density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
             is_there = there[ends]
-            score = score + weight * jnp.where(is_there, density, 0.0).sum() / is_there.sum()
+            mean = jnp.where(is_there, density, 0.0).sum() / is_there.sum()
+            score = score + jnp.asarray(weight) * mean
         return score
 
     return jax.value_and_grad(of)(jnp.asarray(point))
