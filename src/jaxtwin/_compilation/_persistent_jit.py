@@ -32,12 +32,14 @@ MOST_PROGRAMS = 16
 about forty memory maps, and Linux ends a process with 65 530 of them."""
 
 UNOPTIMISED: dict[str, str | bool] = {
+    "xla_cpu_enable_concurrency_optimized_scheduler": False,
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": "0",
 }
-"""Compiler options without LLVM's optimisations, which take most of the time of compilation. XLA's
-older code generator for fused operations takes half as long as the newer one, and its code is as
-fast here (`benchmarks/NOTES.md`)."""
+"""Compiler options without LLVM's optimisations, which take most of the time of compilation.
+Operations follow each other: in a step of an observer, which has a hundred small ones, to hand them
+to other threads takes as long as all their work. XLA's older code generator for fused operations
+takes half as long as the newer one, and its code is as fast here (`benchmarks/NOTES.md`)."""
 
 COMPILER_OPTIONS = UNOPTIMISED | {"xla_backend_optimization_level": "1"}
 """The same options with LLVM's first level of optimisation. The higher levels take a quarter longer
