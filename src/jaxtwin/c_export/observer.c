@@ -539,7 +539,7 @@ static void model_open(model_state *state, const model_real *measured)
         state->P[i][i] += opened;
     }
 #ifdef MODEL_INTERVAL
-    if (opened > 0) {
+    if (common * common > MODEL_CERTAIN_AT * MODEL_CERTAIN_AT * spread) {
         state->since = 0;
     }
 #endif

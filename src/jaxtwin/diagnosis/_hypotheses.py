@@ -204,7 +204,7 @@ def _corrected(
     expected = Reading(healthy.mean + multiple * effect, slope)
     variance = jnp.asarray(noise.reading) ** 2 + (noise.reading_time * state.slope) ** 2
     innovation = measured - expected.mean
-    opened = kalman.opened(state.known, expected, innovation, variance, used)
+    opened, of_camera = kalman.opened(state.known, expected, innovation, variance, used)
     place = layout.of("room").start
     room = model.from_degC(jnp.asarray(sample.ambient, mean.dtype)) - mean[place]
     of_room = jnp.zeros(size + 1, mean.dtype).at[place].set(1.0)
@@ -221,7 +221,7 @@ def _corrected(
     return state._replace(
         known=Gaussian(found.state.mean.at[-1].set(limited), found.state.covariance),
         duty=duty,
-        since_correction=jnp.where(jnp.any(opened > 0), 0.0, state.since_correction),
+        since_correction=jnp.where(of_camera, 0.0, state.since_correction),
         log_likelihood=state.log_likelihood + counts * found.log_densities[1:].sum(),
         squares=state.squares + counts * (found.whitened[1:] ** 2).sum(),
         readings=state.readings + counts * used.sum(),

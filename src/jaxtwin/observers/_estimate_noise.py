@@ -142,7 +142,8 @@ def estimate_noise(
 
     first = [descend(start, FIRST_ITERATIONS) for start in _starts(estimated)]
     found = descend(min(first, key=lambda one: one.fun).x, ITERATIONS)
-    values = np.asarray(_levels_at(centre + spread * found.x, is_signed))
+    with own_settings():
+        values = np.asarray(_levels_at(centre + spread * found.x, is_signed))
     errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
     return dataclasses.replace(
         start,

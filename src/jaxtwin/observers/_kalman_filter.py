@@ -19,6 +19,9 @@ from ._start import start_of
 OPENED_AT = 4.0
 """A common innovation of this many standard deviations is taken for a correction of the camera."""
 
+CERTAIN_AT = 6.0
+"""From one of this many on, the time to the next correction is counted."""
+
 
 @final
 class KalmanState(eqx.Module):
@@ -55,12 +58,14 @@ class Measured(NamedTuple):
     - `variance`: that of the noise of each, K^2.
     - `mask`: those that count.
     - `opened`: the variance that the state has in addition, because the camera corrected itself.
+    - `is_certain`: whether it certainly did.
     """
 
     values: Float[Array, " readings"]
     variance: Float[Array, " readings"]
     mask: Bool[Array, " readings"]
     opened: Float[Array, " state"]
+    is_certain: Bool[Array, ""]
 
 
 @final
@@ -230,22 +235,22 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         leave."""
         measured = self.measured(state, readings, mask, ambient)
         found = self._correction_by(state, measured)
-        return self.corrected(state, found.state.mean, found, measured.opened)
+        return self.corrected(state, found.state.mean, found, measured.is_certain)
 
     def corrected(
         self,
         state: KalmanState,
         mean: Float[Array, " state"],
         by: Correction,
-        opened: Float[Array, " state"],
+        of_camera: Bool[Array, ""],
     ) -> KalmanState:
         """The state with a mean, and what else a correction by the room, which is first, and by
-        readings leaves."""
+        readings leaves; `of_camera` says whether the camera certainly corrected itself."""
         duty, since = self.model.layout.of("duty"), state.since_correction
         return replace(
             state,
             mean=mean,
-            since_correction=jnp.where(jnp.any(opened > 0), jnp.zeros_like(since), since),
+            since_correction=jnp.where(of_camera, jnp.zeros_like(since), since),
             covariance=by.state.covariance,
             duty=mean[duty] if self.model.layout.duty else state.duty,
             whitened=by.whitened[1:],
@@ -287,13 +292,15 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         used = jnp.asarray(mask) & jnp.isfinite(values)
         expected = model.read(state.mean)
         variance = self.reading_variance(state)
-        opened = self.opened(state.gaussian, expected, values - expected.mean, variance, used)
+        innovation = values - expected.mean
+        opened, is_certain = self.opened(state.gaussian, expected, innovation, variance, used)
         room = model.from_degC(jnp.asarray(ambient, state.mean.dtype))
         return Measured(
             jnp.concatenate([room[None], values]),
             jnp.concatenate([jnp.reshape(model.noise.ambient**2, 1), variance]),
             jnp.concatenate([jnp.isfinite(room)[None], used]),
             opened,
+            is_certain,
         )
 
     def expected(self, mean: Float[Array, " state"]) -> Reading:
@@ -318,12 +325,13 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         innovation: Float[Array, " channels"],
         variance: Float[Array, " channels"],
         used: Bool[Array, " channels"],
-    ) -> Float[Array, " state"]:
-        """The variance that a state gains by readings of which all channels jumped: if the camera
-        has corrected itself, its common error is unknown again."""
+    ) -> tuple[Float[Array, " state"], Bool[Array, ""]]:
+        """The variance that a state gains by readings of which all channels jumped, because the
+        common error of a camera that has corrected itself is unknown again; and whether it
+        certainly has."""
         none = jnp.zeros_like(state.mean)
         if not self.model.relaxation:
-            return none
+            return none, jnp.zeros((), bool)
         count = jnp.maximum(used.sum(), 1)
         weights = used / count
         row = weights @ expected.slope
@@ -331,7 +339,8 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         common = weights @ jnp.where(used, innovation, 0.0)
         # As much as it takes to explain the jump.
         opened = jnp.clip(common**2 - OPENED_AT**2 * spread, 0.0, self.model.noise.jump**2)
-        return none.at[self.model.layout.fading].set(opened)
+        is_certain = common**2 > CERTAIN_AT**2 * spread
+        return none.at[self.model.layout.fading].set(opened), is_certain
 
     def readings(
         self, state: KalmanState, ambient: Float[ArrayLike, ""]

@@ -197,7 +197,8 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
             passed = filtered_window(window.start, path, steps, measured)
             found = most_likely(passed, self.bounds)
             last = jax.tree.map(lambda rows: rows[-1], passed.corrections)
-            return found, self.kalman.corrected(latest, found[-1], last, measured.opened[-1])
+            of_camera = measured.is_certain[-1]
+            return found, self.kalman.corrected(latest, found[-1], last, of_camera)
 
         start = window.path, latest
         path, latest = jax.lax.fori_loop(

@@ -65,6 +65,7 @@ def begun(kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: in
         variance=jnp.ones(readings, dtype),
         mask=jnp.zeros(readings, bool),
         opened=jnp.zeros(size, dtype),
+        is_certain=jnp.zeros((), bool),
     )
     steps, measured = _repeated((step, measured), horizon)
     path = jnp.tile(start.mean, (horizon + 1, 1))
@@ -117,6 +118,7 @@ def read(window: Window, measured: Measured) -> Window:
         variance=jnp.where(measured.mask, measured.variance, old.variance),
         mask=measured.mask | old.mask,
         opened=measured.opened + old.opened,
+        is_certain=measured.is_certain | old.is_certain,
     )
     return window._replace(
         measured=jax.tree.map(lambda many, one: many.at[-1].set(one), rows, both)
