@@ -243,7 +243,7 @@ class Page:
             weight = 1.0 - np.exp(-step / _MEMORY)
             square = float(np.mean(errors[valid] ** 2))
             self._error = float(np.sqrt(self._error**2 + weight * (square - self._error**2)))
-            whitened = float(np.mean(np.asarray(follower.state.whitened)[valid] ** 2))
+            whitened = float(np.mean(np.asarray(follower.device_state.whitened)[valid] ** 2))
             self._surprise += weight * (whitened - self._surprise)
         if self._outlook is not None:
             self._energy += float(np.sum(self._outlook.power)) * step
