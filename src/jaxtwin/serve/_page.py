@@ -12,6 +12,7 @@ from .._normal_distribution import QUANTILE_975
 from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState
 from ..live._json import finding_as_json
 from ..live.protocol._clock import seconds
+from ..observers._estimates import Estimate, parameter_estimates
 from ..observers._moments import Moment
 from ..physics import Twin
 from ._contents import outlook_content, sample_content
@@ -115,7 +116,11 @@ class Page:
         self._observed = self._error = self._surprise = self._time = 0.0
         self._outlook: Outlook | None = None
         self._reading: Reading | None = None  # which is not shown yet
+        self._parameters: Estimate | None = None
         self.cause = ""
+        directions, rows = beside.observer.model.directions, beside.twin.rig.parameters
+        names = () if directions is None else directions.names
+        self.history.follow(names)
         self.ring.append(
             "layout",
             {
@@ -123,6 +128,15 @@ class Page:
                 **self._about,
                 "twin": beside.label,
                 "horizon": HORIZON,
+                "uncertain": [
+                    {
+                        "name": name,
+                        "unit": rows[name].unit,
+                        "description": rows[name].description,
+                        "value": float(beside.twin.values[name]),
+                    }
+                    for name in names
+                ],
                 "server": self.ring.name,
             },
         )
@@ -247,7 +261,8 @@ class Page:
             self._surprise += weight * (whitened - self._surprise)
         if self._outlook is not None:
             self._energy += float(np.sum(self._outlook.power)) * step
-        self.history.add(now, reading.temperatures, follower.predicted, self._band(), follower.duty)
+        values = reading.temperatures, follower.predicted, self._band(), follower.duty
+        self.history.add(now, *values, self._parameters)
 
     def _band(self) -> np.ndarray:
         """Half the width of the 95 % band of what is expected."""
@@ -260,7 +275,11 @@ class Page:
         self._outlook = look_ahead(self._beside.observer, follower.state, follower.duty)
         step = HORIZON / STEPS / state.rate
         times = [self._time + step * (number + 1) for number in range(STEPS)]
-        content = outlook_content(self._outlook, elements, self._time, times, self._energy)
+        directions = self._beside.observer.model.directions
+        self._parameters = parameter_estimates(directions, self._outlook.now.values)
+        content = outlook_content(
+            self._outlook, elements, self._time, times, self._energy, self._parameters
+        )
         self.ring.append("outlook", content)
 
     def _show_findings(self) -> None:
