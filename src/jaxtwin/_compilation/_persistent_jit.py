@@ -94,9 +94,14 @@ class _Program:
 
     def __call__(self, arrays: Sequence[Any]) -> Any:
         results = self.compiled(*[arrays[place] for place in self.used])
-        return jax.tree.map(
-            lambda leaf: results[leaf.number] if isinstance(leaf, _ArrayAt) else leaf, self.output
+        leaves, structure = self._flat
+        return structure.unflatten(
+            results[leaf.number] if isinstance(leaf, _ArrayAt) else leaf for leaf in leaves
         )
+
+    @functools.cached_property
+    def _flat(self) -> tuple[list[Any], Any]:
+        return jax.tree.flatten(self.output)
 
 
 @final
@@ -324,7 +329,7 @@ def _signature(array: Any) -> Hashable:
 
 def _settings() -> Hashable:
     """The settings of JAX that a caller of this package decides; see `own_settings`."""
-    return (jax.dtypes.canonicalize_dtype("float64").name, _default_device())
+    return (jax.config.read("jax_enable_x64"), _default_device())
 
 
 def _default_device() -> Any:
