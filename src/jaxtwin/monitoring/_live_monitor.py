@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit, persistent_jit_unoptimised
 from ..live import Follower, Reading, Record, RigState
 from ..live.protocol._clock import seconds
 from ..live.safety._finding import Finding
@@ -57,7 +57,7 @@ class LiveMonitor:
         self._take = _stepped.bind(monitor)
         self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, KEPT)
         with jax.enable_x64(True):
-            start = jax.tree.map(np.asarray, monitor.init())
+            start = jax.tree.map(np.asarray, _begun(monitor))
         self._state = start
         self.follower = Follower(observer.model.twin, observer)
         """What follows the rig: its estimates are those of the monitor."""
@@ -101,6 +101,11 @@ class LiveMonitor:
                 self._state, self.follower.device_state, expected, readings, ambient, dt
             )
         return evidence
+
+
+@persistent_jit_unoptimised
+def _begun(monitor: Monitor) -> MonitorState:
+    return monitor.init()
 
 
 @persistent_jit
