@@ -270,6 +270,19 @@ def test_uncertain_parameters_are_estimated_with_their_bands() -> None:
     assert found["parameter"][0][-1] == pytest.approx(outlook["parameter"][0], rel=0.01)
 
 
+def test_pictures_that_are_late_by_a_turn_are_still_ten_in_a_second() -> None:
+    sent: list[str] = []
+    shown = page(FrameRing(on_frame=lambda kind, text: sent.append(kind)))
+    state = RigState()
+    for number in range(100):  # ten in a second, each read up to 40 ms after it came
+        at = START + number * SECOND // 10
+        reading = Reading("rig", "b", at, number * 100_000, number, np.full(2, 23.0), False, None)
+        state = state.after(reading)
+        shown.on_record(reading, state)
+        shown.on_time(state, at + number * 7 % 5 * SECOND // 100)
+    assert 98 <= sent.count("sample") <= 100
+
+
 def test_the_log_and_the_ring_do_not_grow() -> None:
     shown = page(FrameRing(50))
     for number in range(300):

@@ -25,7 +25,8 @@ from ._story import Situation, is_rig_well, is_twin_right, what_comes
 from ._twin_beside import TwinBeside
 
 SAMPLE_NS = 100_000_000
-"""The shortest time between two pictures of the readings, ns of the host."""
+"""The mean time between two pictures of the readings, ns of the host, and the shortest but for what
+one of them is late."""
 
 OUTLOOK_NS = 1_000_000_000
 """The time between two pictures of what the twin says, ns of the host."""
@@ -90,7 +91,7 @@ class Page:
         self._lines: deque[dict[str, Any]] = deque(maxlen=LINES)
         self._energy = 0.0
         self._state = RigState()
-        self._shown = self._looked = 0
+        self._due = self._looked = 0  # host times
         self._findings: tuple[Finding, ...] = ()
         self.follow(beside)
 
@@ -191,8 +192,9 @@ class Page:
         """Makes the frames that are due at host time `now`, ns."""
         self.turned = time.monotonic()
         reading = self._reading
-        if reading is not None and now - self._shown >= SAMPLE_NS:
-            self._reading, self._shown = None, now
+        if reading is not None and now >= self._due:
+            # A picture that is late by a turn does not make all that follow late.
+            self._reading, self._due = None, max(self._due, now - SAMPLE_NS // 2) + SAMPLE_NS
             time_s, follower = seconds(state.time_of(reading)), self._follower
             assert follower.predicted is not None
             values = reading.temperatures, follower.predicted, self._band(), follower.duty
