@@ -309,8 +309,10 @@ class BoundJit(Generic[T]):
 
 def _taken_apart(leaves: list[Any], structure: Any) -> tuple[tuple[Any, ...], list[Any], Hashable]:
     """The static leaves, the arrays, and what tells the program for them from others."""
-    static = tuple(_Traced if eqx.is_array(leaf) else leaf for leaf in leaves)
-    arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+    is_array = [eqx.is_array(leaf) for leaf in leaves]
+    pairs = list(zip(leaves, is_array, strict=True))
+    static = tuple(_Traced if is_one else leaf for leaf, is_one in pairs)
+    arrays = [leaf for leaf, is_one in pairs if is_one]
     # 1, 1.0 and True are equal, and compile to different programs.
     kinds = tuple(map(type, static))
     return static, arrays, (structure, static, kinds, tuple(map(_signature, arrays)), _settings())
@@ -318,7 +320,7 @@ def _taken_apart(leaves: list[Any], structure: Any) -> tuple[tuple[Any, ...], li
 
 def _signature(array: Any) -> Hashable:
     """The properties of an array on which a program depends."""
-    committed = isinstance(array, jax.Array) and array.committed
+    committed = getattr(array, "committed", False)  # which arrays of NumPy do not have
     return (
         array.shape,
         array.dtype,
