@@ -193,8 +193,8 @@ class Page:
         self.turned = time.monotonic()
         reading = self._reading
         if reading is not None and now >= self._due:
-            # A picture that is late by a turn does not make all that follow late.
-            self._reading, self._due = None, max(self._due, now - SAMPLE_NS // 2) + SAMPLE_NS
+            # A picture that is late does not make all that follow late.
+            self._reading, self._due = None, max(self._due, now - SAMPLE_NS) + SAMPLE_NS
             time_s, follower = seconds(state.time_of(reading)), self._follower
             assert follower.predicted is not None
             values = reading.temperatures, follower.predicted, self._band(), follower.duty
