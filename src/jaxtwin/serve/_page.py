@@ -194,7 +194,8 @@ class Page:
         reading = self._reading
         if reading is not None and now >= self._due:
             # A picture that is late does not make all that follow late.
-            self._reading, self._due = None, max(self._due, now - SAMPLE_NS) + SAMPLE_NS
+            is_on_grid = now - self._due < SAMPLE_NS
+            self._reading, self._due = None, (self._due if is_on_grid else now) + SAMPLE_NS
             time_s, follower = seconds(state.time_of(reading)), self._follower
             assert follower.predicted is not None
             values = reading.temperatures, follower.predicted, self._band(), follower.duty
