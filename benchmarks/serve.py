@@ -47,11 +47,16 @@ def device(speed: float) -> tuple[subprocess.Popen[str], str]:
     return process, found[0]
 
 
-def server(url: str, file: Path) -> subprocess.Popen[str]:
-    """A server that answers."""
+def started(url: str, file: Path) -> subprocess.Popen[str]:
+    """A server that begins."""
     command = [sys.executable, "-m", "jaxtwin", "serve", RIG, "--link", url, "--port", str(PORT)]
     command += ["--out", str(file)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+def server(url: str, file: Path) -> subprocess.Popen[str]:
+    """A server that answers."""
+    process = started(url, file)
     assert process.stdout is not None
     process.stdout.readline()
     return process
@@ -110,14 +115,13 @@ def opening() -> float:
     return taken
 
 
-def resumed(url: str, file: Path, killed: subprocess.Popen[str]) -> tuple[float, float]:
-    """Kills the server and starts it anew. Returns the time until it answers, and after that until
-    a client that tries once in a second has a new reading, s."""
+def resumed(url: str, file: Path, killed: subprocess.Popen[str]) -> float:
+    """Kills the server and starts it anew. Returns the time until a client that tries once in a
+    second, as the page does, has a new reading, s."""
     killed.kill()
     killed.wait()
     begin = time.monotonic()
-    process = server(url, file)
-    up = time.monotonic()
+    process = started(url, file)
     while True:
         with contextlib.suppress(OSError, StopIteration):
             address = f"http://127.0.0.1:{PORT}/events?after=earlier-5"
@@ -125,10 +129,10 @@ def resumed(url: str, file: Path, killed: subprocess.Popen[str]) -> tuple[float,
                 next(line for line in answer if line.startswith(b"event: sample"))
                 break
         time.sleep(1.0)
-    found = time.monotonic()
+    found = time.monotonic() - begin
     process.terminate()
     process.wait()
-    return up - begin, found - up
+    return found
 
 
 def main() -> None:
@@ -146,7 +150,7 @@ def main() -> None:
             time.sleep(5.0)
             alone = watched(serving, 3, options.seconds / 4)
             found = watched(serving, options.clients, options.seconds)
-            up, again = resumed(url, file, serving)
+            again = resumed(url, file, serving)
         finally:
             rig.terminate()
             rig.wait()
@@ -158,9 +162,7 @@ def main() -> None:
         print(f"{stream['stream']}: {stream['count']} recorded")
     print(f"lost: {told['lost'] or 0}; events: {told['events']}")
     print(f"opened with a week of history: {opening():.3f} s")
-    print(
-        f"killed and started: answers after {up:.1f} s, and the client goes on {again:.1f} s later"
-    )
+    print(f"killed and started: a client has readings again after {again:.1f} s")
 
 
 if __name__ == "__main__":

@@ -33,11 +33,17 @@ def page(ring: FrameRing | None = None, **about: object) -> Page:
     return Page(FrameRing() if ring is None else ring, NoSource(), beside, told)
 
 
-def read(page: Page, readings: list[float], second: int, state: RigState | None = None) -> RigState:
-    """Hands a sample and a reading to a page, as a turn of the service does."""
+def read(
+    page: Page,
+    readings: list[float],
+    second: int,
+    state: RigState | None = None,
+    counts: tuple[int, ...] = (0, 0),
+) -> RigState:
+    """Hands a sample with the counts of its outputs and a reading to a page, as a turn of the
+    service does."""
     at = START + second * SECOND
     state = RigState() if state is None else state
-    counts = (0,) * len(twin().rig.driven)
     values = np.array(readings)
     for record in (
         Sample("rig", "b", at, second * 10**6, second, counts, 23.0),

@@ -105,7 +105,8 @@ def test_a_finding_clears_after_half_a_minute_of_the_rig_at_any_speed():
     """The same scores at ten times the speed: the times of the host are a tenth."""
     found = monitor(bench(), recording())
     quiet = jax.tree.map(np.zeros_like, at_sample(found.evidences, -1))
-    loud = quiet._replace(sum=quiet.sum._replace(score=np.full(2, 2.0), age=np.full(2, 5.0)))
+    first_two = np.arange(len(quiet.score)) < 2  # the sums of the channels stand first
+    loud = quiet._replace(score=2.0 * first_two, age=5.0 * first_two)
     for rate in (1.0, 10.0):
         log = FindingLog(found.monitor, found.calibration, DAY, SECOND)
         first, *_ = log.take(100 * SECOND, loud, rate)
@@ -119,7 +120,7 @@ def test_a_finding_clears_after_half_a_minute_of_the_rig_at_any_speed():
 def test_of_findings_that_are_over_only_the_last_are_kept():
     found = monitor(bench(), recording())
     quiet = jax.tree.map(np.zeros_like, at_sample(found.evidences, -1))
-    loud = quiet._replace(sum=quiet.sum._replace(score=np.array([2.0, 0.0])))
+    loud = quiet._replace(score=2.0 * (np.arange(len(quiet.score)) == 0))
     log = FindingLog(found.monitor, found.calibration, DAY, kept=3)
     for number in range(5):
         log.take(100.0 * number, loud)

@@ -14,7 +14,9 @@ from asgi import ask
 from hand_clock import START
 from small_page import SECOND, bench, page, read, twin
 
-from jaxtwin.live import Reading
+from jaxtwin import Experiment, simulate
+from jaxtwin.live import Reading, RigState
+from jaxtwin.observers import ProcessNoise
 from jaxtwin.serve import FrameRing, TwinBeside
 from jaxtwin.serve._metrics import Metric, metrics_text
 from jaxtwin.serve._stream import QUIET, stream
@@ -237,6 +239,48 @@ def test_a_reading_that_another_twin_has_not_expected_is_not_shown_beside_it() -
     assert shown.ring.newest_of("sample")["measured"] == [30.0, 30.0]
     read(shown, [32.0, 32.0], 3, state)
     assert shown.ring.newest_of("sample")["measured"] == [32.0, 32.0]
+
+
+def test_uncertain_parameters_are_estimated_with_their_bands() -> None:
+    """A heater that gives less than its twin says."""
+    noise = ProcessNoise(names=("P_2", "R_1"), slow=0.3, disturbance=0.01, heat=0.01)
+    shown = page()
+    assert shown.ring.newest_of("layout")["uncertain"] == []
+    assert shown.history.over(60.0)["parameter"] == []
+    shown.follow(TwinBeside(twin(), "with drift", noise=noise))
+    rows = shown.ring.newest_of("layout")["uncertain"]
+    assert [(row["name"], row["unit"], row["value"]) for row in rows] == [
+        ("P_2", "W", 0.75),
+        ("R_1", "K/W", 60.0),
+    ]
+    weaker = simulate(
+        twin().with_values({"P_2": 0.6}),
+        Experiment.schedule("0:0/1", duration=300, step=1, cells=2),
+    )
+    state = RigState()
+    driven = (0, twin().rig.driver.counts)
+    for second, readings in enumerate(weaker.temperatures):
+        state = read(shown, readings.tolist(), second + 1, state, driven)
+    outlook = shown.ring.newest_of("outlook")
+    assert outlook["parameter"][0] == pytest.approx(0.6, rel=0.05)
+    assert outlook["parameter_lower"][0] < 0.6 < outlook["parameter_upper"][0] < 0.75
+    found = shown.history.over(600.0)
+    assert found["parameter"][0][0] is None
+    assert found["parameter"][0][2] == pytest.approx(0.75, rel=0.02)
+    assert found["parameter"][0][-1] == pytest.approx(outlook["parameter"][0], rel=0.01)
+
+
+def test_pictures_that_are_late_by_a_turn_are_still_ten_in_a_second() -> None:
+    sent: list[str] = []
+    shown = page(FrameRing(on_frame=lambda kind, text: sent.append(kind)))
+    state = RigState()
+    for number in range(100):  # ten in a second, each read up to 40 ms after it came
+        at = START + number * SECOND // 10
+        reading = Reading("rig", "b", at, number * 100_000, number, np.full(2, 23.0), False, None)
+        state = state.after(reading)
+        shown.on_record(reading, state)
+        shown.on_time(state, at + number * 7 % 5 * SECOND // 100)
+    assert 98 <= sent.count("sample") <= 100
 
 
 def test_the_log_and_the_ring_do_not_grow() -> None:

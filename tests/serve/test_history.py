@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jaxtwin.observers._estimates import Estimate
 from jaxtwin.serve import History
 from jaxtwin.serve._history import LEVELS
 
@@ -77,3 +78,35 @@ def test_memory_does_not_grow_and_a_week_is_answered_in_few_points() -> None:
 def test_a_clock_that_steps_back_spoils_nothing() -> None:
     history = filled(np.array([START + 1e5, START + 1e5 + 1, START]), np.array([1.0, 2.0, 3.0]))
     assert history.over(10.0)["mean"] == [[1.0, 2.0]]
+
+
+def estimated(*values: float) -> Estimate:
+    """Parameters with bands of a tenth to both sides."""
+    mean = np.array(values)
+    return Estimate(mean, 0.9 * mean, 1.1 * mean)
+
+
+def test_parameters_are_kept_with_their_bands_at_the_end_of_each_interval() -> None:
+    history, one, duty = History(1, 1), np.ones(1), np.zeros(1)
+    history.follow(["R_1", "P_2"])
+    for second in range(30):
+        known = None if second == 0 else estimated(60.0 + second, 1.0e-5)
+        history.add(START + second, one, one, one, duty, known)
+    found = history.over(100.0)
+    assert found["parameter"] == [[None, *range(61, 90)], [None] + 29 * [1e-5]]
+    assert found["parameter_lower"][0][1] == 54.9
+    assert found["parameter_upper"][0][-1] == 97.9
+    coarse = history.over(100.0, points=4)
+    assert coarse["width"] == 10.0
+    assert coarse["parameter"][0][0] == 69.0
+
+
+def test_a_twin_with_other_uncertain_parameters_goes_on_with_those_that_it_shares() -> None:
+    history, one, duty = History(1, 1), np.ones(1), np.zeros(1)
+    history.follow(["R_1", "P_2"])
+    history.add(START, one, one, one, duty, estimated(60.0, 0.75))
+    history.follow(["P_2", "C_1", "R_2"])
+    history.add(START + 1, one, one, one, duty, estimated(0.8, 2.0, 3.0))
+    assert history.over(10.0)["parameter"] == [[0.75, 0.8], [None, 2.0], [None, 3.0]]
+    history.follow([])
+    assert history.over(10.0)["parameter"] == []

@@ -112,23 +112,6 @@ def serve(
     there was an alarm.
     """
     check_extra()
-    from ..control import read_controller
-    from ..live import Finding, Guard, OperatingLimits, Publisher, Record, Recorder, Replay, opener
-    from ..live.protocol._mqtt_address import without_password
-    from ..monitoring import MonitorCalibration
-    from ..observers import ProcessNoise
-    from ..physics import Faults, Twin
-    from ..rig import load_rig
-    from ..serve import (
-        Access,
-        Champion,
-        PageServer,
-        TwinBeside,
-        VirtualLink,
-        compile_loop,
-        listening,
-    )
-
     if [bool(link), virtual, replay is not None].count(True) != 1:
         raise typer.BadParameter("give one of --link, --virtual and --replay")
     if replay is not None and (out is not None or allow_control):
@@ -142,8 +125,35 @@ def serve(
     check_output(out, ".db")
     check_output(token_file, option="--token-file")
     with stop_signals() as stop, contextlib.ExitStack() as stack:
-        loaded = load_rig(rig)
+        from ..serve import listening
+
+        # Before all that takes time: a page that waits for its server then waits for an answer.
         opened = stack.enter_context(contextlib.closing(listening(host, port)))
+        from ..live import (
+            Finding,
+            Guard,
+            OperatingLimits,
+            Publisher,
+            Record,
+            Recorder,
+            Replay,
+            opener,
+        )
+        from ..live.protocol._mqtt_address import without_password
+        from ..monitoring import MonitorCalibration
+        from ..observers import ProcessNoise
+        from ..physics import Faults, Twin
+        from ..rig import load_rig
+        from ..serve import (
+            Access,
+            Champion,
+            PageServer,
+            TwinBeside,
+            VirtualLink,
+            compile_loop,
+        )
+
+        loaded = load_rig(rig)
         address = f"{f'[{host}]' if ':' in host else host}:{opened.getsockname()[1]}"
         for url in link or ():  # what is invalid is refused before the twin is compiled
             opener(url, loaded, baud=baud)
@@ -156,7 +166,11 @@ def serve(
             known = Faults.parse(faults)
             device = stack.enter_context(VirtualLink(Twin(loaded), speed=speed, faults=known))
         chosen, twins = _chosen_twin(loaded, store, parameter_file, set_name)
-        holds = None if controller is None else read_controller(controller, loaded)
+        holds = None
+        if controller is not None:
+            from ..control import read_controller  # which takes half a second to import
+
+            holds = read_controller(controller, loaded)
         levels = None if noise is None else ProcessNoise.load(noise)
         healthy = None if calibration is None else MonitorCalibration.load(calibration)
         if allow_control:

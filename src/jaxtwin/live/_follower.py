@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
+from .._jax_settings import to_numpy
 from ..observers import AbstractObserver, OpenLoop
-from ..observers._programs import corrected, predicted, started
+from ..observers._programs import followed, predicted, started
 from ..physics import Twin
 from .protocol._clock import seconds
 from .protocol._records import Reading, Record, Sample
@@ -38,7 +39,7 @@ class Follower:
         with jax.enable_x64(True):
             self._observer: AbstractObserver[Any] = OpenLoop(twin) if observer is None else observer
         self._predict = predicted.bind(self._observer)
-        self._take_readings = corrected.bind(self._observer)
+        self._follow = followed.bind(self._observer)
         self._driver = twin.rig.driver
         room = twin.rig.ambient_temperature.evaluate(twin.numbers_si)
         self.ambient = math.nan
@@ -46,6 +47,7 @@ class Follower:
         self._duty = np.zeros(len(twin.rig.driven))
         self._state: Any = None
         self._time = 0  # host time up to which the observer has predicted, ns
+        self._is_read = True  # whether a reading came after the last sample
         # This compiles before the first data arrive.
         self._start(float(room) - ZERO_CELSIUS)
 
@@ -62,6 +64,11 @@ class Follower:
     @property
     def state(self) -> Any:
         """Its state, as arrays of NumPy."""
+        return to_numpy(self._state)
+
+    @property
+    def device_state(self) -> Any:
+        """The same as arrays of JAX, in float64, for a program that takes it at every reading."""
         return self._state
 
     @property
@@ -78,44 +85,54 @@ class Follower:
         """Takes the next record, and what is known of the rig after it."""
         match record:
             case Sample() if record.pwm:
-                if self.measured is not None:
+                duty = np.asarray(self._driver.duty(record.pwm), np.float64)
+                # A sample that says nothing new is left to the reading that follows it.
+                is_new = not self._is_read or bool((duty != self._duty).any())
+                if self.measured is not None and is_new:
                     self._advance(state.time_of(record), state.rate)
-                self._duty = np.asarray(self._driver.duty(record.pwm), np.float64)
+                self._duty, self._is_read = duty, False
                 self.ambient = self.ambient if record.ambient is None else record.ambient
             case Reading() if not record.recalibrating:
                 if self.measured is None:
                     self._time = state.time_of(record)
                     self._start(float(np.nanmean(record.temperatures)))
-                self.measured = record.temperatures
-                self._advance(state.time_of(record), state.rate)
-                self._correct(record.temperatures)
+                self.measured, self._is_read = record.temperatures, True
+                self._correct(state.time_of(record), state.rate, record.temperatures)
 
     def on_time(self, state: RigState, now: int) -> None:
         """Does nothing: the twin advances with the records."""
 
     def _start(self, temperature: float) -> None:
         with jax.enable_x64(True):
-            state = started(self._observer, np.float64(temperature), self._duty)
-        self._state = jax.tree.map(np.asarray, state)
+            self._state = started(self._observer, np.float64(temperature), self._duty)
         predicted = self._step(0.0)
         # This compiles, and corrects nothing: a reading is used once.
-        self._correct(np.full(len(predicted), math.nan))
+        self._read(0.0, np.full(len(predicted), math.nan))
 
     def _advance(self, now: int, rate: float) -> None:
-        self.predicted = self._step(max(seconds(now - self._time) * rate, 0.0))
+        self.predicted = self._step(self._passed(now, rate))
+
+    def _correct(self, now: int, rate: float, readings: Float[np.ndarray, " channels"]) -> None:
+        self.predicted = self._read(self._passed(now, rate), readings)
+
+    def _passed(self, now: int, rate: float) -> float:
+        """The time of the rig, s, to host time `now`, up to which it is followed from here on."""
+        dt = max(seconds(now - self._time) * rate, 0.0)
         self._time = max(now, self._time)
+        return dt
 
     def _step(self, dt: float) -> Float[np.ndarray, " channels"]:
         with jax.enable_x64(True):
             room = np.float64(self.ambient)
-            state, predicted = self._predict(self._state, self._duty, room, np.float64(dt))
-        # The state is kept as NumPy arrays, because it is read between two steps.
-        self._state = jax.tree.map(np.asarray, state)
+            self._state, predicted = self._predict(self._state, self._duty, room, np.float64(dt))
         return np.asarray(predicted)
 
-    def _correct(self, readings: Float[np.ndarray, " channels"]) -> None:
+    def _read(
+        self, dt: float, readings: Float[np.ndarray, " channels"]
+    ) -> Float[np.ndarray, " channels"]:
         with jax.enable_x64(True):
-            room = np.float64(self.ambient)
-            mask = np.isfinite(readings)
-            state = self._take_readings(self._state, readings, mask, room)
-        self._state = jax.tree.map(np.asarray, state)
+            room, mask = np.float64(self.ambient), np.isfinite(readings)
+            self._state, predicted = self._follow(
+                self._state, self._duty, room, np.float64(dt), readings, mask
+            )
+        return np.asarray(predicted)

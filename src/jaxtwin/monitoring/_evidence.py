@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..observers import KalmanState
@@ -57,9 +58,9 @@ class Evidence(NamedTuple):
     - `size`: how large the change is, in the unit of the test.
     """
 
-    score: Float[Array, "*times members"]
-    age: Float[Array, "*times members"]
-    size: Float[Array, "*times members"]
+    score: Float[Array | np.ndarray, "*times members"]
+    age: Float[Array | np.ndarray, "*times members"]
+    size: Float[Array | np.ndarray, "*times members"]
 
 
 class Evidences(NamedTuple):
@@ -85,3 +86,9 @@ class Evidences(NamedTuple):
     frozen: Evidence
     gone: Evidence
     changed: Evidence
+
+
+def joined(evidences: Evidences) -> Evidence:
+    """What all tests say of a sample, one behind the other: three arrays, which a program returns
+    faster than many small ones."""
+    return Evidence(*map(jnp.concatenate, zip(*evidences, strict=True)))

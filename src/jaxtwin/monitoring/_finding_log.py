@@ -89,31 +89,35 @@ class FindingLog:
         `until`."""
         return tuple(sorted((*self._closed, *self.present), key=lambda one: one.since or 0))
 
-    def take(self, now: float | int, evidences: Evidences, rate: float = 1.0) -> list[Finding]:
+    def take(self, now: float | int, evidence: Evidence, rate: float = 1.0) -> list[Finding]:
         """Takes what the tests say of a sample.
 
         **Arguments:**
 
+        - `evidence`: that of all tests, as `joined` or `at_sample` gives it.
         - `now`: the time of the sample. `rate`: the seconds of the rig in a second of it, which is
           not 1 beside a virtual rig at another speed, or a replay.
 
         **Returns:** the findings that are new.
         """
-        scores = np.concatenate([one.score for one in evidences])
+        scores = np.asarray(evidence.score)
         tick = self._ticks / rate  # of a second of the rig
         new: dict[tuple[str, str], Finding] = {}
         for place in np.flatnonzero(scores >= 0.5):
             row, score = self._rows[place], float(scores[place])
+            size = float(np.asarray(evidence.size)[place])
             there = self._open.get(row.key)
             if there is not None:
                 there.last = now
                 if self._says_more(row, score, there):
                     there.peak = max(score, there.peak)
-                    there.finding = self._grown(there.finding, row, evidences, score)
+                    there.finding = self._grown(there.finding, row, size, score)
                     if row.key in new:
                         new[row.key] = there.finding
             elif score >= 1 and not (row.test == "changed" and self._is_alarmed()):
-                begun = self._finding(row, evidences, score, now, tick)
+                age = float(np.asarray(evidence.age)[place]) * tick
+                since = now - (round(age) if self._ticks > 1 else age)
+                begun = self._grown(_begun(row, since, now), row, size, score)
                 self._open[row.key] = _Open(begun, score, now)
                 new[row.key] = begun
         for key, one in list(self._open.items()):
@@ -135,18 +139,7 @@ class FindingLog:
         """Whether there is an alarm, which then explains why a parameter has changed."""
         return any(one.finding.is_alarm for one in self._open.values())
 
-    def _finding(
-        self, row: _Row, evidences: Evidences, score: float, now: float | int, tick: float
-    ) -> Finding:
-        evidence = getattr(evidences, row.test)
-        age = float(evidence.age[row.place]) * tick
-        since = now - (round(age) if self._ticks > 1 else age)
-        severity: Severity = "notice" if row.test == "changed" else "warning"
-        empty = Finding(row.key[0], "", row.name, since, severity, unit=row.unit, found=now)
-        return self._grown(empty, row, evidences, score)
-
-    def _grown(self, finding: Finding, row: _Row, evidences: Evidences, score: float) -> Finding:
-        size = float(getattr(evidences, row.test).size[row.place])
+    def _grown(self, finding: Finding, row: _Row, size: float, score: float) -> Finding:
         return replace(
             finding,
             detail=_detail(row, size),
@@ -165,6 +158,11 @@ class FindingLog:
         if row.test == "changed":
             return self._monitor.shift.probability(row.place, size)
         return None
+
+
+def _begun(row: _Row, since: float | int, found: float | int) -> Finding:
+    severity: Severity = "notice" if row.test == "changed" else "warning"
+    return Finding(row.key[0], "", row.name, since, severity, unit=row.unit, found=found)
 
 
 def _rows(monitor: Monitor) -> Iterator[_Row]:
@@ -231,9 +229,10 @@ def _change(row: _Row, size: float) -> str:
     return f"{size:+.2g} {row.unit}" if row.unit else f"{100 * size:+.2g} %"
 
 
-def at_sample(evidences: Evidences, place: int) -> Evidences:
-    """What the tests say of one sample of a recording."""
-    return Evidences(*(Evidence(*(part[place] for part in one)) for one in evidences))
+def at_sample(evidences: Evidences, place: int) -> Evidence:
+    """What all tests say of one sample of a recording, one behind the other."""
+    parts = zip(*evidences, strict=True)
+    return Evidence(*(np.concatenate([one[place] for one in part]) for part in parts))
 
 
 def loudest(evidences: Evidences) -> Float[np.ndarray, " times"]:

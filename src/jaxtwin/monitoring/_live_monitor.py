@@ -1,19 +1,20 @@
 """The monitor beside a rig."""
 
 from collections.abc import Callable
-from typing import Any, final
+from typing import final
 
 import jax
 import numpy as np
+from jaxtyping import ArrayLike, Float
 
-from .._compilation import persistent_jit
+from .._compilation import persistent_jit, persistent_jit_unoptimised
 from ..live import Follower, Reading, Record, RigState
 from ..live.protocol._clock import seconds
 from ..live.safety._finding import Finding
-from ..observers import ExtendedKalmanFilter
-from ._evidence import Evidences, seen
+from ..observers import ExtendedKalmanFilter, KalmanState
+from ._evidence import Evidence, joined, seen
 from ._finding_log import FindingLog
-from ._monitor import Monitor, channels_of
+from ._monitor import Monitor, MonitorState, channels_of
 from ._response import response_of
 from ._thresholds import DAY, MonitorCalibration, nominal_calibration
 
@@ -56,7 +57,7 @@ class LiveMonitor:
         self._take = _stepped.bind(monitor)
         self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, KEPT)
         with jax.enable_x64(True):
-            start = jax.tree.map(np.asarray, monitor.init())
+            start = jax.tree.map(np.asarray, _begun(monitor))
         self._state = start
         self.follower = Follower(observer.model.twin, observer)
         """What follows the rig: its estimates are those of the monitor."""
@@ -86,24 +87,36 @@ class LiveMonitor:
         now = state.time_of(record)
         dt = 0.0 if self._time is None else max(seconds(now - self._time) * state.rate, 0.0)
         self._time = now if self._time is None else max(now, self._time)
-        evidences = self._step(record.temperatures, expected, dt)
-        for finding in self._log.take(self._time, evidences, state.rate):
+        evidence = self._step(record.temperatures, expected, dt)
+        for finding in self._log.take(self._time, evidence, state.rate):
             self._on_finding(finding)
 
     def on_time(self, state: RigState, now: int) -> None:
         """Does nothing: findings come with readings. Silence is an alarm of `Alarms`."""
 
-    def _step(self, readings: np.ndarray, expected: np.ndarray, dt: float) -> Evidences:
-        ambient = np.float64(self.follower.ambient)
+    def _step(self, readings: np.ndarray, expected: np.ndarray, dt: float) -> Evidence:
+        ambient, dt = np.float64(self.follower.ambient), np.float64(dt)
         with jax.enable_x64(True):
-            sample = seen(self.follower.state, expected, readings, ambient, np.float64(dt))
-            sample = jax.tree.map(np.asarray, sample)
-            state, evidences = self._take(self._state, sample)
-        # Kept as NumPy arrays, because they are read between two steps.
-        self._state = jax.tree.map(np.asarray, state)
-        return jax.tree.map(np.asarray, evidences)
+            self._state, evidence = self._take(
+                self._state, self.follower.device_state, expected, readings, ambient, dt
+            )
+        return evidence
+
+
+@persistent_jit_unoptimised
+def _begun(monitor: Monitor) -> MonitorState:
+    return monitor.init()
 
 
 @persistent_jit
-def _stepped(monitor: Monitor, state: Any, sample: Any) -> tuple[Any, Evidences]:
-    return monitor.step(state, sample)
+def _stepped(
+    monitor: Monitor,
+    state: MonitorState,
+    observed: KalmanState,
+    expected: Float[ArrayLike, " channels"],
+    readings: Float[ArrayLike, " channels"],
+    ambient: Float[ArrayLike, ""],
+    dt: Float[ArrayLike, ""],
+) -> tuple[MonitorState, Evidence]:
+    after, evidences = monitor.step(state, seen(observed, expected, readings, ambient, dt))
+    return after, joined(evidences)

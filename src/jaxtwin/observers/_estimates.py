@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 class Estimate(NamedTuple):
     """An estimated quantity over time: its mean, and the edges of its 95 % band."""
 
-    mean: Float[np.ndarray, " times"]
-    lower: Float[np.ndarray, " times"]
-    upper: Float[np.ndarray, " times"]
+    mean: Float[np.ndarray, "*times"]
+    lower: Float[np.ndarray, "*times"]
+    upper: Float[np.ndarray, "*times"]
 
 
 @final
@@ -85,15 +85,11 @@ class Estimates:
         values are taken as exact."""
         if self.directions is None:
             return {}
-        found = {}
-        for number, name in enumerate(self.directions.names):
-            value = float(self.directions.values[number])
-            edges = _estimate(self.moments.values, number)
-            if self.directions.is_logarithmic[number]:
-                found[name] = Estimate(*(value * np.exp(edge) for edge in edges))
-            else:
-                found[name] = Estimate(*(value + edge for edge in edges))
-        return found
+        table = parameter_estimates(self.directions, self.moments.values)
+        return {
+            name: Estimate(*(part[:, number] for part in table))
+            for number, name in enumerate(self.directions.names)
+        }
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset: node (time, node), channel_temperature (time, channel), heat
@@ -136,6 +132,21 @@ class Estimates:
             f"<{self.kind.capitalize()} estimates of {len(self.nodes)} nodes at "
             f"{len(self.time)} times>"
         )
+
+
+def parameter_estimates(directions: UncertainDirections | None, changes: Moment) -> Estimate:
+    """The uncertain parameters, in the units of the rig's table, for the moments of their changes;
+    the last axis of all arrays is that of the parameters."""
+    mean, spread = (np.asarray(part) for part in changes)
+    if directions is None:
+        return Estimate(mean, mean, mean)
+    is_logarithmic, values = np.array(directions.is_logarithmic), np.asarray(directions.values)
+
+    def value(change: np.ndarray) -> np.ndarray:
+        changed = values * np.exp(np.where(is_logarithmic, change, 0.0))
+        return np.where(is_logarithmic, changed, values + change)
+
+    return Estimate(*(value(mean + side * QUANTILE_975 * spread) for side in (0, -1, 1)))
 
 
 def _only(moment: Moment) -> Moment:

@@ -36,12 +36,17 @@ def predicted(
 
 
 @persistent_jit
-def corrected(
+def followed(
     observer: AbstractObserver[State],
     state: State,
+    duty: Float[ArrayLike, " cells"],
+    ambient: Float[ArrayLike, ""],
+    dt: Float[ArrayLike, ""],
     readings: Float[ArrayLike, " channels"],
     mask: Bool[ArrayLike, " channels"],
-    ambient: Float[ArrayLike, ""],
-) -> State:
-    """The state that readings leave."""
-    return observer.correct(state, readings, mask, ambient)
+) -> tuple[State, Float[Array, " channels"]]:
+    """The state after a time and the readings at its end, and what was expected of them before, in
+    one call too."""
+    state = observer.predict(state, duty, ambient, dt)
+    expected = observer.readings(state, ambient)
+    return observer.correct(state, readings, mask, ambient), expected

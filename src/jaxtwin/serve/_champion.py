@@ -1,10 +1,12 @@
 """The champion of a store as the twin beside a rig, also after another one was promoted."""
 
 from collections.abc import Callable
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
-from ..twin_store import TwinStore, TwinVersion
 from ._twin_beside import TwinBeside
+
+if TYPE_CHECKING:  # a page without a store does not import it
+    from ..twin_store import TwinStore, TwinVersion
 
 LOOK_SECONDS = 5.0
 """The time between two looks at the store, s, which another process may change."""
@@ -20,7 +22,7 @@ class Champion:
     - `made`: makes the twin beside the rig from a version.
     """
 
-    def __init__(self, store: TwinStore, made: Callable[[TwinVersion], TwinBeside]):
+    def __init__(self, store: "TwinStore", made: "Callable[[TwinVersion], TwinBeside]"):
         self.store = store
         champion = store.version("champion")
         self.number = champion.number
@@ -74,7 +76,7 @@ class Champion:
         }
 
 
-def _uncertain(version: TwinVersion) -> tuple[str, ...]:
+def _uncertain(version: "TwinVersion") -> tuple[str, ...]:
     """The names of the values that its observer estimates."""
     noise = version.noise
     return () if noise is None else noise.names

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypeAlias, final
 import numpy as np
 
 from .._errors import ControlError
-from ..control import AbstractController, LiveLoop
+from ..control import AbstractController
 from ..io import Experiment
 from ..live import Moment, RigConnection
 from ..physics import Twin
@@ -30,6 +30,8 @@ class HeldDuty(NamedTuple):
 
 def compile_loop(twin: Twin, controller: AbstractController) -> None:
     """Compiles what an order to hold references needs, before a rig waits for it."""
+    from ..control import LiveLoop  # which a page without a controller does not import
+
     # Where the middle of the allowed duty leads to is a point that can be held.
     lowest, highest = controller.limits
     middle = np.maximum(np.full(len(twin.rig.driven), (lowest + highest) / 2), twin.rig.lowest_duty)
@@ -67,6 +69,8 @@ class HeldReferences:
     ):
         if controller is None:
             raise ControlError("references: expected a server with --controller")
+        from ..control import LiveLoop
+
         samples = max(round(order.seconds / controller.sample_time_s), 1)
         duration = samples * controller.sample_time_s
         self._loop = LiveLoop(twin, controller, order.references, duration=duration)

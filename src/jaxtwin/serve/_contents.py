@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
+from ..observers._estimates import Estimate
 from ..observers._moments import Moment
 from ._outlook import Outlook
 
@@ -35,7 +36,12 @@ def sample_content(
 
 
 def outlook_content(
-    found: Outlook, elements: int, time: float, times: Sequence[float], energy: float
+    found: Outlook,
+    elements: int,
+    time: float,
+    times: Sequence[float],
+    energy: float,
+    parameters: Estimate,
 ) -> dict[str, Any]:
     """What a twin says of the rig, each estimate with half of its 95 % band.
 
@@ -45,6 +51,7 @@ def outlook_content(
     - `elements`: the number of nodes that are elements of the plate, which are the first ones.
     - `time`, `times`: now, and the times of the forecast, s since 1970.
     - `energy`: what the cells have drawn since the server began, J.
+    - `parameters`: the uncertain parameters of the twin, in the units of the rig's table.
     """
     now, later = found.now, found.later
     heats, heats_band = _both(now.heats)
@@ -70,12 +77,25 @@ def outlook_content(
         "heats_band": heats_band,
         "power": rounded(found.power),
         "energy": round(energy, 1),
+        "parameter": significant(parameters.mean),
+        "parameter_lower": significant(parameters.lower),
+        "parameter_upper": significant(parameters.upper),
     }
 
 
 def rounded(values: Any) -> Any:
     """Numbers as lists, None where one is missing."""
     return json_value(np.round(np.asarray(values, float), DIGITS))
+
+
+def significant(values: Any) -> Any:
+    """The same with five digits, whatever the unit is."""
+    numbers = np.asarray(values, float)
+    sizes = np.abs(np.where(np.isfinite(numbers) & (numbers != 0), numbers, 1.0))
+    unit = 10.0 ** (np.floor(np.log10(sizes)) - 4)
+    # Divided by a whole power of ten, a number is written with as many digits as it has.
+    whole = np.round(numbers / unit)
+    return json_value(np.where(unit < 1, whole / np.round(1 / np.minimum(unit, 1.0)), whole * unit))
 
 
 def _both(moment: Moment) -> tuple[list[Any], list[Any]]:

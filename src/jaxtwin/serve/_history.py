@@ -1,13 +1,16 @@
 """The history of a rig in a fixed amount of memory: the lowest, highest and mean reading of each
-time interval, in intervals of three lengths."""
+time interval, and the last estimates in it, in intervals of three lengths."""
 
 import threading
+from collections.abc import Sequence
 from typing import Any, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .._json_values import json_value
+from ..observers._estimates import Estimate
+from ._contents import significant
 
 LEVELS = ((1.0, 3600), (10.0, 8640), (60.0, 10_080))
 """The lengths of the intervals, s, and their numbers: an hour, a day and a week."""
@@ -16,9 +19,14 @@ MOST_POINTS = 600
 """The largest number of intervals of an answer, which is that of the pixels of a chart."""
 
 
+PARAMETERS = ("parameter", "parameter_lower", "parameter_upper")
+"""What is kept of the uncertain parameters: the estimate, and the edges of its 95 % band."""
+
+
 @final
 class History:
-    """Keeps what is drawn over time: readings, what was expected of them, and duty.
+    """Keeps what is drawn over time: readings, what was expected of them, duty, and uncertain
+    parameters of the twin.
 
     **Arguments:**
 
@@ -31,6 +39,17 @@ class History:
         self._lock = threading.Lock()
         self._first: float | None = None
         self._last = 0.0
+        self._parameters: tuple[str, ...] = ()
+
+    def follow(self, parameters: Sequence[str]) -> None:
+        """Goes on with the uncertain parameters of another twin. What is known of those that it
+        shares with the one before is kept."""
+        with self._lock:
+            before = self._parameters
+            places = [before.index(name) if name in before else -1 for name in parameters]
+            self._parameters = tuple(parameters)
+            for level in self._levels:
+                level.follow(np.array(places, int))
 
     def add(
         self,
@@ -39,6 +58,7 @@ class History:
         expected: Float[np.ndarray, " channels"],
         band: Float[np.ndarray, " channels"],
         duty: Float[np.ndarray, " cells"],
+        parameters: Estimate | None = None,
     ) -> None:
         """Adds a sample.
 
@@ -49,12 +69,13 @@ class History:
           there is none.
         - `band`: half the width of the 95 % band of the latter, K.
         - `duty`: the duty of the cells, -1 to 1.
+        - `parameters`: the uncertain parameters; None while nothing is known of them.
         """
         with self._lock:
             self._first = time if self._first is None else min(self._first, time)
             self._last = max(self._last, time)
             for level in self._levels:
-                level.add(time, readings, expected, band, duty)
+                level.add(time, readings, expected, band, duty, parameters)
 
     def over(self, span: float, points: int = MOST_POINTS) -> dict[str, Any]:
         """Returns the last `span` seconds in at most `points` intervals, by the finest level that
@@ -62,7 +83,8 @@ class History:
 
         **Returns:** `width`, the length of an interval, s; `time`, their beginnings, s since 1970,
         without those in which nothing was measured; `low`, `high`, `mean`, `expected` and `band`, a
-        list for each channel; `duty`, a list for each cell. None is a missing number.
+        list for each channel; `duty`, a list for each cell; `parameter`, `parameter_lower` and
+        `parameter_upper`, a list for each uncertain parameter. None is a missing number.
         """
         with self._lock:
             if self._first is None:
@@ -87,6 +109,14 @@ class _Level:
             np.full((size, channels), np.nan, np.float32) for _ in range(5)
         )
         self._duty = np.full((size, cells), np.nan, np.float32)
+        # Estimate, lower and upper edge of its band.
+        self._parameters = np.full((3, size, 0), np.nan, np.float32)
+
+    def follow(self, places: Int[np.ndarray, " parameters"]) -> None:
+        """Takes other parameters: those that had a column keep it, the others (-1) begin."""
+        kept = np.full((3, self._size, len(places)), np.nan, np.float32)
+        kept[:, :, places >= 0] = self._parameters[:, :, places[places >= 0]]
+        self._parameters = kept
 
     def add(
         self,
@@ -95,6 +125,7 @@ class _Level:
         expected: np.ndarray,
         band: np.ndarray,
         duty: np.ndarray,
+        parameters: Estimate | None,
     ) -> None:
         number = int(time // self._width)
         slot = number % self._size
@@ -105,12 +136,15 @@ class _Level:
             self._count[slot] = 0
             self._low[slot] = self._high[slot] = np.nan
             self._sum[slot] = 0.0
+            self._parameters[:, slot] = np.nan
         valid = np.isfinite(readings)
         self._low[slot] = np.fmin(self._low[slot], readings)
         self._high[slot] = np.fmax(self._high[slot], readings)
         self._sum[slot] += np.where(valid, readings, 0.0)
         self._count[slot] += valid
         self._expected[slot], self._band[slot], self._duty[slot] = expected, band, duty
+        if parameters is not None:
+            self._parameters[:, slot] = parameters
 
     def between(self, since: float, until: float, points: int) -> dict[str, Any]:
         first, last = int(since // self._width), int(until // self._width)
@@ -137,6 +171,10 @@ class _Level:
             "expected": _columns(self._expected[at_ends], 3),
             "band": _columns(self._band[at_ends], 3),
             "duty": _columns(self._duty[at_ends], 3),
+            **{
+                name: significant(table[at_ends].T)
+                for name, table in zip(PARAMETERS, self._parameters, strict=True)
+            },
         }
 
 

@@ -1,13 +1,15 @@
 """Refits the champion of a store to the last minutes of a rig, when a person asks for it."""
 
 from collections.abc import Callable
-from typing import final
+from typing import TYPE_CHECKING, final
 
 from ..io import Experiment
 from ..live import Record, RigState
-from ..twin_store import TwinStore
 from ._child_process import ChildProcess
 from ._recent_samples import RecentSamples
+
+if TYPE_CHECKING:  # a page without a store does not import it
+    from ..twin_store import TwinStore
 
 
 @final
@@ -22,7 +24,7 @@ class LiveRefit:
     - `say`: called, in the thread of the loop, with what was decided.
     """
 
-    def __init__(self, store: TwinStore, recent: RecentSamples, say: Callable[[str], object]):
+    def __init__(self, store: "TwinStore", recent: RecentSamples, say: Callable[[str], object]):
         self._store, self._recent, self._say = store, recent, say
         self._process = ChildProcess()
 
@@ -52,7 +54,7 @@ class LiveRefit:
         self._process.close()
 
 
-def refit_champion(store: TwinStore, recorded: Experiment) -> str:
+def refit_champion(store: "TwinStore", recorded: Experiment) -> str:
     """Refits the champion of a store to a recording, and writes the decision down.
 
     **Returns:** the decision and its reason.

@@ -12,6 +12,7 @@ from .._normal_distribution import QUANTILE_975
 from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState
 from ..live._json import finding_as_json
 from ..live.protocol._clock import seconds
+from ..observers._estimates import Estimate, parameter_estimates
 from ..observers._moments import Moment
 from ..physics import Twin
 from ._contents import outlook_content, sample_content
@@ -24,7 +25,8 @@ from ._story import Situation, is_rig_well, is_twin_right, what_comes
 from ._twin_beside import TwinBeside
 
 SAMPLE_NS = 100_000_000
-"""The shortest time between two pictures of the readings, ns of the host."""
+"""The mean time between two pictures of the readings, ns of the host, and the shortest but for what
+one of them is late."""
 
 OUTLOOK_NS = 1_000_000_000
 """The time between two pictures of what the twin says, ns of the host."""
@@ -89,7 +91,7 @@ class Page:
         self._lines: deque[dict[str, Any]] = deque(maxlen=LINES)
         self._energy = 0.0
         self._state = RigState()
-        self._shown = self._looked = 0
+        self._due = self._looked = 0  # host times
         self._findings: tuple[Finding, ...] = ()
         self.follow(beside)
 
@@ -115,7 +117,11 @@ class Page:
         self._observed = self._error = self._surprise = self._time = 0.0
         self._outlook: Outlook | None = None
         self._reading: Reading | None = None  # which is not shown yet
+        self._parameters: Estimate | None = None
         self.cause = ""
+        directions, rows = beside.observer.model.directions, beside.twin.rig.parameters
+        names = () if directions is None else directions.names
+        self.history.follow(names)
         self.ring.append(
             "layout",
             {
@@ -123,6 +129,15 @@ class Page:
                 **self._about,
                 "twin": beside.label,
                 "horizon": HORIZON,
+                "uncertain": [
+                    {
+                        "name": name,
+                        "unit": rows[name].unit,
+                        "description": rows[name].description,
+                        "value": float(beside.twin.values[name]),
+                    }
+                    for name in names
+                ],
                 "server": self.ring.name,
             },
         )
@@ -177,8 +192,10 @@ class Page:
         """Makes the frames that are due at host time `now`, ns."""
         self.turned = time.monotonic()
         reading = self._reading
-        if reading is not None and now - self._shown >= SAMPLE_NS:
-            self._reading, self._shown = None, now
+        if reading is not None and now >= self._due:
+            # A picture that is late does not make all that follow late.
+            is_on_grid = now - self._due < SAMPLE_NS
+            self._reading, self._due = None, (self._due if is_on_grid else now) + SAMPLE_NS
             time_s, follower = seconds(state.time_of(reading)), self._follower
             assert follower.predicted is not None
             values = reading.temperatures, follower.predicted, self._band(), follower.duty
@@ -243,11 +260,12 @@ class Page:
             weight = 1.0 - np.exp(-step / _MEMORY)
             square = float(np.mean(errors[valid] ** 2))
             self._error = float(np.sqrt(self._error**2 + weight * (square - self._error**2)))
-            whitened = float(np.mean(np.asarray(follower.state.whitened)[valid] ** 2))
+            whitened = float(np.mean(np.asarray(follower.device_state.whitened)[valid] ** 2))
             self._surprise += weight * (whitened - self._surprise)
         if self._outlook is not None:
             self._energy += float(np.sum(self._outlook.power)) * step
-        self.history.add(now, reading.temperatures, follower.predicted, self._band(), follower.duty)
+        values = reading.temperatures, follower.predicted, self._band(), follower.duty
+        self.history.add(now, *values, self._parameters)
 
     def _band(self) -> np.ndarray:
         """Half the width of the 95 % band of what is expected."""
@@ -260,7 +278,11 @@ class Page:
         self._outlook = look_ahead(self._beside.observer, follower.state, follower.duty)
         step = HORIZON / STEPS / state.rate
         times = [self._time + step * (number + 1) for number in range(STEPS)]
-        content = outlook_content(self._outlook, elements, self._time, times, self._energy)
+        directions = self._beside.observer.model.directions
+        self._parameters = parameter_estimates(directions, self._outlook.now.values)
+        content = outlook_content(
+            self._outlook, elements, self._time, times, self._energy, self._parameters
+        )
         self.ring.append("outlook", content)
 
     def _show_findings(self) -> None:

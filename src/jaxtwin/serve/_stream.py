@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 
 from ._frame_ring import FrameRing
 
-PACE = 0.1
+PACE = 0.05
 """The time between two looks of a client at the ring, s: all frames between are sent together."""
 
 QUIET = 5.0

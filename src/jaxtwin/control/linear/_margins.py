@@ -10,7 +10,6 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.optimize import brentq, minimize_scalar
 
 from ..._errors import ControlError
 from ._linear_model import LinearModel
@@ -160,6 +159,7 @@ def disk_margin(
 
 def _peak(response: Loop, omega: np.ndarray, shift: float) -> tuple[float, float]:
     """The largest singular value of $(I + L)^{-1}$ plus a number, and its frequency."""
+    from scipy.optimize import minimize_scalar  # which takes a third of a second to import
 
     def sizes(frequencies: np.ndarray) -> np.ndarray:
         values = response(frequencies)
@@ -193,6 +193,8 @@ def _zeros(
 
 
 def _zero(function: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import brentq
+
     return float(brentq(function, low, high, xtol=1e-300, rtol=1e-13))  # pyright: ignore
 
 

@@ -32,6 +32,12 @@ export function signedText(value, digits = 1) {
   return text === "–" || text.startsWith("−") || Number(text) === 0 ? text : `+${text}`;
 }
 
+/** A number with four digits, whatever its size; "–" if it is missing. */
+export function significantText(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return value.toPrecision(4).replace(/^-/, "−").replace(/e([+-])/, (_, sign) => (sign === "-" ? "e−" : "e"));
+}
+
 /** Makes an element. A function among the attributes listens to the event of that name. */
 export function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);

@@ -1,10 +1,10 @@
 // The page: the stream of the server, and commands for those who have the token.
 
 import { make, numberText, setText, timeText, zoneName } from "./format.js";
+import { Silence } from "./silence.js";
 import { createView } from "./view.js";
 
 const AGAIN_MS = 1000;
-const SILENT_MS = 3000;
 
 const token = {
   get: () => sessionStorage.getItem("jaxtwin-token") ?? "",
@@ -133,10 +133,14 @@ function run({ state: now, duty, references: held, text }) {
 }
 
 // The stream. Browsers allow six connections to a host, so that a hidden page has none.
-let source = null, last = "", server = "", heard = performance.now(), layoutText = "";
+let source = null, last = "", server = "", layoutText = "";
+const silence = new Silence((isSilent) => {
+  trouble.hidden = !isSilent || document.hidden;
+  if (isSilent) setText(trouble, "No connection to the server. All values are old; trying again …");
+});
 
 function take(kind, event) {
-  heard = performance.now();
+  silence.hear();
   if (event.lastEventId) last = event.lastEventId;
   const content = JSON.parse(event.data);
   if (kind === "hello") {
@@ -176,9 +180,4 @@ function close() {
 }
 
 document.addEventListener("visibilitychange", () => (document.hidden ? close() : open()));
-setInterval(() => {
-  const isSilent = performance.now() - heard > SILENT_MS;
-  trouble.hidden = !isSilent || document.hidden;
-  if (isSilent) setText(trouble, "No connection to the server. All values are old; trying again …");
-}, 500);
 open();

@@ -1,12 +1,16 @@
 // The history of the channels in the browser: intervals of one length, at most some hundred.
 
 const MOST = 900;
+const OF_CHANNELS = ["low", "high", "mean", "expected", "band"];
+const OF_PARAMETERS = ["parameter", "parameter_lower", "parameter_upper"];
+const KEPT = [...OF_CHANNELS, "duty", ...OF_PARAMETERS]; // what a history has
 
-/** What is drawn over time. `load` takes the answer of /history, `add` a sample of the stream. */
+/** What is drawn over time. `load` takes the answer of /history, `add` a sample of the stream, and
+ * `know` what an outlook says of uncertain parameters, which holds for the samples after it. */
 export class Series {
-  constructor(channels, cells) {
-    this.channels = channels;
-    this.cells = cells;
+  constructor(channels, cells, parameters = 0) {
+    Object.assign(this, { channels, cells, parameters });
+    this.known = null;
     this.span = 300;
     this.width = 1;
     this.clear();
@@ -15,9 +19,8 @@ export class Series {
   clear() {
     this.time = [];
     const lists = (count) => Array.from({ length: count }, () => []);
-    for (const name of ["low", "high", "mean", "expected", "band", "count"]) {
-      this[name] = lists(this.channels);
-    }
+    for (const name of [...OF_CHANNELS, "count"]) this[name] = lists(this.channels);
+    for (const name of OF_PARAMETERS) this[name] = lists(this.parameters);
     this.duty = lists(this.cells);
   }
 
@@ -27,8 +30,8 @@ export class Series {
     this.clear();
     this.width = history.width;
     this.time = [...(before?.time ?? []), ...history.time];
-    for (const name of ["low", "high", "mean", "expected", "band", "duty"]) {
-      this[name] = history[name].map((values, k) => [...(before?.[name][k] ?? []), ...values]);
+    for (const name of KEPT) {
+      this[name] = (history[name] ?? []).map((values, k) => [...(before?.[name][k] ?? []), ...values]);
     }
     this.count = this.mean.map((values) => values.map(() => 1));
     this.#forget();
@@ -56,14 +59,21 @@ export class Series {
       this.band[k][at] = sample.band[k];
     }
     for (let k = 0; k < this.cells; k += 1) this.duty[k][at] = sample.duty[k];
+    for (const name of OF_PARAMETERS) {
+      for (let k = 0; k < this.parameters; k += 1) this[name][k][at] = this.known?.[name][k] ?? null;
+    }
     this.#forget();
+  }
+
+  know(outlook) {
+    this.known = outlook;
   }
 
   #before(time) {
     const end = this.time.findIndex((one) => one >= time);
     const stop = end < 0 ? this.time.length : end;
     const found = { time: this.time.slice(0, stop) };
-    for (const name of ["low", "high", "mean", "expected", "band", "duty"]) {
+    for (const name of KEPT) {
       found[name] = this[name].map((values) => values.slice(0, stop));
     }
     return found;
@@ -75,7 +85,7 @@ export class Series {
     stop = Math.max(stop, this.time.length - MOST, 0);
     if (stop < 1) return;
     this.time.splice(0, stop);
-    for (const name of ["low", "high", "mean", "expected", "band", "count", "duty"]) {
+    for (const name of [...KEPT, "count"]) {
       for (const values of this[name]) values.splice(0, stop);
     }
   }

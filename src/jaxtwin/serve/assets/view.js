@@ -1,7 +1,10 @@
 // The view of a rig: draws frames into an element, wherever they come from.
 
 import { Charts, dutyColour } from "./charts.js";
-import { make, numberText, setRows, setText, signedText, timeText, zoneName } from "./format.js";
+import {
+  make, numberText, setRows, setText, significantText, signedText, timeText, zoneName,
+} from "./format.js";
+import { ParameterCharts } from "./parameter_charts.js";
 import { Plate } from "./plate.js";
 import { Series } from "./series.js";
 
@@ -96,7 +99,15 @@ class View {
       ["Estimate of", "Now", "± 95 %", "In a minute"]);
     const [findings, findingRows] = table("Table of findings", ["Since", "What", "Size", "Sure"]);
     const [twins, twinRows] = table("Table of twins", ["Version", "Made", "Why", "Role"]);
-    Object.assign(this, { valueRows, unseenRows, findingRows, twinRows });
+    const [parameters, parameterRows] = table("Table of the parameters of the twin, estimated",
+      ["Parameter", "Estimated", "95 % band", "Twin in use"]);
+    Object.assign(this, { valueRows, unseenRows, findingRows, twinRows, parameterRows });
+    this.parameterBox = make("div", { class: "charts" });
+    this.parametersPart = part("parameters", "Parameters of the twin (estimated)",
+      make("p", { class: "legend" },
+        make("span", { class: "key estimate" }, "estimated, with 95 % band"),
+        make("span", { class: "key reference" }, "value of the twin in use")),
+      this.parameterBox, parameters);
     this.causes = make("div", { class: "causes" });
     this.lines = make("ol", { class: "log", tabindex: "0", "aria-label": "Log, the newest first" });
     this.refit = make("button", {
@@ -115,6 +126,7 @@ class View {
         ),
         make("div", { class: "column wide" },
           part("channels", "Channels", this.spanChoice, legend, this.chartBox),
+          this.parametersPart,
           part("values", "Values, °C", values),
           part("unseen", "What nothing measures (estimates)", unseen),
         ),
@@ -127,23 +139,30 @@ class View {
   }
 
   #layout(layout) {
-    const isSame = this.layout && JSON.stringify(this.layout.channels) === JSON.stringify(layout.channels);
+    const before = this.layout;
     this.layout = layout;
-    if (isSame) return;
+    if (before && drawnOf(before) === drawnOf(layout)) return;
     this.charts?.destroy();
+    this.parameterCharts?.destroy();
     this.chartBox.replaceChildren();
     this.dutyBox.replaceChildren();
     this.plateBox.replaceChildren();
-    this.series = new Series(layout.channels.length, layout.driven.length);
+    this.parameterBox.replaceChildren();
+    const span = this.series?.span;
+    this.series = new Series(layout.channels.length, layout.driven.length, layout.uncertain.length);
+    if (span) this.series.span = span;
     this.platePart.hidden = !layout.plate;
     this.plate = layout.plate ? new Plate(this.plateBox, layout) : null;
     this.charts = new Charts(this.chartBox, this.dutyBox, layout, this.series, this.uPlot);
+    this.parametersPart.hidden = !layout.uncertain.length;
+    this.parameterCharts = new ParameterCharts(this.parameterBox, layout.uncertain, this.charts.axes, this.uPlot);
     this.dutyValues = layout.driven.map(() => make("span"));
     this.dutyLegend.replaceChildren(...layout.driven.map((part, k) => {
       const key = make("span", { class: "key line" }, `${part.name} `, this.dutyValues[k]);
       key.style.setProperty("--key", dutyColour(k));
       return key;
     }));
+    if (before) this.load().catch(() => {});
   }
 
   #sample(sample) {
@@ -161,6 +180,7 @@ class View {
   #drawCharts() {
     this.charted = performance.now();
     this.charts?.draw(this.ahead);
+    this.parameterCharts?.draw(this.layout.uncertain);
     this.#drawValues();
   }
 
@@ -172,6 +192,12 @@ class View {
     setText(this.energy, `Power ${numberText(power, 1)} W, energy since the server began ${energy} (estimates).`);
     const { layout } = this;
     if (!layout) return;
+    this.series.know(outlook);
+    setRows(this.parameterRows, layout.uncertain.map(({ name, unit, value }, k) => {
+      const [mean, lower, upper] = ["parameter", "parameter_lower", "parameter_upper"]
+        .map((part) => significantText(outlook[part][k]));
+      return [`${name}, ${unit}`, mean, `${lower} to ${upper}`, significantText(value)];
+    }));
     setRows(this.unseenRows, [
       ...layout.nodes.map((name, k) => [`${name}, °C`, numberText(outlook.nodes[k]),
         numberText(outlook.nodes_band[k]), numberText(outlook.nodes_later[k])]),
@@ -262,6 +288,11 @@ class View {
       make("time", { datetime: new Date(line.t * 1000).toISOString() }, timeText(line.t)),
       make("span", {}, ` ${line.text}`))));
   }
+}
+
+/** What of a layout the charts are made for. */
+function drawnOf({ channels, uncertain }) {
+  return JSON.stringify([channels, uncertain.map(({ name }) => name)]);
 }
 
 export { zoneName };
