@@ -47,7 +47,7 @@ EXPLAINED = 1.5
 SURE = 1e-4
 """The probability of a distance from the last fit that still counts as drift."""
 
-CHANCE = 0.01
+CHANCE = 0.1
 """The probability that any of the values of a rig which has only drifted seems to have changed."""
 
 TRIED = 3
