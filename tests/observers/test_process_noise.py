@@ -154,6 +154,13 @@ def test_a_recording_that_is_not_longer_than_the_horizon_is_refused(
         estimate_noise(twin, recording, horizons=[300.0])
 
 
+def test_the_next_jump_of_a_camera_is_known_no_better_than_its_mean():
+    errors = {"jump": 0.3, "jump_mean": 0.4}
+    found = _estimate_noise._predictive({"jump": 0.3, "jump_mean": 0.2}, errors)
+    assert found == {"jump": pytest.approx(0.5), "jump_mean": 0.2}
+    assert _estimate_noise._predictive({"common": 0.2}, {"common": 0.1}) == {"common": 0.2}
+
+
 @pytest.mark.parametrize("horizons", [[], [0.0], [60.0, -1.0], 0.0])
 def test_horizons_that_are_no_times_are_refused(twin: Twin, recording: Experiment, horizons: Any):
     with pytest.raises(ObserverError, match="horizons: expected one time above 0 s or more, got"):

@@ -145,11 +145,19 @@ def estimate_noise(
     with own_settings():
         values = np.asarray(_levels_at(centre + spread * found.x, is_signed))
     errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
+    found_levels = dict(zip(estimated, values.tolist(), strict=True))
+    standard_errors = dict(zip(estimated, errors.tolist(), strict=True))
     return dataclasses.replace(
-        start,
-        **dict(zip(estimated, values.tolist(), strict=True)),
-        standard_errors=dict(zip(estimated, errors.tolist(), strict=True)),
+        start, **_predictive(found_levels, standard_errors), standard_errors=standard_errors
     )
+
+
+def _predictive(levels: dict[str, float], errors: dict[str, float]) -> dict[str, float]:
+    """The levels for readings to come: the next jump of a camera differs from the estimated mean by
+    the error of that mean too."""
+    if "jump_mean" not in levels:
+        return levels
+    return levels | {"jump": float(np.hypot(levels["jump"], errors["jump_mean"]))}
 
 
 def _times(horizons: Sequence[float] | float) -> list[float]:
