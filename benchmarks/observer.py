@@ -27,6 +27,9 @@ from jaxtwin.observers import ExtendedKalmanFilter, KalmanState
 
 LEADS = (60.0, 300.0)
 
+IN_TURN: dict[str, str | bool] = {"xla_cpu_enable_concurrency_optimized_scheduler": False}
+"""Small operations are not handed to other threads, as in the programs of jaxtwin itself."""
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
@@ -76,7 +79,7 @@ def speed(observed: jt.Observed) -> None:
     observer, state = observed.observer, observed.state
     readings, duty = observed.samples.readings[-1], observed.samples.duty[-1]
     with own_settings():
-        one = jax.jit(partial(_step, observer))
+        one = jax.jit(partial(_step, observer), compiler_options=IN_TURN)
         steps = [seconds(lambda: one(state, duty, readings)) for _ in range(1000)]
         # Whose states fit into a processor's cache.
         many = jax.jit(
