@@ -12,13 +12,17 @@ pytestmark = pytest.mark.usefixtures("float64")
 LIMITS = np.array([16.0, 20.0, 20.0, 3.6])
 
 
-def said_of(z: np.ndarray, memory: float = 0.0) -> tuple[Evidence, ...]:
-    """What the tests say of standardised innovations, a second apart, of 0.1 K."""
+def said_of(
+    z: np.ndarray, memory: float = 0.0, since_correction: float = np.inf
+) -> tuple[Evidence, ...]:
+    """What the tests say of standardised innovations, a second apart, of 0.1 K; with the time since
+    the last correction of a camera that corrects itself every 100 s, at the first sample."""
     tests = InnovationTests(
         scales=np.ones(z.shape[1]),
         memory=np.full(z.shape[1], memory),
         thresholds=LIMITS,
         enough=np.array(ENOUGH),
+        interval=100.0,
     )
     none = np.zeros(len(z))
     readings = np.where(np.isfinite(z), 0.1 * z, np.nan)
@@ -31,6 +35,7 @@ def said_of(z: np.ndarray, memory: float = 0.0) -> tuple[Evidence, ...]:
         duty=none[:, None],
         ambient=none,
         dt=np.ones(len(z)),
+        since_correction=since_correction + np.arange(len(z)),
     )
 
     def take(state, sample):
@@ -113,3 +118,11 @@ def test_memory_is_taken_out():
         z[n] = 0.9 * z[n - 1] + np.sqrt(1 - 0.81) * white[n]
     assert largest(said_of(z, memory=0.9)) < 0.9
     assert largest(said_of(z)[:2]) > 1
+
+
+@pytest.mark.parametrize(("since", "is_quiet"), [(0.0, True), (50.0, False), (np.inf, False)])
+def test_a_correction_that_is_due_is_no_finding(since: float, is_quiet: bool):
+    """A common shift that is too small for a jump, and over after five seconds."""
+    z = np.random.default_rng(8).normal(0, 0.3, (120, 5))
+    z[99:104] += 2.5
+    assert (largest(said_of(z, since_correction=since)) < 1) == is_quiet

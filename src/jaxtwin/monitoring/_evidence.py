@@ -18,6 +18,7 @@ class Seen(NamedTuple):
       K/s.
     - `duty`: the duty that reached the cells. `ambient`: NaN if it is not measured, degC.
     - `dt`: the time since the sample before, s.
+    - `since_correction`: that since the camera was last seen to correct itself, infinite if never.
     """
 
     readings: Float[ArrayLike, "*times channels"]
@@ -28,6 +29,7 @@ class Seen(NamedTuple):
     duty: Float[ArrayLike, "*times cells"]
     ambient: Float[ArrayLike, "*times"]
     dt: Float[ArrayLike, "*times"]
+    since_correction: Float[ArrayLike, "*times"] = np.inf
 
 
 def seen(
@@ -47,6 +49,7 @@ def seen(
         duty=state.duty,
         ambient=ambient,
         dt=dt,
+        since_correction=state.since_correction,
     )
 
 

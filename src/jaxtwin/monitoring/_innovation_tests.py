@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..observers._expected_correction import is_due
 from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after, joint_ratio, picked
 from ._evidence import Evidence, Seen
 
@@ -23,9 +24,9 @@ JUMP = 4.0
 """The standardised innovation of a jump."""
 
 HELD = 10.0
-"""After a jump of several channels at once, all of them say nothing for this time, s. If it is over
-then, as after a correction of a camera, an outlier or a jump of the command, it is forgotten; a
-fault lasts, and all of it counts."""
+"""After a jump of several channels at once, and when a camera is due to correct itself, all of them
+say nothing for this time, s. If it is over then, as after a correction of a camera, an outlier or a
+jump of the command, it is forgotten; a fault lasts, and all of it counts."""
 
 REARMED = 60.0
 """They are held only once in this time, s: no fault hides behind them."""
@@ -74,12 +75,14 @@ class InnovationTests(eqx.Module):
     - `thresholds`: of the sum, the ratio, the joint ratio and the energy.
     - `enough`: the score at which a ratio begins again, and of a sum the largest one; infinite for
       statistics as they are.
+    - `interval`: the time between two corrections of the camera, s; None if it is not known.
     """
 
     scales: Float[np.ndarray | Array, " channels"]
     memory: Float[np.ndarray | Array, " channels"]
     thresholds: Float[np.ndarray | Array, "4"]
     enough: Float[np.ndarray | Array, ""]
+    interval: float | None = eqx.field(static=True, default=None)
 
     def init(self) -> InnovationState:
         """The state before the first sample."""
@@ -99,8 +102,8 @@ class InnovationTests(eqx.Module):
         was_held = state.since_held < HELD
         since_held = state.since_held + dt
         is_found = (state.statistics.sums.sums >= self._least).any()
-        begins = _jumped(scaled, there) & (since_held >= REARMED)
-        begins = begins & ~is_found
+        begins = _jumped(scaled, there) | is_due(self.interval, jnp.asarray(seen.since_correction))
+        begins = begins & (since_held >= REARMED) & ~is_found
         since_held = jnp.where(begins, 0.0, since_held)
         is_held = since_held < HELD
         square = (state.late**2 / jnp.maximum(state.count, 1.0)).sum()

@@ -72,6 +72,7 @@ class Monitor(eqx.Module):
             memory=np.array([calibration.memory.get(name, 0.0) for name in names]),
             thresholds=limits[:4],
             enough=np.array(math.inf if seconds is None else ENOUGH),
+            interval=model.interval,
         )
         self.states = StateTest(model, np.array(main_parameters(model), int), limits[4:])
         still = np.array([calibration.still.get(name, math.inf) for name in names])

@@ -15,12 +15,16 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ._augmented_model import AugmentedModel
 
 INTERVAL_SPREAD = 0.01
 """The standard deviation $s$ of the time of a correction, as a part of the interval."""
+
+
+DUE = 2.0
+"""A correction is due within this many standard deviations of its expected time."""
 
 
 class Jump(NamedTuple):
@@ -47,7 +51,7 @@ def expected_jump(model: AugmentedModel, since: Float[Array, ""], dt: Float[Arra
         return Jump(none, none)
     is_known = jnp.isfinite(since)
     start = jnp.where(is_known, since, 0.0)
-    number = jnp.maximum(jnp.round((start + 0.5 * dt) / model.interval), 1.0)
+    number = _next(model.interval, start + 0.5 * dt)
     edges = (jnp.stack([start, start + dt]) / model.interval - number) / INTERVAL_SPREAD
     before, after = jax.scipy.special.ndtr(edges)
     probability = jnp.where(is_known, after - before, 0.0)
@@ -56,3 +60,16 @@ def expected_jump(model: AugmentedModel, since: Float[Array, ""], dt: Float[Arra
     variance = probability * square - mean**2
     fading = model.layout.fading
     return Jump(none.at[fading].set(mean), none.at[fading].set(variance))
+
+
+def is_due(interval: float | None, since: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether a correction is expected about now, so long after the last one."""
+    if interval is None:
+        return jnp.zeros((), bool)
+    known = jnp.where(jnp.isfinite(since), since, 0.0)
+    return jnp.abs(known / interval - _next(interval, known)) < DUE * INTERVAL_SPREAD
+
+
+def _next(interval: float, since: Float[Array, ""]) -> Float[Array, ""]:
+    """The number of the expected correction that is nearest."""
+    return jnp.maximum(jnp.round(since / interval), 1.0)
