@@ -102,9 +102,10 @@ class InnovationTests(eqx.Module):
         was_held = state.since_held < HELD
         since_held = state.since_held + dt
         is_found = (state.statistics.sums.sums >= self._least).any()
-        begins = _jumped(scaled, there) | is_due(self.interval, jnp.asarray(seen.since_correction))
-        begins = begins & (since_held >= REARMED) & ~is_found
-        since_held = jnp.where(begins, 0.0, since_held)
+        due = is_due(self.interval, jnp.asarray(seen.since_correction))
+        begins = (_jumped(scaled, there) | due) & (since_held >= REARMED) & ~is_found
+        # The time counts from the last sample at which the camera was due.
+        since_held = jnp.where(begins | (due & was_held), 0.0, since_held)
         is_held = since_held < HELD
         square = (state.late**2 / jnp.maximum(state.count, 1.0)).sum()
         read = jnp.maximum((state.count > 0).sum(), 1)
