@@ -27,7 +27,10 @@ from jaxtwin.observers import ExtendedKalmanFilter, KalmanState
 
 LEADS = (60.0, 300.0)
 
-IN_TURN: dict[str, str | bool] = {"xla_cpu_enable_concurrency_optimized_scheduler": False}
+IN_TURN: dict[str, str | bool] = {
+    "xla_cpu_enable_concurrency_optimized_scheduler": False,
+    "xla_cpu_use_fusion_emitters": False,
+}
 """Small operations are not handed to other threads, as in the programs of jaxtwin itself."""
 
 
@@ -76,9 +79,10 @@ def rms(several: Sequence[np.ndarray]) -> float:
 
 def speed(observed: jt.Observed) -> None:
     """Prints how long a step, a batch of steps, and a recording take."""
-    observer, state = observed.observer, observed.state
-    readings, duty = observed.samples.readings[-1], observed.samples.duty[-1]
+    observer = observed.observer
     with own_settings():
+        given = observed.state, observed.samples.readings[-1], observed.samples.duty[-1]
+        state, readings, duty = jax.device_put(given)
         one = jax.jit(partial(_step, observer), compiler_options=IN_TURN)
         steps = [seconds(lambda: one(state, duty, readings)) for _ in range(1000)]
         # Whose states fit into a processor's cache.
