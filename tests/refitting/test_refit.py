@@ -102,6 +102,7 @@ def test_a_small_change_of_one_value_is_not_taken_for_drift_of_many():
     found = jt.refit(last(), session(4, R_1=63.0))
     assert found.decision == "promoted"
     assert found.changed == ("R_1",)
+    assert found.fit is not None
     assert found.fit["R_1"].value == pytest.approx(63.0, rel=0.01)
 
 
