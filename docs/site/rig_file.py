@@ -79,6 +79,7 @@ drift = "0.1 K"
 drift_time = "100 s"
 jump = "1 K"
 relaxation = ["25 s"]
+interval = "163 s"
 [camera.registration]
 [[channels]]
 name = "T1"
