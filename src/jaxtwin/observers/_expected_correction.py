@@ -22,7 +22,6 @@ from ._augmented_model import AugmentedModel
 INTERVAL_SPREAD = 0.01
 """The standard deviation $s$ of the time of a correction, as a part of the interval."""
 
-
 DUE = 2.0
 """A correction is due within this many standard deviations of its expected time."""
 

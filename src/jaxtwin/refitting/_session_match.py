@@ -61,14 +61,15 @@ class Explanation(NamedTuple):
     - `error`, `limit`: the root mean square error that they leave, K.
     - `distance`, `furthest`: the squared distance of the values that have not changed from those of
       the last fit, in standard deviations.
-    - `gain`, `most_gain`: by how much the cost would fall if one more value had changed, about.
+    - `gains`, `most_gain`: by how much the cost would fall, about, if one more value had changed,
+      each of them.
     """
 
     error: float
     limit: float
     distance: float
     furthest: float
-    gain: float
+    gains: Float[np.ndarray, " rows"]
     most_gain: float
 
     @property
@@ -77,7 +78,7 @@ class Explanation(NamedTuple):
         return (
             self.error <= self.limit
             and self.distance <= self.furthest
-            and self.gain <= self.most_gain
+            and float(self.gains.max()) <= self.most_gain
         )
 
 
@@ -149,7 +150,8 @@ def match_session(
     places: tuple[int, ...] = ()
     explanation = _explanation(fit, prior, result, places)
     while len(places) < changes and not explanation.is_enough:
-        place, result = _release(problem, noise_model, prior, result, places, max_iterations)
+        gains = explanation.gains
+        place, result = _release(problem, noise_model, prior, result, places, gains, max_iterations)
         places = (*places, place)
         explanation = _explanation(fit, prior, result, places)
     cost = result.cost
@@ -195,10 +197,10 @@ def _release(
     prior: SessionPrior,
     result: DescentResult,
     places: tuple[int, ...],
+    gains: Float[np.ndarray, " rows"],
     max_iterations: int,
 ) -> tuple[int, DescentResult]:
     """Releases the value that explains the session best; returns its place and the descent."""
-    gains = _gains(prior, result, places)
     best = np.argsort(gains)[::-1][:TRIED]
     chosen = [int(place) for place in best if gains[place] > 0] or [int(best[0])]
     problems = [
@@ -237,7 +239,7 @@ def _explanation(
         limit=EXPLAINED * fit.rmse,
         distance=_distance(result, prior, places),
         furthest=float(chi2.isf(SURE, values)),
-        gain=float(_gains(prior, result, places).max()),
+        gains=_gains(prior, result, places),
         most_gain=0.5 * float(chi2.isf(CHANCE / values, 1)),
     )
 
