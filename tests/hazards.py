@@ -516,6 +516,7 @@ CHANGE = 2.4
 WATCHDOG = 2.6
 LOST = ("disobedience", "unacknowledged", "device-trip")
 ODD = ("rate", "deviation")
+TOO_HOT = ("over-temperature", "predicted-temperature")
 HOT, WRONG, DEAF = ("over-temperature",), ("implausible",), ("silence", "link-down")
 
 HAZARDS = (
@@ -562,7 +563,7 @@ HAZARDS = (
         begins=begins_to_heat,
     ),
     # What the rig does.
-    Hazard("plate 12 K above the room", HOT, NEXT, limits={"temperature": 12}, begins=hotter),
+    Hazard("plate 12 K above the room", TOO_HOT, NEXT, limits={"temperature": 12}, begins=hotter),
     Hazard(
         "cell 19 K above the room inside",
         ("cell-temperature",),

@@ -54,7 +54,7 @@ from .commands import (
     _warm_up,
     _watch,
 )
-from .commands._exit_codes import ALARMED, STOPPED, TRIPPED, WRONG
+from .commands._exit_codes import ALARMED, HEATS, STOPPED, TRIPPED, WRONG
 from .commands._output import printable
 from .commands._signals import lasting_interrupt
 
@@ -352,7 +352,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if isinstance(code, int):
             return code
     except SafetyStop as error:
-        codes = {"stopped": STOPPED, "still-on": ALARMED, "alarm": ALARMED}
+        codes = {"stopped": STOPPED, "still-on": ALARMED, "alarm": ALARMED, "heats": HEATS}
         return _fail(str(error), codes.get(error.kind, TRIPPED))
     except JaxtwinError as error:
         return _fail(str(error))

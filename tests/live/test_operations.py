@@ -37,11 +37,12 @@ def at(seconds: float) -> int:
 
 
 def reading(seconds: float, *values: float, recalibrating: bool = False) -> Reading:
-    return Reading("l", "b", at(seconds), 0, 0, np.array(values), recalibrating, None)
+    device_us = round(seconds * 1e6)
+    return Reading("l", "b", at(seconds), device_us, 0, np.array(values), recalibrating, None)
 
 
 def sample(seconds: float, trip: str = "") -> Sample:
-    return Sample("l", "b", at(seconds), 0, 0, (0, 0), None, trip=trip)
+    return Sample("l", "b", at(seconds), round(seconds * 1e6), 0, (0, 0), None, trip=trip)
 
 
 class Watch:

@@ -48,7 +48,8 @@ def after(*records: object) -> RigState:
 def test_a_reading_that_waited_in_a_buffer_is_as_old_as_it_is() -> None:
     state = after(CONTROLLER, sample(0.0, 0.01), reading(1.0, 1.01, 20.0), reading(2.0, 4.5, 21.0))
     assert state.temperatures.tolist() == [21.0]
-    assert state.measured.tolist() == [at(2.01)]
+    # In the 3.5 s since, the clocks may have drifted by 1 %.
+    assert at(2.01) <= state.measured[0] <= at(2.01 + 0.01 * 3.5)
 
 
 def test_a_channel_keeps_its_last_valid_value_and_its_time() -> None:
@@ -82,7 +83,7 @@ def test_a_device_twice_as_fast_is_read_in_the_time_of_the_host() -> None:
     fast = Greeting("l", START, Hello(2, "r", "b", cells=("P1",), rate=2.0))
     state = after(fast, sample(0.0, 0.0), reading(2.0, 1.0, 20.0), reading(4.0, 3.0, 20.0))
     assert state.rate == 2.0
-    assert state.measured.tolist() == [at(2)]
+    assert at(2) <= state.measured[0] <= at(2 + 0.01 * 3)
 
 
 @given(
@@ -101,8 +102,7 @@ def test_times_are_those_of_the_device_but_for_its_drift_and_the_smallest_delay(
         state = state.after(record)
         found = (state.time_of(record) - START) * 1e-9
         assert found <= arrived + 1e-6
-        # In two windows of a minute and the steps at their ends, the clock drifts by 20 ms.
-        assert found >= true - 0.02
+        assert found >= true - 0.001
 
 
 def test_a_restart_begins_with_a_new_clock() -> None:

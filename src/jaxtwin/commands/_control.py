@@ -11,6 +11,7 @@ from ._exit_codes import ALARMED
 from ._live_run import Run, run_on_live_rig
 from ._monitored import CalibrationOption, MonitorOption, MonitorOptions, SampleTimeOption
 from ._options import (
+    AcceptOption,
     AlarmOption,
     AmbientOption,
     BaudOption,
@@ -29,6 +30,7 @@ from ._output import say
 if TYPE_CHECKING:
     from ..control import Decision, LiveLoop
     from ..live import AbstractInterlock
+    from ..live.safety._twin_ensemble import Draws
     from ..physics import Twin
 
 
@@ -54,6 +56,7 @@ def control(
     noise: NoiseOption = None,
     calibration: CalibrationOption = None,
     sample_time: SampleTimeOption = 1.0,
+    accept: AcceptOption = False,
     reset: ResetOption = False,
     alarm: AlarmOption = None,
     operator: OperatorOption = None,
@@ -63,9 +66,11 @@ def control(
 ) -> None:
     """Control a live rig by a controller from a file, then switch the cells off.
 
-    The cells are also switched off after an error. The exit code is 0 after the whole time, 3 if an
-    interlock or a signal such as SIGTERM stopped it, 5 after an alarm, also if the device reported
-    heat after the stop (cut the power), 130 after Ctrl-C. --monitor is as for drive.
+    The cells are also switched off after an error. Then the readings are watched until they show
+    that the rig cools, for a minute at most; Ctrl-C ends that. The exit code is 0 after the whole
+    time, 3 if an interlock or a signal such as SIGTERM stopped it, 5 after an alarm, also if the
+    device reported heat after the stop (cut the power), 6 if the rig heats afterwards whatever the
+    device reports (cut the power), 130 after Ctrl-C. --monitor is as for drive.
 
     Prints how far from instability the loop is before it begins, and after it the temperature
     limits that the controller could not keep. After a relay, prints the ultimate
@@ -76,7 +81,7 @@ def control(
     loops: list[LiveLoop] = []
 
     def prepare(
-        twin: "Twin", interlocks: "Sequence[AbstractInterlock]"
+        twin: "Twin", draws: "Draws | None", interlocks: "Sequence[AbstractInterlock]"
     ) -> tuple[Run, Mapping[str, Any]]:
         from ..control import LiveLoop, Relay, read_controller
         from ..control import control as run_controller
@@ -84,12 +89,18 @@ def control(
 
         chosen = read_controller(controller, twin.rig)
         loop = LiveLoop(
-            twin, chosen, reference, duration=duration, silence=silence, ambient=ambient
+            twin,
+            chosen,
+            reference,
+            duration=duration,
+            silence=silence,
+            ambient=ambient,
+            accept=accept,
         )
         loops.append(loop)
         if (margins := loop.margins()) is not None:
             say(margins.summary())
-        usual = interlocks_of(twin, silence=silence, ambient=ambient)
+        usual = interlocks_of(twin, silence=silence, ambient=ambient, draws=draws)
         guard = Guard([*usual, *interlocks])
         keep = decisions.append if isinstance(chosen, Relay) else None
         run = partial(run_controller, guard=guard, loop=loop, on_decision=keep)

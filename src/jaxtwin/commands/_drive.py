@@ -10,6 +10,7 @@ from ._exit_codes import ALARMED
 from ._live_run import Run, run_on_live_rig
 from ._monitored import CalibrationOption, MonitorOption, MonitorOptions, SampleTimeOption
 from ._options import (
+    AcceptOption,
     AlarmOption,
     AmbientOption,
     BaudOption,
@@ -27,6 +28,7 @@ from ._sources import open_recordings
 
 if TYPE_CHECKING:
     from ..live import AbstractInterlock
+    from ..live.safety._twin_ensemble import Draws
     from ..physics import Twin
 
 
@@ -58,6 +60,7 @@ def drive(
     noise: NoiseOption = None,
     calibration: CalibrationOption = None,
     sample_time: SampleTimeOption = 1.0,
+    accept: AcceptOption = False,
     reset: ResetOption = False,
     alarm: AlarmOption = None,
     operator: OperatorOption = None,
@@ -67,9 +70,11 @@ def drive(
 ) -> None:
     """Drive a live rig by a schedule of duty cycles or by a plan, then switch the cells off.
 
-    The cells are also switched off after an error. The exit code is 0 after the whole schedule, 3
-    if an interlock or a signal such as SIGTERM stopped it, 5 after an alarm, also if the device
-    reported heat after the stop (cut the power), 130 after Ctrl-C.
+    The cells are also switched off after an error. Then the readings are watched until they show
+    that the rig cools, for a minute at most; Ctrl-C ends that. The exit code is 0 after the whole
+    schedule, 3 if an interlock or a signal such as SIGTERM stopped it, 5 after an alarm, also if
+    the device reported heat after the stop (cut the power), 6 if the rig heats afterwards whatever
+    the device reports (cut the power), 130 after Ctrl-C.
 
     With --monitor, what changes in the rig is an alarm: in the log, in the recording, and by the
     command that --alarm names. It switches the cells off if the rig file says so
@@ -86,7 +91,7 @@ def drive(
         duration = recorded.duration
 
     def prepare(
-        twin: "Twin", interlocks: "Sequence[AbstractInterlock]"
+        twin: "Twin", draws: "Draws | None", interlocks: "Sequence[AbstractInterlock]"
     ) -> tuple[Run, Mapping[str, Any]]:
         from ..io import Experiment
         from ..live import Guard, interlocks_of
@@ -96,9 +101,11 @@ def drive(
         schedule = recorded or Experiment.schedule(duty or "", duration=duration, cells=cells)
         source = {"duty": duty} if plan is None else {"file": plan}
         about = {"plan": {**source, "duration_s": duration}}
-        usual = interlocks_of(twin, silence=silence, ambient=ambient)
+        usual = interlocks_of(twin, silence=silence, ambient=ambient, draws=draws)
         guard = Guard([*usual, *interlocks])
-        return partial(run_plan, guard=guard, plan=schedule), about
+        if not accept:  # before the rig is connected
+            guard.check_plan(schedule)
+        return partial(run_plan, guard=guard, plan=schedule, accept=True), about
 
     alarmed = run_on_live_rig(
         prepare,

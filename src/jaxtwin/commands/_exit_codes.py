@@ -16,5 +16,9 @@ ALARMED = 5
 """An alarm: somebody should look at the rig. It also stands for an alarm that switched the rig off,
 and for heat that a device reports after a stop."""
 
+HEATS = 6
+"""The rig heats after it was switched off, as its readings show, or as its device reports in the
+minute after the end: cut the power."""
+
 STOPPED = 130
 """Stopped by Ctrl-C."""

@@ -14,19 +14,25 @@ from ._monitored import MonitorOptions, ring_and_note
 from ._output import check_output, say
 from ._show_progress import show_progress
 from ._signals import stop_signals
-from ._sources import open_twin
+from ._sources import open_fit, open_twin
 
 if TYPE_CHECKING:
     from ..live import AbstractInterlock
+    from ..live.safety._twin_ensemble import Draws
+    from ..matching import Fit
     from ..physics import Twin
 
 Run = Callable[..., Literal["completed", "stopped"]]
 """A function that commands a rig. Its arguments are the connection and the keywords `reset`,
-`about`, `stop`, `on_progress` and `on_alarm`, and `consumers` if there is a monitor."""
+`about`, `stop`, `on_progress`, `on_alarm` and `on_end`, and `consumers` if there is a monitor."""
+
+Prepare = Callable[
+    ["Twin", "Draws | None", "Sequence[AbstractInterlock]"], tuple[Run, Mapping[str, Any]]
+]
 
 
 def run_on_live_rig(
-    prepare: "Callable[[Twin, Sequence[AbstractInterlock]], tuple[Run, Mapping[str, Any]]]",
+    prepare: "Prepare",
     *,
     rig: str,
     link: Sequence[str],
@@ -41,14 +47,15 @@ def run_on_live_rig(
     baud: int,
     monitor: MonitorOptions | None = None,
 ) -> bool:
-    """Connects to a rig, commands it, and says when the cells are off.
+    """Connects to a rig, commands it, and says at the end whether it is off.
 
     **Arguments:**
 
-    - `prepare`: a function of the twin, and of interlocks beside the usual ones, that returns the
-      `Run`, and the data that the recording stores beside operator and command line. It is called
-      before a connection is opened or a file is created, so that an error in it leaves neither
-      behind, and that what it compiles does not keep a rig waiting.
+    - `prepare`: a function of the twin, of draws of its parameters if its fit is known, and of
+      interlocks beside the usual ones, that returns the `Run`, and the data that the recording
+      stores beside operator and command line. It is called before a connection is opened or a file
+      is created, so that an error in it leaves neither behind, and that what it compiles does not
+      keep a rig waiting.
     - `doing`: the word for the run in the progress, such as `"driving"`.
     - `duration`: the duration of the run, s; `None` if nobody knows it.
     - `monitor`: how the rig is monitored; None: not at all. Its alarms switch the rig off where
@@ -60,7 +67,9 @@ def run_on_live_rig(
     **Raises:** `SafetyStop` if an interlock trips or a signal other than Ctrl-C ends the run;
     `KeyboardInterrupt` after Ctrl-C, with the cells off and the recording closed.
     """
-    from ..live import AlarmInterlock, Finding, Recorder, connect, opener
+    from .._errors import SafetyStop
+    from ..live import AlarmInterlock, Ending, Finding, Recorder, connect, opener
+    from ..live._switch_off import HEATS, STILL_ON
     from ..live.protocol._mqtt_address import without_password
     from ..rig import load_rig
 
@@ -68,9 +77,12 @@ def run_on_live_rig(
     with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
         loaded = load_rig(rig)
         twin = open_twin(loaded, set_name, parameter_file)
+        fit = open_fit(loaded, parameter_file)
+        draws = None if fit is None else _draws(fit)
         interlock = AlarmInterlock()
         is_stopped_by_alarm = loaded.limits is not None and loaded.limits.stop_on_alarm
-        run, about = prepare(twin, [interlock] if is_stopped_by_alarm else [])
+        run, about = prepare(twin, draws, [interlock] if is_stopped_by_alarm else [])
+        endings: list[Ending] = []
 
         def found(finding: Finding) -> None:
             interlock.ring(finding)
@@ -91,19 +103,36 @@ def run_on_live_rig(
             duty = ", ".join(f"{100 * part:.0f} %" for part in loaded.driver.duty(pwm))
             progress.update(f"{time:.0f} s, duty {duty}")
 
-        outcome = run(
-            connection,
-            reset=reset,
-            about={
-                **about,
-                "operator": operator or getpass.getuser(),
-                "command": shlex.join(["jaxtwin", *map(without_password, sys.argv[1:])]),
-            },
-            stop=stop,
-            on_progress=show,
-            on_alarm=command.ring,
-        )
+        try:
+            outcome = run(
+                connection,
+                reset=reset,
+                about={
+                    **about,
+                    "operator": operator or getpass.getuser(),
+                    "command": shlex.join(["jaxtwin", *map(without_password, sys.argv[1:])]),
+                },
+                stop=stop,
+                on_progress=show,
+                on_alarm=command.ring,
+                on_end=endings.append,
+            )
+        except SafetyStop as error:
+            # A signal is not an alarm, nor a rig that did not start, and what the device or the
+            # readings show after a stop has been raised already.
+            if endings and error.kind not in ("signal", "stopped", "not-ready", STILL_ON, HEATS):
+                command.ring(Finding(error.kind, str(error), severity="critical"))
+            raise
+    if endings:
+        say(str(endings[-1]))
     if outcome == "stopped":
         raise KeyboardInterrupt  # exit code 130
-    say("the cells are off")
     return command.rung
+
+
+def _draws(fit: "Fit") -> "Draws":
+    """Draws of the parameters that a fit knows."""
+    from ..live.safety._hidden_heat import DRAWS
+    from ..matching import posterior_draws
+
+    return posterior_draws(fit, DRAWS)

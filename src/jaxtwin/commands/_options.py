@@ -90,11 +90,20 @@ AmbientOption = Annotated[
 ResetOption = Annotated[
     bool, typer.Option("--reset", help="End a trip of the device first. Look why it tripped.")
 ]
+AcceptOption = Annotated[
+    bool,
+    typer.Option(
+        "--accept",
+        help="Begin although the twin says that the rig would exceed its limit. The interlocks act "
+        "all the same.",
+    ),
+]
 AlarmOption = Annotated[
     str | None,
     typer.Option(
         metavar="COMMAND",
-        help="Run at an alarm, also if the cells may be on after a stop; JAXTWIN_ALARM says which.",
+        help="Run at an alarm, when an interlock stops the run, and if the rig may heat after a "
+        "stop; JAXTWIN_ALARM says which.",
     ),
 ]
 AnyAlarmOption = Annotated[

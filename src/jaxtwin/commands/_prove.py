@@ -51,12 +51,12 @@ def prove(
     rig file is open; it must stay so, and refuse a duty until a reset. It is left tripped.
 
     The exit code is 0 if all steps were proven, 1 if one was not, 3 if the rig does not start or a
-    signal such as SIGTERM ended it, 5 if the device reported heat after a stop (cut the power), 130
-    after Ctrl-C.
+    signal such as SIGTERM ended it, 5 if the device reported heat after a stop, 6 if the readings
+    after the last step show that the rig heats (cut the power), 130 after Ctrl-C.
     """
     proofs: list[Proof] = []
 
-    def prepare(twin: "Twin", _: object) -> tuple[Run, Mapping[str, Any]]:
+    def prepare(twin: "Twin", *_: object) -> tuple[Run, Mapping[str, Any]]:
         from ..live import interlocks_of
 
         # This compiles before the rig is connected, because nothing would read what it sends.
@@ -98,7 +98,7 @@ def _prove(
 
     for proof in run(connection, **options):
         proofs.append(proof)
-        if proof.kind == "still-on":
+        if proof.kind in ("still-on", "heats"):
             raise SafetyStop(proof.wrong, proof.kind)
     return "completed"
 

@@ -58,7 +58,8 @@ class Alarms:
         self._channels, self._hottest, self._silence = channels, hottest, silence
         self._on_alarm = on_alarm
         self._folder = file.absolute().parent
-        self._begin = now
+        # When what is now known of the rig was made, host time in ns; the start before that.
+        self._made = dict.fromkeys(("controller sample", "temperature"), now)
         self._causes: dict[_Key, str] = {}  # those since the last turn
         self._looked = 0
         self._present: dict[_Key, str] = {}  # the causes that are there, and their details
@@ -117,7 +118,9 @@ class Alarms:
     def _check_silence(self, state: RigState, now: int) -> None:
         newest = {"controller sample": state.sample, "temperature": state.reading}
         for what, record in newest.items():
-            silent = seconds(now - (self._begin if record is None else record.arrival))
+            if record is not None:
+                self._made[what] = now - round(state.age(record, now) * 1e9)
+            silent = seconds(now - self._made[what])
             detail = f"no {what} for more than {self._silence:g} s"
             self._set((f"stale-{what.split()[0]}", ""), silent > self._silence, detail)
 

@@ -11,6 +11,7 @@ from ..io import Experiment
 from ..io._duty_of_rig import check_duty_of_rig
 from ._operate import DutySource, Moment, operate
 from ._service import RecordConsumer
+from ._switch_off import Ending
 from .protocol._rig_connection import RigConnection
 from .safety._finding import Finding
 from .safety._guard import Guard
@@ -21,14 +22,16 @@ def drive(
     guard: Guard,
     plan: Experiment,
     *,
+    accept: bool = False,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
     consumers: Sequence[RecordConsumer] = (),
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
     on_alarm: Callable[[Finding], None] | None = None,
+    on_end: Callable[[Ending], None] | None = None,
 ) -> Literal["completed", "stopped"]:
-    """Applies a plan's duty to a live rig. The cells are off when it returns, also after an error.
+    """Applies a plan's duty to a live rig. It ends as `operate` does: with the cells off.
 
     **Arguments:**
 
@@ -37,16 +40,20 @@ def drive(
       parameters of a fit.
     - `plan`: the experiment whose duty is applied, in the time of the rig: a recording, or a
       schedule (`Experiment.schedule`).
-    - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`: as in `operate`.
+    - `accept`: whether the plan is driven although the twin says that the rig would exceed its
+      limit, until an interlock stops it.
+    - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`, `on_end`: as in `operate`.
 
     **Returns:** `"completed"`, or `"stopped"` if `stop` ended it.
 
     **Raises:** `SafetyStop` if an interlock trips, or the rig does not become ready;
-    `JaxtwinError` if the plan is for another number of cells and heaters, a heater is to cool, or
-    it states an input that the rig does not have.
+    `JaxtwinError` if the plan is for another number of cells and heaters, a heater is to cool, it
+    states an input that the rig does not have, or the rig would exceed its limit.
     """
     label = f"{connection.rig.name}: the plan {plan.name}".rstrip()
     check_duty_of_rig(plan, connection.rig, label, JaxtwinError)
+    if not accept:
+        guard.check_plan(plan)
     return operate(
         connection,
         guard,
@@ -57,6 +64,7 @@ def drive(
         consumers=consumers,
         on_progress=on_progress,
         on_alarm=on_alarm,
+        on_end=on_end,
     )
 
 

@@ -14,9 +14,16 @@ from ..rig import Rig
 from ._readiness import wait_until_ready
 from ._service import RecordConsumer, Service
 from ._stop_request import StopRequest
-from ._switch_off import STILL_ON, Ending, poll_whatever_happens, switch_off
+from ._switch_off import (
+    HEATS,
+    STILL_ON,
+    Ending,
+    poll_whatever_happens,
+    switch_off,
+    watch_off,
+)
 from .protocol._clock import seconds
-from .protocol._records import Document
+from .protocol._records import Document, Event
 from .protocol._rig_connection import RigConnection
 from .safety._finding import Finding
 from .safety._guard import Guard
@@ -60,8 +67,11 @@ def operate(
     consumers: Sequence[RecordConsumer] = (),
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
     on_alarm: Callable[[Finding], None] | None = None,
+    on_end: Callable[[Ending], None] | None = None,
+    confirm_off: bool = True,
 ) -> Literal["completed", "stopped"]:
-    """Commands a live rig. The cells are off when it returns, also after an error.
+    """Commands a live rig. Its device reports off when it returns, also after an error, and the
+    readings have been watched until they show it, for a minute at most.
 
     The device has tripped after every end except two: `duty` ended the run, or its user did, by
     setting `stop` or by Ctrl-C. While the device reports heat after a stop, the function does not
@@ -80,14 +90,19 @@ def operate(
     - `consumers`: who else gets the records of the run, such as a `Follower`. If one fails, the
       cells are switched off.
     - `on_progress`: called with the time (s of the rig) and the counts after each command.
-    - `on_alarm`: called if the device reports heat, or nothing, two seconds after a stop.
+    - `on_alarm`: called if the device reports heat, or nothing, two seconds after a stop, and if
+      the readings show that the rig heats after it.
+    - `on_end`: called at the end with what the device reports and the readings show.
+    - `confirm_off`: whether the readings are watched after the end. Who goes on to poll the
+      connection may do so itself (`Guard.off_watch`).
 
     **Returns:** `"completed"` if `duty` ended the run, `"stopped"` if `stop` did.
 
     **Raises:** `SafetyStop` if an interlock trips, a signal ends the run, or the rig does not
-    become ready. Its kind is `still-on` if the device reported heat after the stop, `unconfirmed`
-    if it reported nothing. `JaxtwinError` for a guard that has been used before, or an invalid
-    argument; the errors of `duty`, of the consumers and of the journal.
+    become ready. Its kind is `still-on` if the device reported heat after the stop, `heats` if the
+    rig went on to heat or did so again, `unconfirmed` if it reported nothing. `JaxtwinError` for a
+    guard that has been used before, or an invalid argument; the errors of `duty`, of the consumers
+    and of the journal.
     """
     true_or_false("operate: reset", reset, JaxtwinError)
     guard.begin()
@@ -123,6 +138,14 @@ def operate(
     connection.note(Document(connection.clock.now(), "stop", uid, end))
     _, failure = poll_whatever_happens(connection, 0.0)  # journals it
     error = error or failure
+    if confirm_off and run.commanding and ending.off:
+        ending = watch_off(connection, guard, service.state, ending, stop=stop, on_alarm=on_alarm)
+        now = connection.clock.now()
+        connection.note(Event("", now, f"after-stop-{ending.verdict or 'unseen'}", ending.seen))
+        _, failure = poll_whatever_happens(connection, 0.0)
+        error = error or ending.failure or failure
+    if on_end is not None:
+        on_end(ending)
     if run.commanding:
         _raise(error, ending)
     elif error is not None:
@@ -138,9 +161,9 @@ def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
 
 def _raise(error: BaseException | None, ending: Ending) -> None:
     """Raises what ended a run, with the state of the cells, unless it ended as the user wanted."""
-    if ending.heated:
+    if ending.heated or ending.verdict == HEATS:
         why = f"{error}; {ending}" if error is not None else str(ending)
-        raise SafetyStop(why, STILL_ON) from error
+        raise SafetyStop(why, HEATS if ending.verdict == HEATS else STILL_ON) from error
     if isinstance(error, SafetyStop):
         raise SafetyStop(f"{error}; {ending}", error.kind) from None
     if error is not None:

@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, final
 
+import numpy as np
+
 from .._errors import JaxtwinError, SafetyStop
 from ..physics import Twin
 from ._operate import Moment, counts_of, operate
 from ._provocations import STOPS_WITHIN, Provocation, Scene, provocations
-from ._switch_off import switch_off
+from ._switch_off import HEATS, STILL_ON, Ending, switch_off
 from .protocol._clock import seconds
 from .protocol._records import Command, Event, Reading, Record, Sample
 from .protocol._rig_connection import RigConnection
@@ -57,6 +59,7 @@ def prove(
     stop: threading.Event | None = None,
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
     on_alarm: Callable[[Finding], None] | None = None,
+    on_end: Callable[[Ending], None] | None = None,
 ) -> Iterator[Proof]:
     """Proves that each interlock switches a rig off, by heating it for seconds and provoking them.
 
@@ -72,6 +75,7 @@ def prove(
     - `reset`: whether a trip of the device is ended before the first step.
     - `silence`, `ambient`: as in `interlocks_of`.
     - `about`, `stop`, `on_progress`, `on_alarm`: as in `operate`.
+    - `on_end`: called after each step, as in `operate`; the readings are watched after the last.
 
     **Returns:** an iterator over the proof of each step. It ends early if the device reports heat
     after a stop.
@@ -82,7 +86,8 @@ def prove(
     if not 0 < duty <= 1:
         raise JaxtwinError(f"prove: duty: expected above 0 to 1, got {duty}")
     limits = OperatingLimits.of(twin)
-    for number, step in enumerate([*provocations(limits, connection.relay), WATCHDOG]):
+    steps = [*provocations(limits, connection.relay), WATCHDOG]
+    for number, step in enumerate(steps):
         attempt = _Attempt(connection, step, limits, float(duty))
         locks = interlocks_of(twin, silence=silence, ambient=ambient, limits=attempt.limits)
         kind, wrong = "", ""
@@ -96,6 +101,8 @@ def prove(
                 stop=stop,
                 on_progress=on_progress,
                 on_alarm=on_alarm,
+                on_end=on_end,
+                confirm_off=step is steps[-1],
             )
             if outcome == "stopped":
                 raise KeyboardInterrupt
@@ -106,10 +113,12 @@ def prove(
                 raise
         finally:
             attempt.end()
+        # The room is that of the first step: each heats the rig a little.
+        ambient = attempt.first if ambient is None else ambient
         if kind in step.kinds and attempt.onset is not None:
             wrong = attempt.aftermath(stop, on_alarm)
         yield Proof(step.name, kind, attempt.off_after, wrong)
-        if kind == "still-on" or attempt.onset is None:
+        if kind in (STILL_ON, HEATS) or attempt.onset is None:
             return
 
 
@@ -123,6 +132,8 @@ class _Attempt:
         self.onset: int | None = None
         """Host time of the provocation, ns."""
         self.off_after = float("nan")
+        self.first: float | None = None
+        """The mean of the first readings, degC."""
         self._connection, self._step = connection, step
         self._heat = (duty,) * len(connection.rig.driven)
         self._begin: int | None = None
@@ -173,6 +184,9 @@ class _Attempt:
     def _tapped(self, records: list[Record]) -> list[Record]:
         """The records that the interlocks see: distorted from the onset to the first stop."""
         self._seen += records
+        for record in records:
+            if self.first is None and isinstance(record, Reading) and not record.recalibrating:
+                self.first = float(np.nanmean(record.temperatures))
         self._stopped |= any(isinstance(r, Command) and r.kind == "stop" for r in records)
         distort = self._step.distort
         if self.onset is None or self._stopped or distort is None or not self._distorts:

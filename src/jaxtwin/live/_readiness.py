@@ -87,15 +87,20 @@ def _raise_finding(guard: Guard) -> None:
 
 
 def _is_fresh(record: Sample | Reading | None, state: RigState, connection: RigConnection) -> bool:
-    return record is not None and seconds(connection.clock.now() - state.time_of(record)) <= FRESH
+    return record is not None and state.age(record, connection.clock.now()) <= FRESH
 
 
 def _missing(connection: RigConnection, state: RigState) -> str:
     """Describes what is missing from a rig that did not become ready."""
     words = [", ".join(f"{name} {link}" for name, link in connection.states.items())]
     words += [f"{name}: {why}" for name, why in connection.refusals.items()]
-    words += [] if state.reading is not None else ["no temperatures"]
-    words += [] if state.sample is not None else ["nobody who drives cells"]
-    words += [f"no relay {connection.relay!r}"] if connection.relay and state.relay is None else []
+    needed = {"temperatures": state.reading, "sample of the controller": state.sample}
+    needed |= {f"relay {connection.relay!r}": state.relay} if connection.relay else {}
+    for what, record in needed.items():
+        if record is None:
+            words.append(f"no {what}")
+        elif not _is_fresh(record, state, connection):
+            age = state.age(record, connection.clock.now())
+            words.append(f"the newest {what} is {age:.1f} s old by the device's clock")
     words += [f"tripped: {state.trip}"] if state.trip else []
     return "; ".join(words)

@@ -1,7 +1,8 @@
 """Switches the cells off at the end of a run, and goes on until the controller reports it.
 
 A run that ends as its user wants sends duty 0 and releases the device. Every other end sends `stop`
-until the device reports its trip: a command that is sent into a lost link is lost.
+until the device reports its trip: a command that is sent into a lost link is lost. The report is
+then compared with the readings: only they show that the rig cools.
 """
 
 import logging
@@ -12,7 +13,10 @@ from typing import NamedTuple, final
 from .protocol._clock import seconds
 from .protocol._records import Record, Sample
 from .protocol._rig_connection import RigConnection
+from .protocol._rig_state import RigState
 from .safety._finding import Finding
+from .safety._guard import Guard
+from .safety._off_watch import OffWatch, Verdict
 
 AGAIN = 0.1
 """The time between two commands to switch off, s."""
@@ -27,6 +31,10 @@ watchdog, and twice the longest pause before a link is opened again."""
 STILL_ON = "still-on"
 """The kind of a stop after which the device reported that the cells are on."""
 
+HEATS = "heats"
+"""The kind of a stop after which the rig goes on to heat, or heats again, whatever the device
+reports."""
+
 log = logging.getLogger("jaxtwin.live")
 
 
@@ -34,13 +42,16 @@ class Ending(NamedTuple):
     """The state of the cells when the commands to switch them off ended.
 
     - `sample`: the controller's last sample since the first of these commands; `None` if nothing
-      was heard.
+      was heard. Of several devices that were driven, it is that of one that does not report off.
     - `relay`: the state of the supply, `on` or `off`, as the device that has the relay reports it;
       `""` if no relay was heard.
     - `heated`: whether it reported other counts than 0 for longer than `OFF_SECONDS`.
     - `stopped`: whether `stop` was sent.
     - `failure`: the error of the journal, if it failed meanwhile, or an interrupt that came before
       there was an alarm.
+    - `verdict`: what the readings show afterwards (`OffWatch`): `off`, `heats` or `unknown`; `""`
+      before they were watched.
+    - `seen`: what they show, as the end of a sentence.
     """
 
     sample: Sample | None
@@ -48,6 +59,8 @@ class Ending(NamedTuple):
     heated: bool
     stopped: bool
     failure: BaseException | None
+    verdict: Verdict = ""
+    seen: str = ""
 
     @property
     def off(self) -> bool:
@@ -76,7 +89,10 @@ class Ending(NamedTuple):
         if self.sample is not None and not self.off:
             counts = ", ".join(map(str, self.sample.pwm))
             return f"THE DEVICE REPORTS STILL ON ({counts} counts) AFTER A STOP: CUT THE POWER"
-        off = "the cells are off"
+        if self.verdict == "heats":
+            return f"THE RIG HEATS AFTER A STOP: CUT THE POWER; {self.seen}"
+        # What a device reports is not what its bridge does: a relay may be welded.
+        off = "the cells are off" if self.verdict == "off" else "the device reports off"
         if self.heated:
             off = f"the device reported heat {OFF_SECONDS:g} s after a stop; {off} now"
         if self.sample is None or any(self.sample.pwm):
@@ -84,10 +100,10 @@ class Ending(NamedTuple):
         elif self.stopped and self.relay == "on":
             off = f"{off}, but the relay does not open"
         if self.tripped:
-            return f"{off}, and the device has tripped"
-        if self.stopped:
-            return f"{off}, but the device reports no trip: it obeys the next command"
-        return off
+            off = f"{off}, and the device has tripped"
+        elif self.stopped:
+            off = f"{off}, but the device reports no trip: it obeys the next command"
+        return f"{off} ({self.seen})" if self.seen else off
 
 
 def switch_off(
@@ -130,6 +146,88 @@ def switch_off(
     return switch.ending
 
 
+def watch_off(
+    connection: RigConnection,
+    guard: Guard,
+    state: RigState,
+    ending: Ending,
+    *,
+    stop: threading.Event | None = None,
+    on_alarm: Callable[[Finding], None] | None = None,
+) -> Ending:
+    """Watches the readings of a rig that reports off, until they show whether it is.
+
+    If the rig heats, there is an alarm, and `stop` and the command that opens the relay are sent
+    until the readings show that it cools, for `WATCHED_SECONDS` at most.
+
+    **Arguments:**
+
+    - `guard`: the guard of the run, whose twins know how the rig would cool.
+    - `state`: what is known of the rig.
+    - `ending`: what the device reported.
+    - `stop`: an event that ends the watch when it is set anew.
+
+    **Returns:** the ending with what the readings show.
+    """
+    watch = guard.off_watch(state, connection.clock.now())
+    if watch is None:
+        return ending
+    was_set = stop is not None and stop.is_set()
+    if stop is not None:
+        stop.clear()  # it ended the run; another one ends the watch
+    try:
+        state, ending = _watched(connection, watch, state, ending, stop, stops=False)
+        if ending.verdict != HEATS:
+            return ending
+        log.error("%s", ending)
+        _ring(on_alarm, Finding(HEATS, str(ending), severity="critical"))
+        watch.again(state, connection.clock.now())
+        _, later = _watched(connection, watch, state, ending, stop, stops=True)
+    finally:
+        if stop is not None and was_set:
+            stop.set()
+    cools = "; it cools now" if later.verdict == "off" else ""
+    return ending._replace(seen=f"{ending.seen}{cools}", failure=later.failure)
+
+
+def _watched(
+    connection: RigConnection,
+    watch: OffWatch,
+    state: RigState,
+    ending: Ending,
+    stop: threading.Event | None,
+    *,
+    stops: bool,
+) -> tuple[RigState, Ending]:
+    """Watches until there is a verdict or a user ends it. `stops`: whether `stop` is sent
+    meanwhile."""
+    failure, sent = ending.failure, 0
+    try:
+        while not watch.verdict and not (stop is not None and stop.is_set()):
+            if stops and seconds(connection.clock.now() - sent) >= AGAIN:
+                sent = connection.clock.now()
+                connection.send_order("stop")
+            records, failed = poll_whatever_happens(connection, 0.05)
+            failure = failure or failed
+            for record in records:
+                state = state.after(record)
+                watch.on_record(record, state)
+            watch.on_time(state, connection.clock.now())
+    except KeyboardInterrupt as interrupt:
+        failure = failure or interrupt
+    return state, ending._replace(verdict=watch.verdict, seen=watch.detail, failure=failure)
+
+
+def _ring(on_alarm: Callable[[Finding], None] | None, finding: Finding) -> None:
+    """Raises an alarm; one that fails must not end what switches the cells off."""
+    if on_alarm is None:
+        return
+    try:
+        on_alarm(finding)
+    except Exception:
+        log.exception("the alarm failed")
+
+
 def poll_whatever_happens(
     connection: RigConnection, timeout: float
 ) -> tuple[list[Record], Exception | None]:
@@ -159,6 +257,8 @@ class _Switch:
         self._begin = connection.clock.now()
         self._sent = -AGAIN
         self._alarms: set[str] = set()
+        self._driven = connection.driven
+        self._samples: dict[str, Sample] = {}  # the newest of each device that drives cells
         self.ending = Ending(None, "", False, trip, None)
 
     @property
@@ -175,13 +275,13 @@ class _Switch:
             self.interrupted = self.insisting
             self.ending = self.ending._replace(failure=interrupt)
             return False
-        sample, relay = self.ending.sample, self.ending.relay
+        relay = self.ending.relay
         for record in records:
             if isinstance(record, Sample) and record.arrival > self._begin:
-                sample = record if record.pwm else sample
+                self._samples |= {record.link: record} if record.pwm else {}
                 relay = record.relay or relay
         failure = self.ending.failure or failure
-        ending = Ending(sample, relay, self.ending.heated, self._trip, failure)
+        ending = Ending(self._sample(), relay, self.ending.heated, self._trip, failure)
         heats = self.elapsed > OFF_SECONDS and ending.is_on
         self.ending = ending._replace(heated=ending.heated or heats)
         return ending.off and (not self._trip or (ending.tripped and self._is_open(ending)))
@@ -198,15 +298,22 @@ class _Switch:
             return
         self._alarms.add(kind)
         log.error("%s", self.ending)
-        if self._on_alarm is not None:
-            try:
-                self._on_alarm(Finding(kind, str(self.ending), severity="critical"))
-            except Exception:
-                log.exception("the alarm failed")
+        _ring(self._on_alarm, Finding(kind, str(self.ending), severity="critical"))
 
     def is_hopeless(self) -> bool:
         """Whether the controller has not answered for so long that it will not."""
         return not self.ending.is_on and self.elapsed > REACH_SECONDS
+
+    def _sample(self) -> Sample | None:
+        """The sample by which to judge: every device that got a duty must report off, also one
+        whose link is lost."""
+        heard = self._samples
+        if on := [sample for sample in heard.values() if any(sample.pwm)]:
+            return on[0]
+        if self._driven - heard.keys():
+            return None
+        untripped = [sample for sample in heard.values() if not sample.trip]
+        return next(iter([*untripped, *heard.values()]), None)
 
     def _is_open(self, ending: Ending) -> bool:
         return ending.relay == "off" or not self._connection.relay

@@ -40,12 +40,14 @@ class OpenLoop(AbstractObserver[OpenLoopState]):
     **Arguments:**
 
     - `twin`: the twin; or its equations, as `twin.system()` makes them.
+    - `longest_delay`: the longest delay for which the state has room, s, so that twins with other
+      delays have states of the same shape; None: that of the twin.
     """
 
     stepper: Stepper
 
-    def __init__(self, twin: Twin | System):
-        self.stepper = Stepper(twin, STEP_SECONDS)
+    def __init__(self, twin: Twin | System, *, longest_delay: float | int | None = None):
+        self.stepper = Stepper(twin, STEP_SECONDS, longest_delay=longest_delay)
 
     def init(
         self, nodes: Float[ArrayLike, "..."] | None, duty: Float[ArrayLike, " cells"]

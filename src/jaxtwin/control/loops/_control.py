@@ -12,11 +12,20 @@ from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
 from ..._errors import SafetyStop
 from ..._jax_settings import own_settings
-from ...live import Document, Finding, Guard, Moment, RecordConsumer, RigConnection, operate
+from ...live import (
+    Document,
+    Ending,
+    Finding,
+    Guard,
+    Moment,
+    RecordConsumer,
+    RigConnection,
+    operate,
+)
 from ...physics import Twin
 from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController
-from ._loop_checks import check_cells, check_reach, check_sample_time
+from ._loop_checks import check_cells, check_reach, check_sample_time, check_within_limit
 from ._loop_margins import LoopMargins, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
@@ -51,6 +60,7 @@ def control(
     consumers: Sequence[RecordConsumer] = (),
     on_progress: Callable[[float, tuple[int, ...]], None] | None = None,
     on_alarm: Callable[[Finding], None] | None = None,
+    on_end: Callable[[Ending], None] | None = None,
     on_decision: Callable[[Decision], None] | None = None,
 ) -> Literal["completed", "stopped"]:
     """Runs a controller on a live rig. The cells are off when the function returns or raises.
@@ -64,7 +74,7 @@ def control(
     - `connection`: the started links of the rig.
     - `guard`: the guard of this run, such as `Guard.of(twin)`.
     - `loop`: the controller with its references, which `LiveLoop` has checked against the twin.
-    - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`: as in
+    - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`, `on_end`: as in
       `jaxtwin.live.operate`.
     - `on_decision`: called with each decision, while the rig waits for its command.
 
@@ -84,6 +94,7 @@ def control(
         consumers=consumers,
         on_progress=on_progress,
         on_alarm=on_alarm,
+        on_end=on_end,
     )
 
 
@@ -93,14 +104,17 @@ def checked_loop(
     references: Any,
     duration: float | int,
     ambient: float | int | None = None,
+    *,
+    accept: bool = False,
 ) -> Float[np.ndarray, "samples outputs"]:
     """Checks a loop before it runs on a rig, and returns the references at its samples, degC.
 
-    `ambient` is the temperature of the room, degC; None: that of the rig file.
+    `ambient` is the temperature of the room, degC; None: that of the rig file. `accept` allows
+    references with which the rig would exceed its limit.
 
     **Raises:** `ControlError` for a controller of another number of cells, invalid references,
-    references out of reach, a sample time above the time constants of the rig, a duration that is
-    not a multiple of the sample time, or a loop that is not stable.
+    references out of reach or beyond the limit of the rig, a sample time above the time constants
+    of the rig, a duration that is not a multiple of the sample time, or a loop that is not stable.
     """
     weights = np.asarray(controller.output_weights(twin.channels), float)
     times = sample_times("control", duration, controller.sample_time_s)
@@ -116,6 +130,10 @@ def checked_loop(
         # One sample stands for all of constant references: the checks are compiled for a number.
         few = samples[:1] if (samples == samples[0]).all() else samples
         check_reach(system, weights, few, times[: len(few)], surroundings, controller.limits)
+        if not accept:
+            check_within_limit(
+                twin, system, weights, few, times[: len(few)], room, controller.limits
+            )
         check_stability(twin, controller, weights, few)
     return samples
 
@@ -138,10 +156,12 @@ class LiveLoop:
     - `duration`: the duration in the time of the rig, s, a multiple of the sample time.
     - `silence`: the longest time without a reading, in the time of the rig, s.
     - `ambient`: the temperature of the room, degC; None: that of the rig file.
+    - `accept`: whether references are held although the twin says that the rig would exceed its
+      limit, until an interlock stops it.
 
     **Raises:** `ControlError` for a controller of another number of cells, invalid references,
-    references out of reach, a sample time above the time constants of the rig, and a loop of a
-    linear controller that is not stable.
+    references out of reach or beyond the limit of the rig, a sample time above the time constants
+    of the rig, and a loop of a linear controller that is not stable.
     """
 
     def __init__(
@@ -153,6 +173,7 @@ class LiveLoop:
         duration: float | int,
         silence: float | int = 3.0,
         ambient: float | int | None = None,
+        accept: bool = False,
     ):
         controller = controller.for_rig(twin.rig)
         text = references if isinstance(references, str) else np.asarray(references).tolist()
@@ -164,7 +185,9 @@ class LiveLoop:
         self._twin, self._controller = twin, controller
         self._decide = _step.bind(controller)
         self._weights = np.asarray(controller.reading_weights(twin.channels), float)
-        self._references = checked_loop(twin, controller, references, duration, ambient)
+        self._references = checked_loop(
+            twin, controller, references, duration, ambient, accept=accept
+        )
         self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
             # Compiled here, because messages of a connected rig would wait during a compilation.

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit_unoptimised
 from ..._errors import ControlError
-from ...physics import System
+from ...physics import System, Twin
 from ...rig import Rig
 from ...simulation._modes import network_modes
 from ..controllers._controller import AbstractChannelGroupController, AbstractController
@@ -79,7 +80,7 @@ def check_reach(
     for sample in representative_samples(reference):
         aim = reference[sample] - middle
         start = levels[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
-        nearest = _nearest(system, weights, aim, float(start), limits)
+        nearest = weights @ _rises(system, _nearest(system, weights, aim, float(start), limits))
         if np.abs(nearest - aim).max() > JOINT_TOLERANCE + ambient_range:
             wanted, found = (
                 "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
@@ -159,29 +160,83 @@ def _nearest(
     aim: Float[np.ndarray, " outputs"],
     start: float,
     limits: tuple[float, float],
-) -> Float[np.ndarray, " outputs"]:
-    """Computes the steady rises of the outputs that are nearest to an aim, K.
+) -> Float[np.ndarray, " cells"]:
+    """Computes the duty whose steady rises of the outputs are nearest to an aim, K.
 
     A small cooling duty may warm the plate, so that a search can end at a duty of 0 although more
     cooling would be nearer. It therefore starts at several places.
     """
 
     def off(duty: Float[np.ndarray, " cells"]) -> Any:
-        return weights @ np.asarray(_steady_rises(system, duty[None]))[0] - aim
+        return weights @ _rises(system, duty) - aim
 
     from scipy.optimize import least_squares
 
     low = np.maximum(limits[0], system.wiring.lowest_duty)
     places = np.quantile([low, np.full_like(low, limits[1])], [0.98, 0.02, 0.75, 0.25], axis=0)
     others = islice(product(*places.T), SEARCH_STARTS)
-    best = np.full(len(aim), np.inf)
+    best, least = low, np.inf
     for begin in chain([np.maximum(start, low)], others):
-        found = least_squares(off, begin, bounds=(low, limits[1]), diff_step=1e-4).fun
-        if np.abs(found).max() < np.abs(best).max():
-            best = found
-        if np.abs(best).max() <= JOINT_TOLERANCE:
+        found = least_squares(off, begin, bounds=(low, limits[1]), diff_step=1e-4)
+        if np.abs(found.fun).max() < least:
+            best, least = found.x, np.abs(found.fun).max()
+        if least <= JOINT_TOLERANCE:
             break
-    return aim + best
+    return best
+
+
+def check_within_limit(
+    twin: Twin,
+    system: System,
+    weights: Float[np.ndarray, "outputs channels"],
+    reference: Float[np.ndarray, "samples outputs"],
+    times: Float[np.ndarray, " samples"],
+    ambient: float,
+    limits: tuple[float, float],
+) -> None:
+    """Refuses references at which a channel would be above the limit of the rig, at rest, as the
+    twin says. An output is a mean of channels, and the hottest of them is hotter.
+
+    **Arguments:**
+
+    - `twin`, `system`: the twin, and its equations.
+    - `ambient`: the temperature of the room, degC.
+    - the others: as in `check_reach`.
+
+    **Raises:** `ControlError` that names the channel, its temperature, the time and the limit.
+    """
+    if twin.rig.maximum_temperature is None:
+        return
+    limit = twin.rig.maximum_temperature - ZERO_CELSIUS
+    levels = np.linspace(*limits, DUTY_LEVELS)
+    equal = np.maximum(levels[:, None], system.wiring.lowest_duty)
+    rises = np.asarray(_steady_rises(system, equal))
+    outputs = rises @ weights.T
+    for sample in representative_samples(reference):
+        aim = reference[sample] - ambient
+        nearest = int(np.argmin(np.abs(outputs - aim).max(axis=1)))
+        if len(weights) == 1:  # the levels are even steps of the output, too
+            reached = float(outputs[nearest, 0])
+            held = rises[nearest] * (float(aim[0]) / reached if reached else 1.0)
+        elif len(weights) <= len(system.wiring.cold):
+            held = _rises(system, _nearest(system, weights, aim, float(levels[nearest]), limits))
+        else:
+            held = rises[nearest]
+        hottest = int(np.argmax(held))
+        temperature = max(float(held[hottest]) + ambient, float(reference[sample].max()))
+        if temperature > limit:
+            raise ControlError(
+                f"references: expected at most {limit:g} degC at every channel, the limit of the "
+                f"rig, got {temperature:.0f} at {twin.channels[hottest]} for "
+                f"{'/'.join(f'{value:.4g}' for value in reference[sample])} degC at "
+                f"{times[sample]:g} s, says the twin; the interlocks would stop it. Accept that to "
+                "begin nevertheless (--accept)"
+            )
+
+
+def _rises(system: System, duty: Float[np.ndarray, " cells"]) -> Float[np.ndarray, " channels"]:
+    """The steady rises of the channels with a duty, K."""
+    return np.asarray(_steady_rises(system, duty[None]))[0]
 
 
 @persistent_jit_unoptimised

@@ -3,6 +3,7 @@
 import logging
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import final
 
@@ -58,6 +59,8 @@ class Receiver:
     - `stale_after`: silence after which the link is stale, s. After three times this silence it
         should be closed, because a lost connection may show no other sign.
     - `counted`: the last messages of its devices that were counted in an earlier run.
+    - `conflict`: the reason why a device that greets cannot belong to the rig beside those on other
+      links; None if it can.
     """
 
     def __init__(
@@ -67,6 +70,7 @@ class Receiver:
         *,
         stale_after: float | int = 2.0,
         counted: Counters | None = None,
+        conflict: Callable[[Hello], str | None] = lambda hello: None,
     ):
         self.state = LinkState.DOWN
         self.hello: Hello | None = None
@@ -77,6 +81,7 @@ class Receiver:
         self.last_valid = 0
         self._link = link
         self._identity = identity
+        self._conflict = conflict
         self._stale_after = stale_after
         self._rest = b""
         self._greeting: Hello | None = None  # of this connection, as it was sent
@@ -178,7 +183,7 @@ class Receiver:
         return records + self._records(message, hello, arrival)
 
     def _greeted(self, hello: Hello, arrival: int) -> list[Record]:
-        refusal = self._identity.refusal(hello) or self._change(hello)
+        refusal = self._identity.refusal(hello) or self._change(hello) or self._conflict(hello)
         self.refused = refusal
         if refusal is not None:
             self.verdict = refusal

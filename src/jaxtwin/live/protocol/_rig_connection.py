@@ -3,6 +3,7 @@
 import queue
 import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Literal, Protocol, final, runtime_checkable
 
 from ..._errors import JaxtwinError, LinkError
@@ -12,7 +13,7 @@ from ._codec import encode
 from ._identity import Identity
 from ._link import INBOX, Arrived, Inbox, Link
 from ._message_counts import Counters
-from ._messages import VERSION, Ask, Duty, Order
+from ._messages import VERSION, Ask, Duty, Hello, Order
 from ._mqtt_address import without_password
 from ._opener import opener
 from ._receiver import Receiver
@@ -24,6 +25,14 @@ BATCH = 128
 
 ASK_AGAIN = 1.0
 """Interval at which a device is asked for its greeting, s."""
+
+
+_PARTS: Mapping[str, Callable[[Hello], object]] = {
+    "cells": lambda hello: hello.cells,
+    "temperatures": lambda hello: hello.channels or hello.camera,
+    "relay": lambda hello: hello.relay,
+}
+"""What a device of a rig may have, and no second device beside it."""
 
 
 @runtime_checkable
@@ -85,12 +94,15 @@ class RigConnection:
                 identity,
                 stale_after=stale_after,
                 counted=None if journal is None else journal.counted(name),
+                conflict=partial(self._conflict, name),
             )
             for name in links
         }
         self._asked = dict.fromkeys(links, 0)
         self._dropped: set[str] = set()
-        self._driven: set[str] = set()
+        self._driven: dict[
+            str, bool
+        ] = {}  # those of devices that switch, and whether they have cells
         self._journal = journal
         self._commands: list[Record] = []
         self._number = 0
@@ -141,6 +153,11 @@ class RigConnection:
             for name, receiver in self._receivers.items()
             if receiver.hello is not None
         ]
+
+    @property
+    def driven(self) -> frozenset[str]:
+        """The links whose device drives cells and got a duty since it was last released."""
+        return frozenset(name for name, drives_cells in self._driven.items() if drives_cells)
 
     def drop_links(self, reason: str) -> None:
         """Closes all links, which are then opened again."""
@@ -234,15 +251,28 @@ class RigConnection:
         for name, receiver in self._receivers.items():
             hello = receiver.hello
             if hello is not None and hello.switches and kind == "duty":
-                self._driven.add(name)
+                self._driven[name] = bool(hello.cells)
             has = hello is not None and (hello.cells if kind == "duty" else hello.switches)
             if has or (kind in ("stop", "relay") and name in self._driven):
                 sent.append(self._links[name].send(content))
                 now = self.clock.now()
                 self._commands.append(Command(name, now, self._number, pwm, self.owner, kind))
                 if kind == "release":
-                    self._driven.discard(name)
+                    self._driven.pop(name, None)
         return bool(sent) and all(sent)
+
+    def _conflict(self, name: str, hello: Hello) -> str | None:
+        """The reason why a device cannot greet on a link beside those that have greeted on others:
+        each part of the rig has one device. Two that drive the cells could not both be switched off
+        by what one of them reports, and of two that read the same channels one may be wrong."""
+        for link, receiver in self._receivers.items():
+            other = receiver.hello
+            if link == name or other is None:
+                continue
+            for what, parts in _PARTS.items():
+                if parts(hello) and parts(other):
+                    return f"{what}: expected one device, got a second one beside that on {link}"
+        return None
 
     def _arrived(self, timeout: float) -> Iterator:
         try:

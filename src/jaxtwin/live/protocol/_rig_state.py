@@ -10,42 +10,42 @@ from jaxtyping import Float, Int
 from ._messages import Hello
 from ._records import Event, Gap, Greeting, LinkChange, LinkState, Reading, Record, Sample
 
-LAG_WINDOW = 60 * 10**9
-"""The time for which the smallest lag of a device's messages is remembered, ns: in two of them, a
-crystal that is off by 100 ppm moves by 12 ms."""
-
+CLOCK_DRIFT = 0.01
+"""The largest relative error of a device's clock. The crystal of a computer is off by 1e-5, the
+oscillator of a cheap microcontroller by up to this."""
 
 LONGEST_WAIT = 10 * 10**9
-"""The longest time for which a message can have waited, ns. Without this bound, the twin of a
+"""The longest time by which a twin beside a rig lags behind, ns. Without this bound, the twin of a
 device whose clock stands still would stand still too."""
 
 
+@final
 class DeviceClock(NamedTuple):
     """The clock of one start of a device, as its messages show it.
 
-    A message arrives some time after it was made. The message with the smallest lag shows best how
-    the two clocks differ.
+    The lag of a message is its arrival time less the device time at which it was made. The smallest
+    lag shows best how the two clocks differ, because such a message has waited least. It grows
+    with `CLOCK_DRIFT`, so that a device whose clock is a little slow does not seem late after some
+    hours. A queue that grows more slowly than that is not noticed by its clock alone.
 
     - `boot`: the start of the device. `rate`: the seconds of the device in a second.
-    - `before`, `least`: the smallest arrival time less device time of the last window and of this
-      one, ns. `since`: the arrival at which this one began.
+    - `least_lag`: the smallest lag, ns. `arrival`: that of the last message, ns.
     """
 
     boot: str
     rate: float
-    before: int
-    least: int
-    since: int
+    least_lag: int
+    arrival: int
 
-    def after(self, lag: int, arrival: int) -> "DeviceClock":
-        """The clock after a message with this lag."""
-        if arrival - self.since > LAG_WINDOW:
-            return self._replace(before=self.least, least=lag, since=arrival)
-        return self._replace(least=lag) if lag < self.least else self
+    def after(self, device_us: int, arrival: int) -> "DeviceClock":
+        """The clock after a message that was made at a time of the device's clock."""
+        lag = arrival - round(device_us * 1e3 / self.rate)
+        drifted = self.least_lag + round(CLOCK_DRIFT * max(arrival - self.arrival, 0))
+        return self._replace(least_lag=min(lag, drifted), arrival=arrival)
 
     def host_time(self, device_us: int) -> int:
         """The host time at which the device's clock showed a time, ns."""
-        return round(device_us * 1e3 / self.rate) + min(self.before, self.least)
+        return round(device_us * 1e3 / self.rate) + self.least_lag
 
 
 @final
@@ -88,13 +88,18 @@ class RigState:
         """The state after the next record."""
         match record:
             case Greeting():
-                # A controller that greets anew says anew what it applies.
-                sample = None if record.hello.cells else self.sample
+                # A controller that has restarted says anew what it applies. One that only greets
+                # again, as to a host that begins a run, goes on, and so does its clock: a camera
+                # whose frames are late is not up to date because it has reconnected.
+                known = self.greetings.get(record.link)
+                has_restarted = known is None or known.boot != record.hello.boot
+                sample = None if has_restarted and record.hello.cells else self.sample
                 greetings = {**self.greetings, record.link: record.hello}
-                clocks = {link: c for link, c in self.clocks.items() if link != record.link}
-                return replace(self, greetings=greetings, sample=sample, clocks=clocks)
+                return replace(self, greetings=greetings, sample=sample)
             case LinkChange():
-                return replace(self, links={**self.links, record.link: record.state})
+                lost = record.state is LinkState.DOWN and self.sample is not None
+                sample = None if lost and self.sample.link == record.link else self.sample
+                return replace(self, links={**self.links, record.link: record.state}, sample=sample)
             case Sample():
                 state = replace(self, clocks=self._clocks_after(record))
                 relay = record if record.relay else self.relay
@@ -131,12 +136,23 @@ class RigState:
         return "relay" if self.relay is not None and self.relay.relay == "off" else ""
 
     def time_of(self, record: Sample | Reading) -> int:
-        """The host time at which a sample or a reading was made, ns."""
+        """The host time at which a sample or a reading was made, ns, but at most `LONGEST_WAIT`
+        before it arrived."""
+        return max(self._made(record), record.arrival - LONGEST_WAIT)
+
+    def age(self, record: Sample | Reading, now: int) -> float:
+        """The time since a sample or a reading was made, s, at host time `now`, ns.
+
+        It is told by the device's clock, so that what waited on the way is as old as it is, however
+        new it has arrived.
+        """
+        return (now - self._made(record)) * 1e-9
+
+    def _made(self, record: Sample | Reading) -> int:
         clock = self.clocks.get(record.link)
         if clock is None or clock.boot != record.boot:
             return record.arrival
-        made = clock.host_time(record.device_us)
-        return min(max(made, record.arrival - LONGEST_WAIT), record.arrival)
+        return min(clock.host_time(record.device_us), record.arrival)
 
     def _read(self, reading: Reading) -> "RigState":
         state = replace(
@@ -166,17 +182,8 @@ class RigState:
             hello = self.greetings.get(record.link)
             rate = 1.0 if hello is None else hello.rate
             lag = record.arrival - round(record.device_us * 1e3 / rate)
-            clock = DeviceClock(record.boot, rate, lag, lag, record.arrival)
-        lag = record.arrival - round(record.device_us * 1e3 / clock.rate)
-        found = clock.after(lag, record.arrival)
-        return (
-            self.clocks
-            if found is clock and record.link in self.clocks
-            else {
-                **self.clocks,
-                record.link: found,
-            }
-        )
+            clock = DeviceClock(record.boot, rate, lag, record.arrival)
+        return {**self.clocks, record.link: clock.after(record.device_us, record.arrival)}
 
     def _counted(self, what: str, count: int) -> "RigState":
         return replace(self, counts={**self.counts, what: self.counts.get(what, 0) + count})

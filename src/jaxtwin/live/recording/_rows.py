@@ -50,7 +50,8 @@ class RowWriter:
             case Sample():
                 device = self._device(record)
                 state = record.owner, record.number, record.trip
-                self._row("samples", (None, *device, record.ambient, *state, *record.pwm))
+                counts = record.pwm or [None] * self._cells  # a camera has none
+                self._row("samples", (None, *device, record.ambient, *state, *counts))
             case Reading():
                 device = self._device(record)
                 values = record.temperatures.tolist()

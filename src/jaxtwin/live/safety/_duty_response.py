@@ -4,7 +4,7 @@ from typing import final
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..._compilation import persistent_jit
 from ...observers import OpenLoop, OpenLoopState
@@ -46,11 +46,16 @@ class DutyResponse:
         with jax.enable_x64(True):
             self._observer = OpenLoop(twin)
             self._file_room = float(self._observer.stepper.ambient)
-        self._predict = _stepped.bind(self._observer)
+        self.predict = _stepped.bind(self._observer)
+        """The program that steps three twins by their states, duty, rooms and a time."""
         self._ambient = ambient
         self._rooms = np.full(3, self._file_room)
         self._driver = twin.rig.driver
         self._duty = np.zeros((3, len(twin.rig.driven)))
+        self.elapsed = 0.0
+        """The time since the first reading, s of the rig."""
+        self.last_heat = np.zeros(len(twin.rig.driven))
+        """The last duty other than 0 that the device reported, -1 to 1."""
         self._begin: int | None = None
         self._time = 0  # host time up to which the twins have been stepped, ns
         system = self._observer.stepper.system
@@ -67,9 +72,29 @@ class DutyResponse:
         return self._begin is not None
 
     @property
+    def time(self) -> int:
+        """The host time up to which the twins have been stepped, ns."""
+        return self._time
+
+    @property
+    def duty(self) -> Float[np.ndarray, " cells"]:
+        """The duty that the device reported last, -1 to 1."""
+        return self._duty[DRIVEN].copy()
+
+    @property
+    def room(self) -> float:
+        """The room of the driven twin, degC."""
+        return float(self._rooms[DRIVEN])
+
+    @property
+    def is_seen(self) -> Bool[np.ndarray, " nodes"]:
+        """The nodes that a channel sees, and all elements of the plate."""
+        return self._seen
+
+    @property
     def nodes(self) -> Float[np.ndarray, " nodes"]:
         """The temperatures of all nodes of the driven twin, degC."""
-        return np.asarray(self._states.twin.nodes)[DRIVEN]
+        return np.asarray(self.states.twin.nodes)[DRIVEN]
 
     @property
     def predicted(self) -> Float[np.ndarray, " channels"]:
@@ -120,6 +145,8 @@ class DutyResponse:
                     self._rooms[:] = self._ambient
                     self._step(0.0)
                 self._duty[DRIVEN] = self._driver.duty(record.pwm)
+                if any(record.pwm):
+                    self.last_heat = self.duty
             case Reading() if not record.recalibrating:
                 if self._begin is None:
                     self._start(record, state.time_of(record))
@@ -143,22 +170,24 @@ class DutyResponse:
     def _advance(self, now: int, rate: float) -> None:
         if self._begin is None or now <= self._time:
             return
-        self._step(seconds(now - self._time) * rate)
-        self._time = now
+        passed = seconds(now - self._time) * rate
+        self._step(passed)
+        self._time, self.elapsed = now, self.elapsed + passed
 
     def _set(self, nodes: list[Float[np.ndarray, " nodes"]] | list[float]) -> None:
         """Starts the twins at temperatures of their nodes, degC. A driver with a lag is assumed to
         have reached its last command."""
         with jax.enable_x64(True):
             starts = [self._observer.init(*pair) for pair in zip(nodes, self._duty, strict=True)]
-            self._states: OpenLoopState = jax.tree.map(lambda *rows: np.stack(rows), *starts)
+            self.states: OpenLoopState = jax.tree.map(lambda *rows: np.stack(rows), *starts)
+            """The states of the three twins."""
         self._step(0.0)
 
     def _step(self, dt: float) -> None:
         with jax.enable_x64(True):
-            states, readings = self._predict(self._states, self._duty, self._rooms, np.float64(dt))
+            states, readings = self.predict(self.states, self._duty, self._rooms, np.float64(dt))
         # The states are kept as NumPy arrays, because they are read between two steps.
-        self._states = jax.tree.map(np.asarray, states)
+        self.states = jax.tree.map(np.asarray, states)
         self._readings = np.asarray(readings)
 
 

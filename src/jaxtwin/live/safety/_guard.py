@@ -5,15 +5,18 @@ from dataclasses import replace
 from typing import Any, final
 
 from ..._errors import JaxtwinError
+from ...io import Experiment
 from ...physics import Twin
 from ..protocol._records import Record
 from ..protocol._rig_state import RigState
 from ._finding import Finding
 from ._interlock import AbstractInterlock
 from ._obedience import Obedience
+from ._off_watch import OffWatch
 from ._operating_limits import OperatingLimits
 from ._plausibility import Plausibility, check_ambient
 from ._presence import Presence
+from ._twin_ensemble import Draws
 from ._twin_watch import TwinWatch
 
 
@@ -23,6 +26,7 @@ def interlocks_of(
     silence: float | int = 3.0,
     ambient: float | int | None = None,
     limits: OperatingLimits | None = None,
+    draws: Draws | None = None,
 ) -> tuple[AbstractInterlock, ...]:
     """The interlocks that guard every rig, the plainest reason first, because only the first is
     reported.
@@ -33,6 +37,9 @@ def interlocks_of(
     - `silence`: the longest time without a controller sample, or without valid temperatures, s.
     - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
     - `limits`: the limits of the rig; None: those of its file (`OperatingLimits.of`).
+    - `draws`: values of the twin's parameters that its match does not exclude, as
+      `jaxtwin.matching.posterior_draws(fit, 32)` gives them. With them the interlocks know how well
+      the twin is known; None: they take it for exact (`HiddenHeat`).
 
     **Raises:** `JaxtwinError` if the rig file states no limit, or for a silence or an ambient
     temperature that cannot be.
@@ -44,7 +51,7 @@ def interlocks_of(
         Plausibility(twin.channels, limits, rig.driver),
         Presence(float(silence)),
         Obedience(rig.driven, limits.command_delay),
-        TwinWatch(twin, limits, given),
+        TwinWatch(twin, limits, given, draws),
     )
 
 
@@ -63,6 +70,7 @@ class Guard:
         self.finding: Finding | None = None
         """The first reason to stop; None if there is none."""
         self._interlocks = tuple(interlocks)
+        self._twin_watches = [lock for lock in self._interlocks if isinstance(lock, TwinWatch)]
         self._used = False
 
     @classmethod
@@ -72,9 +80,10 @@ class Guard:
         *,
         silence: float | int = 3.0,
         ambient: float | int | None = None,
+        draws: Draws | None = None,
     ) -> "Guard":
         """A guard with the interlocks of every rig, `interlocks_of`."""
-        return cls(interlocks_of(twin, silence=silence, ambient=ambient))
+        return cls(interlocks_of(twin, silence=silence, ambient=ambient, draws=draws))
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -101,6 +110,20 @@ class Guard:
     def before_start(self, state: RigState, now: int) -> None:
         """Asks all interlocks before the first command."""
         self._keep((lock.before_start(state) for lock in self._interlocks), now)
+
+    def check_plan(self, plan: Experiment) -> None:
+        """Refuses a plan with which the rig would exceed its limit, as its twin says; nothing is
+        refused if no twin is among the interlocks.
+
+        **Raises:** `JaxtwinError` that names the part, the temperature and the time.
+        """
+        for watch in self._twin_watches:
+            watch.check_plan(plan)
+
+    def off_watch(self, state: RigState, now: int) -> OffWatch | None:
+        """What tells after the end of the run by the readings whether the rig is off; None if it
+        was not heated, or no twin is among the interlocks."""
+        return next((watch.off_watch(state, now) for watch in self._twin_watches), None)
 
     def _keep(self, findings: Iterable[Finding | None], since: int) -> None:
         found = next((finding for finding in findings if finding is not None), None)

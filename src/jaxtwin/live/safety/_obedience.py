@@ -25,7 +25,8 @@ class Obedience(AbstractInterlock):
     A driver may apply a command late and by a ramp. Its counts must therefore lie between the
     lowest and the highest of all commands that were in force within the delay before the report. A
     command that is older than the delay must have been acknowledged, and no command may be that has
-    not been sent: a device that makes up numbers proves nothing by them.
+    not been sent: a device that makes up numbers proves nothing by them. A report is as old as the
+    device's clock says: that a busy host reads it late is no fault of the device.
 
     **Arguments:**
 
@@ -48,7 +49,7 @@ class Obedience(AbstractInterlock):
                 self._owner = record.owner
                 self._sent.append(_Sent(record.arrival, record.number, record.pwm))
             case Sample() if self._sent:
-                return self._contradiction(record)
+                return self._contradiction(record, state.time_of(record))
         return None
 
     def on_time(self, state: RigState, now: int) -> Finding | None:
@@ -57,7 +58,7 @@ class Obedience(AbstractInterlock):
             self._sent.popleft()
         return None
 
-    def _contradiction(self, record: Sample) -> Finding | None:
+    def _contradiction(self, record: Sample, made: int) -> Finding | None:
         if record.relay == "off":
             return Finding("device-trip", "the relay in the supply has been opened")
         if not record.pwm:
@@ -66,12 +67,16 @@ class Obedience(AbstractInterlock):
             return Finding("device-trip", f"the device has switched off by itself: {record.trip}")
         if record.owner not in ("", self._owner):
             return Finding("commander", f"another host, {record.owner}, commands the cells")
-        return self._disobedience(record) or self._unsent(record) or self._unacknowledged(record)
+        return (
+            self._disobedience(record, made)
+            or self._unsent(record)
+            or self._unacknowledged(record, made)
+        )
 
-    def _disobedience(self, sample: Sample) -> Finding | None:
+    def _disobedience(self, sample: Sample, made: int) -> Finding | None:
         earlier, within = self._off, []
         for sent in self._sent:
-            if sent.time <= sample.arrival - self._delay:
+            if sent.time <= made - self._delay:
                 earlier = sent.pwm
             elif sent.time <= sample.arrival:
                 within.append(sent.pwm)
@@ -95,11 +100,11 @@ class Obedience(AbstractInterlock):
             f"the device acknowledges command {sample.number}; the last one sent was {last}",
         )
 
-    def _unacknowledged(self, sample: Sample) -> Finding | None:
-        old = [sent for sent in self._sent if sent.time <= sample.arrival - self._delay]
+    def _unacknowledged(self, sample: Sample, made: int) -> Finding | None:
+        old = [sent for sent in self._sent if sent.time <= made - self._delay]
         if not old:
             return None
         if sample.number is None or (sample.number - old[-1].number) % 2**32 >= 2**31:
-            waited = (sample.arrival - old[-1].time) * 1e-9
+            waited = (made - old[-1].time) * 1e-9
             return Finding("unacknowledged", f"no command was acknowledged for {waited:.1f} s")
         return None

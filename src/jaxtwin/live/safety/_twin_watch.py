@@ -1,18 +1,25 @@
 """Interlock: temperatures that the twin predicts, also where there is no sensor."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
 
+from ..._errors import JaxtwinError
+from ...io import Experiment
 from ...physics import Twin
+from ...simulation import simulate
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
 from ._duty_response import DutyResponse
 from ._finding import Finding
+from ._hidden_heat import HiddenHeat
 from ._interlock import AbstractInterlock
+from ._off_watch import OffWatch
 from ._operating_limits import OperatingLimits
 from ._responsiveness import Responsiveness
+from ._twin_ensemble import Draws
 
 ALLOWED_PART_OF_RISE = 0.5
 """The part of the predicted rise by which a reading may differ from it: a rig may be driven before
@@ -26,8 +33,8 @@ lies beside a cold plate cannot be told apart by their first readings."""
 
 @final
 class TwinWatch(AbstractInterlock):
-    """Runs the twin beside the rig. Trips if its cells are too hot, or if a reading deviates from
-    the twin or does not follow the duty.
+    """Runs the twin beside the rig. Trips if its cells are too hot, if any part of the rig is by
+    its duty (`HiddenHeat`), or if a reading deviates from the twin or does not follow the duty.
 
     A reading may deviate by half of the predicted rise, since a twin may not have been matched yet,
     and by three standard deviations of everything else that is not known: the twin
@@ -38,10 +45,20 @@ class TwinWatch(AbstractInterlock):
     - `twin`: the twin of the rig.
     - `limits`: the limits of the rig.
     - `ambient`: the ambient temperature of a rig that does not measure it, degC; None: unknown.
+    - `draws`: values of the twin's parameters that its match does not exclude; None: those of the
+      twin.
     """
 
-    def __init__(self, twin: Twin, limits: OperatingLimits, ambient: float | None = None):
+    def __init__(
+        self,
+        twin: Twin,
+        limits: OperatingLimits,
+        ambient: float | None = None,
+        draws: Draws | None = None,
+    ):
+        self._twin = twin
         self._response = DutyResponse(twin, ambient)
+        self._hidden = HiddenHeat(twin, limits, draws)
         self._limits = limits
         self._given = ambient
         given, watched = twin.rig.limits, twin.rig.driven
@@ -55,17 +72,25 @@ class TwinWatch(AbstractInterlock):
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        return {} if self._given is None else {"ambient_degC": self._given}
+        given = {} if self._given is None else {"ambient_degC": self._given}
+        return {**self._hidden.settings, **given}
 
     def on_record(self, record: Record, state: RigState) -> Finding | None:
         self._response.update(record, state)
         if not self._response.has_begun:
             return None
+        self._hidden.follow(self._response)
         if isinstance(record, Reading) and not record.recalibrating:
-            found = self._deviation(record) or self._unresponsive(record)
+            found = (
+                self._deviation(record)
+                or self._unresponsive(record)
+                or self._hidden.gain(record, self._response)
+            )
             if found is not None:
                 return found
-        return self._cell_too_hot() if isinstance(record, Reading | Sample) else None
+        if not isinstance(record, Reading | Sample):
+            return None
+        return self._hidden.too_hot(self._response) or self._cell_too_hot()
 
     def before_start(self, state: RigState) -> Finding | None:
         """Checks that the room is known well enough."""
@@ -77,6 +102,35 @@ class TwinWatch(AbstractInterlock):
             f"the first readings are {apart:.0f} K from the room of the rig file, {room:.0f} degC, "
             "and the device does not measure the ambient temperature; give it (--ambient)",
         )
+
+    def check_plan(self, plan: Experiment) -> None:
+        """Refuses a plan with which the rig would exceed its limit, as its twin says. It begins in
+        the room that is given, or that of the rig file.
+
+        **Raises:** `JaxtwinError` that names the part, the temperature and the time.
+        """
+        given, limit = self._given, self._limits.hottest
+        room = plan.ambient if given is None else given
+        run = simulate(self._twin, replace(plan, ambient=room), initial=given)
+        reached = np.concatenate([run.states[:, self._response.is_seen], run.temperatures], axis=1)
+        if not reached.max() > limit:
+            return
+        nodes = [node.name for node in self._twin.netlist.nodes]
+        parts = [*np.array(nodes)[self._response.is_seen], *run.channels]
+        first = run.time[np.argmax((reached > limit).any(axis=1))] - run.time[0]
+        raise JaxtwinError(
+            f"plan: expected at most {limit:g} degC, the limit of the rig, got {reached.max():.0f} "
+            f"at {parts[int(np.argmax(reached.max(axis=0)))]}, says the twin, and more than the "
+            f"limit from {first:.0f} s on; the interlocks would stop it. Accept that to begin "
+            "nevertheless (--accept)"
+        )
+
+    def off_watch(self, state: RigState, now: int) -> OffWatch | None:
+        """What tells after the end of a run by the readings whether the rig is off; None if it has
+        not been heated."""
+        if not self._response.has_begun or not self._response.last_heat.any():
+            return None
+        return OffWatch(self._response, self._limits, state, now)
 
     def _cell_too_hot(self) -> Finding | None:
         hottest = self._response.nodes[self._sides].max(axis=0)

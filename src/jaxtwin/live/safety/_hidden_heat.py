@@ -1,0 +1,132 @@
+"""Interlock: a part that is too hot by the duty, and readings that do not show what the duty does,
+whatever the sensors read."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, final
+
+import numpy as np
+
+from ..._normal_distribution import QUANTILE_975
+from ...physics import Twin
+from ..protocol._records import Reading
+from ._duty_response import DutyResponse
+from ._finding import Finding
+from ._operating_limits import OperatingLimits
+from ._twin_ensemble import Draws, TwinEnsemble
+
+DRAWS = 32
+"""A number of draws that is enough: it gives the standard deviation to 13 %."""
+
+MAX_PROBABILITY = 0.1
+"""The probability that a part is above the limit at which the cells are switched off. A rig that is
+three standard deviations hotter than its twin has then passed the limit by less than two of them:
+5 K on a plate that is 45 K above its room."""
+
+MAX_GAIN_SIGMAS = 4.0
+"""The distance of the mean gain of the readings from what the draws show, in standard deviations:
+one healthy rig in 30 000 is beyond it on one side, if the draws are normal."""
+
+MIN_CHANGE = 1.0
+"""The least change by the duty with which a gain is judged, in limits of deviation: contacts that
+are worse than the twin's delay the first kelvins most, and all channels alike."""
+
+MEMORY_SECONDS = 60.0
+"""The time constant with which earlier readings are forgotten, s of the rig."""
+
+
+@final
+class HiddenHeat:
+    r"""What the duty has done to the rig, by draws of its twin, against its limits and its readings.
+
+    A sensor that is covered, or has lost a part of its contact, shows a part of the true rise. Its
+    reading is plausible, follows the duty and stays below the limit, while a controller heats the
+    plate until the reading is where it should be. Only the duty tells how hot the plate is. All
+    draws of the twin therefore run beside the rig in open loop:
+
+    - *predicted-temperature*: with a probability of at least `MAX_PROBABILITY`, an element of the
+      plate, a body that a channel sees, or a channel, is above the limit.
+    - *gain*: the readings together show another part of the change by the duty than the draws
+      allow. The gain of the readings $y$ on the change $d$ that the twin predicts,
+      $g = \sum w y d / \sum w d^2$ over all channels and the last minute, has an expectation and a
+      spread over the draws; room, start and noise add to the spread.
+
+    A single twin, which has not been matched, has no spread: it acts when the twin itself is above
+    the limit, and the gain is not judged.
+
+    **Arguments:**
+
+    - `twin`: the twin of the rig.
+    - `limits`: the limits of the rig.
+    - `draws`: values of its parameters that its match does not exclude; None: those of the twin.
+    """
+
+    def __init__(self, twin: Twin, limits: OperatingLimits, draws: Draws | None = None):
+        self._ensemble = TwinEnsemble(twin, draws)
+        self._limits = limits
+        self._parts = [*(node.name for node in twin.netlist.nodes), *twin.channels]
+        self._sums = np.zeros(2 + self._ensemble.count)  # of y d, sigma |d|, and d_k d
+        self._squares = 0.0
+        self._last: int | None = None
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """What is recorded of it."""
+        return {"draws": self._ensemble.count, "max_probability": MAX_PROBABILITY}
+
+    def follow(self, response: DutyResponse) -> None:
+        """Goes on to the time of the twins of a `DutyResponse`."""
+        self._ensemble.follow(response)
+
+    def too_hot(self, response: DutyResponse) -> Finding | None:
+        """Whether a part is above the limit with a probability that is too high."""
+        seen = np.concatenate([response.is_seen, np.ones(len(response.predicted), bool)])
+        draws = np.concatenate([self._ensemble.nodes, self._ensemble.readings], axis=1)[:, seen]
+        mean, spread = draws.mean(axis=0), draws.std(axis=0)
+        margin = (mean - self._limits.hottest) / np.maximum(spread, 1e-9)
+        hottest = int(np.argmax(margin))
+        probability = 0.5 * math.erfc(-margin[hottest] / math.sqrt(2))
+        # A twin without a spread is either above the limit or not.
+        if probability < (MAX_PROBABILITY if self._ensemble.count > 1 else 0.5):
+            return None
+        part = self._parts[int(np.flatnonzero(seen)[hottest])]
+        half = QUANTILE_975 * spread[hottest]
+        band = f" ± {half:.0f}" if self._ensemble.count > 1 else ""
+        return Finding(
+            "predicted-temperature",
+            f"by its duty, {part} is at {mean[hottest]:.0f}{band} degC, says the twin, whatever the "
+            f"sensors read; the rig's limit is {self._limits.hottest:g}",
+            part,
+            severity="critical",
+            probability=probability,
+        )
+
+    def gain(self, reading: Reading, response: DutyResponse) -> Finding | None:
+        """Takes a reading. Whether all readings together show another part of the change by the
+        duty than the draws of the twin allow."""
+        if self._ensemble.count == 1:
+            return None
+        by_duty = response.by_duty
+        shown = reading.temperatures - response.first - response.without_duty
+        # An error of the camera, of the room or of the start is common to all channels.
+        unknown = np.hypot(self._limits.jump / 6, response.unknown / 3)
+        passed = 0.0 if self._last is None else (reading.device_us - self._last) * 1e-6
+        self._last = reading.device_us
+        kept = math.exp(-max(passed, 0.0) / MEMORY_SECONDS)
+        terms = [shown @ by_duty, unknown @ np.abs(by_duty), *(self._ensemble.by_duty @ by_duty)]
+        self._sums = kept * self._sums + np.array(terms)
+        self._squares = kept * self._squares + float(by_duty @ by_duty)
+        if np.abs(by_duty).max() < MIN_CHANGE * self._limits.deviation:
+            return None
+        gain, noise, *of_draws = self._sums / self._squares
+        expected, spread = float(np.mean(of_draws)), math.hypot(float(np.std(of_draws)), noise)
+        if abs(gain - expected) <= MAX_GAIN_SIGMAS * spread:
+            return None
+        low, high = (expected + sign * MAX_GAIN_SIGMAS * spread for sign in (-1, 1))
+        return Finding(
+            "gain",
+            f"the readings together show {100 * gain:.0f} % of what the duty does, says the twin; "
+            f"{100 * max(low, 0.0):.0f} to {100 * high:.0f} % are possible. Is something on the "
+            "sensors, or has the rig changed?",
+            size=gain,
+        )

@@ -1,0 +1,154 @@
+"""Whether a rig that reports off cools, or goes on to heat."""
+
+from typing import Literal, final
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ...observers import OpenLoopState
+from ..protocol._clock import seconds
+from ..protocol._records import Reading, Record, Sample
+from ..protocol._rig_state import RigState
+from ._duty_response import DRIVEN, DutyResponse
+from ._operating_limits import OperatingLimits
+
+WATCHED_SECONDS = 60.0
+"""The longest time for which the readings are watched after the end, s of the host."""
+
+MIN_CHANGE_KELVIN = 2.0
+"""The least difference between a rig that is off and one that heats with which readings are judged,
+K. What the first second after a stop does is known least: heat is still on its way to the plate."""
+
+HEATS = 0.5
+"""The part of the difference from which on a rig is taken to heat."""
+
+NOISE_SIGMAS = 3.0
+"""The distance in standard deviations of noise that a verdict needs."""
+
+MEMORY_SECONDS = 3.0
+"""The time constant with which earlier readings are forgotten, s of the rig: the difference grows,
+and the last readings say most."""
+
+COOLING_ERROR = 0.2
+"""The relative error of the change that the twin predicts for a rig that is off."""
+
+MIN_RISE_KELVIN = 5.0
+"""The least rise above the room from which the gain of a reading is told, K."""
+
+MIN_LEVEL = 0.25
+"""The least duty in all cells that must be told from none."""
+
+HELD = 1
+"""The twin whose duty is held, of the three."""
+
+Verdict = Literal["", "off", "heats", "unknown"]
+
+
+@final
+class OffWatch:
+    r"""Compares the readings after a stop with twins: one that is off, one whose duty is held, and
+    one that heats with all cells. It consumes the records of a source.
+
+    With $o$ the readings of the twin that is off, $h$ those of one that heats, and $g$ the gain of
+    the readings before the stop on the rise of the twin, as sensors that are half covered show half
+    of all changes, the part of the heat that goes on is estimated over all channels and readings,
+
+    $$f = \frac{\sum (y - y_0 - g (o - o_0)) \, g (h - o)}{\sum g^2 (h - o)^2}.$$
+
+    It is judged once noise and errors of the twin change it by less than a half, and the twins are
+    `MIN_CHANGE_KELVIN` apart: after 5 to 30 s on the bundled rigs, later on a slow one. A report of
+    heat also ends the watch, whoever commands it.
+
+    **Arguments:**
+
+    - `response`: the twins beside the rig, up to the end of the run.
+    - `limits`: the limits of the rig.
+    - `state`: what is known of the rig.
+    - `now`: host time, ns.
+    """
+
+    def __init__(self, response: DutyResponse, limits: OperatingLimits, state: RigState, now: int):
+        self._time = response.time
+        self._predict, self._room = response.predict, response.room
+        held = response.last_heat
+        level = max(float(np.abs(held).max()), MIN_LEVEL)
+        held = held * level / np.abs(held).max()
+        self._duty = np.array([np.zeros_like(held), held, np.full_like(held, level)])
+        self._sigma = limits.jump / 6
+        self._begin_anew(jax.tree.map(lambda leaf: leaf[DRIVEN], response.states), state, now)
+        # A gain is known by what the rig did before, not by what it does from here on.
+        rise = self._before - self._room
+        is_judged = np.abs(rise) >= MIN_RISE_KELVIN
+        gain = (self._first - self._room) / np.where(is_judged, rise, 1.0)
+        self._gain = np.where(is_judged, np.clip(gain, 0.0, 1.0), 1.0)
+
+    def again(self, state: RigState, now: int) -> None:
+        """Watches anew from `now`, host time in ns, after a verdict that the rig heats."""
+        self._begin_anew(jax.tree.map(lambda leaf: leaf[HELD], self._states), state, now)
+
+    def on_record(self, record: Record, state: RigState) -> None:
+        """Takes a record, and judges by it."""
+        match record:
+            case Sample() if any(record.pwm) and not self.verdict:
+                counts = ", ".join(map(str, record.pwm))
+                by = f", commanded by {record.owner}" if record.owner else ""
+                self.verdict = "heats"
+                self.detail = f"the device reports {counts} counts again{by}"
+            case Reading() if not record.recalibrating and not self.verdict:
+                self._judge(record, state)
+
+    def on_time(self, state: RigState, now: int) -> None:
+        """Ends the watch when its time is over."""
+        if not self.verdict and seconds(now - self._begin) > WATCHED_SECONDS:
+            self.verdict = "unknown"
+            self.detail = f"the readings did not show it within {WATCHED_SECONDS:g} s"
+
+    def _begin_anew(self, twin: OpenLoopState, state: RigState, now: int) -> None:
+        self.verdict: Verdict = ""
+        """`off` or `heats`, once the readings show it; `unknown` if they do not in time."""
+        self.detail = ""
+        """What was seen, as the end of a sentence."""
+        self._begin, self._first = now, state.temperatures.copy()
+        self._states = jax.tree.map(lambda leaf: np.repeat(leaf[None], 3, axis=0), twin)
+        self._before = self._advance(0.0)[0]
+        self._sums = np.zeros((4, 2))  # of e d, d^2, sigma |d|, and the cooling times |d|
+
+    def _judge(self, reading: Reading, state: RigState) -> None:
+        now = state.time_of(reading)
+        passed = max(seconds(now - self._time), 0.0) * state.rate
+        off, held, full = self._advance(passed)
+        self._time = max(now, self._time)
+        cooled = self._gain * (off - self._before)
+        error = reading.temperatures - self._first - cooled
+        apart = self._gain * (np.array([held, full]) - off)
+        valid = np.isfinite(error)
+        error, cooled, apart = error[valid], cooled[valid], apart[:, valid]
+        sizes = np.abs(apart)
+        noise, cooling = self._sigma * sizes.sum(axis=1), sizes @ np.abs(cooled)
+        self._sums *= np.exp(-passed / MEMORY_SECONDS)
+        self._sums += np.array([apart @ error, (apart**2).sum(axis=1), noise, cooling])
+        products, squares, noise, cooling = self._sums
+        if (sizes.max(axis=1, initial=0.0) < MIN_CHANGE_KELVIN).any():
+            return
+        part = products / squares
+        unknown = (NOISE_SIGMAS * noise + COOLING_ERROR * cooling) / squares
+        if (unknown >= HEATS).any():
+            return
+        after = seconds(reading.arrival - self._begin)
+        if (part > HEATS).any():
+            self.verdict = "heats"
+            self.detail = (
+                f"after {after:.0f} s the readings change as if {100 * part.max():.0f} % of the "
+                "duty went on"
+            )
+            return
+        self.verdict, self.detail = "off", f"as the readings show after {after:.0f} s"
+
+    def _advance(self, dt: float) -> Float[np.ndarray, "3 channels"]:
+        with jax.enable_x64(True):
+            states, readings = self._predict(
+                self._states, self._duty, np.full(3, self._room), np.float64(dt)
+            )
+        self._states = jax.tree.map(np.asarray, states)
+        return np.asarray(readings)
