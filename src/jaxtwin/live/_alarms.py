@@ -59,7 +59,7 @@ class Alarms:
         self._on_alarm = on_alarm
         self._folder = file.absolute().parent
         # When what is now known of the rig was made, host time in ns; the start before that.
-        self._made = dict.fromkeys(("controller sample", "temperature"), now)
+        self._made: dict[str, int] = {"controller sample": now, "temperature": now}
         self._causes: dict[_Key, str] = {}  # those since the last turn
         self._looked = 0
         self._present: dict[_Key, str] = {}  # the causes that are there, and their details

@@ -100,9 +100,8 @@ class RigConnection:
         }
         self._asked = dict.fromkeys(links, 0)
         self._dropped: set[str] = set()
-        self._driven: dict[
-            str, bool
-        ] = {}  # those of devices that switch, and whether they have cells
+        # The links of devices that can switch off and got a duty, and whether they drive cells.
+        self._driven: dict[str, bool] = {}
         self._journal = journal
         self._commands: list[Record] = []
         self._number = 0

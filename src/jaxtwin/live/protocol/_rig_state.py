@@ -97,9 +97,10 @@ class RigState:
                 greetings = {**self.greetings, record.link: record.hello}
                 return replace(self, greetings=greetings, sample=sample)
             case LinkChange():
-                lost = record.state is LinkState.DOWN and self.sample is not None
-                sample = None if lost and self.sample.link == record.link else self.sample
-                return replace(self, links={**self.links, record.link: record.state}, sample=sample)
+                sample, links = self.sample, {**self.links, record.link: record.state}
+                if sample is not None and sample.link == record.link:
+                    sample = None if record.state is LinkState.DOWN else sample
+                return replace(self, links=links, sample=sample)
             case Sample():
                 state = replace(self, clocks=self._clocks_after(record))
                 relay = record if record.relay else self.relay

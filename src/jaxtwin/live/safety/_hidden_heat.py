@@ -37,7 +37,7 @@ MEMORY_SECONDS = 60.0
 
 @final
 class HiddenHeat:
-    r"""What the duty has done to the rig, by draws of its twin, against its limits and its readings.
+    r"""What the duty does to the rig, by draws of its twin, against its limits and its readings.
 
     A sensor that is covered, or has lost a part of its contact, shows a part of the true rise. Its
     reading is plausible, follows the duty and stays below the limit, while a controller heats the
@@ -94,8 +94,8 @@ class HiddenHeat:
         band = f" ± {half:.0f}" if self._ensemble.count > 1 else ""
         return Finding(
             "predicted-temperature",
-            f"by its duty, {part} is at {mean[hottest]:.0f}{band} degC, says the twin, whatever the "
-            f"sensors read; the rig's limit is {self._limits.hottest:g}",
+            f"by its duty, {part} is at {mean[hottest]:.0f}{band} degC, says the twin, whatever "
+            f"the sensors read; the rig's limit is {self._limits.hottest:g}",
             part,
             severity="critical",
             probability=probability,

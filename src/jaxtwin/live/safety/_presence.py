@@ -1,4 +1,4 @@
-"""Interlock: silence, late readings, a lost link, or a device that restarts or greets as another."""
+"""Interlock: silence, late readings, a lost link, a device that restarts or greets as another."""
 
 from collections.abc import Mapping
 from typing import Any, final
