@@ -57,6 +57,7 @@ from .commands import (
 from .commands._exit_codes import ALARMED, HEATS, STOPPED, TRIPPED, WRONG
 from .commands._output import printable
 from .commands._signals import lasting_interrupt
+from .commands._unblocked_output import unblocked_output
 
 # Releases of typer contain click under different names.
 UsageProblem: Any = typer.BadParameter.__mro__[1]
@@ -389,7 +390,8 @@ def _at_home(word: str) -> str:
 
 
 def _fail(message: str, code: int = WRONG) -> int:
-    print(f"jaxtwin: {printable(' '.join(message.split()))}", file=sys.stderr)
+    with unblocked_output():  # the exit code must come, whether or not anybody reads this
+        print(f"jaxtwin: {printable(' '.join(message.split()))}", file=sys.stderr)
     return code
 
 

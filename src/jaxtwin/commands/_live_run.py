@@ -15,6 +15,7 @@ from ._output import check_output, say
 from ._show_progress import show_progress
 from ._signals import stop_signals
 from ._sources import open_fit, open_twin
+from ._unblocked_output import unblocked_output
 
 if TYPE_CHECKING:
     from ..live import AbstractInterlock
@@ -74,7 +75,12 @@ def run_on_live_rig(
     from ..rig import load_rig
 
     check_output(out, ".db")
-    with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
+    with (
+        stop_signals() as stop,
+        unblocked_output(),
+        show_progress() as progress,
+        contextlib.ExitStack() as stack,
+    ):
         loaded = load_rig(rig)
         twin = open_twin(loaded, set_name, parameter_file)
         fit = open_fit(loaded, parameter_file)
@@ -123,8 +129,8 @@ def run_on_live_rig(
             if endings and error.kind not in ("signal", "stopped", "not-ready", STILL_ON, HEATS):
                 command.ring(Finding(error.kind, str(error), severity="critical"))
             raise
-    if endings:
-        say(str(endings[-1]))
+        if endings:
+            say(str(endings[-1]))
     if outcome == "stopped":
         raise KeyboardInterrupt  # exit code 130
     return command.rung

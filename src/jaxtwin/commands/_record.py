@@ -37,6 +37,7 @@ from ._recorded_days import RecordedDays
 from ._show_progress import show_progress
 from ._signals import stop_signals
 from ._sources import open_twin
+from ._unblocked_output import unblocked_output
 
 
 def record(
@@ -90,7 +91,12 @@ def record(
     check_json(json)
     check_output(health, option="--health")
     options = MonitorOptions.of(monitor, noise, calibration, sample_time, rig, is_driven=False)
-    with stop_signals() as stop, show_progress() as progress, contextlib.ExitStack() as stack:
+    with (
+        stop_signals() as stop,
+        unblocked_output(),
+        show_progress() as progress,
+        contextlib.ExitStack() as stack,
+    ):
         loaded = load_rig(rig)
         for url in link:  # an invalid link is refused before a file is created
             opener(url, loaded, baud=baud)
