@@ -51,6 +51,9 @@ class Scene:
     room: float
     is_measured: bool
     bench: RigConnection | None = None
+    limit: float = np.inf
+    lasts: float = 120.0
+    draws: Mapping[str, np.ndarray] | None = None
     memory: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -68,6 +71,12 @@ class Scene:
     def on(self) -> bool:
         """Whether it has begun to go wrong."""
         return self.time >= self.onset
+
+    @property
+    def hottest(self) -> float:
+        """The hottest element of the plate, degC."""
+        plant = self.device.twin
+        return float(plant.nodes[: plant.system.wiring.elements].max())
 
     @property
     def since(self) -> float:
@@ -88,6 +97,7 @@ class Hazard:
     - `limits`: of the rig file, changed; rises above the room, K.
     - `begins`: when the danger is there, where that is not the onset.
     - `heats`: whether the duty must heat for long enough to warm the plate.
+    - `lasts`: how long the run is, s.
     """
 
     name: str
@@ -100,14 +110,22 @@ class Hazard:
     limits: dict[str, float] = field(default_factory=dict)
     begins: Callable[[Scene], bool] | None = None
     heats: bool = False
+    lasts: float = 120.0
 
 
 class Ran(NamedTuple):
-    """How a run ended: how long after the danger came the cells were on, and why it stopped."""
+    """How a run ended.
+
+    - `off_after`: how long after the danger came the cells were on, s.
+    - `reason`, `detail`: why it stopped, in a word and as it was said.
+    - `hottest`: the temperature that the plate really reached, degC. `limit`: that of the rig.
+    """
 
     off_after: float
     reason: str
     detail: str
+    hottest: float
+    limit: float
 
 
 @final
@@ -126,6 +144,8 @@ class FaultyTransport:
         if hazard.begins is not None and "begin" not in scene.memory and hazard.begins(scene):
             scene.memory["begin"] = scene.time
         data = self._inner.read()
+        hottest = max(scene.memory.get("hottest", -np.inf), scene.hottest)
+        scene.memory["hottest"] = hottest
         spoken = hazard.spoken if scene.on else None
         if spoken is None and scene.is_measured:
             return data
@@ -161,6 +181,7 @@ def run_hazard(
     seed: int,
     controller: Path | None = None,
     truth: Mapping[str, float] = MappingProxyType({}),
+    draws: Mapping[str, np.ndarray] | None = None,
 ) -> Ran:
     """Drives or controls a virtual rig until it is stopped, with everything that chance may choose:
     the room, whether the rig measures it, and how warm the rig is at the start among them.
@@ -172,6 +193,7 @@ def run_hazard(
     - `seed`: of noise, duty or references, onset and the pace of the host.
     - `controller`: a file of `save_pid`, for `control`; None: `drive` commands, by a schedule.
     - `truth`: values of the rig that its twin does not know.
+    - `draws`: of what the twin's match does not know; None: the twin has not been matched.
     """
     random = np.random.default_rng(seed)
     room, warm = random.uniform(5, 40), random.choice([0.0, random.uniform(-5, 10)])
@@ -188,6 +210,9 @@ def run_hazard(
     nodes[: twin.wiring.elements] += warm
     device.twin.start(0.0, nodes)
     scene = Scene(device, clock, random, random.uniform(4, 12), room, random.random() < 0.5)
+    assert twin.rig.limits is not None
+    scene.limit, scene.draws = twin.rig.limits.temperature - 273.15, draws
+    scene.lasts = hazard.lasts
     _watch_the_cells(scene)
     opener = lambda: FaultyTransport(scene, hazard)  # noqa: E731
     bench = stepped_bench(twin.rig, {"rig": opener}, clock, step=random.uniform(0.02, 0.1))
@@ -206,11 +231,12 @@ def run_hazard(
     while any(device.pwm) and scene.since < 200:
         clock.turn(0.05)
         device.due(clock.now())
+    reached = scene.memory.get("hottest", room), scene.limit
     if hazard.begins is not None and "begin" not in scene.memory:
-        return Ran(0.0, reason, detail)  # the cells were off before
+        return Ran(0.0, reason, detail, *reached)  # the cells were off before
     begin = scene.memory.get("begin", scene.onset)
     off_at = scene.time if any(device.pwm) else scene.memory.get("off", begin)
-    return Ran(max(0.0, off_at - begin), reason, detail)
+    return Ran(max(0.0, off_at - begin), reason, detail, *reached)
 
 
 def driven(scene: Scene, bench: RigConnection, twin: Twin, heats: bool) -> str:
@@ -218,9 +244,10 @@ def driven(scene: Scene, bench: RigConnection, twin: Twin, heats: bool) -> str:
     duty = scene.random.uniform(0.7 if heats else 0.4, 0.9, 4)
     duty[3] *= 1 if heats else -1
     schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/{duty[3]:.2f}"
-    plan = Experiment.schedule(schedule, duration=120, cells=2)
+    plan = Experiment.schedule(schedule, duration=scene.lasts, cells=2)
+    guard = Guard.of(twin, ambient=scene.given, draws=scene.draws)
     with _failing("jaxtwin.live._drive.operate", scene, lambda source: None):
-        return drive(bench, Guard.of(twin, ambient=scene.given), plan)
+        return drive(bench, guard, plan, accept=True)
 
 
 def save_pid(file: Path, twin: Twin) -> Path:
@@ -246,14 +273,17 @@ def controlled(controller: Path) -> Callable[[Scene, RigConnection, Twin, bool],
 
         pid = read_controller(controller, twin.rig)
         # What can be reached depends on the room.
-        loop = LiveLoop(twin, pid, references, duration=120, ambient=scene.room)
+        loop = LiveLoop(
+            twin, pid, references, duration=scene.lasts, ambient=scene.room, accept=True
+        )
 
         def spoil(_: Any) -> None:
             """The controller's own numbers are lost, and so is what it asks for."""
             loop._state = jax.tree.map(lambda part: part * np.nan, loop._state)
 
         with _failing("jaxtwin.control.loops._control.operate", scene, spoil):
-            return control(bench, Guard.of(twin, ambient=scene.room), loop)
+            guard = Guard.of(twin, ambient=scene.room, draws=scene.draws)
+            return control(bench, guard, loop)
 
     return command
 
@@ -368,6 +398,23 @@ def every_channel(value: Callable[[Scene], float]):
     return spoken
 
 
+def covered(share: Callable[[Scene], float]):
+    """All sensors show a part of their rise above the room: their contact is bad, or covered."""
+
+    def spoken(scene: Scene, said: Messages) -> Messages:
+        part = scene.memory.setdefault("share", share(scene))
+
+        def shown(values: Sequence[float]) -> tuple[float, ...]:
+            return tuple(scene.room + part * (value - scene.room) for value in values)
+
+        return [
+            replace(m, temperatures=shown(m.temperatures)) if isinstance(m, Data) else m
+            for m in said
+        ]
+
+    return spoken
+
+
 # ------------------------------------------------------------------ what controllers do
 
 
@@ -405,6 +452,29 @@ def ignores(scene: Scene, heard: Messages) -> Messages:
     return [
         replace(m, pwm=scene.device.pwm) if isinstance(m, Duty) and any(m.pwm) else m for m in heard
     ]
+
+
+def waiting(*kinds: type):
+    """Messages that wait longer and longer on the way: by a second more every two seconds."""
+
+    def spoken(scene: Scene, said: Messages) -> Messages:
+        queue = scene.memory.setdefault("queue", [])
+        queue += [(scene.time + scene.since / 2, m) for m in said if isinstance(m, kinds)]
+        scene.memory["queue"] = [(due, m) for due, m in queue if due > scene.time]
+        others = [m for m in said if not isinstance(m, kinds)]
+        return [*others, *(m for due, m in queue if due <= scene.time)]
+
+    return spoken
+
+
+def rate_of_clock(factor: float):
+    """A clock of the device that runs at another rate from the onset on."""
+
+    def changed(scene: Scene, us: int) -> int:
+        first = scene.memory.setdefault("clock", us)
+        return round(first + factor * (us - first))
+
+    return stamps(changed)
 
 
 def late(scene: Scene, heard: Messages) -> Messages:
@@ -474,6 +544,11 @@ def hotter(scene: Scene) -> bool:
     return float(scene.device.twin.temperatures.max()) > scene.room + 12.0
 
 
+def above_the_limit(scene: Scene) -> bool:
+    """The plate is hotter than the twin of another day allows, which is what nobody sees."""
+    return scene.hottest > scene.limit + HIDDEN_KELVIN
+
+
 def hotter_inside(scene: Scene) -> bool:
     twin = scene.device.twin.system.wiring
     sides = np.array([twin.cold, twin.hot])
@@ -509,6 +584,14 @@ TWIN_KELVIN = 7.0
 """How far the side of a cell may be above its limit before its twin says so, K: the twin is that of
 other days, and the contact of a cell differs between days."""
 
+HIDDEN_KELVIN = 5.0
+"""How far the plate may be above the limit when all sensors hide it, K: the duty tells the twin of
+another day how hot it is."""
+
+WAITS = 11.0
+"""The time in which a message that waits half a second longer each second is 3 s late, and when it
+arrives, s."""
+
 SILENCE = 3.6
 CHANGE = 2.4
 """A command that changes comes 0.7 s after the onset, and may take a second to show."""
@@ -517,6 +600,7 @@ WATCHDOG = 2.6
 LOST = ("disobedience", "unacknowledged", "device-trip")
 ODD = ("rate", "deviation")
 TOO_HOT = ("over-temperature", "predicted-temperature")
+HIDDEN = (*TOO_HOT, "gain", "unresponsive", "deviation", "completed")
 HOT, WRONG, DEAF = ("over-temperature",), ("implausible",), ("silence", "link-down")
 
 HAZARDS = (
@@ -562,6 +646,32 @@ HAZARDS = (
         heats=True,
         begins=begins_to_heat,
     ),
+    Hazard(
+        "sensor: stands still, with noise",
+        ("unresponsive", "deviation"),
+        BENCH,
+        channel(lambda s, v: frozen_value(s, v) + s.random.normal(0, 0.1)),
+        sensors=True,
+        heats=True,
+    ),
+    *(
+        Hazard(
+            f"sensors: all show {words} of their rise",
+            HIDDEN,
+            0.0,
+            covered(share),
+            sensors=True,
+            limits={"temperature": 25},
+            begins=above_the_limit,
+            heats=True,
+            lasts=300.0,
+        )
+        for words, share in (
+            ("a part", lambda s: s.random.uniform(0, 1)),
+            ("half", lambda s: 0.5),
+            ("three quarters", lambda s: 0.75),
+        )
+    ),
     # What the rig does.
     Hazard("plate 12 K above the room", TOO_HOT, NEXT, limits={"temperature": 12}, begins=hotter),
     Hazard(
@@ -586,6 +696,11 @@ HAZARDS = (
         stamps(lambda s, t: t + 3_600_000_000),
     ),
     Hazard("device: clock back at 0", ("restart", *DEAF), SILENCE, stamps(lambda s, t: 0)),
+    Hazard("device: clock 50 s ahead", ("clock",), NEXT, stamps(lambda s, t: t + 50_000_000)),
+    Hazard("device: clock at a fifth", ("late",), 5.0, rate_of_clock(0.2)),
+    Hazard("device: clock twice as fast", ("clock", "restart"), 5.0, rate_of_clock(2.0)),
+    Hazard("camera: frames wait ever longer", ("late",), WAITS, waiting(Image)),
+    Hazard("device: all waits ever longer", ("late", *LOST), WAITS, waiting(Image, Data)),
     Hazard("device: old numbers", DEAF, SILENCE, samples(lambda s, d: replace(d, seq=1))),
     Hazard(
         "device: reports no duty",

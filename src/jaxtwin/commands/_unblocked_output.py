@@ -8,7 +8,7 @@ import queue
 import sys
 import threading
 from collections.abc import Iterator
-from typing import Any, TextIO, final
+from typing import Any, final
 
 MAX_WAITING = 1000
 """The number of texts that wait for a reader; further ones are dropped."""
@@ -35,7 +35,7 @@ def unblocked_output() -> Iterator[None]:
                 stream.close()
 
 
-def _queued(stream: TextIO) -> TextIO:
+def _queued(stream: Any) -> Any:
     """A stream in place of another; the same if that has no file."""
     try:
         stream.flush()

@@ -23,8 +23,9 @@ from ._switch_off import (
     watch_off,
 )
 from .protocol._clock import seconds
-from .protocol._records import Document, Event
+from .protocol._records import Document, Event, Record
 from .protocol._rig_connection import RigConnection
+from .protocol._rig_state import RigState
 from .safety._finding import Finding
 from .safety._guard import Guard
 
@@ -126,7 +127,9 @@ def operate(
         connection,
         trip=(run.commanding and status in ("tripped", "failed")) or reset_only,
         insist=run.commanding,
+        state=service.state,
         stop=stop,
+        on_record=run.follow,
         on_alarm=on_alarm,
     )
     if ending.tripped or not ending.stopped:  # otherwise only the watchdog ends the command
@@ -185,6 +188,11 @@ class _Run:
             service,
             guard,
         )
+
+    def follow(self, record: Record, state: RigState) -> None:
+        """Takes a record of the end, which no interlock judges any more."""
+        self._service.state = state
+        self._guard.follow(record, state)
 
     def go(
         self,

@@ -21,6 +21,9 @@ from .safety._off_watch import OffWatch, Verdict
 AGAIN = 0.1
 """The time between two commands to switch off, s."""
 
+OBEYS_SECONDS = 1.0
+"""The time after the first command for which a report of heat says nothing, s."""
+
 OFF_SECONDS = 2.0
 """The time after which it is an alarm that the controller does not report what was commanded, s."""
 
@@ -111,7 +114,9 @@ def switch_off(
     *,
     trip: bool = False,
     insist: bool = True,
+    state: RigState | None = None,
     stop: threading.Event | None = None,
+    on_record: Callable[[Record, RigState], None] | None = None,
     on_alarm: Callable[[Finding], None] | None = None,
 ) -> Ending:
     """Switches the cells off and waits until the controller reports it.
@@ -127,12 +132,15 @@ def switch_off(
     - `trip`: whether the device must trip.
     - `insist`: whether to go on after `OFF_SECONDS`; `False` for a device that another host may
       command.
+    - `state`: what is known of the rig, by which a report that was made before the stop, and has
+      waited on the way, says nothing of what follows it; None: nothing is known.
     - `stop`: an event that ends it when it is set after `OFF_SECONDS`, at which it is cleared.
+    - `on_record`: called with each record, and what is known of the rig after it.
     - `on_alarm`: called if the cells may still be on after `OFF_SECONDS`.
 
     **Returns:** what the controller reported last.
     """
-    switch = _Switch(connection, trip, on_alarm)
+    switch = _Switch(connection, trip, state or RigState(), on_record, on_alarm)
     while not switch.step():
         if switch.elapsed < OFF_SECONDS:
             continue
@@ -249,7 +257,12 @@ class _Switch:
     """The commands to switch off, and the answers of the controller."""
 
     def __init__(
-        self, connection: RigConnection, trip: bool, on_alarm: Callable[[Finding], None] | None
+        self,
+        connection: RigConnection,
+        trip: bool,
+        state: RigState,
+        on_record: Callable[[Record, RigState], None] | None,
+        on_alarm: Callable[[Finding], None] | None,
     ):
         self.insisting = self.interrupted = False
         self._connection, self._trip, self._on_alarm = connection, trip, on_alarm
@@ -257,7 +270,7 @@ class _Switch:
         self._begin = connection.clock.now()
         self._sent = -AGAIN
         self._alarms: set[str] = set()
-        self._driven = connection.driven
+        self._driven, self._state, self._on_record = connection.driven, state, on_record
         self._samples: dict[str, Sample] = {}  # the newest of each device that drives cells
         self.ending = Ending(None, "", False, trip, None)
 
@@ -277,8 +290,14 @@ class _Switch:
             return False
         relay = self.ending.relay
         for record in records:
-            if isinstance(record, Sample) and record.arrival > self._begin:
-                self._samples |= {record.link: record} if record.pwm else {}
+            self._state = self._state.after(record)
+            if self._on_record is not None:
+                self._on_record(record, self._state)
+            made_after = -self._state.age(record, self._begin) if isinstance(record, Sample) else 0
+            if isinstance(record, Sample) and made_after > 0:
+                # A stop takes a moment to arrive and to be reported.
+                if record.pwm and (made_after > OBEYS_SECONDS or not any(record.pwm)):
+                    self._samples[record.link] = record
                 relay = record.relay or relay
         failure = self.ending.failure or failure
         ending = Ending(self._sample(), relay, self.ending.heated, self._trip, failure)

@@ -120,6 +120,11 @@ class Guard:
         for watch in self._twin_watches:
             watch.check_plan(plan)
 
+    def follow(self, record: Record, state: RigState) -> None:
+        """Lets the twins beside the rig follow it after the end of the run."""
+        for watch in self._twin_watches:
+            watch.follow(record, state)
+
     def off_watch(self, state: RigState, now: int) -> OffWatch | None:
         """What tells after the end of the run by the readings whether the rig is off; None if it
         was not heated, or no twin is among the interlocks."""

@@ -23,6 +23,9 @@ K. What the first second after a stop does is known least: heat is still on its 
 HEATS = 0.5
 """The part of the difference from which on a rig is taken to heat."""
 
+MAX_PART = 1.5
+"""The largest part of full duty that a rig can show: its contacts may be better than the twin's."""
+
 NOISE_SIGMAS = 3.0
 """The distance in standard deviations of noise that a verdict needs."""
 
@@ -30,8 +33,9 @@ MEMORY_SECONDS = 3.0
 """The time constant with which earlier readings are forgotten, s of the rig: the difference grows,
 and the last readings say most."""
 
-COOLING_ERROR = 0.2
-"""The relative error of the change that the twin predicts for a rig that is off."""
+COOLING_ERROR = 0.3
+"""The relative error of the change that the twin predicts for a rig that is off: contacts differ
+between days."""
 
 MIN_RISE_KELVIN = 5.0
 """The least rise above the room from which the gain of a reading is told, K."""
@@ -48,7 +52,7 @@ Verdict = Literal["", "off", "heats", "unknown"]
 @final
 class OffWatch:
     r"""Compares the readings after a stop with twins: one that is off, one whose duty is held, and
-    one that heats with all cells. It consumes the records of a source.
+    one whose cells all get full duty. It consumes the records of a source.
 
     With $o$ the readings of the twin that is off, $h$ those of one that heats, and $g$ the gain of
     the readings before the stop on the rise of the twin, as sensors that are half covered show half
@@ -56,9 +60,11 @@ class OffWatch:
 
     $$f = \frac{\sum (y - y_0 - g (o - o_0)) \, g (h - o)}{\sum g^2 (h - o)^2}.$$
 
-    It is judged once noise and errors of the twin change it by less than a half, and the twins are
-    `MIN_CHANGE_KELVIN` apart: after 5 to 30 s on the bundled rigs, later on a slow one. A report of
-    heat also ends the watch, whoever commands it.
+    Half of the last duty counts as heat. It is judged once noise and errors of the twin change $f$
+    by less than that, and the twins are `MIN_CHANGE_KELVIN` apart: after 5 to 30 s on the bundled
+    rigs, later on a slow one. Readings that stand still, or change faster than full duty could
+    make them, are those of a sensor that has failed, and show nothing. A report of heat also ends
+    the watch, whoever commands it.
 
     **Arguments:**
 
@@ -74,7 +80,8 @@ class OffWatch:
         held = response.last_heat
         level = max(float(np.abs(held).max()), MIN_LEVEL)
         held = held * level / np.abs(held).max()
-        self._duty = np.array([np.zeros_like(held), held, np.full_like(held, level)])
+        self._duty = np.array([np.zeros_like(held), held, np.ones_like(held)])
+        self._heats = HEATS * np.array([1.0, level])  # of the held duty, and of full duty
         self._sigma = limits.jump / 6
         self._begin_anew(jax.tree.map(lambda leaf: leaf[DRIVEN], response.states), state, now)
         # A gain is known by what the rig did before, not by what it does from here on.
@@ -111,6 +118,7 @@ class OffWatch:
         """What was seen, as the end of a sentence."""
         self._begin, self._first = now, state.temperatures.copy()
         self._states = jax.tree.map(lambda leaf: np.repeat(leaf[None], 3, axis=0), twin)
+        self._has_moved = np.zeros(len(self._first), bool)
         self._before = self._advance(0.0)[0]
         self._sums = np.zeros((4, 2))  # of e d, d^2, sigma |d|, and the cooling times |d|
 
@@ -122,7 +130,9 @@ class OffWatch:
         cooled = self._gain * (off - self._before)
         error = reading.temperatures - self._first - cooled
         apart = self._gain * (np.array([held, full]) - off)
-        valid = np.isfinite(error)
+        # A working sensor never reads the same for long.
+        self._has_moved |= reading.temperatures != self._first
+        valid = np.isfinite(error) & self._has_moved
         error, cooled, apart = error[valid], cooled[valid], apart[:, valid]
         sizes = np.abs(apart)
         noise, cooling = self._sigma * sizes.sum(axis=1), sizes @ np.abs(cooled)
@@ -133,17 +143,20 @@ class OffWatch:
             return
         part = products / squares
         unknown = (NOISE_SIGMAS * noise + COOLING_ERROR * cooling) / squares
-        if (unknown >= HEATS).any():
+        if (unknown >= self._heats).any():
             return
         after = seconds(reading.arrival - self._begin)
-        if (part > HEATS).any():
+        if abs(part[1]) > MAX_PART:
+            self.verdict = "unknown"
+            self.detail = f"the readings change faster than full duty could, {after:.0f} s after it"
+        elif (part > self._heats).any():
             self.verdict = "heats"
             self.detail = (
-                f"after {after:.0f} s the readings change as if {100 * part.max():.0f} % of the "
-                "duty went on"
+                f"after {after:.0f} s the readings change as if {100 * part[0]:.0f} % of the last "
+                f"duty, or {100 * part[1]:.0f} % of full duty, went on"
             )
-            return
-        self.verdict, self.detail = "off", f"as the readings show after {after:.0f} s"
+        else:
+            self.verdict, self.detail = "off", f"as the readings show after {after:.0f} s"
 
     def _advance(self, dt: float) -> Float[np.ndarray, "3 channels"]:
         with jax.enable_x64(True):

@@ -125,6 +125,10 @@ class TwinWatch(AbstractInterlock):
             "nevertheless (--accept)"
         )
 
+    def follow(self, record: Record, state: RigState) -> None:
+        """Lets the twin follow the rig without judging it."""
+        self._response.update(record, state)
+
     def off_watch(self, state: RigState, now: int) -> OffWatch | None:
         """What tells after the end of a run by the readings whether the rig is off; None if it has
         not been heated."""
