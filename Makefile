@@ -29,7 +29,7 @@ NEWEST ?= $(firstword $(shell for python in python3.13 \
     "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
     "$$python" -c pass 2>/dev/null && echo "$$python"; done))
 
-.PHONY: help bench bench-gpu demo docs test test-slow test-all test-long test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
+.PHONY: help bench bench-gpu hazards demo docs test test-slow test-all test-long test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -47,6 +47,7 @@ help:
 	@echo "make test-newest  the selection on Python 3.13, where it is installed"
 	@echo "make bench        measure beside other tools; ARGS=--quick is small"
 	@echo "make bench-gpu    draws a second on an NVIDIA accelerator, in ten minutes"
+	@echo "make hazards      every hazard of a heater on a virtual rig, 20 times: is it off in time?"
 	@echo "make clean        remove what the other targets made"
 
 demo: $(INSTALLED)
@@ -118,6 +119,10 @@ wheel-check:
 	$$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.table(4).title)'; \
 	diff --recursive --exclude='.*' "$$checkout/data" \
 	    "$$($$wheel/python -c 'import jaxtwin.data; print(jaxtwin.data.data_folder())')"
+
+# In about ten minutes on two processors; ARGS="--healthy 1000" runs hours without a hazard.
+hazards: $(INSTALLED)
+	$(BIN)/python -m benchmarks.live_hazards $(ARGS)
 
 bench: $(INSTALLED)
 	$(call install,.venv) --editable '.[bench]'

@@ -21,6 +21,7 @@ from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Data,
     Duty,
+    Ending,
     Guard,
     Image,
     InProcess,
@@ -724,5 +725,131 @@ HAZARDS = (
     Hazard("controller: NaN", ("error", "controller"), NEXT, happens=controller(gives_nan)),
     Hazard("controller: raises", ("exception",), NEXT, happens=controller(raises)),
     Hazard("host: killed", LOST, WATCHDOG, happens=once(dies)),
+)
+"""All of them."""
+
+
+# ------------------------------------------------------------------ what follows the end
+
+
+@final
+@dataclass(frozen=True)
+class AfterStop:
+    """What a rig does after its device reports that the cells are off.
+
+    - `heats`: the duty that heats it although the device reports none, by the time since the end
+      and the last duty.
+    - `verdicts`: what the readings may show.
+    - `reports`: whether the device reports the heat.
+    """
+
+    name: str
+    heats: Callable[[float, np.ndarray], np.ndarray] | None
+    verdicts: tuple[str, ...]
+    reports: bool = False
+
+
+class Seen(NamedTuple):
+    """What the readings showed after the end of a run: after what time, s, and as it was said; and
+    the temperature that the plate really reached, degC, with its limit."""
+
+    verdict: str
+    after: float
+    said: str
+    hottest: float
+    limit: float
+
+
+def run_after_stop(
+    case: AfterStop,
+    twins: Sequence[Twin],
+    seed: int,
+    truth: Mapping[str, float] = MappingProxyType({}),
+    draws: Mapping[str, np.ndarray] | None = None,
+) -> Seen:
+    """Drives a virtual rig for one to three minutes, and lets it do something after the end. Odd
+    seeds have sensors in place of the camera; every third run is ended by an interlock."""
+    random = np.random.default_rng(seed)
+    room, twin = random.uniform(5, 40), twins[seed % 2]
+    clock = HandClock()
+    device = VirtualRig(Twin(twin.rig, {**twin.values, **truth, "T_amb": room}), seed=seed)
+    device.twin.start(0.0, room)
+    plant, ended, hottest = device.twin, [], [room]
+    drive_plant, advance, last = plant.drive, plant.advance, [np.zeros(2)]
+
+    def driven_plant(duty: np.ndarray, ambient: float | None = None) -> None:
+        if np.any(duty):
+            last[0] = np.asarray(duty)
+        elif not ended and np.any(last[0]):
+            ended.append(plant.time)
+        drive_plant(duty, ambient)
+
+    def advanced(time: float) -> np.ndarray:
+        if ended and case.heats is not None:
+            duty = case.heats(time - ended[0], last[0])
+            drive_plant(duty)
+            if case.reports:
+                device.stage.pwm = tuple(round(255 * part) for part in duty)
+        readings = advance(time)
+        hottest.append(float(plant.nodes[: plant.system.wiring.elements].max()))
+        return readings
+
+    plant.drive, plant.advance = driven_plant, advanced  # pyright: ignore
+    duration = float(random.uniform(60, 180))
+    duty = random.uniform(0.35, 0.8, 2)
+    plan = Experiment.schedule(f"0:{duty[0]:.2f}/{duty[1]:.2f}", duration=duration, cells=2)
+    bench = stepped_bench(twin.rig, {"rig": lambda: InProcess(device, clock)}, clock, step=0.1)
+    ends: list[Ending] = []
+    alarms: list[int] = []
+    said = ""
+
+    def trip(time: float, pwm: tuple[int, ...]) -> None:
+        if seed % 3 == 0 and time > duration / 2:
+            raise SafetyStop("stopped: an interlock", "interlock")
+
+    begin = clock.now()
+    try:
+        guard = Guard.of(twin, ambient=room, draws=draws)
+        drive(
+            bench,
+            guard,
+            plan,
+            accept=True,
+            on_progress=trip,
+            on_end=ends.append,
+            on_alarm=lambda finding: alarms.append(clock.now()),
+        )
+    except SafetyStop as stop:
+        said = str(stop)
+    (ending,) = ends
+    shown = alarms[0] if alarms else clock.now()
+    after = (shown - begin) * 1e-9 - (ended[0] if ended else 0.0)
+    assert twin.rig.limits is not None
+    limit = twin.rig.limits.temperature - 273.15
+    return Seen(ending.verdict, after, said or str(ending), max(hottest), limit)
+
+
+AFTER_STOP = (
+    AfterStop("after the end: nothing", None, ("off", "unknown")),
+    AfterStop("after the end: the last duty goes on, reported as off", lambda t, u: u, ("heats",)),
+    AfterStop(
+        "after the end: full duty, reported as off", lambda t, u: np.ones_like(u), ("heats",)
+    ),
+    AfterStop(
+        "after the end: it heats again 1 s later, reported as off",
+        lambda t, u: u * (t > 1.0),
+        ("heats",),
+    ),
+    AfterStop(
+        "after the end: it heats again 1 s later, and reports it",
+        lambda t, u: u * (t > 1.0),
+        ("heats",),
+        reports=True,
+    ),
+    AfterStop(
+        "after the end: another controller heats from 3 s on",
+        lambda t, u: 0.8 * np.ones_like(u) * (t > 3.0),
+        ("heats",),
+    ),
 )
 """All of them."""

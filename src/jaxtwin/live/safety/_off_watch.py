@@ -16,12 +16,16 @@ from ._operating_limits import OperatingLimits
 WATCHED_SECONDS = 60.0
 """The longest time for which the readings are watched after the end, s of the host."""
 
+MIN_SECONDS = 10.0
+"""The shortest time for which a rig that is off is watched, s of the rig."""
+
 MIN_CHANGE_KELVIN = 2.0
 """The least difference between a rig that is off and one that heats with which readings are judged,
 K. What the first second after a stop does is known least: heat is still on its way to the plate."""
 
-HEATS = 0.5
-"""The part of the difference from which on a rig is taken to heat."""
+HEATS, CLEARANCE = 0.5, 0.25
+"""The part of the last duty that separates a rig that is off from one that heats, and how far
+beyond it the error of the estimate may reach."""
 
 MAX_PART = 1.5
 """The largest part of full duty that a rig can show: its contacts may be better than the twin's."""
@@ -60,11 +64,12 @@ class OffWatch:
 
     $$f = \frac{\sum (y - y_0 - g (o - o_0)) \, g (h - o)}{\sum g^2 (h - o)^2}.$$
 
-    Half of the last duty counts as heat. It is judged once noise and errors of the twin change $f$
-    by less than that, and the twins are `MIN_CHANGE_KELVIN` apart: after 5 to 30 s on the bundled
-    rigs, later on a slow one. Readings that stand still, or change faster than full duty could
-    make them, are those of a sensor that has failed, and show nothing. A report of heat also ends
-    the watch, whoever commands it.
+    A rig is off if $f$ with its error, by noise and by the twin, is below three quarters of the
+    last duty, and heats if it is above a quarter: after 10 to 45 s on the bundled rigs, later on a
+    slow one. The twins must be `MIN_CHANGE_KELVIN` apart, and nothing is called off before
+    `MIN_SECONDS`, because a device may begin anew. Readings that stand still, or change faster than
+    full duty could make them, are those of a sensor that has failed, and show nothing. A report of
+    heat also ends the watch, whoever commands it.
 
     **Arguments:**
 
@@ -81,7 +86,7 @@ class OffWatch:
         level = max(float(np.abs(held).max()), MIN_LEVEL)
         held = held * level / np.abs(held).max()
         self._duty = np.array([np.zeros_like(held), held, np.ones_like(held)])
-        self._heats = HEATS * np.array([1.0, level])  # of the held duty, and of full duty
+        self._levels = np.array([1.0, level])  # of the held duty, and of full duty
         self._sigma = limits.jump / 6
         self._begin_anew(jax.tree.map(lambda leaf: leaf[DRIVEN], response.states), state, now)
         # A gain is known by what the rig did before, not by what it does from here on.
@@ -117,6 +122,7 @@ class OffWatch:
         self.detail = ""
         """What was seen, as the end of a sentence."""
         self._begin, self._first = now, state.temperatures.copy()
+        self._watched = 0.0  # s of the rig
         self._states = jax.tree.map(lambda leaf: np.repeat(leaf[None], 3, axis=0), twin)
         self._has_moved = np.zeros(len(self._first), bool)
         self._before = self._advance(0.0)[0]
@@ -126,7 +132,7 @@ class OffWatch:
         now = state.time_of(reading)
         passed = max(seconds(now - self._time), 0.0) * state.rate
         off, held, full = self._advance(passed)
-        self._time = max(now, self._time)
+        self._time, self._watched = max(now, self._time), self._watched + passed
         cooled = self._gain * (off - self._before)
         error = reading.temperatures - self._first - cooled
         apart = self._gain * (np.array([held, full]) - off)
@@ -143,19 +149,20 @@ class OffWatch:
             return
         part = products / squares
         unknown = (NOISE_SIGMAS * noise + COOLING_ERROR * cooling) / squares
-        if (unknown >= self._heats).any():
-            return
         after = seconds(reading.arrival - self._begin)
-        if abs(part[1]) > MAX_PART:
+        if abs(part[1]) - unknown[1] > MAX_PART:
             self.verdict = "unknown"
             self.detail = f"the readings change faster than full duty could, {after:.0f} s after it"
-        elif (part > self._heats).any():
+        elif (part - unknown > (HEATS - CLEARANCE) * self._levels).any():
             self.verdict = "heats"
             self.detail = (
                 f"after {after:.0f} s the readings change as if {100 * part[0]:.0f} % of the last "
                 f"duty, or {100 * part[1]:.0f} % of full duty, went on"
             )
-        else:
+        elif (
+            self._watched > MIN_SECONDS
+            and (part + unknown < (HEATS + CLEARANCE) * self._levels).all()
+        ):
             self.verdict, self.detail = "off", f"as the readings show after {after:.0f} s"
 
     def _advance(self, dt: float) -> Float[np.ndarray, "3 channels"]:

@@ -20,6 +20,9 @@ from ._virtual_rig import VirtualRig
 TICK = 0.005
 """The interval between two steps of the rig, s."""
 
+LATE = 50 * 10**6
+"""The time between two steps above which the machine was busy with something else, ns."""
+
 MOST_CLIENTS = 8
 MOST_UNSENT = 2**20
 """Number of bytes that may wait for a slow client; beyond it, the client is disconnected."""
@@ -52,8 +55,15 @@ def serve(
 ) -> None:
     """Runs a virtual rig until `stop` is set; without `stop` it runs for ever."""
     stop = stop or threading.Event()
+    turned = clock.now()
     while not stop.is_set():
-        server.tick(device.due(clock.now()), device)
+        now = clock.now()
+        if now - turned > LATE:
+            # On a busy machine commands have come meanwhile. A real device would have obeyed them
+            # then; it would not report a second without them.
+            server.tick(b"", device)
+        turned = now
+        server.tick(device.due(now), device)
         if device.cuts_connection():
             server.hang_up()
         clock.wait(stop, TICK)
