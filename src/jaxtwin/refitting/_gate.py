@@ -228,12 +228,13 @@ def check_likelihood(last: Replay, new: Replay) -> GateCheck:
     """
     gain = (new.log_likelihood - last.log_likelihood) / new.correlation
     limit = math.log(WORTH)
-    # A float has no more digits than this, and no reader needs them.
+    # No reader needs more digits, and a float has not more of them.
     factor, more = math.exp(min(abs(gain), 50.0)), "more" if gain >= 0 else "less"
+    over = "over " if abs(gain) > 50.0 else ""
     independent = new.readings / new.correlation
     text = (
         f"the {new.readings} held-out readings, as {independent:.0f} independent ones, are "
-        f"{factor:.3g} times {more} probable"
+        f"{over}{factor:.3g} times {more} probable"
     )
     if not gain >= limit:
         text += f"; a promotion takes {WORTH:g} times"
