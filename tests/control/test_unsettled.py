@@ -1,5 +1,6 @@
 """A simulated loop that does not come to rest says so, in a sentence for each output."""
 
+import re
 from types import SimpleNamespace
 from typing import Any
 
@@ -31,6 +32,20 @@ def test_swings_and_errors_that_stay_are_told_from_an_approach():
     assert unsettled(loop(-20 * np.exp(-time / 400)), ["y"]) == ()  # on its way
     late = np.where(time < 700, 20.0, 30.0)
     assert unsettled(loop(-2.0 + 0 * time, late), ["y"]) == ()
+
+
+def test_a_slow_drift_is_found_by_its_slope():
+    """1.06 K after 1500 s and 2.2 K after 3000 s, once called settled. Noise is no drift."""
+    time = np.arange(1501)
+    noise = np.random.default_rng(0).normal(0.0, 0.1, 1501)
+    (said,) = unsettled(loop(0.76e-3 * time - 0.08 + noise), ["y"])
+    assert re.match(r"y drifts, now 1\.1 K above its reference and 2\.[1-3] K after", said)
+    assert unsettled(loop(-(0.76e-3 * time - 0.08)), ["y"])[0].startswith(
+        "y drifts, now 1.1 K below"
+    )
+    assert unsettled(loop(noise), ["y"]) == ()
+    assert unsettled(loop(0.9 - 0.3e-3 * time + noise), ["y"]) == ()  # towards the reference
+    assert unsettled(loop(0.2 + 0.2e-3 * time), ["y"]) == ()  # 0.8 K after as long again
 
 
 @pytest.mark.slow

@@ -36,6 +36,14 @@ def test_a_cause_ends_with_5_and_is_in_text_and_json(capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
+def test_a_bundled_rig_and_recording_are_taken_by_their_names(capsys: pytest.CaptureFixture[str]):
+    """As match and Twin take them."""
+    words = ["diagnose", "dual-cell", "synthetic-A", "--fault", "gain T11"]
+    assert run(words) in (0, 5)
+    assert "synthetic-A: " in capsys.readouterr().out
+
+
+@pytest.mark.slow
 def test_only_the_faults_that_are_asked_for_are_looked_for(capsys: pytest.CaptureFixture[str]):
     words = ["diagnose", "fit.toml", "hurt.csv", "--fault", "gain T2", "--fault", "age H2"]
     assert run(words) == 5

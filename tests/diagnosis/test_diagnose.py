@@ -82,6 +82,64 @@ def test_none_of_these_is_an_answer():
     assert np.isnan(diagnosis.causes[0].size)
 
 
+def no_fault(kind: str) -> jt.Experiment:
+    """Readings that no fault explains, from the beginning or from the onset of faults on."""
+    duty, readings = clean()
+    readings = readings + np.random.default_rng(1).normal(0.0, SIZE, readings.shape)
+    wrong = readings.copy()
+    if kind == "mirrored":
+        wrong = 2 * readings.mean(axis=0) - readings
+    elif kind == "mirrored later":
+        wrong[ONSET:] = 2 * readings[ONSET:].mean(axis=0) - readings[ONSET:]
+    elif kind == "shuffled":
+        wrong[ONSET:] = np.random.default_rng(2).permutation(readings[ONSET:])
+    elif kind == "backwards":
+        wrong = readings[::-1]
+    return with_readings(wrong, duty)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["mirrored", "mirrored later", "shuffled", "backwards"])
+def test_what_no_fault_explains_is_none_of_these(kind: str):
+    """The best of many wrong faults explains more than no fault does, which once was enough to be
+    called certain."""
+    first = jt.diagnose(bench(), no_fault(kind)).causes[0]
+    assert first.name == "none of these"
+    assert first.probability > 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["exchanged", "exchanged later", "another rig", "fast clock"])
+def test_wrong_recordings_of_a_rig_with_many_channels_are_no_fault_of_it(kind: str):
+    """All 15 channels of the rig with two cells are exchanged, or the recording is of a rig whose
+    values are others, or its clock runs at half the rate that it should."""
+    twin = jt.Twin("dual-cell")
+    time = np.arange(601.0)
+    random = np.random.default_rng(0)
+    duty = np.repeat(random.uniform(0.0, 0.9, (11, 2)), 60, axis=0)[:601]
+    true = 2 * time if kind == "fast clock" else time
+    rig = twin
+    if kind == "another rig":
+        rig = twin.with_values(
+            {
+                name: float(value) * np.exp(random.normal(0.0, 0.7))
+                for name, value in twin.values.items()
+                if twin.rig.parameters[name].free and twin.rig.parameters[name].is_logarithmic
+            }
+        )
+    plan = jt.Experiment(true, duty, channels=twin.channels)
+    one = jt.simulate(rig, plan).to_recording(seed=1)
+    readings = np.array(one.temperatures)
+    others = np.random.default_rng(5).permutation(readings.shape[1])
+    if kind == "exchanged":
+        readings = readings[:, others]
+    elif kind == "exchanged later":
+        readings[300:] = readings[300:, others]
+    wrong = jt.Experiment(time, duty, channels=twin.channels, temperatures=readings)
+    first = jt.diagnose(twin, wrong).causes[0]
+    assert first.name == "none of these"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("later", [0, 150])
 def test_two_faults_at_once_leave_more_than_noise(later: int):

@@ -4,9 +4,11 @@ The rig is `tclab`, linear but for the delay of its sensors, in sessions of ten 
 that of two simulated sessions, with a known noise of 0.15 K.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ import jaxtwin as jt
 from jaxtwin.cli import run
 from jaxtwin.control import PID
 from jaxtwin.refitting._forgetting import LEAST_DRIFT, session_prior
-from jaxtwin.refitting._held_out import split
+from jaxtwin.refitting._gate import check_likelihood
+from jaxtwin.refitting._held_out import Replay, split
+from jaxtwin.refitting._sensor_errors import SENSOR_ERRORS, smallest
 
 LENGTH, NOISE = 600, 0.15
 
@@ -65,15 +69,115 @@ def test_the_prior_of_a_session_is_the_posterior_and_what_is_forgotten():
 
 def test_the_last_of_several_recordings_is_held_out_or_the_last_third_of_one():
     one, other = session(3), session(5)
-    single = split([one], 60.0)
+    both = frozenset(one.channels)
+    single = split([one], 60.0, both)
     assert single.since == (pytest.approx(400.0),)
     assert single.seen[0].time[-1] < 400.0
-    several = split([one, other], 60.0)
+    several = split([one, other], 60.0, both)
     assert several.seen == (one,)
     assert several.held_out == (other,)
     assert several.since == (0.0,)
     with pytest.raises(jt.MatchError, match="at least 120 s that are held out, got 67 s"):
-        split([one.between(0, 201)], 60.0)
+        split([one.between(0, 201)], 60.0, both)
+
+
+@pytest.mark.parametrize(("kept", "got"), [(10, 0), (0, 0), (29, 0)])
+def test_readings_are_counted_and_not_the_time_that_is_held_out(kept: int, got: int):
+    """200 s are held out; of 10 readings among them nothing follows."""
+    one = session(3)
+    readings = np.array(one.temperatures)
+    readings[400 + kept :] = np.nan
+    words = f"at least 30 readings of most of the 2 channels .* got them of {got}"
+    with pytest.raises(jt.MatchError, match=words):
+        split([with_readings(one, readings)], 60.0, frozenset(one.channels))
+
+
+def test_one_channel_of_two_does_not_show_that_a_twin_predicts_the_rig():
+    one = session(3)
+    readings = np.array(one.temperatures)
+    readings[401:, 1] = np.nan
+    with pytest.raises(jt.MatchError, match=r"most of the 2 channels .* got them of 1"):
+        split([with_readings(one, readings)], 60.0, frozenset(one.channels))
+
+
+def held_out(log_likelihood: float, correlation: float = 1.0) -> Replay:
+    """A replay of 400 readings of which only the likelihood is known."""
+    nothing = cast(Any, None)
+    return Replay(nothing, nothing, log_likelihood, 400, correlation)
+
+
+def test_a_promotion_takes_a_ratio_of_probabilities_of_20():
+    """By the definition of the Bayes factor; of readings that follow each other by twos, half
+    count."""
+    last = held_out(-100.0)
+    assert not check_likelihood(last, held_out(-100.0 + 0.016)).passed
+    assert not check_likelihood(last, held_out(-100.0 + math.log(19.0))).passed
+    assert check_likelihood(last, held_out(-100.0 + math.log(21.0))).passed
+    halved = check_likelihood(last, held_out(-100.0 + math.log(21.0), 2.0))
+    assert not halved.passed
+    assert halved.verdict == "keep"
+    assert halved.value == pytest.approx(math.log(21.0) / 2)
+    assert "as 200 independent ones, are 4.58 times more probable" in halved.sentence
+    assert "a promotion takes 20 times" in halved.sentence
+    assert check_likelihood(last, held_out(-104.0)).verdict == "reject"
+    unknown = check_likelihood(last, held_out(math.nan))
+    assert not unknown.passed
+    assert unknown.verdict == "reject"
+
+
+def test_the_size_of_an_error_is_the_minimum_of_its_cost_and_prior():
+    """Of a parabola and a prior the minimum follows by hand: 0.3 x 100 / (100 + 1 / 0.1^2)."""
+    of_gain = SENSOR_ERRORS[0]
+
+    def costs(sizes: Sequence[float]) -> list[float]:
+        return [50 * (size - 0.3) ** 2 for size in sizes]
+
+    size, cost = smallest(costs, of_gain, costs([0.0])[0])
+    assert size == pytest.approx(0.15)
+    assert cost == pytest.approx(50 * 0.15**2 + 0.5 * 1.5**2)
+
+
+@pytest.mark.slow
+def test_a_clock_that_is_fast_is_found_with_its_rate():
+    """The times of all readings are 5 % too large."""
+    one = session(11)
+    fast = jt.Experiment(
+        1.05 * one.time, one.duty, channels=one.channels, temperatures=one.temperatures, name="c"
+    )
+    found = jt.refit(last(), fast)
+    assert found.decision in ("rejected", "ask")
+    assert "its clock ran 1.05 times as fast" in found.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("offset", [2.0, -2.0])
+def test_an_offset_of_all_readings_is_found_beside_a_recorded_room(offset: float):
+    one = session(12)
+    wrong = jt.Experiment(
+        one.time,
+        one.duty,
+        channels=one.channels,
+        temperatures=np.array(one.temperatures) + offset,
+        ambient=23.0,
+        name="o",
+    )
+    found = jt.refit(last(), wrong)
+    assert found.decision in ("rejected", "ask")
+    side = "high, or its room too low" if offset > 0 else "low, or its room too high"
+    assert f"K too {side}" in found.reason
+
+
+@pytest.mark.slow
+def test_an_offset_without_a_recorded_room_is_another_room():
+    """Nothing tells the two apart: readings, start and room move together, and so do the
+    forecasts."""
+    one = session(12)
+    found = jt.refit(last(), with_readings(one, np.array(one.temperatures) + 2.0))
+    assert found.decision == "unchanged"
+    assert found.fit is not None
+    rooms = [fit.recording_values for fit in (found.fit, jt.refit(last(), one).fit) if fit]
+    moved = [next(iter(each.values()))["T_amb"] for each in rooms]
+    assert moved[0] - moved[1] == pytest.approx(2.0, abs=0.3)
 
 
 @pytest.mark.slow

@@ -16,7 +16,12 @@ if TYPE_CHECKING:
 
 
 def diagnose(
-    fit: Annotated[Path, typer.Argument(metavar="FIT", help="A fit that match wrote, .toml.")],
+    fit: Annotated[
+        str,
+        typer.Argument(
+            metavar="FIT|RIG", help="A fit that match wrote, .toml; or a bundled rig as it is."
+        ),
+    ],
     recordings: RecordingsArgument,
     noise: NoiseOption = None,
     healthy: Annotated[
@@ -48,13 +53,15 @@ def diagnose(
     from ..diagnosis import diagnose as diagnosed
     from ..matching import Fit
     from ..observers import ProcessNoise
+    from ..physics import Twin
+    from ..rig import bundled_rigs
 
     check_folder(out)
     check_json(json)
     with show_progress() as progress:
         progress.step("reading")
-        loaded = Fit.load(fit)
-        rig = loaded.twin.rig
+        loaded = Twin(fit) if fit in bundled_rigs() else Fit.load(fit)
+        rig = loaded.rig if isinstance(loaded, Twin) else loaded.twin.rig
         experiments = open_recordings(rig, recordings)
         known = open_recordings(rig, healthy) if healthy else None
         levels = None if noise is None else ProcessNoise.load(noise)

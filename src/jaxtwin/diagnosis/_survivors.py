@@ -57,6 +57,9 @@ class Survivors:
     - `multiple`, `spread`: of the fault at the end, and its standard deviation.
     - `excess`: how much larger the mean square of the innovations of the best is than it should be;
       no fault is better known than the best of them explains the readings.
+    - `left`: the part of the squares of the innovations beyond noise that the best leaves.
+    - `scatter`: the logarithm of the ratio of the likelihoods if the innovations were noise that
+      has become larger, for no reason that is known, and without any fault.
     """
 
     numbers: Int[np.ndarray, " survivors"]
@@ -67,6 +70,8 @@ class Survivors:
     multiple: Float[np.ndarray, " survivors"]
     spread: Float[np.ndarray, " survivors"]
     excess: float
+    left: float
+    scatter: Float[np.ndarray, " samples"]
 
     def size(self, place: int) -> tuple[float, float, float]:
         """The size of a fault, and its 95 % band."""
@@ -130,10 +135,29 @@ def survivors(
         ]
     best = int(evidence[:, -1].argmax())
     excess = max(1.0, float(of_each.misfit[best] / inflation[best]))
+    variance, scatter = _scatter(
+        observed, int(onset[best]), slice(rows.start, rows.start + most + 1), inflation[best]
+    )
+    left = (excess - 1) / max(variance - 1, excess - 1, 1e-9)
     return Survivors(
         numbers, tuple(made), rows.start, onset, evidence, of_each.multiple,
-        of_each.spread * np.sqrt(inflation * excess), excess,
+        of_each.spread * np.sqrt(inflation * excess), excess, left, scatter,
     )  # fmt: skip
+
+
+def _scatter(
+    observed: Observed, onset: int, rows: slice, inflation: float
+) -> tuple[float, Float[np.ndarray, " samples"]]:
+    """The variance of the innovations without a fault since an onset, as a multiple of that in
+    healthy recordings and 1 at least, and the logarithm of the ratio of the likelihoods with it and
+    with that of noise after each sample: n (v - 1 - log v) / 2."""
+    whitened = np.asarray(observed.filtered.states.whitened)[rows]
+    there = np.isfinite(np.asarray(observed.samples.readings)[rows]).sum(axis=1)
+    is_after = np.arange(rows.start, rows.stop) >= onset
+    squares = np.where(is_after, (whitened**2).sum(axis=1), 0.0).cumsum() / inflation
+    count = np.where(is_after, there, 0).cumsum()
+    variance = np.maximum(squares / np.maximum(count, 1), 1.0)
+    return float(variance[-1]), count * (variance - 1 - np.log(variance)) / 2
 
 
 def _stuck(observed: Observed, several: Sequence[Suspect], at: int) -> dict[int, int]:

@@ -18,6 +18,7 @@ from ._evidence import Evidences
 from ._finding_log import FindingLog, at_sample, loudest
 from ._monitor import Monitor
 from ._thresholds import DAY, FAMILIES, MonitorCalibration
+from ._together import together
 
 if TYPE_CHECKING:
     import pandas
@@ -64,13 +65,13 @@ class Monitored:
     @cached_property
     def findings(self) -> list[Finding]:
         """What was found, in the order of its onset, with times of the recording in s. One that was
-        there at the end has no `until`."""
+        there at the end has no `until`. What begins together in most channels is one finding."""
         log = FindingLog(self.monitor, self.calibration, self.false_alarm_time)
         # Quiet samples open and hold nothing; a last one lets those before clear.
         loud = np.flatnonzero(loudest(self.evidences) >= 0.5)
         for place in sorted({*loud.tolist(), len(self.time) - 1}):
             log.take(float(self.time[place]), at_sample(self.evidences, int(place)))
-        return list(log.findings)
+        return together(log.findings, self.experiment.channels)
 
     @property
     def alarms(self) -> list[Finding]:

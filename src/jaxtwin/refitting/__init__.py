@@ -2,10 +2,10 @@
 
 `refit` (`_refit`) takes the last fit and new recordings. The last posterior, with what is forgotten
 between sessions (`_forgetting`), is the prior of a match that also finds which values have changed
-beyond that (`_session_match`). Mistakes of the recording are its rivals (`_mistakes`). What is held
-out (`_held_out`) is replayed through both twins, and the checks of the gate (`_gate`) decide:
-promoted, unchanged, rejected, or a person is asked. `keep_refit` (`_keep_refit`) writes it into a
-store of twins.
+beyond that (`_session_match`). Mistakes of the recording (`_mistakes`) and errors of its sensors
+(`_sensor_errors`) are its rivals. What is held out (`_held_out`) is replayed through both twins,
+and the checks of the gate (`_gate`) decide: promoted, unchanged, rejected, or a person is asked.
+`keep_refit` (`_keep_refit`) writes it into a store of twins.
 """
 
 from ._gate import GateCheck

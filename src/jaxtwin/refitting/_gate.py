@@ -5,6 +5,7 @@ checks of the loop may ask a person instead.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, final
 
@@ -20,7 +21,7 @@ from ..monitoring import Monitored
 from ..rig._units import unit_scale
 from ..simulation import Run
 from ._held_out import Replay, block_errors
-from ._mistakes import BETTER, Mistake
+from ._mistakes import BETTER, POSSIBLE, Mistake
 from ._session_match import SessionMatch
 
 BROKEN = ("frozen", "gone")
@@ -44,7 +45,11 @@ WORSE = 1.05
 COVERED = 0.7
 """The part of the readings that bands of 95 % contain, at least, if those of the last twin do."""
 
-Verdict = Literal["reject", "ask"]
+WORTH = 20.0
+"""A new twin is worth a promotion if what was held out is so many times as probable with it. It is
+the factor by which one explanation is better than another everywhere else in the gate."""
+
+Verdict = Literal["reject", "ask", "keep"]
 
 
 @final
@@ -55,7 +60,8 @@ class GateCheck:
     - `name`: its name in a word, for programs. `passed`: whether it was passed.
     - `value`, `limit`: what was found and what is allowed, NaN where there is no number.
     - `sentence`: what was found, for people.
-    - `verdict`: what follows if it is not passed.
+    - `verdict`: what follows if it is not passed: the new twin is rejected, a person is asked, or
+      the last twin is kept because the new one is not worth a promotion.
     - `is_alarm`: whether somebody should look at the rig then.
     """
 
@@ -84,25 +90,51 @@ def check_readings(monitored: Monitored) -> GateCheck:
     )
 
 
-def check_mistakes(mistake: Mistake | None, match: SessionMatch) -> GateCheck:
-    """Whether a change of the rig explains the recording better than a mistake of the recording."""
-    if mistake is None:
-        return GateCheck("mistakes", True, math.nan, BETTER, "no mistake could be tried")
-    gain = match.cost - mistake.cost
+def check_mistakes(mistakes: Sequence[Mistake], match: SessionMatch, last: Fit) -> GateCheck:
+    """Whether a change of the rig explains the recording better than a mistake of the recording.
+
+    **Arguments:**
+
+    - `mistakes`: those that explain it best, the best first.
+    """
+    gain = match.cost - mistakes[0].cost
+    # Those that are about as good as the best, and not merely no worse than no mistake.
+    least = BETTER if gain > BETTER else -BETTER
+    likely = [
+        one.sentence
+        for one in mistakes
+        if one.cost <= mistakes[0].cost + BETTER and match.cost - one.cost >= least
+    ] or [mistakes[0].sentence]
+    told = ", or ".join(likely)
     if gain > BETTER:
-        text = f"the last twin explains the recording {mistake.sentence}"
+        text = f"the last twin explains the recording {told}"
     elif gain > -BETTER and match.changed:
         return GateCheck(
             "mistakes",
             False,
             gain,
             BETTER,
-            f"the last twin explains the recording about as well {mistake.sentence}",
+            f"either {moved(last, match.fit, match.changed)}, or the last twin is right {told}: "
+            "both explain the recording about as well",
             "ask",
+        )
+    elif gain > POSSIBLE and not match.changed:
+        text = (
+            f"the recording would be {math.exp(gain):.2g} times as probable {likely[0]}, where "
+            f"{math.exp(BETTER):.2g} times are needed to say so"
         )
     else:
         text = "no mistake of the recording explains it as well"
     return GateCheck("mistakes", gain <= BETTER, gain, BETTER, text)
+
+
+def moved(last: Fit, new: Fit, names: Sequence[str]) -> str:
+    """Says how values have changed."""
+    each = [
+        f"{name} changed from {last[name].value:.3g} to {new[name].value:.3g} {new[name].unit}"
+        for name in names
+    ]
+    return ", ".join(one.rstrip() for one in each)
 
 
 def check_converged(match: SessionMatch) -> GateCheck:
@@ -188,12 +220,26 @@ def check_limits(runs: list[Run]) -> GateCheck:
 
 
 def check_likelihood(last: Replay, new: Replay) -> GateCheck:
-    """Whether readings that the new twin has not seen are at least as probable as for the last."""
-    gain = new.log_likelihood - last.log_likelihood
-    factor, more = math.exp(min(abs(gain), 50)), "more" if gain >= 0 else "less"
-    times = f"{factor:.3g} times" if factor >= 2 else f"{100 * (factor - 1):.2g} %"
-    text = f"each held-out reading is {times} {more} probable"
-    return GateCheck("likelihood", gain >= 0, gain, 0.0, text)
+    """Whether readings that the new twin has not seen are so much more probable than for the last
+    one that it is worth a promotion: 20 times.
+
+    Readings that follow each other say the same where a twin is off, so that the logarithm of this
+    ratio is divided by the autocorrelation time of the innovations of the new twin.
+    """
+    gain = (new.log_likelihood - last.log_likelihood) / new.correlation
+    limit = math.log(WORTH)
+    # No reader needs more digits, and a float has not more of them.
+    factor, more = math.exp(min(abs(gain), 50.0)), "more" if gain >= 0 else "less"
+    over = "over " if abs(gain) > 50.0 else ""
+    independent = new.readings / new.correlation
+    text = (
+        f"the {new.readings} held-out readings, as {independent:.0f} independent ones, are "
+        f"{over}{factor:.3g} times {more} probable"
+    )
+    if not gain >= limit:
+        text += f"; a promotion takes {WORTH:g} times"
+    verdict: Verdict = "keep" if gain > -limit else "reject"
+    return GateCheck("likelihood", gain >= limit, gain, limit, text, verdict)
 
 
 def check_forecast(last: Replay, new: Replay) -> GateCheck:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from .._errors import MatchError
 from ..io import Experiment
 from ..matching import Fit
+from ..matching._noise_model import estimate_noise
 from ..observers import Forecast, Observed, ProcessNoise, observe
 from ..simulation import Run, simulate
 
@@ -18,6 +19,10 @@ SHARE = 2 / 3
 
 LEAST = 60.0
 """The shortest part that is held out, s."""
+
+READINGS = 30
+"""The least number of readings of a channel that are held out: with fewer, one disturbance decides
+about a twin."""
 
 BLOCKS = 12
 """A recording is judged in so many parts of equal length, so that no part hides behind others."""
@@ -43,23 +48,28 @@ class Replay(NamedTuple):
 
     - `observed`: the recording as an observer follows it.
     - `forecast`: what was expected some time ahead, in the part that the twin has not seen.
-    - `log_likelihood`: of that part, per reading.
+    - `log_likelihood`: of that part. `readings`: the number of its readings.
+    - `correlation`: the integrated autocorrelation time of the innovations there, in samples, 1 if
+      they are white: so many readings say as much as a single independent one.
     """
 
     observed: Observed
     forecast: Forecast
     log_likelihood: float
+    readings: int
+    correlation: float
 
 
-def split(recordings: Sequence[Experiment], lead: float) -> Split:
+def split(recordings: Sequence[Experiment], lead: float, channels: frozenset[str]) -> Split:
     """Splits recordings: the last of several is held out, or the last third of a single one.
 
     **Arguments:**
 
     - `lead`: the time ahead of forecasts, s, for which the part that is held out must be long
       enough.
+    - `channels`: the channels of the last fit, most of which must have enough readings there.
 
-    **Raises:** `MatchError` if it is too short.
+    **Raises:** `MatchError` if it is too short, or has too few readings.
     """
     *seen, last = recordings
     begin, duration = float(last.time[0]), last.duration
@@ -70,8 +80,24 @@ def split(recordings: Sequence[Experiment], lead: float) -> Split:
             f"are held out, got {begin + duration - since:.0f} s; give a longer recording, or more "
             "recordings"
         )
+    _check_readings(last, since, channels)
     first = last.between(None, since) if not seen else None
     return Split(tuple(seen) if first is None else (first,), (last,), (since,))
+
+
+def _check_readings(recording: Experiment, since: float, channels: frozenset[str]) -> None:
+    """Refuses a part without enough readings of most channels: a twin that predicts one channel of
+    fifteen, or ten seconds, has not shown that it predicts the rig."""
+    readings = np.asarray(recording.temperatures)[recording.time >= since]
+    counts = dict(zip(recording.channels, np.isfinite(readings).sum(axis=0), strict=True))
+    enough = [name for name in channels if counts.get(name, 0) >= READINGS]
+    if 2 * len(enough) <= len(channels):
+        raise MatchError(
+            f"{recording.name or 'recording'}: refit: expected at least {READINGS} readings of "
+            f"most of the {len(channels)} channels of the last fit in what is held out, from "
+            f"{since:.0f} s on, got them of {len(enough)}; give a longer recording, or one with "
+            "more channels"
+        )
 
 
 def replay(
@@ -84,9 +110,12 @@ def replay(
     observed = observe(fit, recording, noise)
     counted = recording.time >= since
     densities = np.asarray(observed.filtered.states.log_likelihood)[observed.is_sample]
-    readings = int(np.isfinite(np.asarray(recording.temperatures)[counted]).sum())
-    likelihood = float(densities[counted].sum()) / max(readings, 1)
-    return Replay(observed, observed.ahead(lead).after(since), likelihood)
+    innovations = observed.standardised[counted]
+    readings = int(np.isfinite(innovations).sum())
+    correlation = estimate_noise([np.nan_to_num(innovations)], readings).autocorrelation_time
+    likelihood = float(densities[counted].sum())
+    forecast = observed.ahead(lead).after(since)
+    return Replay(observed, forecast, likelihood, readings, correlation)
 
 
 def run_of_refit(fit: Fit, recording: Experiment, seen: Sequence[Experiment]) -> Run:

@@ -1,13 +1,16 @@
 """Mistakes of a recording that a refit would otherwise take for a change of the rig.
 
 A duty that was written in other counts looks like another cell, an open lid that the recording
-calls closed like another loss, and exchanged channels like a plate that conducts differently. Each
-mistake is a rival of the refit: the recording without it, matched from the same prior with nothing
-released. If the rival explains the recording better, there is nothing to learn.
+calls closed like another loss, exchanged channels like a plate that conducts differently, and an
+error that all sensors share (`_sensor_errors`) like another supply. Each mistake is a rival of the
+refit: the recording without it, matched from the same prior with nothing released. If the rival
+explains the recording better, there is nothing to learn.
 """
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations, pairwise
 from typing import NamedTuple, final
 
@@ -17,9 +20,14 @@ from jaxtyping import Float
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._descent_result import DescentResult
+from ..matching._noise_model import NoiseModel
+from ..matching._start import room_temperature
+from ..observers import ProcessNoise
 from ..rig import Input
 from ._forgetting import SessionPrior
-from ._session_match import SessionMatch, descend_each, session_problem
+from ._held_out import Replay, replay
+from ._sensor_errors import SENSOR_ERRORS, SensorError, smallest
+from ._session_match import SessionMatch, descend_each, match_session, session_problem
 
 Vector = Float[np.ndarray, " unknowns"]
 
@@ -38,8 +46,14 @@ MOST_CHANNELS = 8
 ITERATIONS = 4
 """A rival that explains a recording is near after a few steps."""
 
+DRIFT_ITERATIONS = 20
+"""The limit for the match of a rival that then predicts what was held out."""
+
 BETTER = 3.0
 """A rival wins by this difference of the logarithm of its probability, a factor of 20."""
+
+POSSIBLE = 1.0
+"""Where nothing has changed, a rival is worth a look from this difference on, a factor of e."""
 
 
 @final
@@ -48,27 +62,121 @@ class Mistake(NamedTuple):
 
     - `sentence`: what would be wrong, as the end of a sentence.
     - `cost`: half the sum of squared residuals and priors without it.
+    - `corrected`: a recording -> the recording without it.
+    - `gain`: the factor by which its readings are too large.
     """
 
     sentence: str
     cost: float
+    corrected: Callable[[Experiment], Experiment]
+    gain: float = 1.0
 
 
-def best_mistake(
+def likely_mistakes(
     fit: Fit, prior: SessionPrior, match: SessionMatch, recordings: dict[str, Experiment]
-) -> Mistake | None:
-    """The mistake that explains recordings best; None if the rig and its recordings leave none to
-    be tried."""
-    found: list[Mistake] = []
+) -> list[Mistake]:
+    """The mistake that explains recordings best, and those that are about as good, the best
+    first."""
+    found = [_sensor_error(one, fit, prior, match, recordings) for one in SENSOR_ERRORS]
     if any(np.any(one.duty) for one in recordings.values()):
         found.append(_wrong_duty(fit, prior, match, recordings))
-    rivals = list(_rivals(fit, recordings))
-    if rivals:
-        several = [corrected for _, corrected in rivals]
-        costs = _costs(_descents(fit, prior, match, several, match.start))
-        sentences = [sentence for sentence, _ in rivals]
-        found += [Mistake(*pair) for pair in zip(sentences, costs, strict=True)]
-    return min(found, key=lambda mistake: mistake.cost, default=None)
+    for sentence, corrected in _rivals(fit, recordings):
+        (cost,) = _costs(_descents(fit, prior, match, [_each(recordings, corrected)], match.start))
+        found.append(Mistake(sentence, cost, corrected))
+    found.sort(key=lambda mistake: mistake.cost)
+    return [mistake for mistake in found if mistake.cost <= found[0].cost + BETTER]
+
+
+def weighed(
+    mistakes: Sequence[Mistake],
+    fit: Fit,
+    prior: SessionPrior,
+    recordings: dict[str, Experiment],
+    held_out: Sequence[tuple[Experiment, float, Replay]],
+    noise: ProcessNoise | None,
+    lead: float,
+) -> list[Mistake]:
+    """Mistakes with the costs of what was held out, beside those of what was seen: a change of the
+    rig predicts it, and a mistake that explains what was seen by chance does not.
+
+    **Arguments:**
+
+    - `recordings`: what was seen.
+    - `held_out`: recordings, the time of each from which they were not seen, and how the new twin
+      follows them.
+    """
+    found = []
+    for mistake in mistakes:
+        cost = mistake.cost
+        # The new twin has drifted with the session, and so must its rival.
+        seen = _each(recordings, mistake.corrected)
+        drifted = match_session(fit, prior, seen, 0, DRIFT_ITERATIONS).fit
+        for one, since, new in held_out:
+            corrected = mistake.corrected(one)
+            begin = float(corrected.time[np.searchsorted(one.time, since)])
+            rival = replay(drifted, corrected, begin, noise, lead)
+            # The density of a reading is that of the corrected one, which is spread less widely.
+            density = rival.log_likelihood - rival.readings * math.log(mistake.gain)
+            cost += (new.log_likelihood - density) / new.correlation
+        found.append(mistake._replace(cost=cost))
+    return sorted(found, key=lambda mistake: mistake.cost)
+
+
+def _each(
+    recordings: dict[str, Experiment], corrected: Callable[[Experiment], Experiment]
+) -> dict[str, Experiment]:
+    return {name: corrected(one) for name, one in recordings.items()}
+
+
+def _sensor_error(
+    error: SensorError,
+    fit: Fit,
+    prior: SessionPrior,
+    match: SessionMatch,
+    recordings: dict[str, Experiment],
+) -> Mistake:
+    """An error of all sensors, of the size that explains recordings best."""
+    # The room of an unrecorded one is that of the match, the same for all recordings of a session.
+    twin = next(iter(match.fit.twins.values()))
+    room = room_temperature(fit.twin.rig, twin.numbers_si, None)
+
+    def without(size: float) -> Callable[[Experiment], Experiment]:
+        return lambda one: error.corrected(one, room, size)
+
+    def costs(sizes: Sequence[float]) -> list[float]:
+        found = []
+        for size in sizes:
+            problem = session_problem(fit, prior, _each(recordings, without(size)))
+            model = _of_corrected(
+                match.noise_model, recordings, error.gain(size), error.clock(size)
+            )
+            found += descend_each([problem], model, match.start, ITERATIONS)
+        return _costs(found)
+
+    size, cost = smallest(costs, error, match.drift_cost)
+    has_room = any(one.ambient is not None for one in recordings.values())
+    return Mistake(error.sentence(size, has_room), cost, without(size), error.gain(size))
+
+
+def _of_corrected(
+    model: NoiseModel, recordings: dict[str, Experiment], gain: float, rate: float
+) -> NoiseModel:
+    """The noise model of recordings without a gain and a rate of the clock.
+
+    Readings that are divided by a gain have a noise that is divided by it; with the old one the
+    largest gain would explain any noise best. The camera's corrections move with the clock.
+    """
+    events = tuple(
+        tuple(float(one.time[0] + (time - one.time[0]) / rate) for time in times)
+        for one, times in zip(recordings.values(), model.events, strict=True)
+    )
+    channel, common = model.channel, model.common_mode
+    return replace(
+        model,
+        channel=replace(channel, standard_deviation=channel.standard_deviation / gain),
+        common_mode=replace(common, standard_deviation=common.standard_deviation / gain),
+        events=events,
+    )
 
 
 def _wrong_duty(
@@ -78,26 +186,26 @@ def _wrong_duty(
     around it, and the minimum of the parabola through the best three of these."""
     lowest = np.array(fit.twin.rig.lowest_duty)
 
+    def times(factor: float) -> Callable[[Experiment], Experiment]:
+        return lambda one: replace(one, duty=np.clip(factor * one.duty, lowest, 1.0))
+
     def descents(factors: Sequence[float], start: Vector) -> list[DescentResult]:
-        corrected = [
-            {
-                name: replace(one, duty=np.clip(factor * one.duty, lowest, 1.0))
-                for name, one in recordings.items()
-            }
-            for factor in factors
-        ]
+        corrected = [_each(recordings, times(factor)) for factor in factors]
         return _descents(fit, prior, match, corrected, start)
+
+    def mistake(factor: float, cost: float) -> Mistake:
+        return Mistake(_duty_sentence(factor), cost, times(factor))
 
     if not match.changed and match.explanation.is_enough:
         # The recorded duty is near: the minimum is between its neighbours if both are worse.
         beside = _costs(descents(BESIDE, match.start))
         if min(beside) >= match.drift_cost:
-            return Mistake(_duty_sentence(BESIDE[int(np.argmin(beside))]), min(beside))
+            return mistake(BESIDE[int(np.argmin(beside))], min(beside))
     coarse = descents(DUTY_FACTORS, match.start)
     best = int(np.argmin(_costs(coarse)))
     nearest, start = DUTY_FACTORS[best], coarse[best].vector
     if coarse[best].cost >= match.drift_cost:  # the duty as it is recorded is nearer
-        return Mistake(_duty_sentence(nearest), coarse[best].cost)
+        return mistake(nearest, coarse[best].cost)
     fine = np.array(_costs(descents([nearest * float(np.exp(n)) for n in NEIGHBOURS], start)))
     middle = int(np.clip(np.argmin(fine), 1, len(fine) - 2))
     left, centre, right = fine[middle - 1 : middle + 2]
@@ -107,7 +215,7 @@ def _wrong_duty(
         moved = float(np.clip(-slope / curvature, -1.0, 1.0))
         cost = centre + slope * moved + curvature * moved**2 / 2
     factor = nearest * np.exp(NEIGHBOURS[middle] + moved * (NEIGHBOURS[1] - NEIGHBOURS[0]))
-    return Mistake(_duty_sentence(factor), float(max(cost, 0.0)))
+    return mistake(float(factor), float(max(cost, 0.0)))
 
 
 def _duty_sentence(factor: float) -> str:
@@ -134,25 +242,23 @@ def _costs(found: Sequence[DescentResult]) -> list[float]:
 
 def _rivals(
     fit: Fit, recordings: dict[str, Experiment]
-) -> Iterator[tuple[str, dict[str, Experiment]]]:
-    """Each mistake but that of the duty, with the recordings as they would be without it."""
+) -> Iterator[tuple[str, Callable[[Experiment], Experiment]]]:
+    """Each mistake that has no size, and a recording as it would be without it."""
     for pair in _exchanges(recordings):
         yield (
             f"if its channels {pair[0]} and {pair[1]} were exchanged",
-            {name: _exchanged(one, pair) for name, one in recordings.items()},
+            partial(_exchanged, pair=pair),
         )
     for row in fit.twin.rig.inputs:
         if any(row.name in one.inputs for one in recordings.values()):
             for number, state in enumerate(row.states):
                 if all(np.all(_numbers(one, row) == number) for one in recordings.values()):
                     continue  # which is what they say
-                yield (
-                    f"if {row.name} were {state}",
-                    {
-                        name: one.with_inputs(**{row.name: state})
-                        for name, one in recordings.items()
-                    },
-                )
+                yield f"if {row.name} were {state}", partial(_in_state, name=row.name, state=state)
+
+
+def _in_state(recording: Experiment, name: str, state: str) -> Experiment:
+    return recording.with_inputs(**{name: state})
 
 
 def _numbers(recording: Experiment, row: Input) -> Float[np.ndarray, " times"]:

@@ -35,9 +35,10 @@ from ._gate import (
     check_plausible,
     check_readings,
     check_residuals,
+    moved,
 )
 from ._held_out import replay, run_of_refit, split
-from ._mistakes import best_mistake
+from ._mistakes import BETTER, POSSIBLE, likely_mistakes, weighed
 from ._session_match import SessionMatch, match_session
 
 if TYPE_CHECKING:
@@ -49,10 +50,6 @@ Decision = Literal["promoted", "unchanged", "rejected", "ask"]
 LEAD = 60.0
 """The time ahead of the forecasts that are compared, s."""
 
-GAIN = 0.01
-"""Without a change beyond drift, a twin is replaced if the logarithm of the probability of each
-held-out reading grows by this."""
-
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
@@ -61,8 +58,8 @@ class Refit:
 
     **Arguments:**
 
-    - `decision`: `promoted` if the new twin passed the gate, `unchanged` if the last one is as good
-      and nothing has changed, `rejected` if a check failed, and `ask` if a person should decide.
+    - `decision`: `promoted` if the new twin passed the gate, `unchanged` if nothing has changed
+      that is worth a promotion, `rejected` if a check failed, and `ask` if a person should decide.
     - `reason`: why, in a sentence.
     - `fit`: the new fit, whatever the decision; None if the recordings were not fit to be matched.
     - `last`: the fit before.
@@ -197,7 +194,8 @@ def refit(
     **Returns:** a `Refit`. Nothing is written: `TwinStore` and `jaxtwin refit` do that.
 
     **Raises:** `MatchError` if a recording was already matched, if recordings are of several
-    groups, or too short; the errors of `match` and `observe`.
+    groups, too short, or have too few readings in what is held out; the errors of `match` and
+    `observe`.
     """
     of_kind("refit: fit", fit, Fit, "a Fit, as match gives it", MatchError)
     factor = finite_number("refit: forgetting", forgetting, MatchError)
@@ -212,7 +210,7 @@ def refit(
     several = as_experiments("refit: recordings", recordings, MatchError, fit.twin.rig)
     several = _in_window(several, window)
     _check_new(fit, several)
-    parts = split(several, ahead)
+    parts = split(several, ahead, frozenset(name for names in fit.channels for name in names))
     last = [
         replay(fit, one, since, noise, ahead)
         for one, since in zip(parts.held_out, parts.since, strict=True)
@@ -228,7 +226,15 @@ def refit(
     seen = named_recordings(fit.twin, parts.seen)
     match = match_session(fit, prior, seen, most, max_iterations)
     checks.append(check_converged(match))
-    checks.append(check_mistakes(best_mistake(fit, prior, match, seen), match))
+    after = [
+        replay(match.fit, one, since, noise, ahead)
+        for one, since in zip(parts.held_out, parts.since, strict=True)
+    ]
+    rivals = likely_mistakes(fit, prior, match, seen)
+    if (-BETTER if match.changed else POSSIBLE) < match.cost - rivals[0].cost <= BETTER:
+        held_out = list(zip(parts.held_out, parts.since, after, strict=True))
+        rivals = weighed(rivals, fit, prior, seen, held_out, noise, ahead)
+    checks.append(check_mistakes(rivals, match, fit))
     checks.append(check_changes(match, fit))
     whole = [run_of_refit(match.fit, one, parts.seen) for one in parts.held_out]
     runs = whole + [
@@ -239,10 +245,8 @@ def refit(
     checks.append(check_residuals(runs, fit))
     checks.append(check_plausible(match, fit))
     checks.append(check_limits(runs))
-    for before, one, since in zip(last, parts.held_out, parts.since, strict=True):
-        after = replay(match.fit, one, since, noise, ahead)
-        checks += [check_likelihood(before, after), check_forecast(before, after)]
-        checks.append(check_coverage(before, after))
+    for old, new in zip(last, after, strict=True):
+        checks += [check_likelihood(old, new), check_forecast(old, new), check_coverage(old, new)]
     if controller is not None:
         at = _mean_reading(parts.held_out[-1]) if reference is None else reference
         checks.append(check_loop(fit, match.fit, controller, at))
@@ -250,7 +254,9 @@ def refit(
 
 
 def _decided(last: Fit, match: SessionMatch | None, checks: list[GateCheck]) -> Refit:
-    """The decision that follows from the checks."""
+    """The decision that follows from the checks: a rejection if one of them rejects, otherwise that
+    of the first one that is not passed. What a mistake of the recording explains as well is asked
+    about before it is known whether the new twin is worth a promotion."""
     new = None if match is None else match.fit
     changed = () if match is None else match.changed
     failed = [check for check in checks if not check.passed]
@@ -260,30 +266,25 @@ def _decided(last: Fit, match: SessionMatch | None, checks: list[GateCheck]) -> 
     def made(decision: Decision, reason: str) -> Refit:
         return Refit(decision, reason, new, last, tuple(checks), changed)
 
-    gain = next((check.value for check in checks if check.name == "likelihood"), 0.0)
-    only_predictions = {check.name for check in rejecting} <= of_predictions
-    if not changed and only_predictions and (rejecting or gain < GAIN):
+    if not changed and failed and {check.name for check in failed} <= of_predictions:
         return made(
             "unchanged",
             "nothing has changed beyond the drift between sessions, and the last twin predicts "
             "what was held out as well",
         )
     if rejecting:
-        return made("rejected", rejecting[0].sentence)
+        # A mistake that explains it as well is said before "another rig".
+        first = failed[0] if failed[0].verdict == "ask" else rejecting[0]
+        return made("rejected", first.sentence)
+    if failed and failed[0].verdict == "keep":
+        assert new is not None
+        return made("unchanged", f"{moved(last, new, changed)}, but {failed[0].sentence}")
     if failed:
         return made("ask", failed[0].sentence)
     assert new is not None
     better = next(check.sentence for check in checks if check.name == "likelihood")
-    if not changed:
-        return made("promoted", f"nothing has changed beyond drift, and {better}")
-    moved = ", ".join(_moved(last, new, name) for name in changed)
-    return made("promoted", f"{moved}, and {better}")
-
-
-def _moved(last: Fit, new: Fit, name: str) -> str:
-    before, after = last[name].value, new[name].value
-    unit = new[name].unit
-    return f"{name} changed from {before:.3g} to {after:.3g} {unit}".rstrip()
+    what = moved(last, new, changed) or "nothing has changed beyond drift"
+    return made("promoted", f"{what}, and {better}")
 
 
 def _in_window(recordings: Sequence[Experiment], window: float | int | None) -> list[Experiment]:

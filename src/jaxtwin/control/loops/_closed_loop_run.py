@@ -138,8 +138,12 @@ class ClosedLoopRun:
 
     @property
     def unsettled(self) -> tuple[str, ...]:
-        """The outputs that swing at the end of the run, or stay away from references that have not
-        changed in its last half, a sentence for each."""
+        """The outputs that swing at the end of the run, or stay or drift away from references that
+        have not changed in its last half, a sentence for each.
+
+        Swings and errors count from 1 K on, twice the settling band. An output drifts if the line
+        through its errors in the last quarter leads away from the reference by more than 0.5 K in a
+        time as long as the run, to more than 1 K."""
         return unsettled(self.loop, self.outputs)
 
     def measures(self) -> "pandas.DataFrame":

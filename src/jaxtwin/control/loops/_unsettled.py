@@ -18,12 +18,14 @@ COMES_NEARER = 0.9
 
 
 def unsettled(loop: Any, outputs: Sequence[str]) -> tuple[str, ...]:
-    """Describes in a sentence each output that swings at the end of a run, or stays away from its
-    reference: gains that are too large, cells that heat the output of another, or a sample time
-    that is too long.
+    """Describes in a sentence each output that swings at the end of a run, stays away from its
+    reference, or drifts away from it: gains that are too large, cells that heat the output of
+    another, a sample time that is too long, or a duty at its limit.
 
     A run whose references change in its last half says nothing. Swings of less than twice the
-    settling band, and errors of less than twice the band, are none.
+    settling band (0.5 K), and errors of less than twice the band, are none. An output drifts if the
+    line through its errors in the last quarter of the run leads away from the reference, by more
+    than the band in a time as long as the run, and then is more than twice the band away.
 
     **Arguments:**
 
@@ -45,4 +47,15 @@ def unsettled(loop: Any, outputs: Sequence[str]) -> tuple[str, ...]:
         elif min(abs(end)) > 2 * SETTLING_BAND and abs(end[-1]) > COMES_NEARER * abs(before[0]):
             side = "above" if end[-1] > 0 else "below"
             said.append(f"{name} stays {abs(end[-1]):.1f} K {side} its reference")
+        else:
+            slope, now = np.polyfit(np.arange(len(end)) - len(end) + 1, end, 1)
+            moved, later = slope * count, now + slope * count
+            # A line towards the reference is an approach.
+            is_away = abs(moved) > SETTLING_BAND and moved * now > 0
+            if is_away and abs(later) > 2 * SETTLING_BAND:
+                side = "above" if later > 0 else "below"
+                said.append(
+                    f"{name} drifts, now {abs(now):.1f} K {side} its reference and "
+                    f"{abs(later):.1f} K after as long again"
+                )
     return tuple(said)
