@@ -1,0 +1,133 @@
+"""Heat that no sensor shows: the duty tells the twin how hot the plate is."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from folded import Watched
+from hand_clock import START, HandClock, virtual_bench
+
+from jaxtwin import JaxtwinError
+from jaxtwin._errors import ControlError, SafetyStop
+from jaxtwin.cli import run
+from jaxtwin.control import PID, LiveLoop
+from jaxtwin.io import Experiment
+from jaxtwin.live import Finding, Guard, OperatingLimits, Plant, Reading, Sample, VirtualRig, drive
+from jaxtwin.live.safety._hidden_heat import MAX_GAIN_SIGMAS
+from jaxtwin.live.safety._twin_watch import TwinWatch
+from jaxtwin.physics import Twin
+from jaxtwin.rig import Rig, Sensors
+
+ROOM, LIMIT = 20.0, 55.0
+
+
+@pytest.fixture(scope="module")
+def low(rig: Rig) -> Twin:
+    """A rig with sensors and a limit of 55 degC."""
+    assert rig.limits is not None
+    limits = replace(rig.limits, temperature=LIMIT + 273.15)
+    return Twin(replace(rig, camera=None, sensors=Sensors(0.1), limits=limits))
+
+
+@pytest.fixture(scope="module")
+def draws(low: Twin) -> dict[str, np.ndarray]:
+    """The effect of the cells is known to 8 %, as after a match."""
+    seebeck = float(low.values["alpha"])
+    return {"alpha": seebeck * np.exp(0.08 * np.random.default_rng(0).normal(size=16))}
+
+
+def stopped(
+    low: Twin, share: float, seconds: int, draws: dict[str, np.ndarray] | None, duty: float = 0.7
+) -> tuple[Finding | None, float]:
+    """What trips a rig whose sensors show a share of their rise, and how hot its plate was."""
+    lock = Watched(TwinWatch(low, OperatingLimits.of(low), ROOM, draws))
+    plant, random = Plant(low), np.random.default_rng(1)
+    plant.start(0.0, ROOM, ROOM)
+    counts = (round(255 * duty),) * 2
+    for second in range(seconds):
+        now = START + second * 10**9
+        values = ROOM + share * (plant.temperatures - ROOM) + random.normal(0, 0.1, 15)
+        trip = lock.on_record(Reading("l", "b", now, second * 10**6, 0, values, False, None))
+        trip = trip or lock.on_record(Sample("l", "b", now, second * 10**6, 0, counts, ROOM))
+        if trip is not None:
+            return trip, float(plant.nodes[:24].max())
+        plant.drive(np.array(counts) / 255)
+        plant.advance(second + 1.0)
+    return None, float(plant.nodes[:24].max())
+
+
+@pytest.mark.parametrize("share", [1.0, 0.75, 0.5, 0.25, 0.05])
+def test_the_plate_does_not_pass_its_limit_whatever_its_sensors_show(
+    low: Twin, draws: dict[str, np.ndarray], share: float
+) -> None:
+    """With this duty it would reach 90 degC. The sensors themselves are not asked here."""
+    for known in (None, draws):
+        trip, hottest = stopped(low, share, 600, known)
+        assert trip is not None
+        assert hottest < LIMIT + 1.0
+
+
+def test_a_part_that_is_too_hot_by_its_duty_is_named_with_its_probability(
+    low: Twin, draws: dict[str, np.ndarray]
+) -> None:
+    trip, hottest = stopped(low, 0.95, 600, draws)
+    assert trip is not None
+    assert (trip.kind, trip.severity) == ("predicted-temperature", "critical")
+    assert trip.channel in {node.name for node in low.netlist.nodes} | set(low.channels)
+    assert "whatever the sensors read; the rig's limit is 55" in trip.detail
+    assert trip.probability is not None
+    assert 0.1 <= trip.probability < 0.2
+    # Its band reaches the limit before the twin does.
+    alone, later = stopped(low, 0.95, 600, None)
+    assert alone is not None
+    assert hottest < later
+
+
+def test_sensors_that_together_show_too_little_are_a_finding(
+    low: Twin, draws: dict[str, np.ndarray]
+) -> None:
+    """A sixth of the duty would warm the plate by 15 K: far below its limit."""
+    trip, _ = stopped(low, 0.5, 300, draws, duty=0.25)
+    assert trip is not None
+    assert trip.kind == "gain"
+    assert trip.size == pytest.approx(0.5, abs=0.05)
+    assert stopped(low, 1.0, 300, draws, duty=0.25)[0] is None
+    assert stopped(low, 0.95, 300, draws, duty=0.25)[0] is None, f"within {MAX_GAIN_SIGMAS:g} sd"
+
+
+def test_a_plan_that_must_exceed_the_limit_is_refused_before_it_begins(
+    low: Twin, clock: HandClock
+) -> None:
+    hot = Experiment.schedule("0:0.7", duration=600, cells=2)
+    device = VirtualRig(low)
+    bench = virtual_bench(low.rig, device, clock)
+    with pytest.raises(JaxtwinError, match=r"plan: expected at most 55 degC, the limit of the rig"):
+        drive(bench, Guard.of(low), hot)
+    assert bench.number == 0, "nothing was sent"
+    with pytest.raises(SafetyStop, match=r"is at 5\d"):
+        drive(bench, Guard.of(low), hot, accept=True)
+    Guard.of(low).check_plan(Experiment.schedule("0:0.2", duration=600, cells=2))
+
+
+@pytest.mark.parametrize(("reference", "refused"), [(50.0, False), (60.0, True)])
+def test_references_that_must_exceed_the_limit_are_refused(
+    low: Twin, reference: float, refused: bool
+) -> None:
+    pid = PID(0.05, 0.001, limits=(0.0, 1.0), measured=[list(low.channels)])
+    if not refused:
+        LiveLoop(low, pid, 40.0, duration=60, ambient=ROOM)
+        return
+    with pytest.raises(ControlError, match=r"expected at most 55 degC at every channel"):
+        LiveLoop(low, pid, reference, duration=60, ambient=ROOM)
+    LiveLoop(low, pid, reference, duration=60, ambient=ROOM, accept=True)
+
+
+def test_the_command_refuses_it_before_it_connects(
+    rig: Rig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "low.toml"
+    file.write_text(rig.text.replace('temperature = "90 degC"', 'temperature = "55 degC"'))
+    command = ["drive", str(file), "--link", "socket://127.0.0.1:1", "--duty", "0:1"]
+    assert run([*command, "--duration", "600"]) == 2
+    assert "the interlocks would stop it. Accept that to begin" in capsys.readouterr().err
