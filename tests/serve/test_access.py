@@ -163,7 +163,9 @@ def test_a_page_that_only_shows_takes_no_order_even_with_the_token(kind: str) ->
     assert shown.desk.next() is None
 
 
-def test_who_has_the_token_may_always_stop() -> None:
+def test_who_has_the_token_may_always_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody takes it here, which the answer says."""
+    monkeypatch.setattr(_app, "ANSWER_SECONDS", 0.05)
     shown = bench(allow_control=False)
     assert ask(shown.app, "/control/stop", method="POST", headers=GOOD).status == 202
     assert shown.desk.stop.is_set()

@@ -26,11 +26,11 @@ def told(until: int, stopped_at: float = float("inf")) -> tuple[Orders, list[str
             Reading("rig", "b", at, second * 10**6, second, values, False, None), state
         )
         if second >= stopped_at:
-            text = "stopped by hand; the cells are off"
+            text = "stopped by hand; the device reports off"
             shown.ring.append("run", {"state": "idle", "duty": [], "text": text})
         script.on_time(state, at)
         while (taken := desk.next()) is not None:
-            orders.append((second, taken[0]))
+            orders.append((second, taken.order))
     lines = shown.ring.newest_of("log") or []
     return orders, [line["text"] for line in lines]
 

@@ -4,6 +4,7 @@ a stop reaches it whatever it does. A clock that tests turn; no waiting."""
 import socket
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -32,6 +33,8 @@ from jaxtwin.live import (
     StopRequest,
     VirtualRig,
 )
+from jaxtwin.live.protocol._codec import encode
+from jaxtwin.live.protocol._messages import Duty
 from jaxtwin.serve import (
     Access,
     Champion,
@@ -46,7 +49,15 @@ from jaxtwin.serve import (
     TwinBeside,
     web_app,
 )
-from jaxtwin.serve._desk import DriveOrder, HoldOrder, PromoteOrder, RefitOrder, RollbackOrder
+from jaxtwin.serve._desk import (
+    Asked,
+    DriveOrder,
+    HoldOrder,
+    PromoteOrder,
+    RefitOrder,
+    RollbackOrder,
+)
+from jaxtwin.serve._order_in_force import OrderInForce
 
 
 class Bench:
@@ -140,7 +151,7 @@ def test_a_duty_is_held_for_its_time_and_the_cells_are_off_after_it() -> None:
     assert (bench.clock.now() - begin) * 1e-9 == pytest.approx(21.0, abs=2.0)
     assert not any(bench.device.pwm)
     assert bench.frame("run")["state"] == "idle"
-    assert "the time is over; the cells are off" in bench.lines()
+    assert "the time is over; the device reports off" in bench.lines()
     assert not bench.desk.is_over
 
 
@@ -193,7 +204,7 @@ def test_references_are_held_and_changed_without_a_jump_of_the_duty() -> None:
     readings = bench.frame("sample")["measured"]
     assert readings == pytest.approx([34.0, 30.0], abs=1.0)
     assert not any(bench.device.pwm)
-    assert "the time is over; the cells are off" in bench.lines()
+    assert "the time is over; the device reports off" in bench.lines()
 
 
 @pytest.mark.slow
@@ -212,6 +223,165 @@ def test_references_that_nobody_can_hold_are_refused(
     assert message in answer.result(0).text
     assert bench.frame("run")["state"] == "idle"
     assert not any(bench.device.pwm)
+
+
+def test_an_order_is_answered_when_the_device_has_acknowledged_it() -> None:
+    """Not when it was taken, nor when it was sent."""
+    answers: list[Any] = []
+    seen: list[tuple[Any, bool, str]] = []
+
+    class Watch:
+        def on_record(self, record: Record, state: RigState) -> None:
+            if answers:
+                said = record.number if isinstance(record, Sample) else None
+                seen.append((said, answers[0].done(), bench.frame("run")["state"]))
+
+        def on_time(self, state: RigState, now: int) -> None:
+            pass
+
+    bench = Bench(consumers=(Watch(),))
+    bench.turn(3.0)
+    before = bench.source.number
+    answers.append(bench.desk.ask(DriveOrder((0.3, 0.2), 5.0)))
+    bench.loop.turn()
+    place = next(k for k, (number, *_) in enumerate(seen) if number is not None and number > before)
+    assert {one[1:] for one in seen[:place]} <= {(False, "idle"), (False, "starting")}
+    assert seen[place][1:] == (True, "driving")
+    assert answers[0].result(0) == (True, "the rig is driven with a duty of 30 %, 20 %")
+
+
+def commands_of(owner: str, number: int) -> bytes:
+    return encode(Duty(number, (300, 300), owner))
+
+
+def test_an_order_for_a_rig_that_another_host_commands_is_refused() -> None:
+    bench = Bench()
+    bench.turn(3.0)
+    bench.device.receive(commands_of("other", 1))
+    answer = bench.desk.ask(DriveOrder((0.3, 0.2), 60.0))
+    bench.loop.turn()
+    assert not answer.result(0).obeyed
+    assert "another host, other, commands the cells" in answer.result(0).text
+    assert bench.frame("run")["state"] == "idle"
+    assert not any("driven" in line for line in bench.lines())
+
+
+def test_an_order_that_no_device_acknowledges_is_refused() -> None:
+    """A device that applies nothing and acknowledges nothing: an interlock finds it."""
+    bench = Bench()
+    bench.turn(3.0)
+
+    def deaf(records: list[Record]) -> list[Record]:
+        return [
+            replace(one, owner="", number=None, pwm=(0, 0)) if isinstance(one, Sample) else one
+            for one in records
+        ]
+
+    bench.source.tap = deaf
+    answer = bench.desk.ask(DriveOrder((0.0, 0.0), 60.0))
+    bench.loop.turn()
+    assert not answer.result(0).obeyed
+    assert "no command was acknowledged" in answer.result(0).text
+    assert not any("driven" in line for line in bench.lines())
+
+
+@pytest.mark.parametrize(
+    ("number", "owner", "is_acknowledged"),
+    [(5, "us", False), (6, "us", True), (8, "us", True), (9, "us", False), (7, "them", False)],
+)
+@pytest.mark.parametrize("start", [5, 2**32 - 2])
+def test_only_a_command_of_the_order_is_acknowledged(
+    number: int, owner: str, is_acknowledged: bool, start: int
+) -> None:
+    """Commands 6 to 8, also where the numbers of 32 bits begin anew."""
+    connection = RigConnection(twin().rig, {})
+    connection.owner, connection._number = "us", start
+    order = DriveOrder((0.3,), 60.0)
+    asked = Asked(order)
+    in_force = OrderInForce(asked, order, connection, changes_run=False)
+    assert in_force.begin()
+    connection._number = (start + 3) % 2**32
+    said = (start - 5 + number) % 2**32
+    sample = Sample("rig", "b", START, 0, 0, (300,), None, owner=owner, number=said)
+    assert in_force.see(sample, "") == is_acknowledged
+    assert asked.waiting.done() == is_acknowledged
+
+
+def test_a_client_that_gives_up_before_the_rig_is_ready_starts_no_heater() -> None:
+    bench = Bench()
+    bench.turn(3.0)
+    bench.source.tap = lambda records: [one for one in records if not isinstance(one, Sample)]
+    polls = [0]
+    poll = bench.source.poll
+
+    def counted(timeout: float = 0.1) -> list[Record]:
+        polls[0] += 1
+        if polls[0] == 40:
+            assert gone.cancel()
+            bench.source.tap = None
+        return poll(timeout)
+
+    bench.source.poll = counted  # pyright: ignore[reportAttributeAccessIssue]
+    gone = bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    begin = bench.clock.now()
+    bench.loop.turn()
+    assert (bench.clock.now() - begin) * 1e-9 < 6.0
+    assert bench.device.stage.number is None
+    assert "nobody waits for it any more" in bench.frame("run")["text"]
+
+
+def test_a_reset_of_a_run_that_goes_on_says_that_nothing_had_tripped() -> None:
+    changed: list[Any] = []
+    watch = When(lambda: changed.append(bench.desk.ask(DriveOrder((0.5, 0.5), 5.0, reset=True))))
+    bench = Bench(consumers=(watch,))
+    bench.turn(3.0)
+    first = bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    bench.loop.turn()
+    assert first.result(0).text == "the rig is driven with a duty of 30 %, 20 %"
+    assert changed[0].result(0).text == (
+        "the rig is driven with a duty of 50 %, 50 % from now on; nothing had tripped"
+    )
+
+
+def test_a_stop_is_answered_with_what_the_device_reports() -> None:
+    bench = Bench()
+    bench.turn(3.0)
+    idle = bench.desk.press_stop()
+    assert bench.desk.take_stop()
+    bench.loop._stop()
+    assert idle.result(0).obeyed
+    assert "the device has tripped" in idle.result(0).text
+    watch = When(lambda: stops.append(bench.desk.press_stop()))
+    stops: list[Any] = []
+    bench = Bench(consumers=(watch,))
+    bench.turn(3.0)
+    bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    bench.loop.turn()
+    assert stops[0].result(0) == (True, "stopped by hand; the device reports off")
+
+
+def test_a_stop_before_a_run_has_begun_trips_the_device() -> None:
+    """No run commands the rig yet: whoever does is stopped."""
+    bench = Bench()
+    bench.turn(3.0)
+    bench.source.tap = lambda records: [one for one in records if not isinstance(one, Sample)]
+    watch = bench.source.poll
+    pressed: list[Any] = []
+
+    def pressing(timeout: float = 0.1) -> list[Record]:
+        if not pressed:
+            pressed.append(bench.desk.press_stop())
+        return watch(timeout)
+
+    bench.source.poll = pressing  # pyright: ignore[reportAttributeAccessIssue]
+    answer = bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+    bench.loop.turn()
+    assert not answer.result(0).obeyed
+    bench.source.tap = None
+    assert bench.desk.take_stop()
+    bench.loop._stop()
+    assert bench.device.stage.trip_reason == "stop"
+    assert pressed[0].result(0).obeyed
 
 
 def test_an_order_whose_client_has_gone_is_void() -> None:
@@ -237,7 +407,7 @@ def test_a_stop_ends_a_run_at_once_and_the_program_goes_on() -> None:
     assert bench.device.stage.trip_reason == ""
     assert not bench.desk.is_over
     assert not bench.desk.stop.is_set()
-    assert "stopped by hand; the cells are off" in bench.lines()
+    assert "stopped by hand; the device reports off" in bench.lines()
 
 
 def test_a_signal_ends_a_run_and_the_program_and_leaves_a_trip() -> None:
@@ -269,11 +439,16 @@ def test_a_stop_without_a_run_trips_the_device_and_a_reset_ends_the_trip() -> No
     assert bench.frame("story")["rig"]["head"] == "The device has switched off"
     refused = bench.desk.ask(DriveOrder((0.3, 0.2), 10.0))
     bench.loop.turn()
-    assert refused.result(0).obeyed
-    assert "look why" in bench.frame("run")["text"]
-    bench.desk.ask(DriveOrder((0.3, 0.2), 10.0, reset=True))
+    assert not refused.result(0).obeyed
+    assert "look why" in refused.result(0).text
+    assert refused.result(0).text == bench.frame("run")["text"]
+    obeyed = bench.desk.ask(DriveOrder((0.3, 0.2), 10.0, reset=True))
     bench.loop.turn()
-    assert bench.frame("run")["text"] == "the time is over; the cells are off"
+    assert obeyed.result(0) == (
+        True,
+        "the rig is driven with a duty of 30 %, 20 %; its trip (stop) was ended first",
+    )
+    assert bench.frame("run")["text"] == "the time is over; the device reports off"
 
 
 @pytest.mark.slow
@@ -393,16 +568,19 @@ def test_a_stop_through_the_application_reaches_a_run() -> None:
         "content-type": "application/json",
         "authorization": f"Bearer {TOKEN}",
     }
-    statuses: list[int] = []
-
-    def press() -> None:
-        statuses.append(ask(app, "/control/stop", method="POST", headers=headers).status)
-
     bench.turn(3.0)
-    watch.action = press
-    bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
-    bench.loop.turn()
-    assert statuses == [202]
+    with ThreadPoolExecutor(1) as client:
+
+        def press() -> None:
+            answers.append(client.submit(ask, app, "/control/stop", method="POST", headers=headers))
+
+        answers: list[Any] = []
+        watch.action = press
+        bench.desk.ask(DriveOrder((0.3, 0.2), 600.0))
+        bench.loop.turn()
+        answer = answers[0].result(20)
+    assert answer.status == 200
+    assert answer.json == {"text": "stopped by hand; the device reports off"}
     assert not any(bench.device.pwm)
 
 

@@ -27,7 +27,7 @@ MOST_STREAMS = 200
 """The largest number of clients at a time."""
 
 ANSWER_SECONDS = 10.0
-"""The longest time until the loop takes an order, s."""
+"""The longest time until an order is obeyed or a stop is reported by the device, s."""
 
 LONGEST_SPAN = 8 * 86_400.0
 """The longest history, s."""
@@ -150,8 +150,15 @@ class _Web:
             check_names(fields_of(body), set())
         except JaxtwinError as error:
             return _refused(Refusal(400, str(error)))
-        self._desk.press_stop()
-        return JSONResponse({"text": "stopping"}, 202, HEADERS)
+        asked = self._desk.press_stop()
+        try:
+            answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_SECONDS)
+        except TimeoutError:
+            text = "stopping; the device has not reported yet: the log says what becomes of it"
+            return JSONResponse({"text": text}, 202, HEADERS)
+        if not answer.obeyed:
+            return _refused(Refusal(409, answer.text))
+        return JSONResponse({"text": answer.text}, 200, HEADERS)
 
     async def order(self, request: Request) -> Response:
         kind = request.path_params["kind"]
@@ -170,7 +177,7 @@ class _Web:
             answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_SECONDS)
         except TimeoutError:
             if asked.cancel():
-                text = "the loop around the rig does not answer; the order is void"
+                text = f"the rig has obeyed nothing for {ANSWER_SECONDS:g} s; the order is void"
             else:
                 text = "the order was taken and takes long; the log says what becomes of it"
             return _refused(Refusal(504, text))
