@@ -599,24 +599,29 @@ def test_the_last_minutes_are_a_recording_of_a_sample_in_each_second() -> None:
     assert recent.host_time(recent.now) == pytest.approx(bench.clock.now() * 1e-9, abs=1.5)
 
 
-def test_a_duty_counts_from_the_sample_in_whose_first_half_it_came() -> None:
-    """The duty of a sample of an experiment is held until the next one."""
+def test_a_duty_counts_from_when_the_device_reports_it() -> None:
+    """The duty of a sample of an experiment is held until the next one: it is the mean until
+    then. A command that came a second earlier or later in it would look like another rig."""
     recent, state = RecentSamples(twin()), RigState()
-    changes = (3.4, 6.6)  # before and after the middle between two samples
+    changes = (3.4, 6.7, 6.9)
     part = round(0.3 * twin().rig.driver.counts)
     for tenth in range(100):
         at, now = START + tenth * 10**8, tenth / 10
         counts = part * sum(now >= change for change in changes)
         sample = Sample("rig", "b", at, tenth * 10**5, tenth, (counts, 0), None)
         records: list[Record] = [sample]
-        if tenth % 10 == 0:
+        if tenth % 16 == 0:
             row = np.array([30.0, 30.0])
             records.append(Reading("rig", "b", at, tenth * 10**5, tenth, row, False, None))
         for record in records:
             state = state.after(record)
             recent.on_record(record, state)
-    duty = np.asarray(recent.recorded().duty)[:, 0]
-    np.testing.assert_allclose(duty, [0, 0, 0, 0.3, 0.3, 0.3, 0.3, 0.6, 0.6, 0.6])
+    recorded = recent.recorded()
+    np.testing.assert_allclose(recorded.time, np.arange(0.0, 9.7, 1.6), atol=1e-6)
+    # From 3.2 to 4.8 s: 1.4 s of 0.3; from 6.4 to 8.0 s: 0.3 s, 0.2 s and 1.1 s.
+    third, fifth = 0.3 * 1.4 / 1.6, (0.3 * 0.3 + 0.2 * 0.6 + 1.1 * 0.9) / 1.6
+    duty = np.asarray(recorded.duty)[:, 0]
+    np.testing.assert_allclose(duty, [0, 0, third, 0.3, fifth, 0.9, 0.9], atol=1e-6)
 
 
 def test_a_refit_needs_a_store_and_readings(store: TwinStore) -> None:
