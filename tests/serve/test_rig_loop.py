@@ -507,7 +507,7 @@ def test_a_recording_that_fails_does_not_end_the_page(tmp_path: Path) -> None:
     file.unlink()
     bench.turn(5.0)
     assert "Nothing is recorded any more" in bench.page.problem
-    assert bench.frame("story")["rig"]["head"] == "The rig is well, the server is not"
+    assert bench.frame("story")["rig"]["head"] == "The server has a problem"
     assert [one.kind for one in bench.raised] == ["not-recorded"]
 
 

@@ -1,16 +1,21 @@
 """The contents of the page: a consumer that turns the records of a rig into frames."""
 
+import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._normal_distribution import QUANTILE_975
-from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState
+from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState, Sample
+from ..live._alarms import DISK_BYTES
 from ..live._json import finding_as_json
+from ..live._switch_off import STILL_ON
 from ..live.protocol._clock import seconds
 from ..observers._estimates import Estimate, parameter_estimates
 from ..observers._moments import Moment
@@ -66,6 +71,7 @@ class Page:
     - `about`: what else the page says of its source: `source`, its name; `is_live`, whether its
       records are of now; `recording`, the file; `control`, whether commands are allowed.
     - `raised`: called with each new finding.
+    - `disk`: the folder whose disk must not become full; None: there is none.
     """
 
     def __init__(
@@ -75,6 +81,7 @@ class Page:
         beside: TwinBeside,
         about: Mapping[str, Any],
         raised: Callable[[Finding], object] = lambda _: None,
+        disk: Path | None = None,
     ):
         self.ring = ring
         self.problem = ""
@@ -87,12 +94,15 @@ class Page:
         """When the loop turned last, s of the monotonic clock."""
         rig = beside.twin.rig
         self.history = History(len(rig.channels), len(rig.driven))
-        self._source, self._about, self._raised = source, about, raised
+        self._source, self._about, self._raised, self._disk = source, about, raised, disk
         self._lines: deque[dict[str, Any]] = deque(maxlen=LINES)
         self._energy = 0.0
         self._state = RigState()
-        self._due = self._looked = 0  # host times
-        self._findings: tuple[Finding, ...] = ()
+        self._due = self._looked = self._heard = 0  # host times; the last is that of a sample
+        self._still_on = ""
+        self._before: tuple[Finding, ...] = ()  # what monitors with other twins have found
+        self._findings: tuple[Finding, ...] | None = None
+        self._beside = beside
         self.follow(beside)
 
     @property
@@ -111,7 +121,14 @@ class Page:
         return tuple(self._beside.monitor.present)
 
     def follow(self, beside: TwinBeside) -> None:
-        """Goes on with another twin, which begins to find the rig."""
+        """Goes on with another twin, which begins to find the rig. What was found with the twin
+        before is over then, and so is its diagnosis."""
+        if beside is not self._beside:
+            self._before += tuple(
+                one if one.until is not None else replace(one, until=self._looked)
+                for one in self._beside.monitor.findings
+            )
+            self._before = self._before[-LINES:]
         self._beside = beside
         self._follower = beside.monitor.follower
         self._observed = self._error = self._surprise = self._time = 0.0
@@ -141,6 +158,9 @@ class Page:
                 "server": self.ring.name,
             },
         )
+        # A client that was connected to an earlier server still shows what that one said.
+        self.ring.append("diagnosis", {"state": "none", "causes": []})
+        self._show_findings()
 
     def say(self, level: str, text: str, at: float | None = None) -> None:
         """Adds a line to the log of the page; `at` is its time, s since 1970."""
@@ -162,6 +182,8 @@ class Page:
         """Takes a new finding of an alarm or of the monitor."""
         level = "notice" if not finding.is_alarm else finding.severity
         since = None if finding.since is None else seconds(finding.since)
+        if finding.kind in (STILL_ON, "unconfirmed"):
+            self._still_on = finding.detail
         self.say(level, f"{finding.kind}: {finding.detail}", since)
         self._raised(finding)
 
@@ -173,6 +195,10 @@ class Page:
         for finding in self._beside.take_news():
             self.on_finding(finding)
         match record:
+            case Sample() if record.pwm:
+                self._heard = state.time_of(record)
+                if not any(record.pwm):
+                    self._still_on = ""
             case Reading() if not record.recalibrating:
                 self._reading = record
                 self._judge(record, state)
@@ -215,7 +241,7 @@ class Page:
         applied = None if state.sample is None else self.twin.rig.driver.duty(state.sample.pwm)
         power = None if outlook is None else outlook.power
         live = {name: float(link == "live") for name, link in self._source.states.items()}
-        alarms = sum(one.is_alarm and one.until is None for one in self._findings)
+        alarms = sum(one.is_alarm and one.until is None for one in self._findings or ())
 
         def gauge(name: str, about: str, label: str, names: Any, values: Any) -> Metric:
             return Metric(f"jaxtwin_{name}", "gauge", about, label, _named(names, values))
@@ -286,7 +312,7 @@ class Page:
         self.ring.append("outlook", content)
 
     def _show_findings(self) -> None:
-        found = self._beside.monitor.findings
+        found = (*self._before, *self._beside.monitor.findings)
         if found == self._findings:
             return
         self._findings = found
@@ -301,6 +327,8 @@ class Page:
         links = {name: str(link) for name, link in self._source.states.items()}
         # A replay shows the time of its records, which are old by themselves.
         age = None if not newest else seconds(now - newest) if self._about["is_live"] else 0.0
+        self._heard = self._heard or now  # that of the first look, if it has said nothing yet
+        silent = seconds(now - self._heard) if self._about["is_live"] else 0.0
         later = None
         if self._outlook is not None:
             ahead = self._outlook.readings
@@ -311,12 +339,14 @@ class Page:
             links=links,
             refusals=getattr(self._source, "refusals", {}),
             age=age,
+            silent=silent,
             faults={names[place]: why for place, why in state.faults.items()},
             trip=state.trip,
+            still_on=self._still_on,
             limit=None if limit is None else limit - ZERO_CELSIUS,
             findings=self._beside.monitor.present,
             cause=self.cause,
-            problem=self.problem,
+            problem=self.problem or self._full_disk(),
             ended=self._source.ended,
             observed=self._observed,
             error=self._error,
@@ -335,6 +365,12 @@ class Page:
                 "trip": state.trip,
             },
         )
+
+    def _full_disk(self) -> str:
+        """What is said of a disk that is nearly full, as `Alarms` does; `""` if it is not."""
+        if self._disk is None or (free := shutil.disk_usage(self._disk).free) >= DISK_BYTES:
+            return ""
+        return f"{free / 1e6:.0f} MB are free at {self._disk}."
 
 
 def _named(names: Any, values: Any) -> dict[str, float]:

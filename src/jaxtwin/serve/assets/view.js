@@ -247,6 +247,10 @@ class View {
   }
 
   #diagnosis(found) {
+    if (found.state === "none") {
+      this.causes.replaceChildren();
+      return;
+    }
     const heading = make("h3", {}, "Why (estimate)");
     const notes = [];
     if (found.state === "running") notes.push(make("p", {}, "The last minutes are being diagnosed …"));
