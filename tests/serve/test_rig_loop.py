@@ -659,14 +659,34 @@ def test_a_change_is_diagnosed_beside_the_loop() -> None:
         if number == ONSET + 30:
             diagnosis.on_finding(Finding("sudden", "T1 is off", "T1"))
     diagnosis.on_time(state, START)
-    while len(shown) < 2:
+    while len(shown) < 3:
         time.sleep(0.1)
         diagnosis.on_time(state, START)
     diagnosis.close()
-    assert [one["state"] for one in shown] == ["running", "done"]
-    best = shown[1]["causes"][0]["explanations"][0]
+    assert [one["state"] for one in shown] == ["awaited", "running", "done"]
+    best = shown[2]["causes"][0]["explanations"][0]
     assert best["name"] == "fail H1"
     assert best["onset"] == pytest.approx(START * 1e-9 + ONSET, abs=10.0)
+
+
+def test_findings_that_no_diagnosis_can_follow_are_not_awaited_for_ever() -> None:
+    shown: list[dict[str, Any]] = []
+    recent, state = RecentSamples(twin()), RigState()
+    diagnosis = LiveDiagnosis(twin(), recent, shown.append)
+    for number in (0, 400):
+        at = START + number * 10**9
+        for record in (
+            Sample("rig", "b", at, number * 10**6, number, (0, 0), None),
+            Reading("rig", "b", at, number * 10**6, number, np.full(2, 23.0), False, None),
+        ):
+            state = state.after(record)
+            recent.on_record(record, state)
+        if number == 0:
+            diagnosis.on_finding(Finding("sudden", "T1 is off", "T1"))
+        diagnosis.on_time(state, at)
+    diagnosis.close()
+    assert [one["state"] for one in shown] == ["awaited", "failed"]
+    assert shown[1]["text"] == "expected 180 samples, got 2"
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ GOOD = Situation(
     limit=80.0,
     findings=(),
     cause="",
+    is_awaited=False,
     problem="",
     ended=False,
     observed=1000.0,
@@ -48,6 +49,7 @@ NOTICE = Finding("changed", "R_E differs by +3 %", "R_E", severity="notice")
         ({"silent": 4.0}, "warning", "The controller is silent"),
         ({"links": {"a": "live", "b": "down"}}, "warning", "A link is not live"),
         ({"cause": "loosen P1, 100 %"}, "notice", "Something had changed"),
+        ({"is_awaited": True}, "notice", "Something had changed"),
         ({"still_on": "it reports heat", "age": None}, "critical", "The cells may be on"),
         ({"ended": True}, "unknown", "The recording is over"),
         ({"readings": np.full(2, np.nan)}, "good", "The rig is well"),
@@ -83,6 +85,7 @@ situations = st.builds(
     limit=st.none() | st.just(80.0),
     findings=st.lists(findings, max_size=3),
     cause=texts,
+    is_awaited=st.booleans(),
     problem=texts,
     ended=st.booleans(),
     observed=st.floats(0, 1000),
@@ -101,7 +104,7 @@ def test_no_answer_is_greener_than_what_is_known(now: Situation) -> None:
     is_silent = now.silent > 3.0 or any(state != "live" for state in now.links.values())
     doubts = [
         is_alarmed, is_old, is_hot, is_silent, now.faults, now.trip, now.still_on, now.problem,
-        now.cause, now.ended,
+        now.cause, now.is_awaited, now.ended,
     ]  # fmt: skip
     rig, twin = is_rig_well(now), is_twin_right(now)
     assert (rig.level == "good") == (not any(doubts))

@@ -51,6 +51,7 @@ class LiveDiagnosis:
         """Plans diagnoses after an alarm of the monitor."""
         if finding.is_alarm and finding.kind in KINDS.values() and not self._due:
             self._due = [self._recent.now + delay for delay in DELAYS]
+            self._show({"state": "awaited", "causes": self._causes})
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Does nothing: the samples are kept elsewhere."""
@@ -67,6 +68,9 @@ class LiveDiagnosis:
                 self._show({"state": "running", "causes": self._causes})
                 recorded = self._recent.recorded()
                 self._process.begin(causes_of, self._twin, recorded, self._noise)
+            elif not self._due:
+                text = f"expected {LEAST} samples, got {len(self._recent)}"
+                self._show({"state": "failed", "text": text, "causes": self._causes})
 
     def close(self) -> None:
         """Ends a diagnosis that runs."""

@@ -135,7 +135,7 @@ class Page:
         self._outlook: Outlook | None = None
         self._reading: Reading | None = None  # which is not shown yet
         self._parameters: Estimate | None = None
-        self.cause = ""
+        self.cause, self._is_awaited = "", False
         directions, rows = beside.observer.model.directions, beside.twin.rig.parameters
         names = () if directions is None else directions.names
         self.history.follow(names)
@@ -170,6 +170,7 @@ class Page:
     def show_diagnosis(self, found: dict[str, Any]) -> None:
         """Shows a diagnosis, as `LiveDiagnosis` gives it."""
         self.ring.append("diagnosis", found)
+        self._is_awaited = found["state"] in ("awaited", "running")
         if found["state"] != "done":
             return
         self.cause = ""
@@ -346,6 +347,7 @@ class Page:
             limit=None if limit is None else limit - ZERO_CELSIUS,
             findings=self._beside.monitor.present,
             cause=self.cause,
+            is_awaited=self._is_awaited,
             problem=self.problem or self._full_disk(),
             ended=self._source.ended,
             observed=self._observed,

@@ -47,7 +47,7 @@ class Situation(NamedTuple):
       it is off after a stop; `""` if it has reported so.
     - `limit`: the temperature at which the cells are switched off, degC; None: not stated.
     - `findings`: the findings that are there. `cause`: what explains them most likely; `""`: nobody
-      has said.
+      has said. `is_awaited`: whether a diagnosis of the last findings is awaited.
     - `problem`: what keeps the server from its work, such as a full disk.
     - `ended`: whether the source has ended, as a replay does.
     - `observed`: for how long the rig has been observed, s of the rig.
@@ -68,6 +68,7 @@ class Situation(NamedTuple):
     limit: float | None
     findings: Sequence[Finding]
     cause: str
+    is_awaited: bool
     problem: str
     ended: bool
     observed: float
@@ -111,10 +112,10 @@ def is_rig_well(now: Situation) -> Sentence:
         return Sentence("warning", "A link is not live", f"{_links(now)}.")
     if now.problem:
         return Sentence("warning", "The server has a problem", now.problem)
-    if now.cause:
+    if now.cause or now.is_awaited:
         # What was found is over, as under a duty that does not show it; the twin is the old one.
-        text = f"Most likely (estimate): {now.cause}. Nothing is found at the moment."
-        return Sentence("notice", "Something had changed", text)
+        text = f"Most likely (estimate): {now.cause}" if now.cause else "A diagnosis is awaited"
+        return Sentence("notice", "Something had changed", f"{text}. Nothing is found now.")
     text = "Nothing reads a temperature."
     if hottest is not None:
         name, value = hottest
