@@ -367,3 +367,28 @@ def test_the_dashboard_of_grafana_asks_for_metrics_that_are_there() -> None:
     text = ask(bench().app, "/metrics").body.decode()
     assert asked <= set(re.findall(r"# TYPE (\S+)", text))
     assert len(asked) >= 8
+
+
+@pytest.mark.parametrize(("a_second", "longest"), [(10, 0.0), (100, 0.1)])
+def test_readings_gather_between_pictures_only_if_there_are_several_for_each(
+    a_second: int, longest: float
+) -> None:
+    """A rig at ten times its speed makes a hundred; one at its own speed is read at once."""
+    sent: list[str] = []
+    shown = page(FrameRing(on_frame=lambda kind, text: sent.append(kind)))
+    state, number, now, pauses = RigState(), 0, START, list[float]()
+    while now < START + 5 * SECOND:
+        now += SECOND // a_second
+        pause = shown.pause(now)
+        now += round(pause * SECOND)
+        pauses.append(pause)
+        while START + number * SECOND // a_second <= now:
+            at, number = START + number * SECOND // a_second, number + 1
+            us = (at - START) // 1000
+            reading = Reading("rig", "b", at, us, number, np.full(2, 23.0), False, None)
+            state = state.after(reading)
+            shown.on_record(reading, state)
+        shown.on_time(state, now)
+    assert max(pauses) <= longest
+    assert (max(pauses) > 0.05) == (longest > 0)
+    assert 48 <= sent.count("sample") <= 51

@@ -36,6 +36,10 @@ one of them is late."""
 OUTLOOK_NS = 1_000_000_000
 """The time between two pictures of what the twin says, ns of the host."""
 
+SEVERAL = 2
+"""The number of readings above which a picture stands for several: those of a rig that is as fast
+as pictures are come in pairs now and then."""
+
 LINES = 60
 """The number of lines of the log that the page shows."""
 
@@ -99,6 +103,7 @@ class Page:
         self._energy = 0.0
         self._state = RigState()
         self._due = self._looked = self._heard = 0  # host times; the last is that of a sample
+        self._unshown = self._apart = 0  # readings since the last picture, and before it
         self._still_on = ""
         self._before: tuple[Finding, ...] = ()  # what monitors with other twins have found
         self._findings: tuple[Finding, ...] | None = None
@@ -202,6 +207,7 @@ class Page:
                     self._still_on = ""
             case Reading() if not record.recalibrating:
                 self._reading = record
+                self._unshown += 1
                 self._judge(record, state)
             case LinkChange():
                 detail = f": {record.detail}" if record.detail else ""
@@ -223,6 +229,7 @@ class Page:
             # A picture that is late does not make all that follow late.
             is_on_grid = now - self._due < SAMPLE_NS
             self._reading, self._due = None, (self._due if is_on_grid else now) + SAMPLE_NS
+            self._apart, self._unshown = self._unshown, 0
             time_s, follower = seconds(state.time_of(reading)), self._follower
             assert follower.predicted is not None
             values = reading.temperatures, follower.predicted, self._band(), follower.duty
@@ -233,6 +240,11 @@ class Page:
                 self._look(state)
             self._show_findings()
             self._show_story(state, now)
+
+    def pause(self, now: int) -> float:
+        """How long the readings may gather from host time `now`, ns, on: until the next picture if
+        there are several for each, s. Each turn of the loop costs as much as some readings."""
+        return max(seconds(self._due - now), 0.0) if self._apart > SEVERAL else 0.0
 
     @property
     def metrics(self) -> list[Metric]:

@@ -131,6 +131,9 @@ class RigLoop:
             self._desk.stop.wait(IDLE_SECONDS)
             self._service.take([])
         else:
+            if isinstance(self._source, RigConnection):  # a replay waits by itself
+                clock = self._source.clock
+                clock.wait(self._desk.stop, self._page.pause(clock.now()))
             try:
                 self._service.turn(0.05)
             except RecordingError as error:
