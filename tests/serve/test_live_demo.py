@@ -8,7 +8,15 @@ from jaxtwin import load_rig
 from jaxtwin.live import Reading, RigState, StopRequest
 from jaxtwin.serve import Desk
 from jaxtwin.serve._desk import DriveOrder, RefitOrder
-from jaxtwin.serve._live_demo import LOOSE_AT, REFIT_AFTER, RIG, STEP, DemoScript, demo_faults
+from jaxtwin.serve._live_demo import (
+    LOOSE_AT,
+    REFIT_AFTER,
+    REFIT_LENGTH,
+    RIG,
+    STEP,
+    DemoScript,
+    demo_faults,
+)
 
 Orders = list[tuple[int, object]]
 
@@ -43,7 +51,8 @@ def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
     assert len({one.duty for _, one in drives}) > len(drives) / 2
     assert [one.reset for _, one in drives[:3]] == [False, True, True]
     refits = [(at, one) for at, one in orders if isinstance(one, RefitOrder)]
-    assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_AFTER))]
+    assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_LENGTH))]
+    assert REFIT_AFTER - REFIT_LENGTH >= STEP  # nothing of before the fault, nor of the jump itself
     assert ["comes loose" in line for line in lines] == [True, False]
 
 

@@ -45,6 +45,7 @@ class RecentSamples:
         # The duty now, since when it is summed up, and its integral since the last row before that.
         self._duty = np.zeros(len(twin.rig.driven))
         self._since, self._sum = 0.0, np.zeros(len(twin.rig.driven))
+        self._heard = 0.0  # the time of the last sample, s of the rig
 
     @property
     def now(self) -> float:
@@ -58,9 +59,14 @@ class RecentSamples:
         """Keeps readings, one in each second of the rig, with the mean duty until the next one: a
         duty that came between two readings counts from then on."""
         if isinstance(record, Sample) and record.pwm:
+            duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
             if self._rows:
-                self._sum_until(self._rig_time(state.time_of(record), state.rate))
-            self._duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
+                now = self._rig_time(state.time_of(record), state.rate)
+                # A new duty came at some time since the sample before: in the middle, on average.
+                is_new = bool((duty != self._duty).any())
+                self._sum_until((self._heard + now) / 2 if is_new else now)
+                self._heard = now
+            self._duty = duty
         if not isinstance(record, Reading) or record.recalibrating or state.sample is None:
             return
         at = state.time_of(record)
