@@ -52,7 +52,9 @@ def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
     assert [one.reset for _, one in drives[:3]] == [False, True, True]
     refits = [(at, one) for at, one in orders if isinstance(one, RefitOrder)]
     assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_LENGTH))]
-    assert REFIT_AFTER - REFIT_LENGTH >= STEP  # nothing of before the fault, nor of the jump itself
+    begin = LOOSE_AT + REFIT_AFTER - REFIT_LENGTH
+    assert begin > LOOSE_AT + STEP  # a contact that comes loose meanwhile looks like another rig
+    assert next(one.duty for at, one in reversed(drives) if at <= begin) == (0.0,)
     assert ["comes loose" in line for line in lines] == [True, False]
 
 
