@@ -601,7 +601,8 @@ def test_the_last_minutes_are_a_recording_of_a_sample_in_each_second() -> None:
 
 def test_a_duty_counts_from_when_the_device_reports_it() -> None:
     """The duty of a sample of an experiment is held until the next one: it is the mean until
-    then. A command that came a second earlier or later in it would look like another rig."""
+    then. A command that came a second earlier or later in it would look like another rig. It came
+    between two samples of the device: in the middle, on average."""
     recent, state = RecentSamples(twin()), RigState()
     changes = (3.4, 6.7, 6.9)
     part = round(0.3 * twin().rig.driver.counts)
@@ -618,8 +619,8 @@ def test_a_duty_counts_from_when_the_device_reports_it() -> None:
             recent.on_record(record, state)
     recorded = recent.recorded()
     np.testing.assert_allclose(recorded.time, np.arange(0.0, 9.7, 1.6), atol=1e-6)
-    # From 3.2 to 4.8 s: 1.4 s of 0.3; from 6.4 to 8.0 s: 0.3 s, 0.2 s and 1.1 s.
-    third, fifth = 0.3 * 1.4 / 1.6, (0.3 * 0.3 + 0.2 * 0.6 + 1.1 * 0.9) / 1.6
+    # From 3.2 to 4.8 s: 1.45 s of 0.3; from 6.4 to 8.0 s: 0.25 s, 0.2 s and 1.15 s.
+    third, fifth = 0.3 * 1.45 / 1.6, (0.25 * 0.3 + 0.2 * 0.6 + 1.15 * 0.9) / 1.6
     duty = np.asarray(recorded.duty)[:, 0]
     np.testing.assert_allclose(duty, [0, 0, third, 0.3, fifth, 0.9, 0.9], atol=1e-6)
 
