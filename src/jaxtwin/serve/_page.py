@@ -209,6 +209,8 @@ class Page:
                 self._reading = record
                 self._unshown += 1
                 self._judge(record, state)
+                # Also in the middle of a turn that takes long, on a busy machine.
+                self._show_reading(state, record.arrival)
             case LinkChange():
                 detail = f": {record.detail}" if record.detail else ""
                 text = f"{record.link} is {record.state}{detail}"
@@ -224,16 +226,7 @@ class Page:
     def on_time(self, state: RigState, now: int) -> None:
         """Makes the frames that are due at host time `now`, ns."""
         self.turned = time.monotonic()
-        reading = self._reading
-        if reading is not None and now >= self._due:
-            # A picture that is late does not make all that follow late.
-            is_on_grid = now - self._due < SAMPLE_NS
-            self._reading, self._due = None, (self._due if is_on_grid else now) + SAMPLE_NS
-            self._apart, self._unshown = self._unshown, 0
-            time_s, follower = seconds(state.time_of(reading)), self._follower
-            assert follower.predicted is not None
-            values = reading.temperatures, follower.predicted, self._band(), follower.duty
-            self.ring.append("sample", sample_content(time_s, *values, state.ambient))
+        self._show_reading(state, now)
         if now - self._looked >= OUTLOOK_NS:
             self._looked = now
             if self._follower.measured is not None and not self._source.ended:
@@ -284,6 +277,19 @@ class Page:
                    "Messages that were lost, damaged, repeated or without sense.", "how",
                    dict(state.counts)),
         ]  # fmt: skip
+
+    def _show_reading(self, state: RigState, now: int) -> None:
+        """Shows the last reading if a picture is due at host time `now`, ns."""
+        reading = self._reading
+        if reading is not None and now >= self._due:
+            # A picture that is late does not make all that follow late.
+            is_on_grid = now - self._due < SAMPLE_NS
+            self._reading, self._due = None, (self._due if is_on_grid else now) + SAMPLE_NS
+            self._apart, self._unshown = self._unshown, 0
+            time_s, follower = seconds(state.time_of(reading)), self._follower
+            assert follower.predicted is not None
+            values = reading.temperatures, follower.predicted, self._band(), follower.duty
+            self.ring.append("sample", sample_content(time_s, *values, state.ambient))
 
     def _judge(self, reading: Reading, state: RigState) -> None:
         """Averages how well the reading was expected, and adds it to the history."""
