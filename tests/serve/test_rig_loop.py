@@ -711,3 +711,24 @@ def test_an_estimate_that_is_recorded_is_published_once(
     times = [one.arrival for one in sent if isinstance(one, StateEstimate)]
     assert len(times) > 10
     assert len(times) == len(set(times))
+
+
+@pytest.mark.xfail(strict=True, reason="a greeting makes the controller look silent to Alarms")
+def test_drive_orders_raise_no_alarm() -> None:
+    """A run begins with the greetings that are there already, and the controller has not fallen
+    silent by that."""
+    clock, raised = HandClock(), list[Finding]()
+    with socket.socket() as opened:
+        device = VirtualRig(twin(), controller_rate=10.0)
+        source = virtual_bench(twin().rig, device, clock)
+        server = PageServer(
+            source, TwinBeside(twin(), "values of the rig file"), StopRequest(),
+            Access.of("127.0.0.1", 8000), opened, name="virtual rig", raised=raised.append,
+        )  # fmt: skip
+        while clock.now() < START + 12e9:
+            server.loop.turn()
+        for duty in (0.1, 0.2, 0.3):
+            answer = server.desk.ask(DriveOrder((duty, duty), 2.0))
+            server.loop.turn()
+            assert answer.result(0).obeyed
+    assert [one.kind for one in raised if one.is_alarm] == []
