@@ -49,6 +49,7 @@ from jaxtwin.serve import (
     TwinBeside,
     web_app,
 )
+from jaxtwin.serve._child_process import ChildProcess, Outcome
 from jaxtwin.serve._desk import (
     Asked,
     DriveOrder,
@@ -668,6 +669,24 @@ def test_a_change_is_diagnosed_beside_the_loop() -> None:
     best = shown[2]["causes"][0]["explanations"][0]
     assert best["name"] == "fail H1"
     assert best["onset"] == pytest.approx(START * 1e-9 + ONSET, abs=10.0)
+
+
+def test_a_diagnosis_with_a_twin_that_is_not_in_use_any_more_is_not_shown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A twin that has learned the change was promoted meanwhile."""
+    shown: list[dict[str, Any]] = []
+    diagnosis = LiveDiagnosis(twin(), RecentSamples(twin()), shown.append)
+    outcomes = [None, Outcome([], ""), Outcome([], "")]
+    monkeypatch.setattr(ChildProcess, "is_running", True)
+    monkeypatch.setattr(ChildProcess, "take", lambda _: outcomes.pop(0))
+    diagnosis.use(twin(), None)
+    diagnosis.on_time(RigState(), START)
+    diagnosis.on_time(RigState(), START)
+    assert shown == []
+    diagnosis.on_time(RigState(), START)  # that of the twin in use
+    assert [one["state"] for one in shown] == ["done"]
+    diagnosis.close()
 
 
 def test_findings_that_no_diagnosis_can_follow_are_not_awaited_for_ever() -> None:

@@ -41,11 +41,13 @@ class LiveDiagnosis:
         self._due: list[float] = []
         self._causes: list[dict[str, Any]] = []  # as they were shown last
         self._process = ChildProcess()
+        self._is_outdated = False  # whether what runs diagnoses with a twin that is not in use
 
     def use(self, twin: Twin, noise: ProcessNoise | None) -> None:
         """Diagnoses with another twin from now on."""
         self._twin, self._noise = twin, noise
         self._due, self._causes = [], []
+        self._is_outdated = self._process.is_running
 
     def on_finding(self, finding: Finding) -> None:
         """Plans diagnoses after an alarm of the monitor."""
@@ -59,8 +61,9 @@ class LiveDiagnosis:
     def on_time(self, state: RigState, now: int) -> None:
         """Begins a diagnosis that is due, and shows one that is ready."""
         outcome = self._process.take()
-        if outcome is not None:
+        if outcome is not None and not self._is_outdated:
             self._finish(outcome)
+        self._is_outdated = self._is_outdated and outcome is None
         is_due = bool(self._due) and self._recent.now >= self._due[0]
         if is_due and not self._process.is_running:
             self._due = [time for time in self._due if time > self._recent.now]
