@@ -62,12 +62,11 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
     from ..serve import Access, Champion, PageServer, TwinBeside, VirtualLink, listening
     from ..serve._live_demo import RIG, DemoScript, demo_faults, demo_store
     from ..twin_store import TwinVersion
-    from ._serve import announce, check_extra, compute_in_this_thread
+    from ._serve import announce, check_extra
     from ._sources import open_twin
 
     check_extra()
     opened = stack.enter_context(contextlib.closing(listening("127.0.0.1", port)))
-    compute_in_this_thread()
     at_port = opened.getsockname()[1]
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     twin = Twin(RIG)

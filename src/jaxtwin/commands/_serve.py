@@ -129,7 +129,6 @@ def serve(
 
         # Before all that takes time: a page that waits for its server then waits for an answer.
         opened = stack.enter_context(contextlib.closing(listening(host, port)))
-        compute_in_this_thread()
         from ..live import (
             Finding,
             Guard,
@@ -243,17 +242,6 @@ def serve(
             server.loop.run(early)
     if command.rung:
         raise typer.Exit(ALARMED)
-
-
-def compute_in_this_thread() -> None:
-    """Makes the loop around a rig compute by itself, before JAX begins.
-
-    Its programs are small: to hand each to another thread and wait for it costs more, above all on
-    a busy machine.
-    """
-    import jax
-
-    jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
 def check_extra() -> None:
