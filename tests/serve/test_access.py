@@ -2,13 +2,19 @@
 refused, and nothing happens."""
 
 import json
+import math
+from dataclasses import asdict
 from typing import Any
 
 import pytest
 from asgi import HOST, ask
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from small_page import TOKEN, bench
 
+from jaxtwin import JaxtwinError
 from jaxtwin.serve import Access, _app
+from jaxtwin.serve._orders import KINDS, order_of
 
 GOOD = {
     "origin": f"http://{HOST}",
@@ -148,6 +154,69 @@ def test_a_duty_that_is_no_number_is_refused(text: str) -> None:
     assert refused("/control/drive", body=[body]).status == 400
 
 
+@pytest.mark.parametrize("text", ["1" + "0" * 3000, "-1" + "0" * 3000])
+@pytest.mark.parametrize("kind", ["drive", "refit", "promote"])
+def test_a_number_of_3000_digits_is_refused_in_a_sentence(kind: str, text: str) -> None:
+    """It is too large for a float, and for the numbers of a store."""
+    fields = {
+        "drive": ("seconds", '"duty": [0, 0], "seconds"'),
+        "refit": ("seconds", '"seconds"'),
+        "promote": ("version", '"reason": "better", "version"'),
+    }
+    name, content = fields[kind]
+    answer = refused(f"/control/{kind}", body=[f"{{{content}: {text}}}".encode()])
+    assert answer.status == 400
+    assert answer.json["error"].startswith(f"{name}: expected")
+    assert len(answer.json["error"]) < 200
+
+
+names = st.sampled_from(["duty", "seconds", "reset", "references", "version", "reason"])
+values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.integers(10**300, 10**400)
+    | st.floats()
+    | st.text(st.characters()),  # also halves of characters of UTF-16
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=5,
+)
+plausible = st.fixed_dictionaries(
+    {},
+    optional={
+        "duty": st.lists(st.floats(-1, 1) | values, max_size=2) | values,
+        "references": st.lists(st.floats(0, 50) | values, max_size=2) | values,
+        "seconds": st.integers(1, 1000) | values,
+        "reset": st.booleans() | values,
+        "version": st.integers(1, 9) | values,
+        "reason": st.text(st.characters(), max_size=400) | values,
+    },
+)
+
+
+@given(
+    st.sampled_from(KINDS),
+    plausible.map(json.dumps).map(str.encode)
+    | st.dictionaries(names | st.text(), values, max_size=3).map(json.dumps).map(str.encode)
+    | values.map(json.dumps).map(str.encode)
+    | st.binary(max_size=50),
+)
+@settings(max_examples=1000)
+def test_any_body_is_an_order_or_refused_in_a_sentence(kind: str, body: bytes) -> None:
+    """And what is an order can be obeyed: its numbers are finite, its text can be stored."""
+    try:
+        order = order_of(kind, body, [0.0, 0.0], 2)
+    except JaxtwinError as error:
+        json.dumps(str(error), ensure_ascii=False).encode()  # the answer can be sent
+        return
+    for value in asdict(order).values():
+        numbers = [*value] if isinstance(value, tuple) else [value]
+        assert all(math.isfinite(one) for one in numbers if isinstance(one, float))
+        if isinstance(value, str):
+            assert value.encode()
+            assert not value.isdecimal() or int(value) < 2**63
+
+
 def test_a_body_that_does_not_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_app, "BODY_SECONDS", 0.01)
     assert refused(body=[b"{"], is_slow=True).status == 408
@@ -163,7 +232,9 @@ def test_a_page_that_only_shows_takes_no_order_even_with_the_token(kind: str) ->
     assert shown.desk.next() is None
 
 
-def test_who_has_the_token_may_always_stop() -> None:
+def test_who_has_the_token_may_always_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody takes it here, which the answer says."""
+    monkeypatch.setattr(_app, "ANSWER_SECONDS", 0.05)
     shown = bench(allow_control=False)
     assert ask(shown.app, "/control/stop", method="POST", headers=GOOD).status == 202
     assert shown.desk.stop.is_set()

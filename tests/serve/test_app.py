@@ -7,17 +7,18 @@ from collections.abc import AsyncIterator
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from asgi import ask
 from hand_clock import START
-from small_page import SECOND, bench, page, read, twin
+from small_page import SECOND, NoSource, bench, page, read, twin
 
 from jaxtwin import Experiment, simulate
-from jaxtwin.live import Reading, RigState
+from jaxtwin.live import Finding, Reading, RigState
 from jaxtwin.observers import ProcessNoise
-from jaxtwin.serve import FrameRing, TwinBeside
+from jaxtwin.serve import FrameRing, Page, TwinBeside
 from jaxtwin.serve._metrics import Metric, metrics_text
 from jaxtwin.serve._stream import QUIET, stream
 
@@ -241,6 +242,74 @@ def test_a_reading_that_another_twin_has_not_expected_is_not_shown_beside_it() -
     assert shown.ring.newest_of("sample")["measured"] == [32.0, 32.0]
 
 
+def test_a_client_of_an_earlier_server_hears_that_nothing_was_found_since() -> None:
+    """It still shows the findings and the diagnosis of that server, as if they were there."""
+    shown = page()
+    assert shown.ring.newest_of("findings") == []
+    assert shown.ring.newest_of("diagnosis") == {"state": "none", "causes": []}
+
+
+def test_what_was_found_with_the_twin_before_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = page()
+    state = read(shown, [30.0, 30.0], 1)
+    found = (
+        Finding("sudden", "T1 is off", "T1", since=START, found=START),
+        Finding("drift", "T2 is off", "T2", since=START, found=START, until=START + 5),
+    )
+    log = shown._beside.monitor._log
+    monkeypatch.setattr(type(log), "findings", property(lambda self: found if self is log else ()))
+    shown.show_diagnosis(
+        {
+            "state": "done",
+            "causes": [{"explanations": [{"name": "loosen P1", "probability": 1.0}]}],
+        }
+    )
+    state = read(shown, [30.0, 30.0], 2, state)
+    assert [one["until"] is None for one in shown.ring.newest_of("findings")] == [False, True]
+    assert shown.ring.newest_of("story")["rig"]["head"] == "Something had changed"
+    shown.follow(TwinBeside(twin(), "another"))
+    read(shown, [30.0, 30.0], 3, state)
+    assert [one["until"] is None for one in shown.ring.newest_of("findings")] == [False, False]
+    assert shown.ring.newest_of("diagnosis")["state"] == "none"
+    assert shown.ring.newest_of("story")["rig"]["head"] == "The rig is well"
+
+
+def test_cells_that_may_be_on_are_said_until_the_device_reports_that_they_are_off() -> None:
+    shown = page()
+    state = read(shown, [30.0, 30.0], 1, counts=(300, 0))
+    shown.on_finding(Finding("still-on", "the device reports heat", severity="critical"))
+    state = read(shown, [30.0, 30.0], 2, state, counts=(300, 0))
+    assert shown.ring.newest_of("story")["rig"]["head"] == "The cells may be on"
+    read(shown, [30.0, 30.0], 3, state)
+    assert shown.ring.newest_of("story")["rig"]["head"] == "The rig is well"
+
+
+def test_a_full_disk_is_said_as_long_as_it_is_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    beside = TwinBeside(twin(), "values of the rig file")
+    about = {"source": "a test", "is_live": True, "recording": "", "control": True}
+    shown = Page(FrameRing(), NoSource(), beside, about, disk=tmp_path)
+    state = None
+    for second, free, level in ((1, 2**40, "good"), (2, 2**20, "warning"), (3, 2**40, "good")):
+        usage = SimpleNamespace(free=free)
+        monkeypatch.setattr("shutil.disk_usage", lambda _, usage=usage: usage)
+        state = read(shown, [30.0, 30.0], second, state)
+        assert shown.ring.newest_of("story")["rig"]["level"] == level
+
+
+def test_a_controller_that_falls_silent_is_said_beside_new_readings() -> None:
+    shown = page()
+    state = read(shown, [30.0, 30.0], 1)
+    for second in range(2, 7):
+        at = START + second * SECOND
+        reading = Reading("rig", "b", at, second * 10**6, second, np.full(2, 30.0), False, None)
+        state = state.after(reading)
+        shown.on_record(reading, state)
+        shown.on_time(state, at)
+    assert shown.ring.newest_of("story")["rig"]["head"] == "The controller is silent"
+
+
 def test_uncertain_parameters_are_estimated_with_their_bands() -> None:
     """A heater that gives less than its twin says."""
     noise = ProcessNoise(names=("P_2", "R_1"), slow=0.3, disturbance=0.01, heat=0.01)
@@ -298,3 +367,28 @@ def test_the_dashboard_of_grafana_asks_for_metrics_that_are_there() -> None:
     text = ask(bench().app, "/metrics").body.decode()
     assert asked <= set(re.findall(r"# TYPE (\S+)", text))
     assert len(asked) >= 8
+
+
+@pytest.mark.parametrize(("a_second", "longest"), [(10, 0.0), (100, 0.1)])
+def test_readings_gather_between_pictures_only_if_there_are_several_for_each(
+    a_second: int, longest: float
+) -> None:
+    """A rig at ten times its speed makes a hundred; one at its own speed is read at once."""
+    sent: list[str] = []
+    shown = page(FrameRing(on_frame=lambda kind, text: sent.append(kind)))
+    state, number, now, pauses = RigState(), 0, START, list[float]()
+    while now < START + 5 * SECOND:
+        now += SECOND // a_second
+        pause = shown.pause(now)
+        now += round(pause * SECOND)
+        pauses.append(pause)
+        while START + number * SECOND // a_second <= now:
+            at, number = START + number * SECOND // a_second, number + 1
+            us = (at - START) // 1000
+            reading = Reading("rig", "b", at, us, number, np.full(2, 23.0), False, None)
+            state = state.after(reading)
+            shown.on_record(reading, state)
+        shown.on_time(state, now)
+    assert max(pauses) <= longest
+    assert (max(pauses) > 0.05) == (longest > 0)
+    assert 48 <= sent.count("sample") <= 51

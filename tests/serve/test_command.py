@@ -104,7 +104,10 @@ def test_a_served_virtual_rig_is_commanded_and_stopped_and_its_recording_is_cont
             assert answer == (200, {"text": "the rig is driven with a duty of 40 %, 40 %"})
             _wait_until(lambda a=address: b'cell="H1"} 0.4' in _read(f"{a}metrics"))
             assert _post(address, "stop", "wrong", {})[0] == 401
-            assert _post(address, "stop", token.read_text().strip(), {})[0] == 202
+            assert _post(address, "stop", token.read_text().strip(), {}) == (
+                200,
+                {"text": "stopped by hand; the device reports off"},
+            )
             _wait_until(lambda a=address: b'cell="H1"} 0\n' in _read(f"{a}metrics"))
             process.send_signal(signal.SIGKILL if number == 0 else signal.SIGTERM)
             assert process.wait(60) == (-signal.SIGKILL if number == 0 else 0)

@@ -8,7 +8,15 @@ from jaxtwin import load_rig
 from jaxtwin.live import Reading, RigState, StopRequest
 from jaxtwin.serve import Desk
 from jaxtwin.serve._desk import DriveOrder, RefitOrder
-from jaxtwin.serve._live_demo import LOOSE_AT, REFIT_AFTER, RIG, STEP, DemoScript, demo_faults
+from jaxtwin.serve._live_demo import (
+    LOOSE_AT,
+    REFIT_AFTER,
+    REFIT_LENGTH,
+    RIG,
+    STEP,
+    DemoScript,
+    demo_faults,
+)
 
 Orders = list[tuple[int, object]]
 
@@ -26,11 +34,11 @@ def told(until: int, stopped_at: float = float("inf")) -> tuple[Orders, list[str
             Reading("rig", "b", at, second * 10**6, second, values, False, None), state
         )
         if second >= stopped_at:
-            text = "stopped by hand; the cells are off"
+            text = "stopped by hand; the device reports off"
             shown.ring.append("run", {"state": "idle", "duty": [], "text": text})
         script.on_time(state, at)
         while (taken := desk.next()) is not None:
-            orders.append((second, taken[0]))
+            orders.append((second, taken.order))
     lines = shown.ring.newest_of("log") or []
     return orders, [line["text"] for line in lines]
 
@@ -43,7 +51,10 @@ def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
     assert len({one.duty for _, one in drives}) > len(drives) / 2
     assert [one.reset for _, one in drives[:3]] == [False, True, True]
     refits = [(at, one) for at, one in orders if isinstance(one, RefitOrder)]
-    assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_AFTER))]
+    assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_LENGTH))]
+    begin = LOOSE_AT + REFIT_AFTER - REFIT_LENGTH
+    assert begin > LOOSE_AT + STEP  # a contact that comes loose meanwhile looks like another rig
+    assert next(one.duty for at, one in reversed(drives) if at <= begin) == (0.0,)
     assert ["comes loose" in line for line in lines] == [True, False]
 
 

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from jaxtwin.live import Finding
 from jaxtwin.observers._moments import Moment
@@ -13,11 +15,14 @@ GOOD = Situation(
     links={"a": "live"},
     refusals={},
     age=0.1,
+    silent=0.1,
     faults={},
     trip="",
+    still_on="",
     limit=80.0,
     findings=(),
     cause="",
+    is_awaited=False,
     problem="",
     ended=False,
     observed=1000.0,
@@ -40,7 +45,12 @@ NOTICE = Finding("changed", "R_E differs by +3 %", "R_E", severity="notice")
         ({"findings": (NOTICE, ALARM)}, "warning", "Something has changed"),
         ({"findings": (NOTICE,)}, "good", "The rig is well"),
         ({"faults": {"T1": "open"}}, "warning", "A channel has failed"),
-        ({"problem": "disk"}, "warning", "The rig is well, the server is not"),
+        ({"problem": "disk"}, "warning", "The server has a problem"),
+        ({"silent": 4.0}, "warning", "The controller is silent"),
+        ({"links": {"a": "live", "b": "down"}}, "warning", "A link is not live"),
+        ({"cause": "loosen P1, 100 %"}, "notice", "Something had changed"),
+        ({"is_awaited": True}, "notice", "Something had changed"),
+        ({"still_on": "it reports heat", "age": None}, "critical", "The cells may be on"),
         ({"ended": True}, "unknown", "The recording is over"),
         ({"readings": np.full(2, np.nan)}, "good", "The rig is well"),
         ({"age": 60.0, "trip": "stop", "findings": (ALARM,)}, "critical", "No readings"),
@@ -52,6 +62,57 @@ def test_the_rig_is_well_or_the_worst_is_said(changes: dict, level: str, head: s
     assert (found.level, found.head) == (level, head)
 
 
+texts = st.sampled_from(["", "something"])
+findings = st.builds(
+    Finding,
+    st.sampled_from(["sudden", "drift", "frozen", "gone", "implausible", "changed"]),
+    st.just("T1 is off"),
+    st.sampled_from(["", "T1"]),
+    severity=st.sampled_from(["notice", "warning", "critical"]),
+    size=st.none() | st.floats(-5, 5),
+)
+situations = st.builds(
+    GOOD._replace,
+    readings=st.lists(st.floats(-10, 120) | st.just(np.nan), min_size=2, max_size=2).map(np.array),
+    links=st.dictionaries(
+        st.sampled_from("ab"), st.sampled_from(["connecting", "live", "stale", "down"])
+    ),
+    age=st.none() | st.floats(0, 10),
+    silent=st.floats(0, 10),
+    faults=st.sampled_from([{}, {"T1": "open"}]),
+    trip=texts,
+    still_on=texts,
+    limit=st.none() | st.just(80.0),
+    findings=st.lists(findings, max_size=3),
+    cause=texts,
+    is_awaited=st.booleans(),
+    problem=texts,
+    ended=st.booleans(),
+    observed=st.floats(0, 1000),
+    surprise=st.floats(0, 10),
+)
+
+
+@given(situations)
+@settings(max_examples=1000)
+def test_no_answer_is_greener_than_what_is_known(now: Situation) -> None:
+    """The rig is well only where nothing speaks against it, and the twin is right only where it
+    explains what is there."""
+    is_alarmed = any(finding.is_alarm for finding in now.findings)
+    is_old = now.age is None or now.age > 3.0
+    is_hot = now.limit is not None and bool(np.any(now.readings > now.limit))
+    is_silent = now.silent > 3.0 or any(state != "live" for state in now.links.values())
+    doubts = [
+        is_alarmed, is_old, is_hot, is_silent, now.faults, now.trip, now.still_on, now.problem,
+        now.cause, now.is_awaited, now.ended,
+    ]  # fmt: skip
+    rig, twin = is_rig_well(now), is_twin_right(now)
+    assert (rig.level == "good") == (not any(doubts))
+    assert ("well" in f"{rig.head} {rig.text}") == (rig.level == "good")
+    if is_alarmed or now.cause or is_old:
+        assert twin.level != "good"
+
+
 @pytest.mark.parametrize(
     ("changes", "level"),
     [
@@ -60,6 +121,7 @@ def test_the_rig_is_well_or_the_worst_is_said(changes: dict, level: str, head: s
         ({"observed": 60.0}, "unknown"),
         ({"findings": (ALARM,)}, "warning"),
         ({"findings": (NOTICE,)}, "notice"),
+        ({"cause": "loosen P1, 100 %"}, "notice"),
         ({"surprise": 5.0}, "notice"),
     ],
 )

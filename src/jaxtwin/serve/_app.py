@@ -14,6 +14,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
+from starlette.types import Receive, Scope, Send
 
 from .._errors import JaxtwinError
 from ._access import BODY_SECONDS, LARGEST_BODY, Access, Refusal
@@ -24,10 +25,10 @@ from ._page import Page
 from ._stream import stream
 
 MOST_STREAMS = 200
-"""The largest number of clients at a time."""
+"""The largest number of streams at a time."""
 
 ANSWER_SECONDS = 10.0
-"""The longest time until the loop takes an order, s."""
+"""The longest time until an order is obeyed or a stop is reported by the device, s."""
 
 LONGEST_SPAN = 8 * 86_400.0
 """The longest history, s."""
@@ -114,9 +115,11 @@ class _Web:
             return _refused(refusal)
         if self._streams >= MOST_STREAMS:
             return _refused(Refusal(503, f"there are {MOST_STREAMS} clients already"))
+        self._streams += 1  # before anything else runs: streams that open together count too
         last = request.headers.get("last-event-id") or request.query_params.get("after", "")
         headers = {**HEADERS, "cache-control": "no-store", "x-accel-buffering": "no"}
-        return StreamingResponse(self._counted(last), 200, headers, "text/event-stream")
+        frames = stream(self._page.ring, last, self._wait, lambda: self._closing)
+        return _CountedStream(self._stream_ended, frames, 200, headers, "text/event-stream")
 
     async def history(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
@@ -150,8 +153,15 @@ class _Web:
             check_names(fields_of(body), set())
         except JaxtwinError as error:
             return _refused(Refusal(400, str(error)))
-        self._desk.press_stop()
-        return JSONResponse({"text": "stopping"}, 202, HEADERS)
+        asked = self._desk.press_stop()
+        try:
+            answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_SECONDS)
+        except TimeoutError:
+            text = "stopping; the device has not reported yet: the log says what becomes of it"
+            return JSONResponse({"text": text}, 202, HEADERS)
+        if not answer.obeyed:
+            return _refused(Refusal(409, answer.text))
+        return JSONResponse({"text": answer.text}, 200, HEADERS)
 
     async def order(self, request: Request) -> Response:
         kind = request.path_params["kind"]
@@ -170,7 +180,7 @@ class _Web:
             answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_SECONDS)
         except TimeoutError:
             if asked.cancel():
-                text = "the loop around the rig does not answer; the order is void"
+                text = f"the rig has obeyed nothing for {ANSWER_SECONDS:g} s; the order is void"
             else:
                 text = "the order was taken and takes long; the log says what becomes of it"
             return _refused(Refusal(504, text))
@@ -194,13 +204,8 @@ class _Web:
         except TimeoutError:
             return Refusal(408, f"expected the body within {BODY_SECONDS:g} s")
 
-    async def _counted(self, last: str):
-        self._streams += 1
-        try:
-            async for part in stream(self._page.ring, last, self._wait, lambda: self._closing):
-                yield part
-        finally:
-            self._streams -= 1
+    def _stream_ended(self) -> None:
+        self._streams -= 1
 
     def _table(self) -> str:
         """The readings as rows of a table, for a browser without JavaScript."""
@@ -214,6 +219,21 @@ class _Web:
             f"<td>{_degrees(expected)}</td></tr>"
             for name, measured, expected in rows
         )
+
+
+@final
+class _CountedStream(StreamingResponse):
+    """A stream that says when it is over, also if its client has gone before it began."""
+
+    def __init__(self, ended: Callable[[], None], *arguments: Any):
+        super().__init__(*arguments)
+        self._ended = ended
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._ended()
 
 
 def _degrees(value: float | None) -> str:

@@ -2,6 +2,7 @@
 
 import contextlib
 import queue
+import threading
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import NamedTuple, final
@@ -15,7 +16,7 @@ class DriveOrder:
     """Hold a duty for a time, behind all interlocks.
 
     - `duty`: the duty of each cell, -1 to 1, positive heats.
-    - `seconds`: for how long, s of the rig; the cells are off after it.
+    - `seconds`: for how long, s of the rig; they are switched off after it.
     - `reset`: whether a trip of the device is ended first.
     """
 
@@ -30,7 +31,7 @@ class HoldOrder:
     """Hold the outputs of the controller at references, behind all interlocks.
 
     - `references`: the reference of each output, degC.
-    - `seconds`: for how long, s of the rig; the cells are off after it.
+    - `seconds`: for how long, s of the rig; the cells are switched off after it.
     - `reset`: whether a trip of the device is ended first.
     """
 
@@ -79,6 +80,34 @@ class Answer(NamedTuple):
 
 
 @final
+class Asked:
+    """An order with its client, who waits for the answer and may withdraw it until it is taken."""
+
+    def __init__(self, order: Order):
+        self.order = order
+        self.waiting: Future[Answer] = Future()
+        """What the client waits for; it withdraws by `cancel`."""
+        self._is_taken = False
+
+    @property
+    def is_void(self) -> bool:
+        """Whether the client has withdrawn: who was told that nobody obeys must not start a heater
+        later."""
+        return self.waiting.cancelled()
+
+    def take(self) -> bool:
+        """Takes it, after which it cannot be withdrawn. Returns whether the client still waits."""
+        if not self._is_taken and not self.waiting.cancelled():
+            self._is_taken = self.waiting.set_running_or_notify_cancel()
+        return self._is_taken
+
+    def answer(self, answer: Answer) -> None:
+        """Answers the client, if it still waits."""
+        if self.take():
+            self.waiting.set_result(answer)
+
+
+@final
 class Desk:
     """Where clients leave orders, which the loop takes one after the other.
 
@@ -93,38 +122,53 @@ class Desk:
     def __init__(self, stop: StopRequest):
         self.stop = stop
         self._pressed = False
-        self._orders: queue.SimpleQueue[tuple[Order, Future[Answer]]] = queue.SimpleQueue()
+        self._stops: list[Future[Answer]] = []
+        self._lock = threading.Lock()  # of the stops
+        self._orders: queue.SimpleQueue[Asked] = queue.SimpleQueue()
 
     @property
     def is_over(self) -> bool:
         """Whether the program is to end."""
         return self.stop.is_set() and not (self._pressed and not self.stop.signal)
 
-    def press_stop(self) -> None:
-        """Stops the rig, not the program."""
-        self._pressed = True
-        self.stop.set()
+    def press_stop(self) -> "Future[Answer]":
+        """Stops the rig, not the program; the answer comes when the device has reported, or has
+        not."""
+        answer: Future[Answer] = Future()
+        with self._lock:
+            self._stops.append(answer)
+            self._pressed = True
+            self.stop.set()
+        return answer
 
     def take_stop(self) -> bool:
         """Returns whether a stop was pressed, once for each."""
-        pressed = self._pressed
-        if pressed and not self.stop.signal:
-            self._pressed = False
-            self.stop.clear()
+        with self._lock:
+            pressed = self._pressed
+            if pressed and not self.stop.signal:
+                self._pressed = False
+                self.stop.clear()
         return pressed
 
-    def ask(self, order: Order) -> "Future[Answer]":
-        """Leaves an order; the answer comes when the loop takes it."""
-        answer: Future[Answer] = Future()
-        self._orders.put((order, answer))
-        return answer
+    def answer_stops(self, answer: Answer) -> None:
+        """Answers those who have pressed the stop."""
+        with self._lock:
+            waiting, self._stops = self._stops, []
+        for one in waiting:
+            if one.set_running_or_notify_cancel():
+                one.set_result(answer)
 
-    def next(self) -> "tuple[Order, Future[Answer]] | None":
-        """Takes the next order; None if there is none. An order whose client no longer waits is
-        void: who was told that nobody answers must not start a heater later."""
+    def ask(self, order: Order) -> "Future[Answer]":
+        """Leaves an order; the answer comes when it is obeyed or refused."""
+        asked = Asked(order)
+        self._orders.put(asked)
+        return asked.waiting
+
+    def next(self) -> Asked | None:
+        """The next order that is not void; None if there is none."""
         with contextlib.suppress(queue.Empty):
             while True:
-                order, answer = self._orders.get_nowait()
-                if answer.set_running_or_notify_cancel():
-                    return order, answer
+                asked = self._orders.get_nowait()
+                if not asked.is_void:
+                    return asked
         return None

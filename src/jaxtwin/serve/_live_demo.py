@@ -33,6 +33,14 @@ LOOSE_AT = 360.0
 REFIT_AFTER = 600.0
 """The time after that at which the twin is refitted to it, s of the rig."""
 
+REST = LOOSE_AT + STEP
+"""When the cell rests for a step, s of the rig."""
+
+REFIT_LENGTH = LOOSE_AT + REFIT_AFTER - REST - STEP + 5.0
+"""The time to which it is refitted, s of the rig. It begins at the end of the rest: only then do
+the temperatures at the start of a session describe the rig, whose cell and plate differ by several
+K while heat flows through the loose contact."""
+
 LATE = 0.1
 """How late a command may reach the rig, s of the host."""
 
@@ -105,12 +113,14 @@ class DemoScript:
         if self._time >= STEP * self._steps:
             self._steps += 1
             duty = round(float(self._random.uniform(*DUTY)), 2)
+            if self._steps == round(REST / STEP) + 1:
+                duty = 0.0
             # An interlock may have ended the run, on a machine that was busy with other things.
             self._desk.ask(DriveOrder((duty,), 86_400.0, reset=self._steps > 1))
         if self._time >= LOOSE_AT:
             self._tell("the contact of the cell comes loose now; see who notices")
         if self._time >= LOOSE_AT + REFIT_AFTER and self._tell("the twin learns the loose contact"):
-            self._desk.ask(RefitOrder(REFIT_AFTER))
+            self._desk.ask(RefitOrder(REFIT_LENGTH))
 
     def _tell(self, text: str) -> bool:
         """Says something once. Returns whether it was said now."""

@@ -41,16 +41,19 @@ class LiveDiagnosis:
         self._due: list[float] = []
         self._causes: list[dict[str, Any]] = []  # as they were shown last
         self._process = ChildProcess()
+        self._is_outdated = False  # whether what runs diagnoses with a twin that is not in use
 
     def use(self, twin: Twin, noise: ProcessNoise | None) -> None:
         """Diagnoses with another twin from now on."""
         self._twin, self._noise = twin, noise
         self._due, self._causes = [], []
+        self._is_outdated = self._process.is_running
 
     def on_finding(self, finding: Finding) -> None:
         """Plans diagnoses after an alarm of the monitor."""
         if finding.is_alarm and finding.kind in KINDS.values() and not self._due:
             self._due = [self._recent.now + delay for delay in DELAYS]
+            self._show({"state": "awaited", "causes": self._causes})
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Does nothing: the samples are kept elsewhere."""
@@ -58,8 +61,9 @@ class LiveDiagnosis:
     def on_time(self, state: RigState, now: int) -> None:
         """Begins a diagnosis that is due, and shows one that is ready."""
         outcome = self._process.take()
-        if outcome is not None:
+        if outcome is not None and not self._is_outdated:
             self._finish(outcome)
+        self._is_outdated = self._is_outdated and outcome is None
         is_due = bool(self._due) and self._recent.now >= self._due[0]
         if is_due and not self._process.is_running:
             self._due = [time for time in self._due if time > self._recent.now]
@@ -67,6 +71,9 @@ class LiveDiagnosis:
                 self._show({"state": "running", "causes": self._causes})
                 recorded = self._recent.recorded()
                 self._process.begin(causes_of, self._twin, recorded, self._noise)
+            elif not self._due:
+                text = f"expected {LEAST} samples, got {len(self._recent)}"
+                self._show({"state": "failed", "text": text, "causes": self._causes})
 
     def close(self) -> None:
         """Ends a diagnosis that runs."""

@@ -1,8 +1,8 @@
 """Orders from the JSON of a command."""
 
 import json
-import math
 from collections.abc import Sequence
+from reprlib import repr as shortened
 from typing import Any
 
 from .._errors import JaxtwinError
@@ -14,6 +14,9 @@ LONGEST = 86_400.0
 
 LONGEST_TEXT = 300
 """The longest reason, letters."""
+
+LARGEST_VERSION = 2**63
+"""Above all numbers of versions, which are those of SQLite."""
 
 COLDEST, HOTTEST = -100.0, 500.0
 """The range of references, degC; those that no duty can hold are refused when they are tried."""
@@ -46,10 +49,7 @@ def order_of(kind: str, body: bytes, lowest: Sequence[float], outputs: int) -> O
             return HoldOrder(references, _seconds(fields), _reset(fields))
         case "promote":
             check_names(fields, {"version", "reason"})
-            version = fields.get("version")
-            if not isinstance(version, int | str) or isinstance(version, bool):
-                raise JaxtwinError(f"version: expected a number or an alias, got {version!r}")
-            return PromoteOrder(str(version)[:LONGEST_TEXT], _reason(fields))
+            return PromoteOrder(_version(fields), _reason(fields))
         case "refit":
             check_names(fields, {"seconds"})
             return RefitOrder(_number("seconds", fields.get("seconds"), 300.0, KEPT * SPACING))
@@ -80,7 +80,7 @@ def check_names(fields: dict[str, Any], known: set[str]) -> None:
     """
     if unknown := sorted(fields.keys() - known):
         expected = ", ".join(sorted(known)) or "no field"
-        raise JaxtwinError(f"expected {expected}, got {unknown[0]!r}")
+        raise JaxtwinError(f"expected {expected}, got {shortened(unknown[0])}")
 
 
 def _numbers(
@@ -88,7 +88,9 @@ def _numbers(
 ) -> tuple[float, ...]:
     value = fields.get(name)
     if not isinstance(value, list) or len(value) != len(ranges):
-        raise JaxtwinError(f"{name}: expected a list of {len(ranges)} numbers, got {value!r}")
+        raise JaxtwinError(
+            f"{name}: expected a list of {len(ranges)} numbers, got {shortened(value)}"
+        )
     return tuple(_number(name, one, *ends) for one, ends in zip(value, ranges, strict=True))
 
 
@@ -99,19 +101,33 @@ def _seconds(fields: dict[str, Any]) -> float:
 def _reset(fields: dict[str, Any]) -> bool:
     reset = fields.get("reset", False)
     if not isinstance(reset, bool):
-        raise JaxtwinError(f"reset: expected true or false, got {reset!r}")
+        raise JaxtwinError(f"reset: expected true or false, got {shortened(reset)}")
     return reset
 
 
 def _number(name: str, value: Any, low: float, high: float) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not low <= value <= high:
-        raise JaxtwinError(f"{name}: expected a number from {low:g} to {high:g}, got {value!r}")
+    # Compared as it is: an int may be too large for a float, and NaN is in no range.
+    if not is_number or not low <= value <= high:
+        text = shortened(value)
+        raise JaxtwinError(f"{name}: expected a number from {low:g} to {high:g}, got {text}")
     return float(value)
+
+
+def _version(fields: dict[str, Any]) -> str:
+    version = fields.get("version")
+    is_known = isinstance(version, int | str) and not isinstance(version, bool)
+    text = str(version) if is_known else ""
+    is_text = bool(text) and text.isprintable() and len(text) <= LONGEST_TEXT
+    if not is_text or (text.isdecimal() and int(text) >= LARGEST_VERSION):
+        raise JaxtwinError(f"version: expected a number or an alias, got {shortened(version)}")
+    return text
 
 
 def _reason(fields: dict[str, Any]) -> str:
     reason = fields.get("reason")
-    if not isinstance(reason, str) or not reason.strip() or len(reason) > LONGEST_TEXT:
+    text = " ".join(reason.split()) if isinstance(reason, str) else ""
+    # What cannot be printed, such as half a character of UTF-16, cannot be stored either.
+    if not text or not text.isprintable() or len(text) > LONGEST_TEXT:
         raise JaxtwinError(f"reason: expected a sentence of at most {LONGEST_TEXT} letters")
-    return " ".join(reason.split())
+    return text

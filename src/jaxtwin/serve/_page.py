@@ -1,16 +1,21 @@
 """The contents of the page: a consumer that turns the records of a rig into frames."""
 
+import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._normal_distribution import QUANTILE_975
-from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState
+from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState, Sample
+from ..live._alarms import DISK_BYTES
 from ..live._json import finding_as_json
+from ..live._switch_off import STILL_ON
 from ..live.protocol._clock import seconds
 from ..observers._estimates import Estimate, parameter_estimates
 from ..observers._moments import Moment
@@ -30,6 +35,10 @@ one of them is late."""
 
 OUTLOOK_NS = 1_000_000_000
 """The time between two pictures of what the twin says, ns of the host."""
+
+SEVERAL = 2
+"""The number of readings above which a picture stands for several: those of a rig that is as fast
+as pictures are come in pairs now and then."""
 
 LINES = 60
 """The number of lines of the log that the page shows."""
@@ -66,6 +75,7 @@ class Page:
     - `about`: what else the page says of its source: `source`, its name; `is_live`, whether its
       records are of now; `recording`, the file; `control`, whether commands are allowed.
     - `raised`: called with each new finding.
+    - `disk`: the folder whose disk must not become full; None: there is none.
     """
 
     def __init__(
@@ -75,6 +85,7 @@ class Page:
         beside: TwinBeside,
         about: Mapping[str, Any],
         raised: Callable[[Finding], object] = lambda _: None,
+        disk: Path | None = None,
     ):
         self.ring = ring
         self.problem = ""
@@ -87,12 +98,16 @@ class Page:
         """When the loop turned last, s of the monotonic clock."""
         rig = beside.twin.rig
         self.history = History(len(rig.channels), len(rig.driven))
-        self._source, self._about, self._raised = source, about, raised
+        self._source, self._about, self._raised, self._disk = source, about, raised, disk
         self._lines: deque[dict[str, Any]] = deque(maxlen=LINES)
         self._energy = 0.0
         self._state = RigState()
-        self._due = self._looked = 0  # host times
-        self._findings: tuple[Finding, ...] = ()
+        self._due = self._looked = self._heard = 0  # host times; the last is that of a sample
+        self._unshown = self._apart = 0  # readings since the last picture, and before it
+        self._still_on = ""
+        self._before: tuple[Finding, ...] = ()  # what monitors with other twins have found
+        self._findings: tuple[Finding, ...] | None = None
+        self._beside = beside
         self.follow(beside)
 
     @property
@@ -111,14 +126,21 @@ class Page:
         return tuple(self._beside.monitor.present)
 
     def follow(self, beside: TwinBeside) -> None:
-        """Goes on with another twin, which begins to find the rig."""
+        """Goes on with another twin, which begins to find the rig. What was found with the twin
+        before is over then, and so is its diagnosis."""
+        if beside is not self._beside:
+            self._before += tuple(
+                one if one.until is not None else replace(one, until=self._looked)
+                for one in self._beside.monitor.findings
+            )
+            self._before = self._before[-LINES:]
         self._beside = beside
         self._follower = beside.monitor.follower
         self._observed = self._error = self._surprise = self._time = 0.0
         self._outlook: Outlook | None = None
         self._reading: Reading | None = None  # which is not shown yet
         self._parameters: Estimate | None = None
-        self.cause = ""
+        self.cause, self._is_awaited = "", False
         directions, rows = beside.observer.model.directions, beside.twin.rig.parameters
         names = () if directions is None else directions.names
         self.history.follow(names)
@@ -141,6 +163,9 @@ class Page:
                 "server": self.ring.name,
             },
         )
+        # A client that was connected to an earlier server still shows what that one said.
+        self.ring.append("diagnosis", {"state": "none", "causes": []})
+        self._show_findings()
 
     def say(self, level: str, text: str, at: float | None = None) -> None:
         """Adds a line to the log of the page; `at` is its time, s since 1970."""
@@ -150,6 +175,7 @@ class Page:
     def show_diagnosis(self, found: dict[str, Any]) -> None:
         """Shows a diagnosis, as `LiveDiagnosis` gives it."""
         self.ring.append("diagnosis", found)
+        self._is_awaited = found["state"] in ("awaited", "running")
         if found["state"] != "done":
             return
         self.cause = ""
@@ -162,6 +188,8 @@ class Page:
         """Takes a new finding of an alarm or of the monitor."""
         level = "notice" if not finding.is_alarm else finding.severity
         since = None if finding.since is None else seconds(finding.since)
+        if finding.kind in (STILL_ON, "unconfirmed"):
+            self._still_on = finding.detail
         self.say(level, f"{finding.kind}: {finding.detail}", since)
         self._raised(finding)
 
@@ -173,9 +201,16 @@ class Page:
         for finding in self._beside.take_news():
             self.on_finding(finding)
         match record:
+            case Sample() if record.pwm:
+                self._heard = state.time_of(record)
+                if not any(record.pwm):
+                    self._still_on = ""
             case Reading() if not record.recalibrating:
                 self._reading = record
+                self._unshown += 1
                 self._judge(record, state)
+                # Also in the middle of a turn that takes long, on a busy machine.
+                self._show_reading(state, record.arrival)
             case LinkChange():
                 detail = f": {record.detail}" if record.detail else ""
                 text = f"{record.link} is {record.state}{detail}"
@@ -191,21 +226,18 @@ class Page:
     def on_time(self, state: RigState, now: int) -> None:
         """Makes the frames that are due at host time `now`, ns."""
         self.turned = time.monotonic()
-        reading = self._reading
-        if reading is not None and now >= self._due:
-            # A picture that is late does not make all that follow late.
-            is_on_grid = now - self._due < SAMPLE_NS
-            self._reading, self._due = None, (self._due if is_on_grid else now) + SAMPLE_NS
-            time_s, follower = seconds(state.time_of(reading)), self._follower
-            assert follower.predicted is not None
-            values = reading.temperatures, follower.predicted, self._band(), follower.duty
-            self.ring.append("sample", sample_content(time_s, *values, state.ambient))
+        self._show_reading(state, now)
         if now - self._looked >= OUTLOOK_NS:
             self._looked = now
             if self._follower.measured is not None and not self._source.ended:
                 self._look(state)
             self._show_findings()
             self._show_story(state, now)
+
+    def pause(self, now: int) -> float:
+        """How long the readings may gather from host time `now`, ns, on: until the next picture if
+        there are several for each, s. Each turn of the loop costs as much as some readings."""
+        return max(seconds(self._due - now), 0.0) if self._apart > SEVERAL else 0.0
 
     @property
     def metrics(self) -> list[Metric]:
@@ -215,7 +247,7 @@ class Page:
         applied = None if state.sample is None else self.twin.rig.driver.duty(state.sample.pwm)
         power = None if outlook is None else outlook.power
         live = {name: float(link == "live") for name, link in self._source.states.items()}
-        alarms = sum(one.is_alarm and one.until is None for one in self._findings)
+        alarms = sum(one.is_alarm and one.until is None for one in self._findings or ())
 
         def gauge(name: str, about: str, label: str, names: Any, values: Any) -> Metric:
             return Metric(f"jaxtwin_{name}", "gauge", about, label, _named(names, values))
@@ -245,6 +277,19 @@ class Page:
                    "Messages that were lost, damaged, repeated or without sense.", "how",
                    dict(state.counts)),
         ]  # fmt: skip
+
+    def _show_reading(self, state: RigState, now: int) -> None:
+        """Shows the last reading if a picture is due at host time `now`, ns."""
+        reading = self._reading
+        if reading is not None and now >= self._due:
+            # A picture that is late does not make all that follow late.
+            is_on_grid = now - self._due < SAMPLE_NS
+            self._reading, self._due = None, (self._due if is_on_grid else now) + SAMPLE_NS
+            self._apart, self._unshown = self._unshown, 0
+            time_s, follower = seconds(state.time_of(reading)), self._follower
+            assert follower.predicted is not None
+            values = reading.temperatures, follower.predicted, self._band(), follower.duty
+            self.ring.append("sample", sample_content(time_s, *values, state.ambient))
 
     def _judge(self, reading: Reading, state: RigState) -> None:
         """Averages how well the reading was expected, and adds it to the history."""
@@ -286,7 +331,7 @@ class Page:
         self.ring.append("outlook", content)
 
     def _show_findings(self) -> None:
-        found = self._beside.monitor.findings
+        found = (*self._before, *self._beside.monitor.findings)
         if found == self._findings:
             return
         self._findings = found
@@ -301,6 +346,8 @@ class Page:
         links = {name: str(link) for name, link in self._source.states.items()}
         # A replay shows the time of its records, which are old by themselves.
         age = None if not newest else seconds(now - newest) if self._about["is_live"] else 0.0
+        self._heard = self._heard or now  # that of the first look, if it has said nothing yet
+        silent = seconds(now - self._heard) if self._about["is_live"] else 0.0
         later = None
         if self._outlook is not None:
             ahead = self._outlook.readings
@@ -311,12 +358,15 @@ class Page:
             links=links,
             refusals=getattr(self._source, "refusals", {}),
             age=age,
+            silent=silent,
             faults={names[place]: why for place, why in state.faults.items()},
             trip=state.trip,
+            still_on=self._still_on,
             limit=None if limit is None else limit - ZERO_CELSIUS,
             findings=self._beside.monitor.present,
             cause=self.cause,
-            problem=self.problem,
+            is_awaited=self._is_awaited,
+            problem=self.problem or self._full_disk(),
             ended=self._source.ended,
             observed=self._observed,
             error=self._error,
@@ -335,6 +385,12 @@ class Page:
                 "trip": state.trip,
             },
         )
+
+    def _full_disk(self) -> str:
+        """What is said of a disk that is nearly full, as `Alarms` does; `""` if it is not."""
+        if self._disk is None or (free := shutil.disk_usage(self._disk).free) >= DISK_BYTES:
+            return ""
+        return f"{free / 1e6:.0f} MB are free at {self._disk}."
 
 
 def _named(names: Any, values: Any) -> dict[str, float]:

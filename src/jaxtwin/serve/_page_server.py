@@ -80,6 +80,7 @@ class PageServer:
         ring, rig = FrameRing(), beside.twin.rig
         self._source, self._raised, self._publisher = source, raised, publisher
         self._records = recording is not None
+        disk = (recording or Path.cwd() / "-").absolute()
         self.page = Page(
             ring,
             source,
@@ -92,6 +93,7 @@ class PageServer:
                 "outputs": outputs,
             },
             self._on_finding,
+            disk=disk.parent if is_live else None,
         )
         recent = RecentSamples(beside.twin)
         self._diagnosis = LiveDiagnosis(beside.twin, recent, self.page.show_diagnosis, beside.noise)
@@ -106,7 +108,6 @@ class PageServer:
             hottest = None if limit is None else limit - ZERO_CELSIUS
             names = [channel.name for channel in rig.channels]
             now = source.clock.now()
-            disk = recording or Path.cwd() / "-"
             alarms = Alarms(names, hottest, silence, disk, now, self.page.on_finding)
             watching.append(alarms)
             if recording is not None or publisher is not None:

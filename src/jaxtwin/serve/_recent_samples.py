@@ -42,6 +42,10 @@ class RecentSamples:
         self._last: tuple[int, float] | None = None  # host time, ns, and that of the rig, s
         self._origin = 0.0
         self._rate = 1.0
+        # The duty now, since when it is summed up, and its integral since the last row before that.
+        self._duty = np.zeros(len(twin.rig.driven))
+        self._since, self._sum = 0.0, np.zeros(len(twin.rig.driven))
+        self._heard = 0.0  # the time of the last sample, s of the rig
 
     @property
     def now(self) -> float:
@@ -52,13 +56,17 @@ class RecentSamples:
         return len(self._rows)
 
     def on_record(self, record: Record, state: RigState) -> None:
-        """Keeps readings, one in each second of the rig, with the duty in the middle between them:
-        that of a sample is held until the next one."""
-        if isinstance(record, Sample) and record.pwm and self._rows:
-            last = self._rows[-1]
-            if self._rig_time(state.time_of(record), state.rate) <= last.time + SPACING / 2:
-                duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
-                self._rows[-1] = last._replace(duty=duty)
+        """Keeps readings, one in each second of the rig, with the mean duty until the next one: a
+        duty that came between two readings counts from then on."""
+        if isinstance(record, Sample) and record.pwm:
+            duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
+            if self._rows:
+                now = self._rig_time(state.time_of(record), state.rate)
+                # A new duty came at some time since the sample before: in the middle, on average.
+                is_new = bool((duty != self._duty).any())
+                self._sum_until((self._heard + now) / 2 if is_new else now)
+                self._heard = now
+            self._duty = duty
         if not isinstance(record, Reading) or record.recalibrating or state.sample is None:
             return
         at = state.time_of(record)
@@ -66,11 +74,15 @@ class RecentSamples:
             self._origin, self._last = seconds(at), (at, 0.0)
         elapsed = self._rig_time(at, state.rate)
         self._last, self._rate = (max(at, self._last[0]), elapsed), state.rate
-        if self._rows and elapsed - self._rows[-1].time < SPACING:
-            return
-        duty = np.asarray(self._twin.rig.driver.duty(state.sample.pwm), float)
+        if self._rows:
+            last = self._rows[-1]
+            if elapsed - last.time < SPACING:
+                return
+            self._sum_until(elapsed)
+            self._rows[-1] = last._replace(duty=self._sum / (elapsed - last.time))
         ambient = np.nan if state.ambient is None else state.ambient
-        self._rows.append(_Row(elapsed, duty, record.temperatures, ambient))
+        self._rows.append(_Row(elapsed, self._duty, record.temperatures, ambient))
+        self._since, self._sum = elapsed, np.zeros_like(self._duty)
 
     def on_time(self, state: RigState, now: int) -> None:
         """Does nothing: samples come with readings."""
@@ -96,6 +108,11 @@ class RecentSamples:
             ambient=ambient if np.isfinite(ambient).any() else None,
             name=f"live at {self.now:.0f} s",
         )
+
+    def _sum_until(self, time: float) -> None:
+        """Sums the present duty up until a time of the rig."""
+        passed = max(time - self._since, 0.0)
+        self._sum, self._since = self._sum + passed * self._duty, self._since + passed
 
     def _rig_time(self, at: int, rate: float) -> float:
         """The time of the rig at a host time that is not before the last reading."""

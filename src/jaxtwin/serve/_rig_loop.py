@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future
 from typing import Any, Literal, final
 
 import numpy as np
@@ -30,9 +29,10 @@ from ._champion import Champion
 from ._commands import Command, HeldDuty, HeldReferences, described, plan_of
 from ._desk import (
     Answer,
+    Asked,
     Desk,
     DriveOrder,
-    Order,
+    HoldOrder,
     PromoteOrder,
     RefitOrder,
     RollbackOrder,
@@ -40,6 +40,7 @@ from ._desk import (
 )
 from ._live_diagnosis import LiveDiagnosis
 from ._live_refit import LiveRefit
+from ._order_in_force import OrderInForce
 from ._page import Page
 
 IDLE_SECONDS = 0.2
@@ -50,7 +51,8 @@ STOPPED = "stopped by hand"
 
 log = logging.getLogger("jaxtwin.serve")
 
-RunState = Literal["idle", "driving"]
+RunState = Literal["idle", "starting", "driving"]
+"""`starting` until the device has acknowledged a command of the order."""
 
 
 @final
@@ -92,7 +94,7 @@ class RigLoop:
         self._service = Service(source, [*consumers, *beside, page])
         self._controller, self._about = controller, about or {}
         self._interlock = AlarmInterlock()
-        self._order: RunOrder | None = None
+        self._order: OrderInForce | None = None
         self._command: Command = HeldDuty((), 0.0)
         self._began = self._elapsed = 0.0
         self._show_run("idle", "")
@@ -104,7 +106,8 @@ class RigLoop:
             self._interlock.ring(finding)
 
     def run(self, early: Sequence[Record] = ()) -> None:
-        """Runs until the program is to end. The cells are off afterwards if a run commanded them.
+        """Runs until the program is to end. A run that commanded the cells has switched them off
+        then.
 
         **Arguments:**
 
@@ -121,50 +124,60 @@ class RigLoop:
     def turn(self) -> None:
         """Polls once, or obeys an order, which may be a whole run."""
         self._follow_champion()
-        taken = self._desk.next()
-        if taken is not None:
-            self._obey(*taken)
+        asked = self._desk.next()
+        if asked is not None:
+            self._obey(asked)
         elif self._source.ended:
             self._desk.stop.wait(IDLE_SECONDS)
             self._service.take([])
         else:
+            if isinstance(self._source, RigConnection):  # a replay waits by itself
+                clock = self._source.clock
+                clock.wait(self._desk.stop, self._page.pause(clock.now()))
             try:
                 self._service.turn(0.05)
             except RecordingError as error:
                 self._go_on_unrecorded(error)
 
     def take(self, record: Record) -> None:
-        """Hands a record of a run to the service, and looks at the desk."""
+        """Hands a record of a run to the service, and looks for the acknowledgement of an order."""
+        if self._order is not None and self._order.see(record, self._service.state.trip):
+            self._page.say("notice", described(self._order.order))
+            self._show_run("driving", "")
         self._service.take([record])
 
     def look(self) -> None:
-        """Looks at the desk during a run."""
+        """Looks at the desk during a run.
+
+        **Raises:** `SafetyStop` if the run has not begun, and nobody waits for it any more.
+        """
         self._service.take([])
         self._follow_champion(is_driven=True)
-        taken = self._desk.next()
-        if taken is None:
+        if self._order is not None and not self._order.is_answered:
+            # The next order waits for the answer to this one.
+            if self._order.is_void:
+                raise SafetyStop("not started: nobody waits for it any more", "stopped")
             return
-        order, answer = taken
-        if not isinstance(order, RunOrder):
-            self._obey(order, answer)
+        asked = self._desk.next()
+        if asked is None:
+            return
+        if not isinstance(asked.order, RunOrder):
+            self._obey(asked)
             return
         try:
-            self._begin(order)
+            self._begin(asked, asked.order, changes_run=True)
         except JaxtwinError as error:
-            answer.set_result(Answer(False, str(error)))
-            return
-        answer.set_result(Answer(True, f"the rig is {described(order)} from now on"))
+            asked.answer(Answer(False, str(error)))
 
-    def _obey(self, order: Order, answer: "Future[Answer]") -> None:
-        if isinstance(order, RunOrder):
-            self._drive(order, answer)
-            return
-        if isinstance(order, RefitOrder):
-            answer.set_result(self._begin_refit(order))
-            return
-        answer.set_result(self._move(order))
+    def _obey(self, asked: Asked) -> None:
+        order = asked.order
+        if isinstance(order, DriveOrder | HoldOrder):
+            self._drive(asked, order)
+        elif asked.take():
+            is_refit = isinstance(order, RefitOrder)
+            asked.answer(self._begin_refit(order) if is_refit else self._move(order))
 
-    def _begin(self, order: RunOrder) -> None:
+    def _begin(self, asked: Asked, order: RunOrder, *, changes_run: bool) -> None:
         """Commands the rig by an order from now on.
 
         **Raises:** `ControlError` if it cannot be obeyed; the order before goes on.
@@ -176,32 +189,33 @@ class RigLoop:
             command = HeldReferences(
                 self._source, self._page.twin, self._controller, order, self._command
             )
-        self._order, self._command, self._began = order, command, self._elapsed
+        in_force = OrderInForce(asked, order, self._source, changes_run=changes_run)
+        if changes_run and not in_force.begin():
+            return  # nobody waits for it any more
+        self._order, self._command, self._began = in_force, command, self._elapsed
         begun = {"after_s": self._elapsed, **plan_of(order)}
         self._source.note(Document(self._source.clock.now(), "order", "page", begun))
-        self._page.say("notice", described(order))
-        self._show_run("driving", "")
+        self._show_run("starting", "")
 
-    def _drive(self, order: RunOrder, answer: "Future[Answer]") -> None:
+    def _drive(self, asked: Asked, order: RunOrder) -> None:
         """Commands the rig until the time is over, a stop, or an interlock."""
         connection = self._source
         if not isinstance(connection, RigConnection):
-            answer.set_result(Answer(False, "a replay drives nothing"))
+            asked.answer(Answer(False, "a replay drives nothing"))
             return
         self._elapsed = 0.0
         try:
             locks = interlocks_of(self._page.twin)
-            self._begin(order)
+            self._begin(asked, order, changes_run=False)
         except JaxtwinError as error:
-            answer.set_result(Answer(False, str(error)))
+            asked.answer(Answer(False, str(error)))
             return
         limits, self._interlock = connection.rig.limits, AlarmInterlock()
         for finding in self._page.present:  # an alarm that was there before the run
             self.on_finding(finding)
         more = [self._interlock] if limits is not None and limits.stop_on_alarm else []
         guard = Guard([*locks, *more])
-        answer.set_result(Answer(True, f"the rig is {described(order)}"))
-        level, text = "plain", ""
+        level, is_off = "plain", False
         try:
             outcome = operate(
                 connection,
@@ -214,29 +228,37 @@ class RigLoop:
                 on_alarm=self._page.on_finding,
             )
             text = "the time is over" if outcome == "completed" else STOPPED
-            text = f"{text}; the cells are off"
+            text, is_off = f"{text}; the device reports off", True
         except SafetyStop as error:
             level, text = "critical", str(error)
         except RecordingError as error:
             self._go_on_unrecorded(error)
             level, text = "critical", str(error)
-        self._desk.take_stop()  # it ended the run, and nothing more
         self._page.say(level, text)
-        self._order, self._command = None, HeldDuty((), 0.0)
+        in_force, self._order, self._command = self._order, None, HeldDuty((), 0.0)
         self._show_run("idle", text)
+        assert in_force is not None
+        in_force.refuse(f"no command was acknowledged: {text}" if is_off else text)
+        if in_force.has_commanded:  # a stop ended the run, and nothing more
+            self._desk.take_stop()
+            self._desk.answer_stops(Answer(is_off, text))
 
     def _duty(self, moment: Moment) -> Sequence[float] | np.ndarray | None:
         self._elapsed = moment.time
+        if self._order is not None and not self._order.begin():
+            return None  # nobody waits for it any more
         return self._command(moment._replace(time=moment.time - self._began))
 
     def _stop(self) -> None:
         """Stops a rig that this program does not drive: its device trips."""
         if not isinstance(self._source, RigConnection):
+            self._desk.answer_stops(Answer(False, "a replay drives nothing"))
             return
         self._page.say("notice", "stop")
         ending = switch_off(self._source, trip=True, insist=False)
         self._page.say("notice" if ending.off else "critical", str(ending))
         self._show_run("idle", str(ending))
+        self._desk.answer_stops(Answer(ending.off, str(ending)))
 
     def _begin_refit(self, order: RefitOrder) -> Answer:
         if self._refit is None:
@@ -293,7 +315,7 @@ class RigLoop:
         self._page.on_finding(Finding("not-recorded", str(error), severity="critical"))
 
     def _show_run(self, state: RunState, text: str) -> None:
-        plan = {} if self._order is None else plan_of(self._order)
+        plan = {} if self._order is None else plan_of(self._order.order)
         self._page.ring.append("run", {"state": state, "text": text, **plan})
 
     def _show_twins(self) -> None:

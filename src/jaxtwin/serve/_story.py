@@ -40,12 +40,14 @@ class Situation(NamedTuple):
 
     - `channels`: the names of the channels. `readings`: degC, NaN where there is none.
     - `links`: the state of each link. `refusals`: why the device of a link was refused.
-    - `age`: the age of the newest reading, s; None if there was none.
+    - `age`: the age of the newest reading, s; None if there was none. `silent`: for how long the
+      controller has reported nothing, s.
     - `faults`: the channels that have failed, with the reason.
-    - `trip`: why the device has switched off; `""` if it has not.
+    - `trip`: why the device has switched off; `""` if it has not. `still_on`: why nobody knows that
+      it is off after a stop; `""` if it has reported so.
     - `limit`: the temperature at which the cells are switched off, degC; None: not stated.
     - `findings`: the findings that are there. `cause`: what explains them most likely; `""`: nobody
-      has said.
+      has said. `is_awaited`: whether a diagnosis of the last findings is awaited.
     - `problem`: what keeps the server from its work, such as a full disk.
     - `ended`: whether the source has ended, as a replay does.
     - `observed`: for how long the rig has been observed, s of the rig.
@@ -59,11 +61,14 @@ class Situation(NamedTuple):
     links: Mapping[str, str]
     refusals: Mapping[str, str]
     age: float | None
+    silent: float
     faults: Mapping[str, str]
     trip: str
+    still_on: str
     limit: float | None
     findings: Sequence[Finding]
     cause: str
+    is_awaited: bool
     problem: str
     ended: bool
     observed: float
@@ -73,9 +78,11 @@ class Situation(NamedTuple):
 
 
 def is_rig_well(now: Situation) -> Sentence:
-    """Whether the rig is well; the worst comes first."""
+    """Whether the rig is well; the worst comes first. It is well if nothing else is to be said."""
     if now.ended:
         return Sentence("unknown", "The recording is over", "What is shown are its last readings.")
+    if now.still_on:
+        return Sentence("critical", "The cells may be on", f"{_capital(now.still_on)}.")
     if now.age is None or now.age > OLD_SECONDS:
         return _silent(now)
     hottest = _hottest(now)
@@ -98,8 +105,17 @@ def is_rig_well(now: Situation) -> Sentence:
     if now.faults:
         names = ", ".join(now.faults)
         return Sentence("warning", "A channel has failed", f"No reading from {names}.")
+    if now.silent > OLD_SECONDS:
+        text = f"It has reported nothing for {now.silent:.0f} s. {_links(now)}."
+        return Sentence("warning", "The controller is silent", text)
+    if any(state != "live" for state in now.links.values()):
+        return Sentence("warning", "A link is not live", f"{_links(now)}.")
     if now.problem:
-        return Sentence("warning", "The rig is well, the server is not", now.problem)
+        return Sentence("warning", "The server has a problem", now.problem)
+    if now.cause or now.is_awaited:
+        # What was found is over, as under a duty that does not show it; the twin is the old one.
+        text = f"Most likely (estimate): {now.cause}" if now.cause else "A diagnosis is awaited"
+        return Sentence("notice", "Something had changed", f"{text}. Nothing is found now.")
     text = "Nothing reads a temperature."
     if hottest is not None:
         name, value = hottest
@@ -119,6 +135,8 @@ def is_twin_right(now: Situation) -> Sentence:
     off = f"Readings differ from what it expected by {now.error:.2f} K."
     if any(finding.is_alarm for finding in now.findings):
         return Sentence("warning", "The twin does not explain the rig", off)
+    if now.cause:
+        return Sentence("notice", "The twin does not know what changed", off)
     notices = [finding for finding in now.findings if not finding.is_alarm]
     if notices:
         return Sentence("notice", "The twin has to adapt", f"{_capital(notices[0].detail)}.")
@@ -154,12 +172,17 @@ def _forecast(now: Situation, place: int) -> str:
 
 def _silent(now: Situation) -> Sentence:
     """What is known where no readings arrive."""
-    links = "; ".join(f"The link {name} is {state}" for name, state in now.links.items())
-    refused = "; ".join(f"The link {name} was refused: {why}" for name, why in now.refusals.items())
-    text = f"{refused or links or 'There is no link'}."
+    text = f"{_links(now)}."
     if now.age is None:
         return Sentence("unknown", "Waiting for the rig", text)
     return Sentence("critical", "No readings", f"The last is {now.age:.0f} s old. {text}")
+
+
+def _links(now: Situation) -> str:
+    """The links that were refused, or else the state of all."""
+    links = "; ".join(f"The link {name} is {state}" for name, state in now.links.items())
+    refused = "; ".join(f"The link {name} was refused: {why}" for name, why in now.refusals.items())
+    return refused or links or "There is no link"
 
 
 def _hottest(now: Situation) -> tuple[str, float] | None:

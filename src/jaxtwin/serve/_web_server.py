@@ -45,10 +45,12 @@ class WebServer:
     def __init__(self, app: "Starlette", opened: socket.socket):
         import uvicorn
 
+        from ._prompt_protocol import PromptProtocol
+
         self._app, self._socket = app, opened
         config = uvicorn.Config(
             app,
-            http="h11",
+            http=PromptProtocol,
             ws="none",
             lifespan="off",
             log_config=None,

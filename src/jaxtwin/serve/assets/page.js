@@ -75,7 +75,7 @@ async function command(kind, content) {
       body: JSON.stringify(content),
     });
     const { text, error } = await answer.json();
-    setText(said, text ?? `Refused: ${error}`);
+    setText(said, text ?? (kind === "stop" ? error : `Refused: ${error}`));
   } catch {
     setText(said, kind === "stop" ? "The server did not answer: stop the rig by hand." : "The server did not answer.");
   }
@@ -126,9 +126,11 @@ function run({ state: now, duty, references: held, text }) {
       slider.dispatchEvent(new Event("input"));
     });
   }
-  setText(start, now === "driving" ? "Hold this duty instead" : "Drive with this duty");
+  setText(start, now !== "idle" ? "Hold this duty instead" : "Drive with this duty");
   const what = duty?.map((part) => `${numberText(100 * part, 0)} %`) ?? held?.map((one) => `${numberText(one)} °C`);
-  setText(state, now === "driving" ? `The rig is ${duty ? "driven" : "held"}: ${what.join(", ")}.`
+  const asked = () => `${duty ? "driven" : "held"}: ${what.join(", ")}`;
+  setText(state, now === "driving" ? `The rig is ${asked()}.`
+    : now === "starting" ? `To be ${asked()}; the device has not acknowledged it yet.`
     : text ? `Not driven: ${text}.` : "Not driven.");
 }
 

@@ -247,8 +247,13 @@ class View {
   }
 
   #diagnosis(found) {
+    if (found.state === "none") {
+      this.causes.replaceChildren();
+      return;
+    }
     const heading = make("h3", {}, "Why (estimate)");
     const notes = [];
+    if (found.state === "awaited") notes.push(make("p", {}, "A diagnosis follows, one minute and five minutes after the finding."));
     if (found.state === "running") notes.push(make("p", {}, "The last minutes are being diagnosed …"));
     if (found.state === "failed") notes.push(make("p", {}, `Not diagnosed: ${found.text}`));
     const causes = found.causes.map((cause) => make("div", { class: "cause" },
