@@ -153,7 +153,7 @@ class OffWatch:
         if abs(part[1]) - unknown[1] > MAX_PART:
             self.verdict = "unknown"
             self.detail = f"the readings change faster than full duty could, {after:.0f} s after it"
-        elif (part - unknown > (HEATS - CLEARANCE) * self._levels).any():
+        elif part[1] < MAX_PART and (part - unknown > (HEATS - CLEARANCE) * self._levels).any():
             self.verdict = "heats"
             self.detail = (
                 f"after {after:.0f} s the readings change as if {100 * part[0]:.0f} % of the last "
