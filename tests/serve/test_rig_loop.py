@@ -732,7 +732,6 @@ def test_an_estimate_that_is_recorded_is_published_once(
     assert len(times) == len(set(times))
 
 
-@pytest.mark.xfail(strict=True, reason="a greeting makes the controller look silent to Alarms")
 def test_drive_orders_raise_no_alarm() -> None:
     """A run begins with the greetings that are there already, and the controller has not fallen
     silent by that."""

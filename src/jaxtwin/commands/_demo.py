@@ -63,7 +63,7 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
     from ..serve._live_demo import RIG, DemoScript, demo_faults, demo_store
     from ..twin_store import TwinVersion
     from ._serve import announce, check_extra
-    from ._sources import open_twin
+    from ._sources import draws_of, open_twin
 
     check_extra()
     opened = stack.enter_context(contextlib.closing(listening("127.0.0.1", port)))
@@ -75,7 +75,8 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
 
     def made(version: TwinVersion) -> TwinBeside:
         twin = open_twin(rig, None, Path(version.address))
-        return TwinBeside(twin, f"version {version.number}", noise=version.noise)
+        draws = draws_of(version.fit())
+        return TwinBeside(twin, f"version {version.number}", noise=version.noise, draws=draws)
 
     with show_progress() as progress:
         progress.step("matching a first twin to four simulated sessions")
@@ -83,7 +84,7 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
         progress.step("starting the observer")
         champion = Champion(store, made)
         beside = made(store.version("champion"))
-        Guard.of(beside.twin)  # compiles
+        Guard.of(beside.twin, draws=beside.draws)  # compiles
         source = stack.enter_context(connect(rig, device.url()))
     access = Access.of("127.0.0.1", at_port, allow_control=True)
     server = PageServer(

@@ -14,13 +14,12 @@ from ._monitored import MonitorOptions, ring_and_note
 from ._output import check_output, say
 from ._show_progress import show_progress
 from ._signals import stop_signals
-from ._sources import open_fit, open_twin
+from ._sources import open_draws, open_twin
 from ._unblocked_output import unblocked_output
 
 if TYPE_CHECKING:
     from ..live import AbstractInterlock
     from ..live.safety._twin_ensemble import Draws
-    from ..matching import Fit
     from ..physics import Twin
 
 Run = Callable[..., Literal["completed", "stopped"]]
@@ -83,8 +82,7 @@ def run_on_live_rig(
     ):
         loaded = load_rig(rig)
         twin = open_twin(loaded, set_name, parameter_file)
-        fit = open_fit(loaded, parameter_file)
-        draws = None if fit is None else _draws(fit)
+        draws = open_draws(loaded, parameter_file)
         interlock = AlarmInterlock()
         is_stopped_by_alarm = loaded.limits is not None and loaded.limits.stop_on_alarm
         run, about = prepare(twin, draws, [interlock] if is_stopped_by_alarm else [])
@@ -134,11 +132,3 @@ def run_on_live_rig(
     if outcome == "stopped":
         raise KeyboardInterrupt  # exit code 130
     return command.rung
-
-
-def _draws(fit: "Fit") -> "Draws":
-    """Draws of the parameters that a fit knows."""
-    from ..live.safety._hidden_heat import DRAWS
-    from ..matching import posterior_draws
-
-    return posterior_draws(fit, DRAWS)

@@ -5,6 +5,7 @@ import getpass
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -28,12 +29,14 @@ from ._options import (
 )
 from ._output import check_output, say
 from ._signals import stop_signals
-from ._sources import label_of, open_store, open_twin
+from ._sources import draws_of, label_of, open_draws, open_store, open_twin
+from ._unblocked_output import unblocked_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..live import Record, Recorder, RigConnection
+    from ..live.safety._twin_ensemble import Draws
     from ..observers import ProcessNoise
     from ..physics import Twin
     from ..rig import Rig
@@ -124,7 +127,7 @@ def serve(
         raise typer.BadParameter("--faults are those of a rig with --virtual")
     check_output(out, ".db")
     check_output(token_file, option="--token-file")
-    with stop_signals() as stop, contextlib.ExitStack() as stack:
+    with stop_signals() as stop, unblocked_output(), contextlib.ExitStack() as stack:
         from ..serve import listening
 
         # Before all that takes time: a page that waits for its server then waits for an answer.
@@ -178,11 +181,12 @@ def serve(
 
         def beside_of(one: _ChosenTwin) -> TwinBeside:
             known = one.noise if levels is None else levels
-            return TwinBeside(one.twin, one.label, noise=known, calibration=healthy)
+            draws = one.draws() if allow_control else None
+            return TwinBeside(one.twin, one.label, noise=known, calibration=healthy, draws=draws)
 
         def made() -> TwinBeside:
             if allow_control:
-                Guard.of(chosen.twin)  # compiles
+                Guard.of(chosen.twin, draws=chosen.draws())  # compiles
             if holds is not None:
                 compile_loop(chosen.twin, holds)
             return beside_of(chosen)
@@ -257,11 +261,13 @@ def check_extra() -> None:
 
 
 class _ChosenTwin(NamedTuple):
-    """A twin, what it is for people, and the noise that is stored with it."""
+    """A twin, what it is for people, the noise that is stored with it, and what makes draws of its
+    values."""
 
     twin: "Twin"
     label: str
     noise: "ProcessNoise | None"
+    draws: "Callable[[], Draws | None]"
 
 
 def _chosen_twin(
@@ -272,13 +278,17 @@ def _chosen_twin(
         twins = open_store(store)
         return _of_version(rig, twins.version("champion")), twins
     twin = open_twin(rig, set_name, parameter_file)
-    return _ChosenTwin(twin, label_of(parameter_file), None), None
+    draws = partial(open_draws, rig, parameter_file)
+    return _ChosenTwin(twin, label_of(parameter_file), None, draws), None
 
 
 def _of_version(rig: "Rig", version: "TwinVersion") -> _ChosenTwin:
     twin = open_twin(rig, None, Path(version.address))
     return _ChosenTwin(
-        twin, f"version {version.number} of {Path(version.store).name}", version.noise
+        twin,
+        f"version {version.number} of {Path(version.store).name}",
+        version.noise,
+        lambda: draws_of(version.fit()),
     )
 
 

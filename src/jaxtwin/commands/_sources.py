@@ -8,6 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     from ..io import Experiment
+    from ..live.safety._twin_ensemble import Draws
     from ..matching import Fit
     from ..physics import Twin
     from ..rig import Rig
@@ -69,6 +70,24 @@ def open_fit(rig: "Rig", parameter_file: Path | None) -> "Fit | None":
     from ..matching import Fit
 
     return Fit.load(parameter_file, rig=rig)
+
+
+def open_draws(rig: "Rig", parameter_file: Path | None) -> "Draws | None":
+    """Draws of what the fit in a parameter file does not know, for the interlocks of a rig; None if
+    there is no fit.
+
+    **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
+    """
+    fit = open_fit(rig, parameter_file)
+    return None if fit is None else draws_of(fit)
+
+
+def draws_of(fit: "Fit") -> "Draws":
+    """Draws of what a fit does not know, for the interlocks of a rig."""
+    from ..live.safety._hidden_heat import DRAWS
+    from ..matching import posterior_draws
+
+    return posterior_draws(fit, DRAWS)
 
 
 def open_twins(

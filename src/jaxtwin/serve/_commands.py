@@ -82,6 +82,11 @@ class HeldReferences:
         return self._command(moment)
 
 
+def held_plan(order: DriveOrder) -> Experiment:
+    """The plan of an order that holds a duty."""
+    return Experiment([0.0, order.seconds], [order.duty, order.duty])
+
+
 def plan_of(order: RunOrder) -> dict[str, Any]:
     """An order as a recording and the page keep it."""
     if isinstance(order, DriveOrder):

@@ -17,6 +17,7 @@ from ..live._alarms import DISK_BYTES
 from ..live._json import finding_as_json
 from ..live._switch_off import STILL_ON
 from ..live.protocol._clock import seconds
+from ..live.safety._twin_ensemble import Draws
 from ..observers._estimates import Estimate, parameter_estimates
 from ..observers._moments import Moment
 from ..physics import Twin
@@ -114,6 +115,11 @@ class Page:
     def twin(self) -> Twin:
         """The twin that follows the rig."""
         return self._beside.twin
+
+    @property
+    def draws(self) -> Draws | None:
+        """Draws of what is not known of its values."""
+        return self._beside.draws
 
     @property
     def followed(self) -> tuple[Follower, str]:

@@ -11,6 +11,7 @@ from ..control import AbstractController
 from ..live import (
     AlarmInterlock,
     Document,
+    Ending,
     Finding,
     Guard,
     Moment,
@@ -25,8 +26,9 @@ from ..live import (
 )
 from ..live._switch_off import switch_off
 from ..monitoring._finding_log import KINDS
+from ._after_run import AfterRun
 from ._champion import Champion
-from ._commands import Command, HeldDuty, HeldReferences, described, plan_of
+from ._commands import Command, HeldDuty, HeldReferences, described, held_plan, plan_of
 from ._desk import (
     Answer,
     Asked,
@@ -91,7 +93,8 @@ class RigLoop:
         self._source, self._page, self._desk, self._champion = source, page, desk, champion
         self._diagnosis, self._refit = diagnosis, refit
         beside = [one for one in (diagnosis, refit) if one is not None]
-        self._service = Service(source, [*consumers, *beside, page])
+        self._after = AfterRun(source, page)
+        self._service = Service(source, [*consumers, *beside, page, self._after])
         self._controller, self._about = controller, about or {}
         self._interlock = AlarmInterlock()
         self._order: OrderInForce | None = None
@@ -120,6 +123,15 @@ class RigLoop:
             if self._desk.take_stop():
                 self._stop()
             self.turn()
+        if self._after.is_watching:
+            self._watch_on()
+
+    def _watch_on(self) -> None:
+        """Also a program that ends says what the readings show, unless it is told again to end."""
+        self._desk.stop.clear()
+        while self._after.is_watching and not (self._source.ended or self._desk.stop.is_set()):
+            self._service.turn(0.05)
+        self._desk.stop.set()
 
     def turn(self) -> None:
         """Polls once, or obeys an order, which may be a whole run."""
@@ -205,7 +217,9 @@ class RigLoop:
             return
         self._elapsed = 0.0
         try:
-            locks = interlocks_of(self._page.twin)
+            locks = interlocks_of(self._page.twin, draws=self._page.draws)
+            if isinstance(order, DriveOrder):
+                Guard(locks).check_plan(held_plan(order))
             self._begin(asked, order, changes_run=False)
         except JaxtwinError as error:
             asked.answer(Answer(False, str(error)))
@@ -215,7 +229,8 @@ class RigLoop:
             self.on_finding(finding)
         more = [self._interlock] if limits is not None and limits.stop_on_alarm else []
         guard = Guard([*locks, *more])
-        level, is_off = "plain", False
+        level, is_off, ends = "plain", False, list[Ending]()
+        self._after.end()
         try:
             outcome = operate(
                 connection,
@@ -226,15 +241,19 @@ class RigLoop:
                 stop=self._desk.stop,
                 consumers=[_DuringRun(self)],
                 on_alarm=self._page.on_finding,
+                on_end=ends.append,
+                confirm_off=False,  # the page goes on meanwhile, see `AfterRun`
             )
             text = "the time is over" if outcome == "completed" else STOPPED
-            text, is_off = f"{text}; the device reports off", True
+            text, is_off = f"{text}; {ends[-1]}", True
         except SafetyStop as error:
             level, text = "critical", str(error)
         except RecordingError as error:
             self._go_on_unrecorded(error)
             level, text = "critical", str(error)
         self._page.say(level, text)
+        if ends and ends[-1].off:
+            self._after.begin(guard, self._service.state)
         in_force, self._order, self._command = self._order, None, HeldDuty((), 0.0)
         self._show_run("idle", text)
         assert in_force is not None

@@ -5,6 +5,7 @@ from typing import final
 import numpy as np
 
 from ..live import Finding
+from ..live.safety._twin_ensemble import Draws
 from ..monitoring import LiveMonitor, MonitorCalibration
 from ..observers import ExtendedKalmanFilter, ProcessNoise, live_observer
 from ..physics import Twin
@@ -25,6 +26,8 @@ class TwinBeside:
     - `noise`: the levels of the noise of the observer; None: usual ones.
     - `calibration`: what is healthy; None: usual thresholds.
     - `sample_time`: the time between two readings, s.
+    - `draws`: of what is not known of its values, for the interlocks of a run; None: it is taken
+      for exact.
     """
 
     def __init__(
@@ -35,10 +38,12 @@ class TwinBeside:
         noise: ProcessNoise | None = None,
         calibration: MonitorCalibration | None = None,
         sample_time: float | int = SAMPLE_TIME,
+        draws: Draws | None = None,
     ):
         self.twin = twin
         self.label = label
         self.noise = noise
+        self.draws = draws
         self._news: list[Finding] = []
         self.observer: ExtendedKalmanFilter = live_observer(twin, noise, sample_time)
         self.monitor = LiveMonitor(

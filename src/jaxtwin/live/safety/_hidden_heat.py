@@ -27,6 +27,10 @@ MAX_GAIN_SIGMAS = 4.0
 """The distance of the mean gain of the readings from what the draws show, in standard deviations:
 one healthy rig in 30 000 is beyond it on one side, if the draws are normal."""
 
+MIN_GAIN_ERROR = 0.2
+"""The least distance of the mean gain from what the draws show that is a finding. A rig may change
+since its match: a contact of three times its resistance changes the gain by 0.14."""
+
 MIN_CHANGE = 1.0
 """The least change by the duty with which a gain is judged, in limits of deviation: contacts that
 are worse than the twin's delay the first kelvins most, and all channels alike."""
@@ -49,7 +53,8 @@ class HiddenHeat:
     - *gain*: the readings together show another part of the change by the duty than the draws
       allow. The gain of the readings $y$ on the change $d$ that the twin predicts,
       $g = \sum w y d / \sum w d^2$ over all channels and the last minute, has an expectation and a
-      spread over the draws; room, start and noise add to the spread.
+      spread over the draws; room, start and noise add to the spread. It may differ by
+      `MAX_GAIN_SIGMAS` of it, and by `MIN_GAIN_ERROR` in any case.
 
     A single twin, which has not been matched, has no spread: it acts when the twin itself is above
     the limit, and the gain is not judged.
@@ -120,9 +125,10 @@ class HiddenHeat:
             return None
         gain, noise, *of_draws = self._sums / self._squares
         expected, spread = float(np.mean(of_draws)), math.hypot(float(np.std(of_draws)), noise)
-        if abs(gain - expected) <= MAX_GAIN_SIGMAS * spread:
+        allowed = max(MAX_GAIN_SIGMAS * spread, MIN_GAIN_ERROR)
+        if abs(gain - expected) <= allowed:
             return None
-        low, high = (expected + sign * MAX_GAIN_SIGMAS * spread for sign in (-1, 1))
+        low, high = expected - allowed, expected + allowed
         return Finding(
             "gain",
             f"the readings together show {100 * gain:.0f} % of what the duty does, says the twin; "
