@@ -37,7 +37,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import numpy as np
-from hand_clock import HandClock, virtual_bench
+from hand_clock import HandClock, stepped_bench
 from hazards import (
     AFTER_STOP,
     HAZARDS,
@@ -50,7 +50,7 @@ from hazards import (
 import jaxtwin as jt
 from jaxtwin._errors import SafetyStop
 from jaxtwin.control import LiveLoop, control, read_controller
-from jaxtwin.live import Ending, Guard, OperatingLimits, VirtualRig
+from jaxtwin.live import Ending, Guard, InProcess, OperatingLimits, VirtualRig
 from jaxtwin.matching import posterior_draws
 from jaxtwin.rig import Sensors
 
@@ -151,7 +151,7 @@ def healthy_hour(seed: int) -> tuple[str, str]:
     b, random = bench(), np.random.default_rng(seed)
     room = float(random.uniform(5, 40))
     real = jt.Twin(b.low.rig, {**b.values, **b.truth(seed), "T_amb": room, "T_start": room})
-    device = VirtualRig(real, seed=seed, controller_rate=2)
+    device = VirtualRig(real, seed=seed, controller_rate=1)
     device.twin.start(0.0, room)
     steps = room + (LIMIT - room) * random.uniform(0.1, REACH, 6)
     references = ",".join(f"{600 * n}:{step:.1f}" for n, step in enumerate(steps))
@@ -166,7 +166,12 @@ def healthy_hour(seed: int) -> tuple[str, str]:
         references = ",".join(f"{600 * n}:{step:.1f}" for n, step in enumerate(low))
         loop = LiveLoop(b.low, pid, references, duration=3600, ambient=room)
     try:
-        ended = control(virtual_bench(b.low.rig, device, clock), guard, loop, on_end=ends.append)
+        ended = control(
+            stepped_bench(b.low.rig, {"rig": lambda: InProcess(device, clock)}, clock, step=0.25),
+            guard,
+            loop,
+            on_end=ends.append,
+        )
     except SafetyStop as stop:
         ended = str(stop)
     return ended, ends[0].verdict if ends else "not started"

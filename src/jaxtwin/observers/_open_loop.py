@@ -34,20 +34,28 @@ class OpenLoopState(eqx.Module):
 class OpenLoop(AbstractObserver[OpenLoopState]):
     """A twin that follows the duty of its rig: an observer of gain zero.
 
-    A command takes effect at the next step of 0.1 s, and then passes through the driver's delay and
-    lag.
+    A command takes effect at the next step, and then passes through the driver's delay and lag.
 
     **Arguments:**
 
     - `twin`: the twin; or its equations, as `twin.system()` makes them.
+    - `step_size`: the size of a step, s.
     - `longest_delay`: the longest delay for which the state has room, s, so that twins with other
       delays have states of the same shape; None: that of the twin.
     """
 
     stepper: Stepper
+    step_size: float = eqx.field(static=True)
 
-    def __init__(self, twin: Twin | System, *, longest_delay: float | int | None = None):
-        self.stepper = Stepper(twin, STEP_SECONDS, longest_delay=longest_delay)
+    def __init__(
+        self,
+        twin: Twin | System,
+        *,
+        step_size: float | int = STEP_SECONDS,
+        longest_delay: float | int | None = None,
+    ):
+        self.stepper = Stepper(twin, step_size, longest_delay=longest_delay)
+        self.step_size = float(step_size)
 
     def init(
         self, nodes: Float[ArrayLike, "..."] | None, duty: Float[ArrayLike, " cells"]
@@ -63,9 +71,9 @@ class OpenLoop(AbstractObserver[OpenLoopState]):
     ) -> OpenLoopState:
         ambient = self._room(ambient)
         passed = jnp.asarray(state.rest) + jnp.asarray(dt)
-        steps = jnp.floor(passed / STEP_SECONDS + ROUNDING).astype(int)
+        steps = jnp.floor(passed / self.step_size + ROUNDING).astype(int)
         twin = self.stepper.step(state.twin, duty, ambient, steps=steps)
-        return OpenLoopState(twin, passed - steps * STEP_SECONDS)
+        return OpenLoopState(twin, passed - steps * self.step_size)
 
     def correct(
         self,

@@ -13,7 +13,7 @@ from ...physics import Twin
 from ._duty_response import DutyResponse
 
 STEP_SECONDS = 0.5
-"""The time after which the twins are stepped although the duty has not changed, s of the rig."""
+"""The step of the twins, s of the rig, within which no plate becomes much hotter."""
 
 DRIVEN, IDLE = range(2)
 
@@ -43,11 +43,13 @@ class TwinEnsemble:
             for draw in range(count)
         ]
         with jax.enable_x64(True):
-            observers = [OpenLoop(each) for each in twins]
+            observers = [OpenLoop(each, step_size=STEP_SECONDS) for each in twins]
             if len({each.stepper.queue for each in observers}) > 1:
                 # Only a driver with a delay has a queue of commands, which must be of one length.
                 longest = max(float(each.stepper.system.delay or 0.0) for each in observers)
-                observers = [OpenLoop(each, longest_delay=longest) for each in twins]
+                observers = [
+                    OpenLoop(each, step_size=STEP_SECONDS, longest_delay=longest) for each in twins
+                ]
         self._template, self._count = observers[0], count
         # All have the same structure, so that their numbers can be stacked.
         columns = zip(*map(jax.tree.leaves, observers), strict=True)
@@ -56,7 +58,9 @@ class TwinEnsemble:
             jax.tree.unflatten(jax.tree.structure(observers[0]), stacked)
         )
         self._duty = np.zeros((2, len(twin.rig.driven)))
-        self._elapsed: float | None = None
+        self._heat, self._last = np.zeros((2, len(twin.rig.driven)))  # duty times time; duty
+        self._stepped: float | None = None  # the time of the last step, s of the rig
+        self._seen = 0.0
         self._set(np.full(len(twin.netlist.nodes), 20.0))  # this compiles the steps
         self._step(0.0, 20.0)
 
@@ -82,14 +86,19 @@ class TwinEnsemble:
 
     def follow(self, response: DutyResponse) -> None:
         """Goes on to the time of the twins of a `DutyResponse`, with the duty until then."""
-        if self._elapsed is None:
+        now = response.elapsed
+        if self._stepped is None:
             self._set(response.nodes)
-            self._elapsed = response.elapsed
-        duty, waited = response.duty, response.elapsed - self._elapsed
-        if waited >= STEP_SECONDS or (duty != self._duty[DRIVEN]).any():
+            self._stepped = self._seen = now
+        # A duty may change within a step, so that its mean counts: a controller that pulses in step
+        # with these twins would otherwise heat unseen.
+        self._heat += self._last * (now - self._seen)
+        self._seen, self._last = now, response.duty
+        waited = now - self._stepped
+        if waited >= STEP_SECONDS:
+            self._duty[DRIVEN] = self._heat / waited
             self._step(waited, response.room)
-            self._elapsed = response.elapsed
-        self._duty[DRIVEN] = duty
+            self._stepped, self._heat = now, np.zeros_like(self._heat)
 
     def _set(self, nodes: Float[np.ndarray, " nodes"]) -> None:
         with jax.enable_x64(True):
