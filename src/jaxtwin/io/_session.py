@@ -135,10 +135,15 @@ class Session:
 
     def duty(self, clocks: list[DeviceClock] | None = None) -> Series:
         """Duty cycles that the controller reported, -1 to 1, positive heats the plate."""
-        counts = self._series("samples", self._columns.pwm, "", clocks)
+        counts = self._series("samples", self._columns.pwm, self._is_driven, clocks)
         factor = self.metadata["polarity"] / self.metadata["counts"]
         cells = tuple(self.metadata["cells"])
         return Series(counts.time, counts.values * factor, cells, counts.run)
+
+    @property
+    def _is_driven(self) -> str:
+        """The condition for a sample of a device that drives cells; that of a camera has none."""
+        return f'"{self._columns.pwm[0]}" IS NOT NULL'
 
     def ambient(self, clocks: list[DeviceClock] | None = None) -> Series:
         """Ambient temperature if the controller measures it, degC."""
@@ -199,7 +204,7 @@ class Session:
         clocks = self.clocks()
         names = self._columns.temperatures
         temperatures = self._rows("readings", names, "recalibrating = 0", clocks)
-        counts = self._rows("samples", self._columns.pwm, "", clocks)
+        counts = self._rows("samples", self._columns.pwm, self._is_driven, clocks)
         room = self._rows("samples", ("ambient_degC",), "ambient_degC IS NOT NULL", clocks)
         spans = [rows.ends() for rows in (temperatures, counts)]
         if None in spans:

@@ -101,7 +101,10 @@ def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
                 f"{file}: expected a recording of a live rig, got another SQLite database"
             )
         if form != FORMAT:
-            raise RecordingError(f"{file}: format: expected {FORMAT}, got {form}")
+            later = " by a newer jaxtwin; update this one to read it" if form > FORMAT else ""
+            raise RecordingError(
+                f"{file}: format: expected {FORMAT}, got {form}, as it was written{later}"
+            )
         _check_tables(database, file)
         rows = database.execute("SELECT key, value FROM session").fetchall()
         metadata = {key: json.loads(value) for key, value in rows}

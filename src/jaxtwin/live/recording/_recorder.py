@@ -291,5 +291,6 @@ class Recorder:
                 "which are kept and can be read"
             )
         return RecordingError(
-            f"{self.file}: cannot be written ({error}); {self.written} records are kept"
+            f"{self.file}: cannot be written ({error}); {self.written} records of this run were "
+            "written before, and what the file held is not changed"
         )

@@ -102,7 +102,8 @@ class RowReader:
             _, greeting, arrival, device_us, seq, ambient, owner, number, trip, *pwm = row
             stamp = arrival, device_us, seq
             state = owner, number, trip
-            yield Sample(*self._devices[greeting], *stamp, tuple(pwm), ambient, *state)
+            counts = () if None in pwm else tuple(pwm)  # a device without cells has none
+            yield Sample(*self._devices[greeting], *stamp, counts, ambient, *state)
 
     def _readings(self) -> Rows:
         # Sensors give no frames.
