@@ -44,10 +44,10 @@ def _queued(stream: Any) -> Any:
         return stream
     # A name of a file may hold bytes that are no text.
     return io.TextIOWrapper(
-        raw,  # pyright: ignore[reportArgumentType] (it is written through, without a buffer)
+        raw,  # pyright: ignore[reportArgumentType]
         encoding=stream.encoding,
         errors="backslashreplace",
-        write_through=True,
+        line_buffering=True,
     )
 
 
