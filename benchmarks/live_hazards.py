@@ -174,7 +174,7 @@ def healthy_hour(seed: int) -> tuple[str, str]:
         )
     except SafetyStop as stop:
         ended = str(stop)
-    return ended, ends[0].verdict if ends else "not started"
+    return ended, ends[-1].verdict if ends else "not started"
 
 
 def _counted(words: Any) -> str:

@@ -821,7 +821,7 @@ def run_after_stop(
         )
     except SafetyStop as stop:
         said = str(stop)
-    (ending,) = ends
+    ending = ends[-1]
     shown = alarms[0] if alarms else clock.now()
     after = (shown - begin) * 1e-9 - (ended[0] if ended else 0.0)
     assert twin.rig.limits is not None

@@ -107,6 +107,11 @@ def run_on_live_rig(
             duty = ", ".join(f"{100 * part:.0f} %" for part in loaded.driver.duty(pwm))
             progress.update(f"{time:.0f} s, duty {duty}")
 
+        def ended(ending: Ending) -> None:
+            if not endings and ending.off:
+                progress.step(f"{ending}; watching the readings until they show it")
+            endings.append(ending)
+
         try:
             outcome = run(
                 connection,
@@ -119,7 +124,7 @@ def run_on_live_rig(
                 stop=stop,
                 on_progress=show,
                 on_alarm=command.ring,
-                on_end=endings.append,
+                on_end=ended,
             )
         except SafetyStop as error:
             # A signal is not an alarm, nor a rig that did not start, and what the device or the

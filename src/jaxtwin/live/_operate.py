@@ -93,7 +93,8 @@ def operate(
     - `on_progress`: called with the time (s of the rig) and the counts after each command.
     - `on_alarm`: called if the device reports heat, or nothing, two seconds after a stop, and if
       the readings show that the rig heats after it.
-    - `on_end`: called at the end with what the device reports and the readings show.
+    - `on_end`: called at the end with what the device reports, and again with what the readings
+      show.
     - `confirm_off`: whether the readings are watched after the end. Who goes on to poll the
       connection may do so itself (`Guard.off_watch`).
 
@@ -141,14 +142,16 @@ def operate(
     connection.note(Document(connection.clock.now(), "stop", uid, end))
     _, failure = poll_whatever_happens(connection, 0.0)  # journals it
     error = error or failure
+    if on_end is not None:
+        on_end(ending)
     if confirm_off and run.commanding and ending.off:
         ending = watch_off(connection, guard, service.state, ending, stop=stop, on_alarm=on_alarm)
         now = connection.clock.now()
         connection.note(Event("", now, f"after-stop-{ending.verdict or 'unseen'}", ending.seen))
         _, failure = poll_whatever_happens(connection, 0.0)
         error = error or ending.failure or failure
-    if on_end is not None:
-        on_end(ending)
+        if on_end is not None:
+            on_end(ending)
     if run.commanding:
         _raise(error, ending)
     elif error is not None:
