@@ -9,7 +9,7 @@ import pytest
 from hand_clock import HandClock, virtual_bench
 
 from jaxtwin.cli import run
-from jaxtwin.live import Duty, Finding, Order, Proof, VirtualRig, prove
+from jaxtwin.live import Data, Duty, Finding, Order, Proof, VirtualRig, prove
 from jaxtwin.live import _prove as module
 from jaxtwin.live._provocations import provocations
 from jaxtwin.live.protocol._output_stage import Answer, OutputStage
@@ -45,6 +45,23 @@ def test_every_step_is_proven_on_a_rig_that_obeys(
 
 
 FEW = ("a reading above the limit", "somebody opens the relay")
+
+
+@pytest.mark.slow
+def test_the_warmth_of_earlier_steps_is_no_strange_room(
+    rig: Rig, clock: HandClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody measures the room, and each step heats the rig: its readings are more than 10 K from
+    the room of the rig file in the end."""
+    monkeypatch.setattr(
+        "jaxtwin.live.virtual_rig._virtual_rig.Data",
+        lambda seq, us, pwm, ambient, *rest, **more: Data(seq, us, pwm, None, *rest, **more),
+    )
+    device = VirtualRig(Twin(rig))
+    steps = list(prove(virtual_bench(rig, device, clock), Twin(rig), duty=0.9))
+    assert device.twin.temperatures.mean() > 16 + 10
+    assert [step for step in steps if step.kind == "ambient-unknown"] == []
+    assert [step for step in steps if step.wrong] == []
 
 
 @pytest.fixture

@@ -26,6 +26,10 @@ HEAT_SECONDS = 3.0
 SETTLED = 1.0
 """The time for which the device must stay off, before and after a duty that it must refuse, s."""
 
+HIDDEN_PART = 0.25
+"""The part of its rise by which a cell of a warm rig may be hotter than the warmest reading: bare
+metal shows a camera less than its rise."""
+
 WATCHDOG = Provocation(
     "a host that falls silent", ("device-trip", "silence"), trip="watchdog", trips_within=0.0
 )
@@ -255,4 +259,6 @@ class _Attempt:
             for record in self._connection.poll(0.05):
                 if isinstance(record, Reading) and not record.recalibrating:
                     warmest = float(record.temperatures.max())
-        return replace(limits, cell=(limits.room if warmest is None else warmest) + 1.0)
+        warmest = limits.room if warmest is None else warmest
+        hidden = HIDDEN_PART * max(warmest - limits.room, 0.0)
+        return replace(limits, cell=warmest + hidden + 1.0)
