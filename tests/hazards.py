@@ -545,6 +545,13 @@ def hotter(scene: Scene) -> bool:
     return float(scene.device.twin.temperatures.max()) > scene.room + 12.0
 
 
+def hides_much(scene: Scene) -> bool:
+    """The plate under a sensor that stands still is much warmer than it reads."""
+    value = scene.memory.get("value")
+    warmer = 0.0 if value is None else float(scene.device.twin.temperatures[2]) - value
+    return warmer > STILL_KELVIN
+
+
 def above_the_limit(scene: Scene) -> bool:
     """The plate is hotter than the twin of another day allows, which is what nobody sees."""
     return scene.hottest > scene.limit + HIDDEN_KELVIN
@@ -584,6 +591,9 @@ STILL = 15.0 / 0.4 + 1.0
 TWIN_KELVIN = 7.0
 """How far the side of a cell may be above its limit before its twin says so, K: the twin is that of
 other days, and the contact of a cell differs between days."""
+
+STILL_KELVIN = 28.0
+"""How much the plate under a single sensor may be warmer than it reads, K."""
 
 HIDDEN_KELVIN = 5.0
 """How far the plate may be above the limit when all sensors hide it, K: the duty tells the twin of
@@ -649,10 +659,11 @@ HAZARDS = (
     ),
     Hazard(
         "sensor: stands still, with noise",
-        ("unresponsive", "deviation"),
-        BENCH,
+        ("unresponsive", "deviation", "completed"),
+        NEXT,
         channel(lambda s, v: frozen_value(s, v) + s.random.normal(0, 0.1)),
         sensors=True,
+        begins=hides_much,
         heats=True,
     ),
     *(

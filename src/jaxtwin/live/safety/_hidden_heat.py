@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, final
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from ..._normal_distribution import QUANTILE_975
 from ...physics import Twin
@@ -87,13 +88,10 @@ class HiddenHeat:
         """Whether a part is above the limit with a probability that is too high."""
         seen = np.concatenate([response.is_seen, np.ones(len(response.predicted), bool)])
         draws = np.concatenate([self._ensemble.nodes, self._ensemble.readings], axis=1)[:, seen]
-        mean, spread = draws.mean(axis=0), draws.std(axis=0)
-        margin = (mean - self._limits.hottest) / np.maximum(spread, 1e-9)
-        hottest = int(np.argmax(margin))
-        probability = 0.5 * math.erfc(-margin[hottest] / math.sqrt(2))
-        # A twin without a spread is either above the limit or not.
-        if probability < (MAX_PROBABILITY if self._ensemble.count > 1 else 0.5):
+        hottest, probability = _likeliest(draws, self._limits.hottest)
+        if not self._is_too_probable(probability):
             return None
+        mean, spread = draws.mean(axis=0), draws.std(axis=0)
         part = self._parts[int(np.flatnonzero(seen)[hottest])]
         half = QUANTILE_975 * spread[hottest]
         band = f" ± {half:.0f}" if self._ensemble.count > 1 else ""
@@ -105,6 +103,16 @@ class HiddenHeat:
             severity="critical",
             probability=probability,
         )
+
+    def is_too_hot_inside(self, sides: Int[np.ndarray, " sides"]) -> bool:
+        """Whether one of the nodes `sides` is above the limit of cells with a probability that is
+        too high."""
+        _, probability = _likeliest(self._ensemble.nodes[:, sides], self._limits.cell)
+        return self._is_too_probable(probability)
+
+    def _is_too_probable(self, probability: float) -> bool:
+        # A twin without a spread is either above the limit or not.
+        return probability >= (MAX_PROBABILITY if self._ensemble.count > 1 else 0.5)
 
     def gain(self, reading: Reading, response: DutyResponse) -> Finding | None:
         """Takes a reading. Whether all readings together show another part of the change by the
@@ -136,3 +144,11 @@ class HiddenHeat:
             "sensors, or has the rig changed?",
             size=gain,
         )
+
+
+def _likeliest(draws: Float[np.ndarray, "draws parts"], limit: float) -> tuple[int, float]:
+    """The part that is above a limit most probably, and the probability, if its temperature has the
+    mean and the standard deviation of the draws."""
+    margin = (draws.mean(axis=0) - limit) / np.maximum(draws.std(axis=0), 1e-9)
+    part = int(np.argmax(margin))
+    return part, 0.5 * math.erfc(-margin[part] / math.sqrt(2))

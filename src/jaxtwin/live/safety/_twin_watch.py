@@ -139,12 +139,14 @@ class TwinWatch(AbstractInterlock):
     def _cell_too_hot(self) -> Finding | None:
         hottest = self._response.nodes[self._sides].max(axis=0)
         worst = int(np.argmax(hottest))
-        if hottest[worst] <= self._limits.cell:
+        is_above = hottest[worst] > self._limits.cell
+        if not is_above and not self._hidden.is_too_hot_inside(self._sides.ravel()):
             return None
+        known = "" if is_above else ", as far as it is known"
         return Finding(
             "cell-temperature",
-            f"cell {self._cells[worst]} is at {hottest[worst]:.0f} degC inside, says the twin; its "
-            f"limit is {self._limits.cell:g}",
+            f"cell {self._cells[worst]} is at {hottest[worst]:.0f} degC inside, says the twin{known}"
+            f"; its limit is {self._limits.cell:g}",
             self._cells[worst],
         )
 
