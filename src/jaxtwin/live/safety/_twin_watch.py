@@ -142,11 +142,11 @@ class TwinWatch(AbstractInterlock):
         is_above = hottest[worst] > self._limits.cell
         if not is_above and not self._hidden.is_too_hot_inside(self._sides.ravel()):
             return None
-        known = "" if is_above else ", as far as it is known"
+        known = "" if is_above else ", as far as that is known"
         return Finding(
             "cell-temperature",
-            f"cell {self._cells[worst]} is at {hottest[worst]:.0f} degC inside, says the twin{known}"
-            f"; its limit is {self._limits.cell:g}",
+            f"cell {self._cells[worst]} is at {hottest[worst]:.0f} degC inside, says the twin"
+            f"{known}; its limit is {self._limits.cell:g}",
             self._cells[worst],
         )
 
