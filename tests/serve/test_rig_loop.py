@@ -750,3 +750,58 @@ def test_drive_orders_raise_no_alarm() -> None:
             server.loop.turn()
             assert answer.result(0).obeyed
     assert [one.kind for one in raised if one.is_alarm] == []
+
+
+@pytest.mark.parametrize("is_welded", [False, True])
+def test_after_a_run_the_page_says_what_the_readings_show(is_welded: bool) -> None:
+    """A relay that does not open heats on, although the device reports off."""
+    clock, raised = HandClock(), list[Finding]()
+    with socket.socket() as opened:
+        device = VirtualRig(twin(), controller_rate=10.0)
+        if is_welded:
+            drive_plant = device.twin.drive
+            device.twin.drive = lambda duty, ambient=None: (  # pyright: ignore
+                drive_plant(duty, ambient) if np.any(duty) else None
+            )
+        source = virtual_bench(twin().rig, device, clock)
+        server = PageServer(
+            source, TwinBeside(twin(), "values of the rig file"), StopRequest(),
+            Access.of("127.0.0.1", 8000), opened, name="virtual rig", raised=raised.append,
+        )  # fmt: skip
+        while clock.now() < START + 5e9:
+            server.loop.turn()
+        answer = server.desk.ask(DriveOrder((0.6, 0.6), 20.0))
+        server.loop.turn()
+        assert answer.result(0).obeyed
+        run = server.page.ring.newest_of("run")["text"]
+        assert run == "the time is over; the device reports off"
+        end = clock.now() + 61e9
+        while clock.now() < end:
+            server.loop.turn()
+        lines = [line["text"] for line in server.page._lines]
+    if is_welded:
+        # The stop that follows trips the device.
+        assert [one.kind for one in raised if one.is_alarm] == ["heats", "device-trip"]
+        assert server.page.heats.startswith("THE RIG HEATS AFTER A STOP: CUT THE POWER; after ")
+    else:
+        assert [one.kind for one in raised if one.is_alarm] == []
+        assert any(line.startswith("the cells are off, as the readings show") for line in lines)
+
+
+def test_an_order_with_which_the_rig_must_exceed_its_limit_is_refused() -> None:
+    rig = twin().rig
+    assert rig.limits is not None
+    low = Twin(replace(rig, limits=replace(rig.limits, temperature=273.15 + 40.0)))
+    clock = HandClock()
+    with socket.socket() as opened:
+        source = virtual_bench(low.rig, VirtualRig(low), clock)
+        server = PageServer(
+            source, TwinBeside(low, "values of the rig file"), StopRequest(),
+            Access.of("127.0.0.1", 8000), opened, name="virtual rig",
+        )  # fmt: skip
+        answer = server.desk.ask(DriveOrder((1.0, 1.0), 600.0))
+        server.loop.turn()
+    found = answer.result(0)
+    assert not found.obeyed
+    assert found.text.startswith("plan: expected at most 40 degC, the limit of the rig, got ")
+    assert source.number == 0, "nothing was sent"

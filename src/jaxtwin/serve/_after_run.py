@@ -42,7 +42,7 @@ class AfterRun:
 
     def end(self) -> None:
         """Ends the watch: another run begins."""
-        self._watch = None
+        self._watch, self._page.heats = None, ""
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes a record."""
@@ -61,6 +61,7 @@ class AfterRun:
             return
         self._watch = None
         if watch.verdict == "off":
+            self._page.heats = ""
             cools = "it cools now" if self._stops else "the cells are off"
             self._page.say("notice", f"{cools}, {watch.detail}")
         elif watch.verdict == "unknown":
@@ -69,6 +70,7 @@ class AfterRun:
             self._page.say("critical", f"the rig heats after a stop: {watch.detail}")
         if watch.verdict == "heats" and not self._stops:
             text = f"THE RIG HEATS AFTER A STOP: CUT THE POWER; {watch.detail}"
+            self._page.heats = text
             self._page.on_finding(Finding(HEATS, text, severity="critical"))
             watch.again(state, now)
             self._watch, self._stops = watch, True

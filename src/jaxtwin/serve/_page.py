@@ -106,6 +106,8 @@ class Page:
         self._due = self._looked = self._heard = 0  # host times; the last is that of a sample
         self._unshown = self._apart = 0  # readings since the last picture, and before it
         self._still_on = ""
+        self.heats = ""
+        """What the readings show of a rig that heats after a run; `""` if they do not."""
         self._before: tuple[Finding, ...] = ()  # what monitors with other twins have found
         self._findings: tuple[Finding, ...] | None = None
         self._beside = beside
@@ -367,7 +369,7 @@ class Page:
             silent=silent,
             faults={names[place]: why for place, why in state.faults.items()},
             trip=state.trip,
-            still_on=self._still_on,
+            still_on=self.heats or self._still_on,
             limit=None if limit is None else limit - ZERO_CELSIUS,
             findings=self._beside.monitor.present,
             cause=self.cause,
