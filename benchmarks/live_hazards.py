@@ -167,7 +167,7 @@ def healthy_hour(seed: int) -> tuple[str, str]:
         loop = LiveLoop(b.low, pid, references, duration=3600, ambient=room)
     try:
         ended = control(
-            stepped_bench(b.low.rig, {"rig": lambda: InProcess(device, clock)}, clock, step=0.25),
+            stepped_bench(b.low.rig, {"rig": lambda: InProcess(device, clock)}, clock, step=0.5),
             guard,
             loop,
             on_end=ends.append,

@@ -257,7 +257,7 @@ def test_every_option_of_a_drive_arrives(noted):
     assert without(arguments) == ARRIVED | expected
     twin = jt.Twin("paper-2024")
     (prepare,) = arguments["positional"]
-    command, about = prepare(twin, [live.AlarmInterlock()])
+    command, about = prepare(twin, None, [live.AlarmInterlock()])
     assert command.func is live.drive
     guard = command.keywords["guard"].settings
     assert (guard["silence_s"], guard["ambient_degC"]) == (4.0, 21.5)
@@ -275,7 +275,7 @@ def test_a_plan_is_driven_for_its_own_duration(noted):
     assert run(f"drive single-cell --plan plan.csv {LIVE}".split()) == 0
     assert arguments["duration"] == 60.0
     (prepare,) = arguments["positional"]
-    command, about = prepare(jt.Twin("single-cell"), [])
+    command, about = prepare(jt.Twin("single-cell"), None, [])
     assert command.keywords["plan"] == planned().experiment
     assert about == {"plan": {"file": "plan.csv", "duration_s": 60.0}}
 
@@ -294,12 +294,12 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     checked: list[tuple[object, ...]] = []
     really_checked = _control_loop.checked_loop
 
-    def check(*given: Any) -> Any:
+    def check(*given: Any, accept: bool) -> Any:
         checked.append(given)
-        return really_checked(*given)
+        return really_checked(*given, accept=accept)
 
     monkeypatch.setattr(_control_loop, "checked_loop", check)
-    command, about = prepare(twin, [])
+    command, about = prepare(twin, None, [])
     assert command.func is run_controller
     guard = command.keywords["guard"].settings
     assert (guard["silence_s"], guard["ambient_degC"]) == (4.0, 21.5)

@@ -81,7 +81,7 @@ def test_no_other_interlock_waits_for_it(clock: HandClock):
     connection = virtual_bench(rig, VirtualRig(bench(), speed=10), clock)
     plan = Experiment.schedule("0:0.5/0.4", duration=400, cells=2)
     with pytest.raises(SafetyStop, match="the rig's limit is 30"):
-        drive(connection, guard, plan)
+        drive(connection, guard, plan, accept=True)
 
 
 def test_a_rig_file_says_whether_an_alarm_stops_it(tmp_path: Path):

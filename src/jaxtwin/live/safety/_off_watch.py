@@ -102,7 +102,7 @@ class OffWatch:
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes a record, and judges by it."""
         match record:
-            case Sample() if any(record.pwm) and not self.verdict:
+            case Sample() if any(record.pwm) and not self.verdict and not _is_cut(state):
                 counts = ", ".join(map(str, record.pwm))
                 by = f", commanded by {record.owner}" if record.owner else ""
                 self.verdict = "heats"
@@ -172,3 +172,8 @@ class OffWatch:
             )
         self._states = jax.tree.map(np.asarray, states)
         return np.asarray(readings)
+
+
+def _is_cut(state: RigState) -> bool:
+    """Whether a relay has cut the supply: then it does not matter which counts a bridge reports."""
+    return state.relay is not None and state.relay.relay == "off"
