@@ -185,11 +185,12 @@ def serve(
             return TwinBeside(one.twin, one.label, noise=known, calibration=healthy, draws=draws)
 
         def made() -> TwinBeside:
+            beside = beside_of(chosen)
             if allow_control:
-                Guard.of(chosen.twin, draws=chosen.draws())  # compiles
+                Guard.of(beside.twin, draws=beside.draws)  # compiles
             if holds is not None:
-                compile_loop(chosen.twin, holds)
-            return beside_of(chosen)
+                compile_loop(beside.twin, holds)
+            return beside
 
         recorder = None
         if out is not None:

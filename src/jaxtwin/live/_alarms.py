@@ -119,7 +119,7 @@ class Alarms:
         newest = {"controller sample": state.sample, "temperature": state.reading}
         for what, record in newest.items():
             if record is not None:
-                self._made[what] = now - round(state.age(record, now) * 1e9)
+                self._made[what] = state.made(record)
             silent = seconds(now - self._made[what])
             detail = f"no {what} for more than {self._silence:g} s"
             self._set((f"stale-{what.split()[0]}", ""), silent > self._silence, detail)

@@ -16,7 +16,7 @@ from .protocol._rig_connection import RigConnection
 from .protocol._rig_state import RigState
 from .safety._finding import Finding
 from .safety._guard import Guard
-from .safety._off_watch import OffWatch, Verdict
+from .safety._off_watch import OffWatch, Verdict, heat_sentence
 
 AGAIN = 0.1
 """The time between two commands to switch off, s."""
@@ -93,7 +93,7 @@ class Ending(NamedTuple):
             counts = ", ".join(map(str, self.sample.pwm))
             return f"THE DEVICE REPORTS STILL ON ({counts} counts) AFTER A STOP: CUT THE POWER"
         if self.verdict == "heats":
-            return f"THE RIG HEATS AFTER A STOP: CUT THE POWER; {self.seen}"
+            return heat_sentence(self.seen)
         # What a device reports is not what its bridge does: a relay may be welded.
         off = "the cells are off" if self.verdict == "off" else "the device reports off"
         if self.heated:
@@ -293,12 +293,13 @@ class _Switch:
             self._state = self._state.after(record)
             if self._on_record is not None:
                 self._on_record(record, self._state)
-            made_after = -self._state.age(record, self._begin) if isinstance(record, Sample) else 0
-            if isinstance(record, Sample) and made_after > 0:
-                # A stop takes a moment to arrive and to be reported.
-                if record.pwm and (made_after > OBEYS_SECONDS or not any(record.pwm)):
-                    self._samples[record.link] = record
-                relay = record.relay or relay
+            if not isinstance(record, Sample) or self._state.made(record) <= self._begin:
+                continue
+            # A stop takes a moment to arrive and to be reported.
+            made_after = seconds(self._state.made(record) - self._begin)
+            if record.pwm and (made_after > OBEYS_SECONDS or not any(record.pwm)):
+                self._samples[record.link] = record
+            relay = record.relay or relay
         failure = self.ending.failure or failure
         ending = Ending(self._sample(), relay, self.ending.heated, self._trip, failure)
         heats = self.elapsed > OFF_SECONDS and ending.is_on

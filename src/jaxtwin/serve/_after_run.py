@@ -4,7 +4,7 @@ from typing import final
 
 from ..live import Finding, Guard, Record, Replay, RigConnection, RigState
 from ..live._switch_off import HEATS
-from ..live.safety._off_watch import OffWatch
+from ..live.safety._off_watch import OffWatch, heat_sentence
 from ._page import Page
 
 
@@ -69,7 +69,7 @@ class AfterRun:
         else:
             self._page.say("critical", f"the rig heats after a stop: {watch.detail}")
         if watch.verdict == "heats" and not self._stops:
-            text = f"THE RIG HEATS AFTER A STOP: CUT THE POWER; {watch.detail}"
+            text = heat_sentence(watch.detail)
             self._page.heats = text
             self._page.on_finding(Finding(HEATS, text, severity="critical"))
             watch.again(state, now)

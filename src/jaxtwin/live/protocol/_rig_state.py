@@ -7,6 +7,7 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float, Int
 
+from ._clock import seconds
 from ._messages import Hello
 from ._records import Event, Gap, Greeting, LinkChange, LinkState, Reading, Record, Sample
 
@@ -139,7 +140,7 @@ class RigState:
     def time_of(self, record: Sample | Reading) -> int:
         """The host time at which a sample or a reading was made, ns, but at most `LONGEST_WAIT`
         before it arrived."""
-        return max(self._made(record), record.arrival - LONGEST_WAIT)
+        return max(self.made(record), record.arrival - LONGEST_WAIT)
 
     def age(self, record: Sample | Reading, now: int) -> float:
         """The time since a sample or a reading was made, s, at host time `now`, ns.
@@ -147,9 +148,10 @@ class RigState:
         It is told by the device's clock, so that what waited on the way is as old as it is, however
         new it has arrived.
         """
-        return (now - self._made(record)) * 1e-9
+        return seconds(now - self.made(record))
 
-    def _made(self, record: Sample | Reading) -> int:
+    def made(self, record: Sample | Reading) -> int:
+        """The host time at which a sample or a reading was made, ns, however long ago."""
         clock = self.clocks.get(record.link)
         if clock is None or clock.boot != record.boot:
             return record.arrival

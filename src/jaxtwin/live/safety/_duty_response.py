@@ -111,6 +111,15 @@ class DutyResponse:
         """The change of the readings without any duty since the start, K."""
         return self._readings[IDLE] - self._began
 
+    def shown(self, readings: Float[np.ndarray, " channels"]) -> Float[np.ndarray, " channels"]:
+        """The change of readings beyond that of an idle rig since the start, K."""
+        return readings - self._first - self.without_duty
+
+    def deviations(self, jump: float) -> Float[np.ndarray, " channels"]:
+        """The standard deviation of what is not known of readings, K: their own error by noise and
+        recalibrations, a sixth of the largest `jump`, and a third of `unknown`."""
+        return np.hypot(jump / 6, self.unknown / 3)
+
     @property
     def unknown(self) -> Float[np.ndarray, " channels"]:
         """The largest error of the twins by room and start, which stands for three standard
@@ -200,12 +209,19 @@ def _stepped(
     dt: Float[Array, ""],
 ) -> tuple[OpenLoopState, Float[Array, "twins channels"]]:
     """The twins after a time, and their readings."""
+    return jax.vmap(step_and_read, in_axes=(None, 0, 0, 0, None))(observer, states, duty, rooms, dt)
 
-    def step(state: OpenLoopState, duty: Array, room: Array) -> tuple[OpenLoopState, Array]:
-        state = observer.predict(state, duty, room, dt)
-        return state, observer.readings(state, room)
 
-    return jax.vmap(step)(states, duty, rooms)
+def step_and_read(
+    observer: OpenLoop,
+    state: OpenLoopState,
+    duty: Float[Array, " cells"],
+    room: Float[Array, ""],
+    dt: Float[Array, ""],
+) -> tuple[OpenLoopState, Float[Array, " channels"]]:
+    """A twin in open loop after a time, and its readings."""
+    state = observer.predict(state, duty, room, dt)
+    return state, observer.readings(state, room)
 
 
 def _uneven(system: System, apart: Float[np.ndarray, " channels"]) -> Float[np.ndarray, " nodes"]:

@@ -14,6 +14,7 @@ from ..protocol._records import Reading
 from ._duty_response import DutyResponse
 from ._finding import Finding
 from ._operating_limits import OperatingLimits
+from ._responsiveness import MEMORY_SECONDS
 from ._twin_ensemble import Draws, TwinEnsemble
 
 DRAWS = 32
@@ -35,9 +36,6 @@ since its match: a contact of three times its resistance changes the gain by 0.1
 MIN_CHANGE = 1.0
 """The least change by the duty with which a gain is judged, in limits of deviation: contacts that
 are worse than the twin's delay the first kelvins most, and all channels alike."""
-
-MEMORY_SECONDS = 60.0
-"""The time constant with which earlier readings are forgotten, s of the rig."""
 
 
 @final
@@ -120,9 +118,9 @@ class HiddenHeat:
         if self._ensemble.count == 1:
             return None
         by_duty = response.by_duty
-        shown = reading.temperatures - response.first - response.without_duty
+        shown = response.shown(reading.temperatures)
         # An error of the camera, of the room or of the start is common to all channels.
-        unknown = np.hypot(self._limits.jump / 6, response.unknown / 3)
+        unknown = response.deviations(self._limits.jump)
         passed = 0.0 if self._last is None else (reading.device_us - self._last) * 1e-6
         self._last = reading.device_us
         kept = math.exp(-max(passed, 0.0) / MEMORY_SECONDS)

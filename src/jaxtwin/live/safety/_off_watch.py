@@ -53,6 +53,11 @@ HELD = 1
 Verdict = Literal["", "off", "heats", "unknown"]
 
 
+def heat_sentence(detail: str) -> str:
+    """What is said of a rig that heats after a stop."""
+    return f"THE RIG HEATS AFTER A STOP: CUT THE POWER; {detail}"
+
+
 @final
 class OffWatch:
     r"""Compares the readings after a stop with twins: one that is off, one whose duty is held, and

@@ -55,9 +55,8 @@ class Responsiveness:
         - `response`: the twins, up to this reading.
         """
         by_duty = response.by_duty
-        shown = reading.temperatures - response.first - response.without_duty
-        # A reading's own error, by noise and recalibrations, is a sixth of the largest jump.
-        deviations = np.hypot(self._limits.jump / 6, response.unknown / 3)
+        shown = response.shown(reading.temperatures)
+        deviations = response.deviations(self._limits.jump)
         passed = 0.0 if self._last is None else (reading.device_us - self._last) * 1e-6
         self._last = reading.device_us
         kept = np.exp(-max(passed, 0.0) / MEMORY_SECONDS)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..._compilation import persistent_jit
 from ...observers import OpenLoop, OpenLoopState
 from ...physics import Twin
-from ._duty_response import DutyResponse
+from ._duty_response import DutyResponse, step_and_read
 
 STEP_SECONDS = 0.5
 """The step of the twins, s of the rig, within which no plate becomes much hotter."""
@@ -126,10 +126,5 @@ def _stepped(
     dt: Float[Array, ""],
 ) -> tuple[OpenLoopState, Float[Array, "draws 2 channels"]]:
     """The twins of all draws after a time, and their readings."""
-
-    def step(observer: OpenLoop, state: OpenLoopState, duty: Array) -> tuple[OpenLoopState, Array]:
-        state = observer.predict(state, duty, room, dt)
-        return state, observer.readings(state, room)
-
-    of_draw = jax.vmap(step, in_axes=(None, 0, 0))
-    return jax.vmap(of_draw, in_axes=(0, 0, None))(observers, states, duty)
+    of_draw = jax.vmap(step_and_read, in_axes=(None, 0, 0, None, None))
+    return jax.vmap(of_draw, in_axes=(0, 0, None, None, None))(observers, states, duty, room, dt)
