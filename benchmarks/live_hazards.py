@@ -32,7 +32,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -62,6 +62,9 @@ DRAWS = 32
 MAX_SEEDS = 2000
 REACH = 0.6
 """The largest reference of a healthy hour, as a part of the way from the room to the limit."""
+
+MAX_RISE = 14.0
+"""The largest rise of the references above the room, which each draw of the rig can hold, K."""
 
 LIMIT = 55.0
 """The limit of the rig in healthy hours, degC."""
@@ -146,35 +149,76 @@ def after_stop_row(number: int, seeds: int) -> list[str]:
     ]
 
 
-def healthy_hour(seed: int) -> tuple[str, str]:
-    """An hour of a rig on which nothing is wrong: how it ended, and what the readings showed."""
-    b, random = bench(), np.random.default_rng(seed)
-    room = float(random.uniform(5, 40))
+class Hour(NamedTuple):
+    """An hour without a hazard.
+
+    - `ended`: what ended it, as the interlocks decide by the duty; "refused" before it began.
+    - `sigmas`: how far from the limit the twin expects the hottest part, in standard deviations.
+    - `is_near`: whether it was said before it began that a healthy rig may be stopped.
+    """
+
+    ended: str
+    sigmas: float = 0.0
+    is_near: bool = True
+
+
+def healthy_hour(seed: int) -> Hour:
+    """An hour of a rig on which nothing is wrong, in the loop that its controller makes with it, as
+    `HiddenHeat` judges it. References change every ten minutes, up to `REACH` of the way."""
+    b, room, references = bench(), *_references(seed)
+    guard = Guard.of(b.low, ambient=room, draws=b.draws)
+    pid = read_controller(b.controller, b.low.rig)
+    real = jt.Twin(b.low.rig, {**b.values, **b.truth(seed), "T_amb": room, "T_start": room})
+    try:
+        plans = [
+            LiveLoop(twin, pid, references, duration=3600, ambient=room).simulated_plan()
+            for twin in (b.low, real)
+        ]
+        hottest = guard.check_plan(plans[0])
+    except jt.JaxtwinError:
+        return Hour("refused")
+    assert hottest is not None
+    try:
+        guard.check_plan(plans[1])
+    except jt.JaxtwinError:
+        return Hour("stopped", hottest.sigmas, hottest.is_near)
+    return Hour("completed", hottest.sigmas, hottest.is_near)
+
+
+def live_hour(seed: int) -> tuple[str, str]:
+    """As `healthy_hour`, of a virtual rig behind all interlocks: how it ended, and what the
+    readings showed after the end."""
+    b, room, references = bench(), *_references(seed)
     real = jt.Twin(b.low.rig, {**b.values, **b.truth(seed), "T_amb": room, "T_start": room})
     device = VirtualRig(real, seed=seed, controller_rate=1)
     device.twin.start(0.0, room)
-    steps = room + (LIMIT - room) * random.uniform(0.1, REACH, 6)
-    references = ",".join(f"{600 * n}:{step:.1f}" for n, step in enumerate(steps))
     clock, ends = HandClock(), list[Ending]()
     guard = Guard.of(b.low, ambient=room, draws=b.draws)
-    pid = read_controller(b.controller, b.low.rig)
-    # What a rig cannot hold, a controller drives towards at the limit of its duty.
-    try:
-        loop = LiveLoop(b.low, pid, references, duration=3600, ambient=room)
-    except jt.JaxtwinError:
-        low = room + np.minimum(steps - room, 12.0)
-        references = ",".join(f"{600 * n}:{step:.1f}" for n, step in enumerate(low))
-        loop = LiveLoop(b.low, pid, references, duration=3600, ambient=room)
     try:
         ended = control(
             stepped_bench(b.low.rig, {"rig": lambda: InProcess(device, clock)}, clock, step=0.5),
             guard,
-            loop,
+            LiveLoop(
+                b.low,
+                read_controller(b.controller, b.low.rig),
+                references,
+                duration=3600,
+                ambient=room,
+            ),
             on_end=ends.append,
         )
-    except SafetyStop as stop:
+    except (SafetyStop, jt.JaxtwinError) as stop:
         ended = str(stop)
     return ended, ends[-1].verdict if ends else "not started"
+
+
+def _references(seed: int) -> tuple[float, str]:
+    """The room of an hour and its references, degC."""
+    random = np.random.default_rng(seed)
+    room = float(random.uniform(5, 40))
+    # What no duty reaches is refused anyway.
+    steps = room + min(LIMIT - room, MAX_RISE / REACH) * random.uniform(0.1, REACH, 6)
+    return room, ",".join(f"{600 * n}:{step:.1f}" for n, step in enumerate(steps))
 
 
 def _counted(words: Any) -> str:

@@ -274,9 +274,7 @@ def controlled(controller: Path) -> Callable[[Scene, RigConnection, Twin, bool],
 
         pid = read_controller(controller, twin.rig)
         # What can be reached depends on the room.
-        loop = LiveLoop(
-            twin, pid, references, duration=scene.lasts, ambient=scene.room, accept=True
-        )
+        loop = LiveLoop(twin, pid, references, duration=scene.lasts, ambient=scene.room)
 
         def spoil(_: Any) -> None:
             """The controller's own numbers are lost, and so is what it asks for."""
@@ -284,7 +282,7 @@ def controlled(controller: Path) -> Callable[[Scene, RigConnection, Twin, bool],
 
         with _failing("jaxtwin.control.loops._control.operate", scene, spoil):
             guard = Guard.of(twin, ambient=scene.room, draws=scene.draws)
-            return control(bench, guard, loop)
+            return control(bench, guard, loop, accept=True)
 
     return command
 

@@ -9,9 +9,9 @@ from folded import Watched
 from hand_clock import START, HandClock, virtual_bench
 
 from jaxtwin import JaxtwinError
-from jaxtwin._errors import ControlError, SafetyStop
+from jaxtwin._errors import SafetyStop
 from jaxtwin.cli import run
-from jaxtwin.control import PID, LiveLoop
+from jaxtwin.control import PID, LiveLoop, control
 from jaxtwin.io import Experiment
 from jaxtwin.live import Finding, Guard, OperatingLimits, Plant, Reading, Sample, VirtualRig, drive
 from jaxtwin.live.safety._twin_watch import TwinWatch
@@ -103,22 +103,52 @@ def test_a_plan_that_must_exceed_the_limit_is_refused_before_it_begins(
     with pytest.raises(JaxtwinError, match=r"plan: expected at most 55 degC, the limit of the rig"):
         drive(bench, Guard.of(low), hot)
     assert bench.number == 0, "nothing was sent"
-    with pytest.raises(SafetyStop, match=r"is at 5\d"):
+    with pytest.raises(SafetyStop, match=r"has V\d\d at 5\d degC"):
         drive(bench, Guard.of(low), hot, accept=True)
     Guard.of(low).check_plan(Experiment.schedule("0:0.2", duration=600, cells=2))
 
 
-@pytest.mark.parametrize(("reference", "refused"), [(50.0, False), (60.0, True)])
+@pytest.fixture(scope="module")
+def pid(low: Twin) -> PID:
+    return PID(0.05, 0.001, limits=(0.0, 1.0), measured=[list(low.channels)])
+
+
 def test_references_that_must_exceed_the_limit_are_refused(
-    low: Twin, reference: float, refused: bool
+    low: Twin, pid: PID, clock: HandClock
 ) -> None:
-    pid = PID(0.05, 0.001, limits=(0.0, 1.0), measured=[list(low.channels)])
-    if not refused:
-        LiveLoop(low, pid, 40.0, duration=60, ambient=ROOM)
-        return
-    with pytest.raises(ControlError, match=r"expected at most 55 degC at every channel"):
-        LiveLoop(low, pid, reference, duration=60, ambient=ROOM)
-    LiveLoop(low, pid, reference, duration=60, ambient=ROOM, accept=True)
+    bench = virtual_bench(low.rig, VirtualRig(low), clock)
+    loop = LiveLoop(low, pid, 60.0, duration=60, ambient=ROOM)
+    with pytest.raises(JaxtwinError, match=r"plan: expected at most 55 degC, the limit of the rig"):
+        control(bench, Guard.of(low, ambient=ROOM), loop)
+    assert bench.number == 0, "nothing was sent"
+    Guard.of(low, ambient=ROOM).check_plan(
+        LiveLoop(low, pid, 40.0, duration=60, ambient=ROOM).simulated_plan()
+    )
+
+
+@pytest.mark.parametrize(("reference", "near"), [(30.0, False), (41.0, True)])
+def test_a_plan_says_whether_a_healthy_rig_may_be_stopped(
+    low: Twin, pid: PID, draws: dict[str, np.ndarray], reference: float, near: bool
+) -> None:
+    """Each of the draws holds the references as a rig. Only of plans that are near the limit is one
+    of them stopped."""
+    guard = Guard.of(low, ambient=ROOM, draws=draws)
+
+    def plan(twin: Twin) -> Experiment:
+        return LiveLoop(twin, pid, reference, duration=1000, ambient=ROOM).simulated_plan()
+
+    hottest = guard.check_plan(plan(low))
+    assert hottest is not None
+    assert hottest.is_near == near
+    assert hottest.name in {node.name for node in low.netlist.nodes} | set(low.channels)
+    weakest = low.with_values({"alpha": float(draws["alpha"].min())})
+    if near:
+        with pytest.raises(
+            JaxtwinError, match=r"the limit of the rig, got V\d\d at \d\d ± \d+ degC"
+        ):
+            guard.check_plan(plan(weakest))
+    else:
+        guard.check_plan(plan(weakest))
 
 
 def test_the_command_refuses_it_before_it_connects(

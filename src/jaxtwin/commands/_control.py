@@ -95,15 +95,22 @@ def control(
             duration=duration,
             silence=silence,
             ambient=ambient,
-            accept=accept,
         )
         loops.append(loop)
         if (margins := loop.margins()) is not None:
             say(margins.summary())
         usual = interlocks_of(twin, silence=silence, ambient=ambient, draws=draws)
         guard = Guard([*usual, *interlocks])
+        if not accept:  # before the rig is connected
+            hottest = guard.check_plan(loop.simulated_plan())
+            if hottest is not None and hottest.is_near:
+                say(
+                    f"near the limit of {hottest.limit:g} degC: {hottest}, says the twin. A "
+                    "healthy rig that needs more duty than its twin may be stopped; lower "
+                    "references or a match to more days leave more room"
+                )
         keep = decisions.append if isinstance(chosen, Relay) else None
-        run = partial(run_controller, guard=guard, loop=loop, on_decision=keep)
+        run = partial(run_controller, guard=guard, loop=loop, accept=True, on_decision=keep)
         about = {
             "plan": {"reference": reference, "duration_s": duration},
             "controller": controller.read_text(encoding="utf-8"),

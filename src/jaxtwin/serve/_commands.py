@@ -27,6 +27,10 @@ class HeldDuty(NamedTuple):
     def __call__(self, moment: Moment) -> Sequence[float] | None:
         return None if moment.time >= self.seconds else self.duty
 
+    def simulated_plan(self) -> Experiment:
+        """The duty that is held."""
+        return Experiment([0.0, self.seconds], [self.duty, self.duty])
+
 
 def compile_loop(twin: Twin, controller: AbstractController) -> None:
     """Compiles what an order to hold references needs, before a rig waits for it."""
@@ -38,7 +42,8 @@ def compile_loop(twin: Twin, controller: AbstractController) -> None:
     held = Experiment([0.0, controller.sample_time_s], np.tile(middle, (2, 1)))
     rest = simulate(twin, held, initial="steady").temperatures[-1]
     references = np.asarray(controller.output_weights(twin.channels)) @ rest
-    LiveLoop(twin, controller, references, duration=controller.sample_time_s)
+    loop = LiveLoop(twin, controller, references, duration=controller.sample_time_s)
+    simulate(twin, loop.simulated_plan())
 
 
 @final
@@ -81,10 +86,9 @@ class HeldReferences:
     def __call__(self, moment: Moment) -> np.ndarray | None:
         return self._command(moment)
 
-
-def held_plan(order: DriveOrder) -> Experiment:
-    """The plan of an order that holds a duty."""
-    return Experiment([0.0, order.seconds], [order.duty, order.duty])
+    def simulated_plan(self) -> Experiment:
+        """As that of its `LiveLoop`."""
+        return self._loop.simulated_plan()
 
 
 def plan_of(order: RunOrder) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from ..live._switch_off import switch_off
 from ..monitoring._finding_log import KINDS
 from ._after_run import AfterRun
 from ._champion import Champion
-from ._commands import Command, HeldDuty, HeldReferences, described, held_plan, plan_of
+from ._commands import Command, HeldDuty, HeldReferences, described, plan_of
 from ._desk import (
     Answer,
     Asked,
@@ -99,6 +99,7 @@ class RigLoop:
         self._interlock = AlarmInterlock()
         self._order: OrderInForce | None = None
         self._command: Command = HeldDuty((), 0.0)
+        self._guard = Guard([])  # that of the present or last run
         self._began = self._elapsed = 0.0
         self._show_run("idle", "")
         self._show_twins()
@@ -177,7 +178,7 @@ class RigLoop:
             self._obey(asked)
             return
         try:
-            self._begin(asked, asked.order, changes_run=True)
+            self._begin(asked, asked.order, self._guard, changes_run=True)
         except JaxtwinError as error:
             asked.answer(Answer(False, str(error)))
 
@@ -189,18 +190,20 @@ class RigLoop:
             is_refit = isinstance(order, RefitOrder)
             asked.answer(self._begin_refit(order) if is_refit else self._move(order))
 
-    def _begin(self, asked: Asked, order: RunOrder, *, changes_run: bool) -> None:
+    def _begin(self, asked: Asked, order: RunOrder, guard: Guard, *, changes_run: bool) -> None:
         """Commands the rig by an order from now on.
 
-        **Raises:** `ControlError` if it cannot be obeyed; the order before goes on.
+        **Raises:** `JaxtwinError` if it cannot be obeyed, or if `guard` would stop the rig; the
+        order before goes on.
         """
         assert isinstance(self._source, RigConnection)
         if isinstance(order, DriveOrder):
-            command: Command = HeldDuty(order.duty, order.seconds)
+            command = HeldDuty(order.duty, order.seconds)
         else:
             command = HeldReferences(
                 self._source, self._page.twin, self._controller, order, self._command
             )
+        guard.check_plan(command.simulated_plan())
         in_force = OrderInForce(asked, order, self._source, changes_run=changes_run)
         if changes_run and not in_force.begin():
             return  # nobody waits for it any more
@@ -217,18 +220,16 @@ class RigLoop:
             return
         self._elapsed = 0.0
         try:
+            limits, self._interlock = connection.rig.limits, AlarmInterlock()
+            more = [self._interlock] if limits is not None and limits.stop_on_alarm else []
             locks = interlocks_of(self._page.twin, draws=self._page.draws)
-            if isinstance(order, DriveOrder):
-                Guard(locks).check_plan(held_plan(order))
-            self._begin(asked, order, changes_run=False)
+            self._guard = guard = Guard([*locks, *more])
+            self._begin(asked, order, guard, changes_run=False)
         except JaxtwinError as error:
             asked.answer(Answer(False, str(error)))
             return
-        limits, self._interlock = connection.rig.limits, AlarmInterlock()
         for finding in self._page.present:  # an alarm that was there before the run
             self.on_finding(finding)
-        more = [self._interlock] if limits is not None and limits.stop_on_alarm else []
-        guard = Guard([*locks, *more])
         level, is_off, ends = "plain", False, list[Ending]()
         self._after.end()
         try:

@@ -12,6 +12,7 @@ from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
 from ..._errors import SafetyStop
 from ..._jax_settings import own_settings
+from ...io import Experiment
 from ...live import (
     Document,
     Ending,
@@ -25,14 +26,18 @@ from ...live import (
 from ...physics import Twin
 from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController
-from ._loop_checks import check_cells, check_reach, check_sample_time, check_within_limit
+from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._loop_margins import LoopMargins, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
+from ._simulate_closed_loop import simulate_closed_loop
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
 from ._stability import check_stability
 
 SAMPLE_TOLERANCE = 1e-6
 """A moment less than this before a sample counts as the sample, s."""
+
+MIN_PLAN_SAMPLES = 1024
+"""The least number of samples for which a loop with constant references is simulated."""
 
 
 class Decision(NamedTuple):
@@ -54,6 +59,7 @@ def control(
     guard: Guard,
     loop: "LiveLoop",
     *,
+    accept: bool = False,
     reset: bool = False,
     about: Mapping[str, Any] | None = None,
     stop: threading.Event | None = None,
@@ -74,6 +80,8 @@ def control(
     - `connection`: the started links of the rig.
     - `guard`: the guard of this run, such as `Guard.of(twin)`.
     - `loop`: the controller with its references, which `LiveLoop` has checked against the twin.
+    - `accept`: whether the loop is run although the twin says that the rig would exceed its limit,
+      until an interlock stops it.
     - `reset`, `about`, `stop`, `consumers`, `on_progress`, `on_alarm`, `on_end`: as in
       `jaxtwin.live.operate`.
     - `on_decision`: called with each decision, while the rig waits for its command.
@@ -81,9 +89,10 @@ def control(
     **Returns:** `"completed"` at the end of the duration, `"stopped"` if `stop` was set before.
 
     **Raises:** `SafetyStop` if an interlock trips, if the rig does not start, or if the controller
-    returns something other than duty cycles.
+    returns something other than duty cycles; `JaxtwinError` if the rig would exceed its limit.
     """
-
+    if not accept:
+        guard.check_plan(loop.simulated_plan())
     return operate(
         connection,
         guard,
@@ -104,17 +113,14 @@ def checked_loop(
     references: Any,
     duration: float | int,
     ambient: float | int | None = None,
-    *,
-    accept: bool = False,
 ) -> Float[np.ndarray, "samples outputs"]:
     """Checks a loop before it runs on a rig, and returns the references at its samples, degC.
 
-    `ambient` is the temperature of the room, degC; None: that of the rig file. `accept` allows
-    references with which the rig would exceed its limit.
+    `ambient` is the temperature of the room, degC; None: that of the rig file.
 
     **Raises:** `ControlError` for a controller of another number of cells, invalid references,
-    references out of reach or beyond the limit of the rig, a sample time above the time constants
-    of the rig, a duration that is not a multiple of the sample time, or a loop that is not stable.
+    references out of reach, a sample time above the time constants of the rig, a duration that is
+    not a multiple of the sample time, or a loop that is not stable.
     """
     weights = np.asarray(controller.output_weights(twin.channels), float)
     times = sample_times("control", duration, controller.sample_time_s)
@@ -130,10 +136,6 @@ def checked_loop(
         # One sample stands for all of constant references: the checks are compiled for a number.
         few = samples[:1] if (samples == samples[0]).all() else samples
         check_reach(system, weights, few, times[: len(few)], surroundings, controller.limits)
-        if not accept:
-            check_within_limit(
-                twin, system, weights, few, times[: len(few)], room, controller.limits
-            )
         check_stability(twin, controller, weights, few)
     return samples
 
@@ -156,12 +158,10 @@ class LiveLoop:
     - `duration`: the duration in the time of the rig, s, a multiple of the sample time.
     - `silence`: the longest time without a reading, in the time of the rig, s.
     - `ambient`: the temperature of the room, degC; None: that of the rig file.
-    - `accept`: whether references are held although the twin says that the rig would exceed its
-      limit, until an interlock stops it.
 
     **Raises:** `ControlError` for a controller of another number of cells, invalid references,
-    references out of reach or beyond the limit of the rig, a sample time above the time constants
-    of the rig, and a loop of a linear controller that is not stable.
+    references out of reach, a sample time above the time constants of the rig, and a loop of a
+    linear controller that is not stable.
     """
 
     def __init__(
@@ -173,7 +173,6 @@ class LiveLoop:
         duration: float | int,
         silence: float | int = 3.0,
         ambient: float | int | None = None,
-        accept: bool = False,
     ):
         controller = controller.for_rig(twin.rig)
         text = references if isinstance(references, str) else np.asarray(references).tolist()
@@ -185,9 +184,8 @@ class LiveLoop:
         self._twin, self._controller = twin, controller
         self._decide = _step.bind(controller)
         self._weights = np.asarray(controller.reading_weights(twin.channels), float)
-        self._references = checked_loop(
-            twin, controller, references, duration, ambient, accept=accept
-        )
+        self._ambient = ambient
+        self._references = checked_loop(twin, controller, references, duration, ambient)
         self._ahead = references_ahead(self._references, controller.preview_samples)
         with own_settings():
             # Compiled here, because messages of a connected rig would wait during a compilation.
@@ -212,6 +210,24 @@ class LiveLoop:
         self._state, self._duty, self._sample = other._state, other._duty, 0
         passed = other._time + other._phase - other._sample * self._controller.sample_time_s
         self._phase = max(passed, 0.0)
+
+    def simulated_plan(self) -> Experiment:
+        """The duty with which the controller holds the references on the twin, which begins at the
+        temperature of the room; with `Guard.check_plan`, what the rig would reach."""
+        references = self._references
+        if (references == references[0]).all():
+            # Few lengths, because each is compiled: it is simulated for longer than it lasts.
+            samples = max(2 ** (len(references) - 1).bit_length(), MIN_PLAN_SAMPLES)
+            references = np.repeat(references[:1], samples, axis=0)
+        return simulate_closed_loop(
+            self._twin,
+            self._controller,
+            references,
+            duration=(len(references) - 1) * self._controller.sample_time_s,
+            initial=self._ambient,
+            ambient=self._ambient,
+            noise=False,
+        ).run.experiment
 
     def margins(self) -> LoopMargins | None:
         """Computes the margins of the loop at the last references; None for a controller that is

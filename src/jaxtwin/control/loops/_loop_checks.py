@@ -9,10 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit_unoptimised
 from ..._errors import ControlError
-from ...physics import System, Twin
+from ...physics import System
 from ...rig import Rig
 from ...simulation._modes import network_modes
 from ..controllers._controller import AbstractChannelGroupController, AbstractController
@@ -183,55 +182,6 @@ def _nearest(
         if least <= JOINT_TOLERANCE:
             break
     return best
-
-
-def check_within_limit(
-    twin: Twin,
-    system: System,
-    weights: Float[np.ndarray, "outputs channels"],
-    reference: Float[np.ndarray, "samples outputs"],
-    times: Float[np.ndarray, " samples"],
-    ambient: float,
-    limits: tuple[float, float],
-) -> None:
-    """Refuses references at which a channel would be above the limit of the rig, at rest, as the
-    twin says. An output is a mean of channels, and the hottest of them is hotter.
-
-    **Arguments:**
-
-    - `twin`, `system`: the twin, and its equations.
-    - `ambient`: the temperature of the room, degC.
-    - the others: as in `check_reach`.
-
-    **Raises:** `ControlError` that names the channel, its temperature, the time and the limit.
-    """
-    if twin.rig.maximum_temperature is None:
-        return
-    limit = twin.rig.maximum_temperature - ZERO_CELSIUS
-    levels = np.linspace(*limits, DUTY_LEVELS)
-    equal = np.maximum(levels[:, None], system.wiring.lowest_duty)
-    rises = np.asarray(_steady_rises(system, equal))
-    outputs = rises @ weights.T
-    for sample in representative_samples(reference):
-        aim = reference[sample] - ambient
-        nearest = int(np.argmin(np.abs(outputs - aim).max(axis=1)))
-        if len(weights) == 1:  # the levels are even steps of the output, too
-            reached = float(outputs[nearest, 0])
-            held = rises[nearest] * (float(aim[0]) / reached if reached else 1.0)
-        elif len(weights) <= len(system.wiring.cold):
-            held = _rises(system, _nearest(system, weights, aim, float(levels[nearest]), limits))
-        else:
-            held = rises[nearest]
-        hottest = int(np.argmax(held))
-        temperature = max(float(held[hottest]) + ambient, float(reference[sample].max()))
-        if temperature > limit:
-            raise ControlError(
-                f"references: expected at most {limit:g} degC at every channel, the limit of the "
-                f"rig, got {temperature:.0f} at {twin.channels[hottest]} for "
-                f"{'/'.join(f'{value:.4g}' for value in reference[sample])} degC at "
-                f"{times[sample]:g} s, says the twin; the interlocks would stop it. Accept that to "
-                "begin nevertheless (--accept)"
-            )
 
 
 def _rises(system: System, duty: Float[np.ndarray, " cells"]) -> Float[np.ndarray, " channels"]:

@@ -10,6 +10,7 @@ from ...physics import Twin
 from ..protocol._records import Record
 from ..protocol._rig_state import RigState
 from ._finding import Finding
+from ._hidden_heat import HottestPart
 from ._interlock import AbstractInterlock
 from ._obedience import Obedience
 from ._off_watch import OffWatch
@@ -111,14 +112,15 @@ class Guard:
         """Asks all interlocks before the first command."""
         self._keep((lock.before_start(state) for lock in self._interlocks), now)
 
-    def check_plan(self, plan: Experiment) -> None:
-        """Refuses a plan with which the rig would exceed its limit, as its twin says; nothing is
+    def check_plan(self, plan: Experiment) -> HottestPart | None:
+        """Refuses a plan with which the interlocks would stop the rig, as its twin says; nothing is
         refused if no twin is among the interlocks.
+
+        **Returns:** the part of the rig that comes nearest to its limit; None without a twin.
 
         **Raises:** `JaxtwinError` that names the part, the temperature and the time.
         """
-        for watch in self._twin_watches:
-            watch.check_plan(plan)
+        return next((watch.check_plan(plan) for watch in self._twin_watches), None)
 
     def follow(self, record: Record, state: RigState) -> None:
         """Lets the twins beside the rig follow it after the end of the run."""

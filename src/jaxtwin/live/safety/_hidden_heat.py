@@ -2,14 +2,16 @@
 whatever the sensors read."""
 
 import math
-from collections.abc import Mapping
-from typing import Any, final
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..._normal_distribution import QUANTILE_975
+from ...io import Experiment
 from ...physics import Twin
+from ...simulation import simulate
 from ..protocol._records import Reading
 from ._duty_response import DutyResponse
 from ._finding import Finding
@@ -36,6 +38,61 @@ since its match: a contact of three times its resistance changes the gain by 0.1
 MIN_CHANGE = 1.0
 """The least change by the duty with which a gain is judged, in limits of deviation: contacts that
 are worse than the twin's delay the first kelvins most, and all channels alike."""
+
+
+TOO_PROBABLE_SIGMAS = 1.2816
+"""The distance of a mean from the limit at which `MAX_PROBABILITY` is above it, in standard
+deviations."""
+
+
+NEAR_SIGMAS = 4.0
+"""The distance from being too probable within which a healthy rig may be stopped."""
+
+PLAN_STEP_SECONDS = 10.0
+"""The time over which the duty of a plan is averaged, within which no plate changes much, s."""
+
+
+@final
+class HottestPart(NamedTuple):
+    """The part of a rig that comes nearest to the limit in a plan, by draws of its twin.
+
+    - `name`: the part: a node of the network, or a channel.
+    - `mean`, `spread`: the mean and the standard deviation of its temperature, degC and K.
+    - `limit`: the limit of the rig, degC.
+    - `since`: when it is nearest or, if it is too near, when it comes too near, s.
+    """
+
+    name: str
+    mean: float
+    spread: float
+    limit: float
+    since: float
+
+    @property
+    def sigmas(self) -> float:
+        """The distance from the limit in standard deviations."""
+        # A twin without draws is either above the limit or not.
+        return (self.limit - self.mean) / max(self.spread, 1e-9)
+
+    @property
+    def probability(self) -> float:
+        """The probability that it is above the limit."""
+        return _probability_below(-self.sigmas)
+
+    @property
+    def is_too_probable(self) -> bool:
+        """Whether the interlock would switch the rig off."""
+        return self.sigmas <= (TOO_PROBABLE_SIGMAS if self.spread > 0 else 0.0)
+
+    @property
+    def is_near(self) -> bool:
+        """Whether a healthy rig under a controller may be stopped: one that needs more duty than
+        its twin for the same readings is hotter in the eyes of the draws."""
+        return self.spread > 0 and self.sigmas <= TOO_PROBABLE_SIGMAS + NEAR_SIGMAS
+
+    def __str__(self) -> str:
+        band = f" ± {QUANTILE_975 * self.spread:.0f}" if self.spread > 0 else ""
+        return f"{self.name} at {self.mean:.0f}{band} degC"
 
 
 @final
@@ -68,7 +125,8 @@ class HiddenHeat:
     def __init__(self, twin: Twin, limits: OperatingLimits, draws: Draws | None = None):
         self._ensemble = TwinEnsemble(twin, draws)
         self._limits = limits
-        self._parts = [*(node.name for node in twin.netlist.nodes), *twin.channels]
+        self._nodes = [node.name for node in twin.netlist.nodes]
+        self._channels = twin.channels
         self._sums = np.zeros(2 + self._ensemble.count)  # of y d, sigma |d|, and d_k d
         self._squares = 0.0
         self._last: int | None = None
@@ -78,39 +136,63 @@ class HiddenHeat:
         """What is recorded of it."""
         return {"draws": self._ensemble.count, "max_probability": MAX_PROBABILITY}
 
+    def hottest_part(
+        self, plan: Experiment, initial: float | None, seen: Bool[np.ndarray, " nodes"]
+    ) -> HottestPart:
+        """What the draws expect of a plan.
+
+        **Arguments:**
+
+        - `plan`: the duty and the room.
+        - `initial`: the temperature at the start, degC; None: that of the rig file.
+        - `seen`: which nodes are elements of the plate or bodies that a channel sees.
+        """
+        count = self._ensemble.count
+        plan = _averaged(plan)
+        total = squares = np.zeros(())
+        for twin in self._ensemble.twins:
+            run = simulate(twin, plan, initial=initial)
+            reached = np.concatenate([run.states[:, seen], run.temperatures], axis=1)
+            total, squares = total + reached, squares + reached**2
+        mean = total / count
+        spread = np.sqrt(np.maximum(squares / count - mean**2, 0.0)) * (count > 1)
+        sigmas = (self._limits.hottest - mean) / np.maximum(spread, 1e-9)
+        sample, part = np.unravel_index(np.argmin(sigmas), sigmas.shape)
+        too_near = np.flatnonzero(sigmas.min(axis=1) <= TOO_PROBABLE_SIGMAS)
+        nearest = float(plan.time[too_near[0] if len(too_near) else sample] - plan.time[0])
+        of_part = float(mean[sample, part]), float(spread[sample, part])
+        return HottestPart(self._parts_of(seen)[part], *of_part, self._limits.hottest, nearest)
+
     def follow(self, response: DutyResponse) -> None:
         """Goes on to the time of the twins of a `DutyResponse`."""
         self._ensemble.follow(response)
 
     def too_hot(self, response: DutyResponse) -> Finding | None:
         """Whether a part is above the limit with a probability that is too high."""
-        seen = np.concatenate([response.is_seen, np.ones(len(response.predicted), bool)])
-        draws = np.concatenate([self._ensemble.nodes, self._ensemble.readings], axis=1)[:, seen]
-        hottest, probability = _likeliest(draws, self._limits.hottest)
-        if not self._is_too_probable(probability):
+        seen = response.is_seen
+        draws = np.concatenate([self._ensemble.nodes[:, seen], self._ensemble.readings], axis=1)
+        hottest = _hottest(draws, self._parts_of(seen), self._limits.hottest, response.elapsed)
+        if not hottest.is_too_probable:
             return None
-        mean, spread = draws.mean(axis=0), draws.std(axis=0)
-        part = self._parts[int(np.flatnonzero(seen)[hottest])]
-        half = QUANTILE_975 * spread[hottest]
-        band = f" ± {half:.0f}" if self._ensemble.count > 1 else ""
         return Finding(
             "predicted-temperature",
-            f"by its duty, {part} is at {mean[hottest]:.0f}{band} degC, says the twin, whatever "
-            f"the sensors read; the rig's limit is {self._limits.hottest:g}",
-            part,
+            f"by its duty, the twin has {hottest}, whatever the sensors read; the rig's limit is "
+            f"{hottest.limit:g}",
+            hottest.name,
             severity="critical",
-            probability=probability,
+            probability=hottest.probability,
         )
 
     def is_too_hot_inside(self, sides: Int[np.ndarray, " sides"]) -> bool:
         """Whether one of the nodes `sides` is above the limit of cells with a probability that is
         too high."""
-        _, probability = _likeliest(self._ensemble.nodes[:, sides], self._limits.cell)
-        return self._is_too_probable(probability)
+        inside = self._ensemble.nodes[:, sides]
+        return _hottest(
+            inside, [self._nodes[side] for side in sides], self._limits.cell
+        ).is_too_probable
 
-    def _is_too_probable(self, probability: float) -> bool:
-        # A twin without a spread is either above the limit or not.
-        return probability >= (MAX_PROBABILITY if self._ensemble.count > 1 else 0.5)
+    def _parts_of(self, seen: Bool[np.ndarray, " nodes"]) -> list[str]:
+        return [*np.array(self._nodes)[seen].tolist(), *self._channels]
 
     def gain(self, reading: Reading, response: DutyResponse) -> Finding | None:
         """Takes a reading. Whether all readings together show another part of the change by the
@@ -144,9 +226,31 @@ class HiddenHeat:
         )
 
 
-def _likeliest(draws: Float[np.ndarray, "draws parts"], limit: float) -> tuple[int, float]:
-    """The part that is above a limit most probably, and the probability, if its temperature has the
-    mean and the standard deviation of the draws."""
-    margin = (draws.mean(axis=0) - limit) / np.maximum(draws.std(axis=0), 1e-9)
-    part = int(np.argmax(margin))
-    return part, 0.5 * math.erfc(-margin[part] / math.sqrt(2))
+def _hottest(
+    draws: Float[np.ndarray, "draws parts"], names: Sequence[str], limit: float, since: float = 0.0
+) -> HottestPart:
+    """The part that is above a limit most probably, if its temperature has the mean and the
+    standard deviation of the draws."""
+    mean = draws.mean(axis=0)
+    spread = draws.std(axis=0) if len(draws) > 1 else np.zeros_like(mean)
+    part = int(np.argmin((limit - mean) / np.maximum(spread, 1e-9)))
+    return HottestPart(names[part], float(mean[part]), float(spread[part]), limit, since)
+
+
+def _averaged(plan: Experiment) -> Experiment:
+    """A plan with the mean duty of each `PLAN_STEP_SECONDS`, if it has more samples than these."""
+    time = np.asarray(plan.time)
+    edges = np.arange(time[0], time[-1] + PLAN_STEP_SECONDS, PLAN_STEP_SECONDS)
+    if len(time) <= len(edges):
+        return plan
+    held = np.diff(time)[:, None] * plan.duty[:-1]
+    heat = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
+    at_edges = np.stack([np.interp(edges, time, column) for column in heat.T], axis=1)
+    duty = np.diff(at_edges, axis=0) / PLAN_STEP_SECONDS
+    ambient = plan.ambient if np.ndim(plan.ambient) == 0 else np.interp(edges, time, plan.ambient)
+    return Experiment(edges, np.concatenate([duty, duty[-1:]]), ambient=ambient)
+
+
+def _probability_below(sigmas: float) -> float:
+    """The probability that a standard normal variable is below a value."""
+    return 0.5 * math.erfc(-sigmas / math.sqrt(2))

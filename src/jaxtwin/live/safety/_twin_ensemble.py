@@ -38,17 +38,19 @@ class TwinEnsemble:
     def __init__(self, twin: Twin, draws: Draws | None = None):
         values = {name: np.asarray(column, np.float64) for name, column in (draws or {}).items()}
         count = len(next(iter(values.values()))) if values else 1
-        twins = [
+        self.twins = [
             twin.with_values({name: float(column[draw]) for name, column in values.items()})
             for draw in range(count)
         ]
+        """The twin of each draw."""
         with jax.enable_x64(True):
-            observers = [OpenLoop(each, step_size=STEP_SECONDS) for each in twins]
+            observers = [OpenLoop(each, step_size=STEP_SECONDS) for each in self.twins]
             if len({each.stepper.queue for each in observers}) > 1:
                 # Only a driver with a delay has a queue of commands, which must be of one length.
                 longest = max(float(each.stepper.system.delay or 0.0) for each in observers)
                 observers = [
-                    OpenLoop(each, step_size=STEP_SECONDS, longest_delay=longest) for each in twins
+                    OpenLoop(each, step_size=STEP_SECONDS, longest_delay=longest)
+                    for each in self.twins
                 ]
         self._template, self._count = observers[0], count
         # All have the same structure, so that their numbers can be stacked.

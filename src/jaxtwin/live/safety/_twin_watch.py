@@ -9,12 +9,11 @@ import numpy as np
 from ..._errors import JaxtwinError
 from ...io import Experiment
 from ...physics import Twin
-from ...simulation import simulate
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
 from ._duty_response import DutyResponse
 from ._finding import Finding
-from ._hidden_heat import HiddenHeat
+from ._hidden_heat import HiddenHeat, HottestPart
 from ._interlock import AbstractInterlock
 from ._off_watch import OffWatch
 from ._operating_limits import OperatingLimits
@@ -56,7 +55,6 @@ class TwinWatch(AbstractInterlock):
         ambient: float | None = None,
         draws: Draws | None = None,
     ):
-        self._twin = twin
         self._response = DutyResponse(twin, ambient)
         self._hidden = HiddenHeat(twin, limits, draws)
         self._limits = limits
@@ -103,27 +101,26 @@ class TwinWatch(AbstractInterlock):
             "and the device does not measure the ambient temperature; give it (--ambient)",
         )
 
-    def check_plan(self, plan: Experiment) -> None:
-        """Refuses a plan with which the rig would exceed its limit, as its twin says. It begins in
-        the room that is given, or that of the rig file.
+    def check_plan(self, plan: Experiment) -> HottestPart | None:
+        """Refuses a plan with which `HiddenHeat` would stop the rig. It begins in the room that is
+        given, or that of the rig file.
+
+        **Returns:** what the draws of the twin expect of the plan.
 
         **Raises:** `JaxtwinError` that names the part, the temperature and the time.
         """
-        given, limit = self._given, self._limits.hottest
+        given = self._given
         room = plan.ambient if given is None else given
-        run = simulate(self._twin, replace(plan, ambient=room), initial=given)
-        reached = np.concatenate([run.states[:, self._response.is_seen], run.temperatures], axis=1)
-        if not reached.max() > limit:
-            return
-        nodes = [node.name for node in self._twin.netlist.nodes]
-        parts = [*np.array(nodes)[self._response.is_seen], *run.channels]
-        first = run.time[np.argmax((reached > limit).any(axis=1))] - run.time[0]
-        raise JaxtwinError(
-            f"plan: expected at most {limit:g} degC, the limit of the rig, got {reached.max():.0f} "
-            f"at {parts[int(np.argmax(reached.max(axis=0)))]}, says the twin, and more than the "
-            f"limit from {first:.0f} s on; the interlocks would stop it. Accept that to begin "
-            "nevertheless (--accept)"
-        )
+        seen = self._response.is_seen
+        hottest = self._hidden.hottest_part(replace(plan, ambient=room), given, seen)
+        if hottest.is_too_probable:
+            raise JaxtwinError(
+                f"plan: expected at most {hottest.limit:g} degC, the limit of the rig, got "
+                f"{hottest}, says the twin, with a probability of "
+                f"{100 * hottest.probability:.0f} % above the limit, from {hottest.since:.0f} s "
+                "on; the interlocks would stop it. Accept that to begin nevertheless (--accept)"
+            )
+        return hottest
 
     def follow(self, record: Record, state: RigState) -> None:
         """Lets the twin follow the rig without judging it."""
