@@ -67,6 +67,10 @@ def run_of(twin: Twin, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     readings = readings + np.where(np.arange(samples) % 400 < 30, 1.0, 0.0)[:, None]
     readings[1:][random.random(readings[1:].shape) < 0.3] = np.nan
     readings[200:320] = np.nan
+    # Rejected: one channel, all of them, and the first samples of a change that lasts.
+    readings[400, 0] = 85.0
+    readings[450] = -127.0
+    readings[500:, -1] += 30.0
     ambient = np.where(random.random(samples) < 0.5, np.nan, 20.0)
     return duty, readings, ambient
 

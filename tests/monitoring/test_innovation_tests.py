@@ -36,6 +36,8 @@ def said_of(
         ambient=none,
         dt=np.ones(len(z)),
         since_correction=since_correction + np.arange(len(z)),
+        rejected=np.zeros_like(z),
+        is_inside=np.ones_like(z, dtype=bool),
     )
 
     def take(state, sample):

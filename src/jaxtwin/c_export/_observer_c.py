@@ -15,7 +15,13 @@ from .._jax_settings import own_settings
 from ..control.controllers._law import Table
 from ..observers import ExtendedKalmanFilter
 from ..observers._expected_correction import INTERVAL_SPREAD
-from ..observers._kalman_filter import CERTAIN_AT, OPENED_AT
+from ..observers._kalman_filter import (
+    CERTAIN_AT,
+    GATE_SIGMAS,
+    MAX_REJECTED,
+    MIN_GATE_KELVIN,
+    OPENED_AT,
+)
 from ..observers._start import GRID, READ_SPREAD, REST_SCALE
 from ..simulation import Stepper
 from ..simulation._exponential import step_factors
@@ -130,6 +136,9 @@ def _constants(
         "INTERVAL_SPREAD": INTERVAL_SPREAD,
         "OPENED_AT": OPENED_AT,
         "CERTAIN_AT": CERTAIN_AT,
+        "GATE": GATE_SIGMAS,
+        "MIN_GATE": MIN_GATE_KELVIN,
+        "MAX_REJECTED": MAX_REJECTED,
         "ROOM_SPREAD": float(np.asarray(model.room_spread)),
         "REST_SCALE": REST_SCALE,
         "READ_VARIANCE": READ_SPREAD**2,

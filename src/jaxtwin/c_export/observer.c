@@ -504,13 +504,16 @@ static void model_taken_in(model_state *state, const model_real *across, model_r
     }
 }
 
-/* If all readings have jumped, the camera has corrected itself: its error is unknown again. */
-static void model_open(model_state *state, const model_real *measured)
+/* If all readings have jumped, the camera has corrected itself: its error is unknown again, by the
+   variance that is returned. */
+static model_real model_opened(const model_state *state, const model_real *measured,
+                               int *is_certain)
 {
 #if MODEL_COMMONS > 1
     model_real across[MODEL_STATES], row[MODEL_STATES];
-    model_real common = 0, spread = 0, opened;
+    model_real common = 0, spread = 0;
     int c, i, count = 0;
+    *is_certain = 0;
     for (i = 0; i < MODEL_STATES; ++i) {
         row[i] = 0;
     }
@@ -526,38 +529,76 @@ static void model_open(model_state *state, const model_real *measured)
         }
     }
     if (count == 0) {
-        return;
+        return 0;
     }
     for (c = 0; c < MODEL_CHANNELS; ++c) {
         spread += isfinite(measured[c]) ? model_row(row, c) : 0;
     }
     common /= (model_real)count;
     spread /= (model_real)count * (model_real)count;
-    opened = MODEL_WITHIN(common * common - MODEL_OPENED_AT * MODEL_OPENED_AT * spread, 0,
-                          MODEL_JUMP_VARIANCE);
-    for (i = MODEL_COMMON + 1; i < MODEL_COMMON + MODEL_COMMONS; ++i) {
-        state->P[i][i] += opened;
-    }
-#ifdef MODEL_INTERVAL
-    if (common * common > MODEL_CERTAIN_AT * MODEL_CERTAIN_AT * spread) {
-        state->since = 0;
-    }
-#endif
+    *is_certain = common * common > MODEL_CERTAIN_AT * MODEL_CERTAIN_AT * spread;
+    return MODEL_WITHIN(common * common - MODEL_OPENED_AT * MODEL_OPENED_AT * spread, 0,
+                        MODEL_JUMP_VARIANCE);
 #else
     (void)state;
     (void)measured;
+    *is_certain = 0;
+    return 0;
 #endif
+}
+
+static void model_open(model_state *state, model_real opened)
+{
+    int i;
+    for (i = MODEL_COMMON + 1; i < MODEL_COMMON + MODEL_COMMONS; ++i) {
+        state->P[i][i] += opened;
+    }
+}
+
+/* Which readings are used: those that are there and inside of the gate, or have been outside of it
+   for too long. Returns their number. */
+static int model_gated(model_state *state, const model_real *measured, int used[MODEL_CHANNELS])
+{
+    model_real across[MODEL_STATES];
+    int c, count = 0;
+    for (c = 0; c < MODEL_CHANNELS; ++c) {
+        used[c] = isfinite(measured[c]);
+        if (used[c]) {
+            const model_real innovation = measured[c] - model_expected(state, c);
+            model_real gate;
+            int is_far;
+            model_across_of(state, c, across);
+            gate = MODEL_GATE * MODEL_GATE * (model_row(across, c) + model_noise_of(state, c));
+            is_far = innovation * innovation > model_fmax(gate, MODEL_MIN_GATE * MODEL_MIN_GATE);
+            used[c] = !is_far || state->rejected[c] >= MODEL_MAX_REJECTED;
+            state->rejected[c] = !is_far ? 0 : used[c] ? MODEL_MAX_REJECTED
+                                                       : state->rejected[c] + 1;
+            count += used[c];
+        }
+    }
+    return count;
 }
 
 void model_correct(model_state *state, const model_real readings[MODEL_CHANNELS],
                    model_real ambient)
 {
     model_real across[MODEL_STATES], measured[MODEL_CHANNELS];
-    int c, i;
+    model_real opened;
+    int c, i, used[MODEL_CHANNELS], is_certain;
     for (c = 0; c < MODEL_CHANNELS; ++c) {
         measured[c] = readings[c] + MODEL_ZERO_CELSIUS - MODEL_T0;
     }
-    model_open(state, measured);
+    opened = model_opened(state, measured, &is_certain);
+    model_open(state, opened);
+    if (model_gated(state, measured, used) == 0) {
+        model_open(state, -opened);
+        is_certain = 0;
+    }
+#ifdef MODEL_INTERVAL
+    if (is_certain) {
+        state->since = 0;
+    }
+#endif
     if (isfinite(ambient)) {
         const model_real room = ambient + MODEL_ZERO_CELSIUS - MODEL_T0;
         for (i = 0; i < MODEL_STATES; ++i) {
@@ -567,7 +608,7 @@ void model_correct(model_state *state, const model_real readings[MODEL_CHANNELS]
                        room - state->x[MODEL_ROOM]);
     }
     for (c = 0; c < MODEL_CHANNELS; ++c) {
-        if (isfinite(measured[c])) {
+        if (used[c]) {
             model_across_of(state, c, across);
             model_taken_in(state, across, model_row(across, c) + model_noise_of(state, c),
                            measured[c] - model_expected(state, c));
@@ -663,6 +704,7 @@ void model_init(model_state *state, model_real reading, const model_real duty[MO
     }
     for (i = 0; i < MODEL_CHANNELS; ++i) {
         state->slope[i] = 0;
+        state->rejected[i] = 0;
     }
 #ifdef MODEL_INTERVAL
     state->since = -1;

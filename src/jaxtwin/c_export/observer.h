@@ -14,6 +14,7 @@ typedef struct {
     model_real late[MODEL_COMMANDS][MODEL_CELLS]; /* the last commands, the newest first */
     model_real age[MODEL_COMMANDS]; /* the time since each was given, s */
     model_real slope[MODEL_CHANNELS]; /* of the expected readings, K/s */
+    int rejected[MODEL_CHANNELS]; /* samples in sequence outside of the gate */
 #ifdef MODEL_INTERVAL
     model_real since; /* the last correction of the camera, s; below 0 before the first */
 #endif
@@ -33,7 +34,8 @@ void model_init(model_state *state, model_real reading, const model_real duty[MO
 /* A sample time later, under a command given at its start. */
 void model_predict(model_state *state, const model_real duty[MODEL_CELLS]);
 
-/* After readings and the ambient, degC. One that is missing is NaN. */
+/* After readings and the ambient, degC. One that is missing is NaN. One that is impossible is
+   rejected, for at most MODEL_MAX_REJECTED samples in sequence. */
 void model_correct(model_state *state, const model_real readings[MODEL_CHANNELS],
                    model_real ambient);
 

@@ -26,6 +26,7 @@ from ._checks import (
     checked_temperatures,
     checked_time,
 )
+from ._glitches import Glitch, glitch_offsets
 from ._schedule import schedule_samples
 
 if TYPE_CHECKING:
@@ -257,6 +258,31 @@ class Experiment:
             return ()
         counts = np.count_nonzero(self.sampled, axis=0)
         return tuple(name for name, n in zip(self.channels, counts, strict=True) if n == 0)
+
+    @property
+    def glitches(self) -> "tuple[Glitch, ...]":
+        """The readings that are far from those before and after them, which are alike: no
+        temperature of the rig, but an error of a sensor or of a logger."""
+        if self.temperatures is None:
+            return ()
+        offsets = glitch_offsets(self.temperatures)
+        return tuple(
+            Glitch(
+                self.channels[column],
+                float(self.time[row]),
+                float(self.temperatures[row, column]),
+                float(offsets[row, column]),
+            )
+            for row, column in np.argwhere(offsets != 0)
+        )
+
+    def without_glitches(self) -> "Experiment":
+        """The experiment with its `glitches` as missing samples; itself if there are none."""
+        if not self.glitches:
+            return self
+        assert self.temperatures is not None
+        offsets = glitch_offsets(self.temperatures)
+        return replace(self, temperatures=np.where(offsets == 0, self.temperatures, np.nan))
 
     @property
     def switch_times(self) -> Float[np.ndarray, "switches"]:

@@ -50,10 +50,14 @@ def first_sample(experiment: Experiment) -> FirstSample:
 
 
 def first_readings(experiment: Experiment) -> Float[np.ndarray, " channels"]:
-    """The first reading of each channel that is not missing, degC; NaN if all are missing."""
-    assert experiment.temperatures is not None
-    rows = experiment.sampled.argmax(axis=0)
-    return experiment.temperatures[rows, np.arange(len(rows))]
+    """The first reading of each channel that is not missing, degC; NaN if all are missing.
+
+    A glitch is not taken for the temperature at the start, from which everything would follow.
+    """
+    readings = experiment.without_glitches()
+    assert readings.temperatures is not None
+    rows = readings.sampled.argmax(axis=0)
+    return readings.temperatures[rows, np.arange(len(rows))]
 
 
 def names_in(*values: Value | None) -> frozenset[str]:

@@ -1,4 +1,5 @@
-"""Tests of single readings: of a channel that is frozen, and of one that has gone to the room."""
+"""Tests of single readings: of a channel that is frozen, of one that has gone to the room, and of
+one that was impossible for a moment."""
 
 from typing import final
 
@@ -31,6 +32,8 @@ class ChannelState(eqx.Module):
     - `still`: for how long, s. `moved`: how far they were expected to move meanwhile, K.
     - `driven`: for how long each cell has been saturated, up and down, s.
     - `at_room`: for how long each channel has been at the room meanwhile, s.
+    - `rejected`: the innovation of the last reading if it was rejected, otherwise 0, K.
+    - `since_rejected`: the time since the first of these, s.
     """
 
     reading: Float[Array, " channels"]
@@ -39,6 +42,8 @@ class ChannelState(eqx.Module):
     moved: Float[Array, " channels"]
     driven: Float[Array, "2 cells"]
     at_room: Float[Array, " channels"]
+    rejected: Float[Array, " channels"]
+    since_rejected: Float[Array, " channels"]
 
 
 @final
@@ -57,12 +62,14 @@ class ChannelTests(eqx.Module):
         """The state before the first sample."""
         none = jnp.zeros(len(self.still))
         driven = jnp.zeros((2, self.model.layout.heats))
-        return ChannelState(jnp.full_like(none, jnp.nan), none, none, none, driven, none)
+        return ChannelState(
+            jnp.full_like(none, jnp.nan), none, none, none, driven, none, none, none
+        )
 
     def step(
         self, state: ChannelState, seen: Seen, dt: Float[Array, ""]
-    ) -> tuple[ChannelState, tuple[Evidence, Evidence]]:
-        """The state after a sample, and what it says of frozen and of gone channels."""
+    ) -> tuple[ChannelState, tuple[Evidence, Evidence, Evidence]]:
+        """The state after a sample, and what it says of frozen, gone and impossible channels."""
         readings = jnp.asarray(seen.readings)
         there = jnp.isfinite(readings)
         # A missing reading says nothing; another one ends the sequence.
@@ -86,4 +93,15 @@ class ChannelTests(eqx.Module):
         at_room = jnp.where(there, at_room, state.at_room)
         gone = Evidence(at_room / GONE_SECONDS, at_room, jnp.where(there, away, 0.0))
         reading = jnp.where(there, readings, state.reading)
-        return ChannelState(reading, count, still, moved, driven, at_room), (frozen, gone)
+
+        rejected = jnp.asarray(seen.rejected)
+        since = state.since_rejected + dt
+        # What lasts is followed after some samples, and then is far from what is expected.
+        is_back = there & (state.rejected != 0) & jnp.asarray(seen.is_inside)
+        impossible = Evidence(is_back.astype(since.dtype), since, state.rejected)
+        since = jnp.where(state.rejected != 0, since, 0.0)
+        rejected = jnp.where(there | (rejected != 0), rejected, state.rejected)
+        return (
+            ChannelState(reading, count, still, moved, driven, at_room, rejected, since),
+            (frozen, gone, impossible),
+        )

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..observers import KalmanState
 
@@ -19,6 +19,8 @@ class Seen(NamedTuple):
     - `duty`: the duty that reached the cells. `ambient`: NaN if it is not measured, degC.
     - `dt`: the time since the sample before, s.
     - `since_correction`: that since the camera was last seen to correct itself, infinite if never.
+    - `rejected`: the innovations of the readings that the filter rejected, which are missing in
+      `readings`, K; 0 for all others. `is_inside`: whether a reading is inside the filter's gate.
     """
 
     readings: Float[ArrayLike, "*times channels"]
@@ -30,6 +32,8 @@ class Seen(NamedTuple):
     ambient: Float[ArrayLike, "*times"]
     dt: Float[ArrayLike, "*times"]
     since_correction: Float[ArrayLike, "*times"] = np.inf
+    rejected: Float[ArrayLike, "*times channels"] = 0.0
+    is_inside: Bool[ArrayLike, "*times channels"] = True
 
 
 def seen(
@@ -40,8 +44,9 @@ def seen(
     dt: Float[ArrayLike, "*times"],
 ) -> Seen:
     """What a monitor gets from an extended Kalman filter, corrected by the readings."""
+    innovation = jnp.asarray(readings) - jnp.asarray(expected)
     return Seen(
-        readings=readings,
+        readings=jnp.where(state.is_rejected, jnp.nan, readings),
         expected=expected,
         whitened=jnp.where(jnp.isfinite(jnp.asarray(readings)), state.whitened, 0.0),
         mean=state.mean,
@@ -50,6 +55,8 @@ def seen(
         ambient=ambient,
         dt=dt,
         since_correction=state.since_correction,
+        rejected=jnp.where(state.is_rejected, innovation, 0.0),
+        is_inside=state.rejected == 0,
     )
 
 
@@ -77,6 +84,7 @@ class Evidences(NamedTuple):
       K, and the unexplained heats, W.
     - `error`: the error of each channel by itself, K; empty for a single channel.
     - `frozen`: equal readings in sequence. `gone`: readings at the room while a cell is driven.
+    - `impossible`: readings that were rejected, once the next one is as expected, K.
     - `changed`: parameters against the recordings of the match, likewise.
     """
 
@@ -88,6 +96,7 @@ class Evidences(NamedTuple):
     error: Evidence
     frozen: Evidence
     gone: Evidence
+    impossible: Evidence
     changed: Evidence
 
 

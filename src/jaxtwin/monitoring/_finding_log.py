@@ -26,6 +26,7 @@ KINDS = {
     "error": "drift",
     "frozen": "frozen",
     "gone": "gone",
+    "impossible": "impossible",
     "changed": "changed",
 }
 """Test -> the kind of its findings."""
@@ -161,7 +162,7 @@ class FindingLog:
 
 
 def _begun(row: _Row, since: float | int, found: float | int) -> Finding:
-    severity: Severity = "notice" if row.test == "changed" else "warning"
+    severity: Severity = "notice" if row.test in ("changed", "impossible") else "warning"
     return Finding(row.key[0], "", row.name, since, severity, unit=row.unit, found=found)
 
 
@@ -171,6 +172,7 @@ def _rows(monitor: Monitor) -> Iterator[_Row]:
     channels = channels_of(model)
     of_states = model.layout.values
     units = {"sum": "K", "ratio": "K", "energy": "", "error": "K", "frozen": "", "gone": "K"}
+    units["impossible"] = "K"
     for test in Evidences._fields:
         if test == "state":
             for place, name in enumerate(state_names(model)):
@@ -219,6 +221,8 @@ def _detail(row: _Row, size: float) -> str:
             return f"{name} has drifted from the other channels by {size:+.2g} K"
         case "frozen":
             return f"{name} does not change any more"
+        case "impossible":
+            return f"one impossible reading of {name}, {size:+.3g} K from what is expected"
         case "gone":
             return f"{name} is within {abs(size):.2g} K of the room while a cell is at full duty"
         case _:

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ._augmented_model import AugmentedModel, Reading, Transition
 from ._commands import Commands
 from ._expected_correction import Jump, expected_jump
-from ._gaussian import Correction, Gaussian, corrected, moved
+from ._gaussian import LOG_TWO_PI, Correction, Gaussian, corrected, moved
 from ._observer import AbstractObserver
 from ._start import start_of
 
@@ -21,6 +21,17 @@ OPENED_AT = 4.0
 
 CERTAIN_AT = 6.0
 """From one of this many on, the time to the next correction is counted."""
+
+GATE_SIGMAS = 10.0
+"""A reading whose innovation is more standard deviations than this is rejected: no noise is as
+large, and what happens in a rig shows in several samples."""
+
+MIN_GATE_KELVIN = 3.0
+"""No smaller innovation is rejected: cameras correct themselves by up to 2 K."""
+
+MAX_REJECTED = 3
+"""The number of samples in sequence at which a channel is rejected. What lasts longer has happened,
+and is followed."""
 
 
 @final
@@ -32,6 +43,9 @@ class KalmanState(eqx.Module):
     - `slope`: the expected change of the readings, K/s.
     - `since_correction`: the time since the last correction of the camera that was seen, s;
       infinite before the first.
+    - `rejected`: for how many samples in sequence each channel has been outside of the gate
+      (`GATE_SIGMAS`), at most `MAX_REJECTED`, from which on it is followed.
+    - `is_rejected`: whether the last reading of each channel was rejected.
     - `whitened`: the whitened innovations of the last readings, 0 where none was used.
     - `log_likelihood`: of the last readings.
     """
@@ -42,6 +56,8 @@ class KalmanState(eqx.Module):
     commands: Commands
     slope: Float[Array, " channels"]
     since_correction: Float[Array, ""]
+    rejected: Float[Array, " channels"]
+    is_rejected: Bool[Array, " channels"]
     whitened: Float[Array, " channels"]
     log_likelihood: Float[Array, ""]
 
@@ -57,6 +73,8 @@ class Measured(NamedTuple):
     - `values`: deviations from the reference, K; anything where `mask` is false.
     - `variance`: that of the noise of each, K^2.
     - `mask`: those that count.
+    - `far`: those that are outside of the gate. `rejected`: those that therefore do not count.
+    - `log_density`: what the density of the rejected ones counts as: that of the gate.
     - `opened`: the variance that the state has in addition, because the camera corrected itself.
     - `is_certain`: whether it certainly did.
     """
@@ -64,6 +82,9 @@ class Measured(NamedTuple):
     values: Float[Array, " readings"]
     variance: Float[Array, " readings"]
     mask: Bool[Array, " readings"]
+    far: Bool[Array, " readings"]
+    rejected: Bool[Array, " readings"]
+    log_density: Float[Array, ""]
     opened: Float[Array, " state"]
     is_certain: Bool[Array, ""]
 
@@ -125,6 +146,8 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             commands=Commands.held(held, self.held),
             slope=none,
             since_correction=jnp.asarray(jnp.inf, start.mean.dtype),
+            rejected=none,
+            is_rejected=jnp.zeros(none.shape, bool),
             whitened=none,
             log_likelihood=jnp.zeros((), start.mean.dtype),
         )
@@ -235,26 +258,32 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         leave."""
         measured = self.measured(state, readings, mask, ambient)
         found = self._correction_by(state, measured)
-        return self.corrected(state, found.state.mean, found, measured.is_certain)
+        return self.corrected(state, found.state.mean, found, measured)
 
     def corrected(
         self,
         state: KalmanState,
         mean: Float[Array, " state"],
         by: Correction,
-        of_camera: Bool[Array, ""],
+        measured: Measured,
     ) -> KalmanState:
-        """The state with a mean, and what else a correction by the room, which is first, and by
-        readings leaves; `of_camera` says whether the camera certainly corrected itself."""
+        """The state with a mean, and what else a correction by what was measured leaves."""
         duty, since = self.model.layout.of("duty"), state.since_correction
+        used, far, rejected = (
+            rows[1:] for rows in (measured.mask, measured.far, measured.rejected)
+        )
+        outside = jnp.where(far, jnp.minimum(state.rejected + 1, MAX_REJECTED), 0.0)
         return replace(
             state,
             mean=mean,
-            since_correction=jnp.where(of_camera, jnp.zeros_like(since), since),
+            since_correction=jnp.where(measured.is_certain, jnp.zeros_like(since), since),
+            # A missing reading does not say whether what was seen before it lasts.
+            rejected=jnp.where(used | rejected, outside, state.rejected),
+            is_rejected=rejected,
             covariance=by.state.covariance,
             duty=mean[duty] if self.model.layout.duty else state.duty,
             whitened=by.whitened[1:],
-            log_likelihood=by.log_densities[1:].sum(),
+            log_likelihood=by.log_densities[1:].sum() + measured.log_density,
         )
 
     def correction(
@@ -294,13 +323,25 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         variance = self.reading_variance(state)
         innovation = values - expected.mean
         opened, is_certain = self.opened(state.gaussian, expected, innovation, variance, used)
+        predicted = state.covariance + jnp.diag(opened)
+        of_innovation = variance + ((expected.slope @ predicted) * expected.slope).sum(axis=1)
+        gate = jnp.maximum(GATE_SIGMAS**2 * of_innovation, MIN_GATE_KELVIN**2)
+        far = used & (innovation**2 > gate)
+        rejected = far & (state.rejected < MAX_REJECTED)
+        # Otherwise a likelihood would gain by every reading that is rejected.
+        densities = -0.5 * (GATE_SIGMAS**2 + LOG_TWO_PI + jnp.log(of_innovation))
+        is_read = (used & ~rejected).any()
         room = model.from_degC(jnp.asarray(ambient, state.mean.dtype))
+        no = jnp.zeros(1, bool)
         return Measured(
-            jnp.concatenate([room[None], values]),
-            jnp.concatenate([jnp.reshape(model.noise.ambient**2, 1), variance]),
-            jnp.concatenate([jnp.isfinite(room)[None], used]),
-            opened,
-            is_certain,
+            values=jnp.concatenate([room[None], values]),
+            variance=jnp.concatenate([jnp.reshape(model.noise.ambient**2, 1), variance]),
+            mask=jnp.concatenate([jnp.isfinite(room)[None], used & ~rejected]),
+            far=jnp.concatenate([no, far]),
+            rejected=jnp.concatenate([no, rejected]),
+            log_density=jnp.where(rejected, densities, 0.0).sum(),
+            opened=jnp.where(is_read, opened, 0.0),
+            is_certain=is_certain & is_read,
         )
 
     def expected(self, mean: Float[Array, " state"]) -> Reading:

@@ -197,8 +197,8 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
             passed = filtered_window(window.start, path, steps, measured)
             found = most_likely(passed, self.bounds)
             last = jax.tree.map(lambda rows: rows[-1], passed.corrections)
-            of_camera = measured.is_certain[-1]
-            return found, self.kalman.corrected(latest, found[-1], last, of_camera)
+            now = jax.tree.map(lambda rows: rows[-1], measured)
+            return found, self.kalman.corrected(latest, found[-1], last, now)
 
         start = window.path, latest
         path, latest = jax.lax.fori_loop(

@@ -94,15 +94,35 @@ class Observed:
     def standardised(self) -> Float[np.ndarray, "samples channels"]:
         """The innovations, each less what those of the channels before it say of it and divided by
         its standard deviation: independent, with variance 1, if noise and twin are right. NaN for
-        missing readings."""
+        missing and rejected readings."""
         whitened = self._at_samples(self.filtered.states.whitened)
-        return np.where(np.isfinite(self._recorded), whitened, math.nan)
+        return np.where(np.isfinite(self._recorded) & ~self.rejected, whitened, math.nan)
+
+    @property
+    def rejected(self) -> Bool[np.ndarray, "samples channels"]:
+        """The readings that the filter rejected, because no noise is as large: lone ones, and the
+        first of what lasts."""
+        return self._at_samples(self.filtered.states.is_rejected)
+
+    @cached_property
+    def impossible(self) -> Bool[np.ndarray, "samples channels"]:
+        """The rejected readings that were impossible: the next reading of their channel that was
+        not rejected was as expected again. What lasts to the end of the recording is none."""
+        rejected, read = self.rejected, np.isfinite(self._recorded)
+        outside = self._at_samples(self.filtered.states.rejected) > 0
+        impossible = np.zeros_like(rejected)
+        for channel in np.flatnonzero(rejected.any(axis=0)):
+            accepted = np.flatnonzero(read[:, channel] & ~rejected[:, channel])
+            for sample in np.flatnonzero(rejected[:, channel]):
+                later = accepted[np.searchsorted(accepted, sample) :]
+                impossible[sample, channel] = len(later) > 0 and not outside[later[0], channel]
+        return impossible
 
     @property
     def nis(self) -> Float[np.ndarray, " samples"]:
         """The normalised innovation squared of each sample, divided by the number of its readings:
         1 on average if noise and twin are right. NaN for a sample without readings."""
-        count = np.isfinite(self._recorded).sum(axis=1)
+        count = np.isfinite(self.standardised).sum(axis=1)
         total = np.nansum(self.standardised**2, axis=1)
         return np.where(count > 0, total / np.maximum(count, 1), math.nan)
 

@@ -64,6 +64,9 @@ def begun(kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: in
         values=jnp.zeros(readings, dtype),
         variance=jnp.ones(readings, dtype),
         mask=jnp.zeros(readings, bool),
+        far=jnp.zeros(readings, bool),
+        rejected=jnp.zeros(readings, bool),
+        log_density=jnp.zeros((), dtype),
         opened=jnp.zeros(size, dtype),
         is_certain=jnp.zeros((), bool),
     )
@@ -117,6 +120,9 @@ def read(window: Window, measured: Measured) -> Window:
         values=jnp.where(measured.mask, measured.values, old.values),
         variance=jnp.where(measured.mask, measured.variance, old.variance),
         mask=measured.mask | old.mask,
+        far=measured.far | old.far,
+        rejected=measured.rejected | old.rejected,
+        log_density=measured.log_density + old.log_density,
         opened=measured.opened + old.opened,
         is_certain=measured.is_certain | old.is_certain,
     )

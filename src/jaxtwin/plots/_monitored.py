@@ -13,7 +13,7 @@ from ._style import palette, points, styled
 LARGEST = 8
 """The largest number of channels with a line of their own, and of rows of findings."""
 
-KINDS = ("sudden", "gone", "frozen", "implausible", "drift", "changed")
+KINDS = ("sudden", "gone", "frozen", "implausible", "drift", "impossible", "changed")
 """The kinds of findings, each with its colour."""
 
 TESTS = {

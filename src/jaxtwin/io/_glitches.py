@@ -1,0 +1,74 @@
+"""Single readings that no temperature takes: the reading leaves for a sample and is back."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+MAX_GLITCH_SAMPLES = 2
+"""A glitch is at most this long; what lasts longer may have happened."""
+
+USUAL_QUANTILE = 0.99
+"""The quantile of the changes between two samples that is taken for the largest usual one."""
+
+JUMP_FACTOR = 5.0
+"""A glitch leaves and returns by more than this multiple of the largest usual change."""
+
+MIN_GLITCH_KELVIN = 1.0
+"""The smallest glitch, K: recordings without noise have no usual change."""
+
+
+class Glitch(NamedTuple):
+    """A reading that is far from those before and after it, which are alike.
+
+    - `channel`: its channel. `time`: s. `reading`: degC.
+    - `offset`: its distance from the readings beside it, K.
+    """
+
+    channel: str
+    time: float
+    reading: float
+    offset: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.channel} at {self.time:g} s reads {self.reading:g} degC, {self.offset:+.3g} K "
+            "from the readings beside it"
+        )
+
+
+def glitch_offsets(
+    temperatures: Float[np.ndarray, "times channels"],
+) -> Float[np.ndarray, "times channels"]:
+    """The distance of each glitch from the readings beside it, K; 0 for all other readings.
+
+    A glitch is up to `MAX_GLITCH_SAMPLES` readings of a channel in sequence, behind a jump and
+    before a jump back that are both larger than `JUMP_FACTOR` times what is usual, while the
+    readings on both sides are alike. The first and the last readings have only one side.
+    """
+    offsets = np.zeros_like(temperatures)
+    for column, readings in enumerate(temperatures.T):
+        present = np.flatnonzero(np.isfinite(readings))
+        offsets[present, column] = _offsets_of(readings[present])
+    return offsets
+
+
+def _offsets_of(readings: Float[np.ndarray, " readings"]) -> Float[np.ndarray, " readings"]:
+    offsets = np.zeros_like(readings)
+    if len(readings) < 2 * MAX_GLITCH_SAMPLES + 2:
+        return offsets
+    changes = np.abs(np.diff(readings))
+    usual = float(np.quantile(changes, USUAL_QUANTILE))
+    least = max(JUMP_FACTOR * usual, MIN_GLITCH_KELVIN)
+    # Before the first and after the last reading anything may have been.
+    jumps = np.flatnonzero(np.concatenate([[True], changes > least, [True]]))
+    for start, stop in pairwise(jumps):
+        if stop - start > MAX_GLITCH_SAMPLES or (start == 0 and stop == len(readings)):
+            continue
+        before = readings[start - 1] if start > 0 else readings[stop]
+        after = readings[stop] if stop < len(readings) else readings[start - 1]
+        inside = readings[start:stop] - (before + after) / 2
+        if np.abs(inside).min() > max(least, abs(after - before)):
+            offsets[start:stop] = inside
+    return offsets
