@@ -17,6 +17,7 @@ from ..observers import ExtendedKalmanFilter
 from ..observers._expected_correction import INTERVAL_SPREAD
 from ..observers._kalman_filter import (
     CERTAIN_AT,
+    FOLLOWED,
     GATE_SIGMAS,
     MAX_REJECTED,
     MIN_GATE_KELVIN,
@@ -139,6 +140,7 @@ def _constants(
         "GATE": GATE_SIGMAS,
         "MIN_GATE": MIN_GATE_KELVIN,
         "MAX_REJECTED": MAX_REJECTED,
+        "FOLLOWED": FOLLOWED,
         "ROOM_SPREAD": float(np.asarray(model.room_spread)),
         "REST_SCALE": REST_SCALE,
         "READ_VARIANCE": READ_SPREAD**2,

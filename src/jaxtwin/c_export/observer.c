@@ -571,8 +571,13 @@ static int model_gated(model_state *state, const model_real *measured, int used[
             gate = MODEL_GATE * MODEL_GATE * (model_row(across, c) + model_noise_of(state, c));
             is_far = innovation * innovation > model_fmax(gate, MODEL_MIN_GATE * MODEL_MIN_GATE);
             used[c] = !is_far || state->rejected[c] >= MODEL_MAX_REJECTED;
-            state->rejected[c] = !is_far ? 0 : used[c] ? MODEL_MAX_REJECTED
-                                                       : state->rejected[c] + 1;
+            if (is_far) {
+                state->rejected[c] = used[c] ? MODEL_FOLLOWED : state->rejected[c] + 1;
+            } else if (state->rejected[c] > MODEL_MAX_REJECTED) {
+                --state->rejected[c];
+            } else {
+                state->rejected[c] = 0;
+            }
             count += used[c];
         }
     }

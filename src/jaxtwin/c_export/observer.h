@@ -14,7 +14,7 @@ typedef struct {
     model_real late[MODEL_COMMANDS][MODEL_CELLS]; /* the last commands, the newest first */
     model_real age[MODEL_COMMANDS]; /* the time since each was given, s */
     model_real slope[MODEL_CHANNELS]; /* of the expected readings, K/s */
-    int rejected[MODEL_CHANNELS]; /* samples in sequence outside of the gate */
+    int rejected[MODEL_CHANNELS]; /* samples in sequence; more: it is followed */
 #ifdef MODEL_INTERVAL
     model_real since; /* the last correction of the camera, s; below 0 before the first */
 #endif

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -60,6 +61,10 @@ def diagnose(
         of_kind("diagnose: noise", noise, ProcessNoise, expected, ObserverError)
     check_settles(experiment)
     observed = observe(fit, experiment, noise)
+    if observed.impossible.any():  # what was back at the next sample is no fault of the rig
+        assert experiment.temperatures is not None
+        possible = np.where(observed.impossible, np.nan, experiment.temperatures)
+        observed = observe(fit, replace(experiment, temperatures=possible), noise)
     model = observed.observer.model
     several = chosen(model.twin, faults, observed.channels)
     arrays = suspected(model, several)

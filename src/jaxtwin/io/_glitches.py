@@ -12,7 +12,7 @@ MAX_GLITCH_SAMPLES = 2
 USUAL_QUANTILE = 0.99
 """The quantile of the changes between two samples that is taken for the largest usual one."""
 
-JUMP_FACTOR = 5.0
+JUMP_FACTOR = 3.0
 """A glitch leaves and returns by more than this multiple of the largest usual change."""
 
 MIN_GLITCH_KELVIN = 1.0
@@ -62,9 +62,12 @@ def _offsets_of(readings: Float[np.ndarray, " readings"]) -> Float[np.ndarray, "
     usual = float(np.quantile(changes, USUAL_QUANTILE))
     least = max(JUMP_FACTOR * usual, MIN_GLITCH_KELVIN)
     # Before the first and after the last reading anything may have been.
-    jumps = np.flatnonzero(np.concatenate([[True], changes > least, [True]]))
-    for start, stop in pairwise(jumps):
-        if stop - start > MAX_GLITCH_SAMPLES or (start == 0 and stop == len(readings)):
+    edges = np.flatnonzero(np.concatenate([[True], changes > least, [True]]))
+    lengths = np.diff(edges)
+    for number, (start, stop) in enumerate(pairwise(edges)):
+        beside = lengths[[place for place in (number - 1, number + 1) if 0 <= place < len(lengths)]]
+        # One that is at an end has readings only on one side, which must be no glitch themselves.
+        if stop - start > MAX_GLITCH_SAMPLES or beside.max(initial=0) <= MAX_GLITCH_SAMPLES:
             continue
         before = readings[start - 1] if start > 0 else readings[stop]
         after = readings[stop] if stop < len(readings) else readings[start - 1]

@@ -36,6 +36,12 @@ WIDTH = 100
 NUMBERS = slice(1, 8)
 """The columns that are aligned to the right."""
 
+INFLUENTIAL_SHARE = 0.1
+"""A single reading that holds a larger share of the sum of squared residuals is named."""
+
+INFLUENTIAL_MEANS = 20.0
+"""Its square must also be this multiple of the mean one."""
+
 LARGE_GAP = 0.01
 """A larger `Fit.solver_gap` is mentioned, K: a tenth of the RMSE of a good match."""
 
@@ -156,6 +162,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         ]
         lines.append(f"{name}: {', '.join(channels)}")
     lines += ["", "identifiability:", fit.uncertainty.report(), *_room_beside_losses(fit)]
+    lines += _influential_readings(fit)
     return "\n".join(lines)
 
 
@@ -203,6 +210,32 @@ def prior_text(row: "FittedParameter") -> str:
     if row.is_logarithmic:
         return f"{row.prior_value:.4g} (factor {math.exp(row.prior_spread):.3g})"
     return f"{row.prior_value:.4g} (+- {row.prior_spread:.3g})"
+
+
+def _influential_readings(fit: "Fit") -> list[str]:
+    """The readings each of which holds a large share of the misfit of all recordings; no line for a
+    fit that was loaded without its recordings."""
+    squares = [
+        (each.run.experiment, np.nan_to_num(each.reading.temperatures - recorded) ** 2)
+        for each in fit.comparisons or ()
+        if (recorded := each.run.experiment.temperatures) is not None
+    ]
+    total = sum(float(square.sum()) for _, square in squares)
+    count = sum(int(experiment.sampled.sum()) for experiment, _ in squares)
+    lines: list[str] = []
+    for experiment, square in squares:
+        shares = square / max(total, 1e-300)
+        # Of a few readings each holds much.
+        for row, column in np.argwhere(shares > max(INFLUENTIAL_SHARE, INFLUENTIAL_MEANS / count)):
+            assert experiment.temperatures is not None
+            lines.append(
+                f"{experiment.name}: one reading of {experiment.channels[column]}, "
+                f"{experiment.temperatures[row, column]:.4g} degC at {experiment.time[row]:g} s, "
+                f"holds {100 * shares[row, column]:.0f} % of the misfit of all readings; if it is "
+                "no temperature of the rig, leave it out (jaxtwin import --mask-glitches, "
+                "Experiment.without_glitches()), or match with loss=Huber()"
+            )
+    return lines
 
 
 def _room_beside_losses(fit: "Fit") -> list[str]:

@@ -33,6 +33,10 @@ MAX_REJECTED = 3
 """The number of samples in sequence at which a channel is rejected. What lasts longer has happened,
 and is followed."""
 
+FOLLOWED = MAX_REJECTED + 60
+"""A channel that is followed is not rejected again before it has been inside of the gate for the
+samples by which this exceeds `MAX_REJECTED`: a twin that is wrong pulls away from its readings."""
+
 
 @final
 class KalmanState(eqx.Module):
@@ -43,8 +47,8 @@ class KalmanState(eqx.Module):
     - `slope`: the expected change of the readings, K/s.
     - `since_correction`: the time since the last correction of the camera that was seen, s;
       infinite before the first.
-    - `rejected`: for how many samples in sequence each channel has been outside of the gate
-      (`GATE_SIGMAS`), at most `MAX_REJECTED`, from which on it is followed.
+    - `rejected`: for how many samples in sequence each channel has been rejected, because it was
+      outside of the gate (`GATE_SIGMAS`); from `MAX_REJECTED` to `FOLLOWED`: it is followed.
     - `is_rejected`: whether the last reading of each channel was rejected.
     - `whitened`: the whitened innovations of the last readings, 0 where none was used.
     - `log_likelihood`: of the last readings.
@@ -272,13 +276,15 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         used, far, rejected = (
             rows[1:] for rows in (measured.mask, measured.far, measured.rejected)
         )
-        outside = jnp.where(far, jnp.minimum(state.rejected + 1, MAX_REJECTED), 0.0)
+        count = state.rejected
+        outside = jnp.where(count < MAX_REJECTED, count + 1, FOLLOWED)
+        inside = jnp.where(count > MAX_REJECTED, count - 1, 0.0)
         return replace(
             state,
             mean=mean,
             since_correction=jnp.where(measured.is_certain, jnp.zeros_like(since), since),
             # A missing reading does not say whether what was seen before it lasts.
-            rejected=jnp.where(used | rejected, outside, state.rejected),
+            rejected=jnp.where(used | rejected, jnp.where(far, outside, inside), count),
             is_rejected=rejected,
             covariance=by.state.covariance,
             duty=mean[duty] if self.model.layout.duty else state.duty,

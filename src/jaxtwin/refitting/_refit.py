@@ -178,6 +178,7 @@ def refit(
 
     - `fit`: the last fit; its recordings are not needed.
     - `recordings`: recordings of one session or several, in the order of time, all of one group.
+      Their `Experiment.glitches` are left out.
     - `window`: only the last so many seconds of the recordings count.
     - `forgetting`: the step between sessions, in standard deviations between the recordings of the
       fit: 1 is what these say, 0 forgets nothing.
@@ -209,6 +210,9 @@ def refit(
         of_kind("refit: controller", controller, AbstractController, "a controller", MatchError)
     several = as_experiments("refit: recordings", recordings, MatchError, fit.twin.rig)
     several = _in_window(several, window)
+    _check_new(fit, several)
+    # Nobody looks at the recordings of an unattended refit, and one glitch would move its values.
+    several = [each.without_glitches() for each in several]
     _check_new(fit, several)
     parts = split(several, ahead, frozenset(name for names in fit.channels for name in names))
     last = [
