@@ -29,6 +29,17 @@ def test_a_healthy_run_is_healthy(seed: int):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("row", "reading"), [(0, 85.0), (200, -127.0), (400, 60.0)])
+def test_a_single_impossible_reading_is_no_fault(row: int, reading: float):
+    healthy = recording()
+    readings = np.array(healthy.temperatures)
+    readings[row, 0] = reading
+    diagnosis = jt.diagnose(bench(), with_readings(readings, healthy.duty))
+    assert diagnosis.causes == ()
+    assert diagnosis.probabilities[:, -1].min() > 0.5
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "within"),
     [

@@ -1,6 +1,7 @@
 """A monitor beside a rig raises what it finds in a recording of the same rig."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -41,6 +42,17 @@ def live(run: Experiment, closed: slice | None = None) -> tuple[LiveMonitor, lis
         watching.on_record(record, state)
         watching.on_time(state, record.arrival)
     return watching, raised
+
+
+@pytest.mark.slow
+def test_one_impossible_reading_is_one_notice_beside_a_rig():
+    run = recording()
+    readings = np.array(run.temperatures)
+    readings[300, 1] = -127.0
+    _, raised = live(replace(run, temperatures=readings))
+    (finding,) = raised
+    assert (finding.kind, finding.channel, finding.severity) == ("impossible", "T2", "notice")
+    assert finding.since == START + 300 * SECOND
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """What a monitor finds in runs of a small rig, and what it leaves alone."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -183,6 +185,18 @@ def said_of_errors(errors: np.ndarray) -> np.ndarray:
 
     with jax.enable_x64(True):
         return np.asarray(jax.lax.scan(take, test.init(), jnp.asarray(means))[1])
+
+
+@pytest.mark.parametrize("reading", [-127.0, 0.0, 85.0, 9.9e37])
+def test_one_impossible_reading_is_one_notice(reading: float):
+    healthy = recording()
+    readings = np.array(healthy.temperatures)
+    readings[300, 0] = reading
+    (finding,) = monitor(bench(), replace(healthy, temperatures=readings)).findings
+    assert (finding.kind, finding.channel, finding.severity) == ("impossible", "T1", "notice")
+    assert (finding.since, finding.found) == (healthy.time[300], healthy.time[301])
+    assert finding.detail.startswith("one impossible reading of T1, ")
+    assert finding.size == pytest.approx(reading - healthy.temperatures[300, 0], rel=0.05)
 
 
 def test_a_recording_that_is_too_short_is_refused():

@@ -108,7 +108,8 @@ def estimate_initial_conditions(
 
     - `twin`: a fit, whose recordings give the priors of room and delay; or a twin, for which the
       rig file gives them.
-    - `experiment`: a recording, of which the part before `warm_up` is used.
+    - `experiment`: a recording, of which the part before `warm_up` is used, but for its
+      `glitches`.
     - `warm_up`: the end of that part, s from the first sample.
     - `names`: the parameters to estimate. By default those that have a value for each recording in
       the fit or in the rig's table, except a drift of the room, which a minute does not determine.
@@ -144,7 +145,8 @@ def estimate_initial_conditions(
             f"{label}: warm_up = {warm_up:g} s: expected at least {max(2, len(names))} samples to "
             f"estimate {', '.join(names)}, got {count}; use a longer warm-up"
         )
-    part = experiment.between(None, experiment.time[0] + warm_up)
+    # The whole run follows from these few readings, of which a glitch is none.
+    part = experiment.without_glitches().between(None, experiment.time[0] + warm_up)
     first = first_sample(part)
     unknowns = choose_unknowns(twin, (0,), ParameterChoice(names, per_recording=names))
     rows = tuple(

@@ -149,7 +149,7 @@ def match_first_part(fit: Fit, experiment: Experiment, given: float, group: str)
     **Raises:** `MatchError` if the part has too few samples; the errors of `match_group`.
     """
     start = estimate_initial_conditions(fit, experiment, min(WARM_UP, given), group=group)
-    part = experiment.between(None, experiment.time[0] + given)
+    part = experiment.without_glitches().between(None, experiment.time[0] + given)
     return match_group(fit, [part], group, start)
 
 
