@@ -163,6 +163,25 @@ def test_a_measured_room_is_fed_forward():
 
 
 @pytest.mark.slow
+def test_an_impossible_reading_moves_no_controller_with_an_observer(
+    model: DiscreteModel, observer: ExtendedKalmanFilter, twin: Twin
+):
+    """For a sample, one of the two controlled channels reads as a sensor without a wire does."""
+    duty = []
+    for reading in (40.0, -127.0):
+        mpc = MPC(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
+        loop = LiveLoop(twin, mpc, 40.0, duration=60.0)
+        for second in range(12):
+            readings = np.full(len(twin.channels), 40.0)
+            readings[twin.channels.index("TAM")] = reading if second == 10 else 40.0
+            moment = Moment(float(second), readings, np.zeros(15), np.zeros(2), None)
+            asked = loop(moment)
+            assert asked is not None
+        duty.append(asked)
+    np.testing.assert_allclose(duty[1], duty[0], atol=0.02)
+
+
+@pytest.mark.slow
 def test_a_live_loop_hands_a_measured_room_to_the_controller(
     model: DiscreteModel, observer: ExtendedKalmanFilter, twin: Twin
 ):

@@ -28,6 +28,7 @@ from ..._errors import ControlError
 from ...observers import (
     ExtendedKalmanFilter,
     MovingHorizonEstimator,
+    MovingHorizonState,
 )
 from ._estimator import AbstractEstimator
 from ._kalman import KalmanFilter
@@ -109,7 +110,11 @@ class TwinEstimator(AbstractEstimator):
         """The estimate that the readings leave."""
         read, channels, room = self._parts(readings)
         twin = self.observer.correct(estimate.twin, channels, jnp.isfinite(channels), room)
-        plant = self.kalman.correct(estimate.plant, read)
+        latest = twin.latest if isinstance(twin, MovingHorizonState) else twin
+        # The outputs are means of channels: one that cannot be spoils them.
+        spoilt = latest.is_rejected.any()
+        corrected = self.kalman.correct(estimate.plant, read)
+        plant = jnp.where(spoilt, estimate.plant, corrected)
         first = self._first(twin)
         # The commands on their way are known to the filter.
         states = plant.at[: len(first)].set(first).at[-len(estimate.known) :].set(0.0)
