@@ -34,6 +34,8 @@ def test_every_module_can_be_imported():
 def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no_such_name"):
         getattr(jaxtwin, "no_such_name")  # noqa: B009
+    with pytest.raises(AttributeError, match=r"no attribute 'simualte'; did you mean 'simulate'\?"):
+        getattr(jaxtwin, "simualte")  # noqa: B009
 
 
 def test_import_loads_no_heavy_library():

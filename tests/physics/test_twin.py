@@ -254,3 +254,10 @@ def test_wiring_is_equal_for_rigs_of_equal_content_only():
     assert hash(wiring_of(rig)) == hash(wiring_of(same))
     assert wiring_of(rig) != wiring_of(other)
     assert wiring_of(rig).channel_weights.tolist() != wiring_of(other).channel_weights.tolist()
+
+
+def test_a_value_is_read_by_its_name() -> None:
+    twin = Twin("tclab")
+    assert twin["R_1"] == twin.values["R_1"]
+    with pytest.raises(ParameterError, match=r"tclab: unknown parameter 'R_loss'.* Known: C_1, "):
+        twin["R_loss"]

@@ -231,3 +231,12 @@ def test_a_prepared_simulation_compiles_nothing_more(twin):
     assert len(_run_exponential._programs) == 1
     twin.with_values({"R_E": 2.2}).simulate(EXPERIMENT)
     assert len(_run_exponential._programs) == 1
+
+
+def test_temperatures_are_read_by_the_name_of_a_channel_or_node() -> None:
+    plan = Experiment.schedule("0:0.3", duration=10, cells=2)
+    run = Twin("tclab").simulate(plan)
+    np.testing.assert_array_equal(run["T2"], run.temperatures[:, 1])
+    np.testing.assert_array_equal(run["H1"], run.states[:, run.nodes.index("H1")])
+    with pytest.raises(SimulationError, match=r"unknown channel or node 'T_pcb'. Known: T1, T2, H"):
+        run["T_pcb"]

@@ -140,8 +140,8 @@ def export_c(
             code = observer_c(model, name, precision, origin)
         else:
             expected = (
-                "a DiscreteModel, as LinearModel.discretise makes it, a Stepper, an observer, or a "
-                "controller such as a PID"
+                "a Stepper of a twin, jt.Stepper(twin, 1.0), a DiscreteModel, as "
+                "LinearModel.discretise makes it, an observer, or a controller such as a PID"
             )
             of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
             check_at_rest("export_c: model", model.offset)

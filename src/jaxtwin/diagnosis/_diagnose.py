@@ -1,6 +1,7 @@
 """Diagnoses a recording: the observer runs once, and what explains its innovations is named."""
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from .._arguments import of_kind
 from .._errors import ObserverError
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..io._experiment import as_experiment
 from ..matching import Fit
 from ..monitoring._monitor_recording import check_settles
 from ..observers import Observed, ProcessNoise, observe
@@ -30,7 +32,7 @@ STRIDE = 12
 
 def diagnose(
     fit: Twin | Fit,
-    experiment: Experiment,
+    experiment: Experiment | str | os.PathLike[str],
     faults: Faults = None,
     noise: ProcessNoise | None = None,
     *,
@@ -44,7 +46,7 @@ def diagnose(
     **Arguments:**
 
     - `fit`: a fit, or a twin whose values are taken as exact.
-    - `experiment`: the recording.
+    - `experiment`: the recording, or its file.
     - `faults`: what is looked for: names of `jaxtwin.diagnosis.suspects(twin)`; a `Suspect`; or
       functions `System -> System` by their names, `{"lid": function}`, whose size is the multiple
       of what they change. None for all usual suspects.
@@ -55,7 +57,8 @@ def diagnose(
     **Raises:** the errors of `jaxtwin.observe`; `ObserverError` if the recording is too short, if
     the noise is no `ProcessNoise`, for an unknown fault, or for one that changes the nodes.
     """
-    of_kind("diagnose: experiment", experiment, Experiment, "an Experiment", ObserverError)
+    rig = (fit.twin if isinstance(fit, Fit) else fit).rig
+    experiment = as_experiment("diagnose: experiment", experiment, ObserverError, rig)
     if noise is not None:
         expected = "a ProcessNoise, as jaxtwin.estimate_noise finds it"
         of_kind("diagnose: noise", noise, ProcessNoise, expected, ObserverError)

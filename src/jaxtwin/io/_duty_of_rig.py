@@ -28,7 +28,8 @@ def check_duty_of_rig(
         ]
         raise error(
             f"{label}: duty: expected the {' and '.join(parts)} of {rig.name}, got "
-            f"{experiment.n_cells}"
+            f"{experiment.n_cells}; Experiment.schedule(..., cells={len(rig.driven)}) has a duty "
+            "for each of them"
         )
     check_heats_only(experiment, rig, label, error)
     known = [one.name for one in rig.inputs]

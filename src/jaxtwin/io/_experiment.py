@@ -40,7 +40,7 @@ Recordings: TypeAlias = (
 )
 """One recording or several, or their files."""
 
-EXPERIMENT = "an Experiment, as read_recording and Experiment.schedule make it"
+EXPERIMENT = "an Experiment, as read_recording, Experiment.schedule and .from_dataframe make it"
 """The name of an experiment in error messages."""
 
 GAP_FACTOR = 3.0
@@ -493,6 +493,12 @@ class Experiment:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def as_experiment(where: str, given: Any, error: type[JaxtwinError], rig: Rig) -> Experiment:
+    """An experiment, or the recording of a rig in a file; errors as for `as_experiments`."""
+    (experiment,) = as_experiments(where, [given], error, rig)
+    return experiment
 
 
 def as_experiments(

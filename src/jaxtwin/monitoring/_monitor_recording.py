@@ -1,8 +1,11 @@
 """Monitors a recording."""
 
+import os
+
 from .._arguments import finite_number, of_kind
 from .._errors import ObserverError
 from ..io import Experiment
+from ..io._experiment import as_experiment
 from ..matching import Fit
 from ..observers import Observed, ProcessNoise, observe
 from ..physics import Twin
@@ -19,7 +22,7 @@ SHORTEST_FALSE_ALARM_TIME = 3600.0
 
 def monitor(
     fit: Twin | Fit,
-    experiment: Experiment,
+    experiment: Experiment | str | os.PathLike[str],
     noise: ProcessNoise | None = None,
     *,
     calibration: MonitorCalibration | None = None,
@@ -32,7 +35,7 @@ def monitor(
     **Arguments:**
 
     - `fit`: a fit, or a twin whose values are taken as exact.
-    - `experiment`: the recording.
+    - `experiment`: the recording, or its file.
     - `noise`: the levels of the noise, as for `jaxtwin.observe`.
     - `calibration`: what is healthy, as `jaxtwin.calibrate_monitor` finds it. None: for a fit with
       its recordings, what these say; otherwise usual thresholds.
@@ -48,7 +51,8 @@ def monitor(
             f"monitor: false_alarm_time: expected at least {SHORTEST_FALSE_ALARM_TIME:g} s, below "
             f"which no tail is known, got {seconds:g}"
         )
-    of_kind("monitor: experiment", experiment, Experiment, "an Experiment", ObserverError)
+    rig = (fit.twin if isinstance(fit, Fit) else fit).rig
+    experiment = as_experiment("monitor: experiment", experiment, ObserverError, rig)
     check_settles(experiment)
     return monitored(observe(fit, experiment, noise), fit, calibration, seconds)
 

@@ -1,17 +1,18 @@
 """Observes a recording: the state of the rig at each sample, given the readings up to it."""
 
 import dataclasses
+import os
 from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arguments import of_kind
 from .._compilation import persistent_jit_unoptimised
 from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..io._experiment import as_experiment
 from ..matching import Fit
 from ..physics import System, Twin
 from ..simulation import Stepper
@@ -40,7 +41,7 @@ LIVE_SPACING = 0.1
 
 def observe(
     fit: Twin | Fit,
-    experiment: Experiment,
+    experiment: Experiment | str | os.PathLike[str],
     noise: ProcessNoise | None = None,
     *,
     bounds: StateBounds | None = None,
@@ -57,7 +58,8 @@ def observe(
 
     - `fit`: a fit, whose uncertainty the filter starts from; or a twin, whose values are taken as
       exact.
-    - `experiment`: the recording, matched or not. A missing reading says nothing, each by itself.
+    - `experiment`: the recording or its file, matched or not. A missing reading says nothing, each
+      by itself.
     - `noise`: the noise of rig and readings, as `jaxtwin.estimate_noise` finds it; None: usual
       levels.
     - `bounds`, `horizon`: what the state cannot be, and the number of steps in the window of a
@@ -70,7 +72,8 @@ def observe(
     positive, if a bound is not valid, or if the filter diverges; `SimulationError` for a recording
     of another rig, or without a column for one of its inputs.
     """
-    of_kind("observe: experiment", experiment, Experiment, "an Experiment", ObserverError)
+    rig = (fit.twin if isinstance(fit, Fit) else fit).rig
+    experiment = as_experiment("observe: experiment", experiment, ObserverError, rig)
     if noise is None:
         noise = usual_noise(fit, [experiment])
     kalman = filter_for(fit, experiment, noise)

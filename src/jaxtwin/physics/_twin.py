@@ -81,6 +81,16 @@ class Twin(eqx.Module):
         replaced = _replaced(self.rig, self.values, _from_file(self.rig, values))
         return eqx.tree_at(lambda twin: twin.values, self, replaced)
 
+    def __getitem__(self, name: str) -> Any:
+        """The value of a parameter, in the unit of the rig's table.
+
+        **Raises:** `ParameterError` for an unknown name.
+        """
+        if name not in self.values:
+            known = self.rig.parameters
+            raise ParameterError(f"{self.rig.name}: {unknown_name('parameter', name, known)}")
+        return self.values[name]
+
     @property
     def wiring(self) -> Wiring:
         """The constant structure of the rig's equations."""

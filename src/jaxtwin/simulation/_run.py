@@ -15,7 +15,7 @@ from .._display import html_table, picture
 from .._errors import RecordingError, SimulationError
 from .._goodness_of_fit import fit_percent, fit_text, rmse
 from .._jax_settings import own_settings
-from .._name_suggestions import did_you_mean
+from .._name_suggestions import did_you_mean, unknown_name
 from .._whole_file import check_ending
 from ..io import Experiment
 from ..physics import Twin
@@ -64,6 +64,18 @@ class Run:
     def time(self) -> Float[np.ndarray, " times"]:
         """Times of the samples, s."""
         return self.experiment.time
+
+    def __getitem__(self, name: str) -> Float[np.ndarray, " times"]:
+        """The temperatures of a channel, or of a node of the network, degC.
+
+        **Raises:** `SimulationError` for an unknown name.
+        """
+        if name in self.channels:
+            return self.temperatures[:, self.channels.index(name)]
+        if name in self.nodes:
+            return self.states[:, self.nodes.index(name)]
+        known = [*self.channels, *self.nodes]
+        raise SimulationError(f"{self.rig}: {unknown_name('channel or node', name, known)}")
 
     def between(self, t0: float | int | None = None, t1: float | int | None = None) -> "Run":
         """The part of the run with `t0 <= time < t1`, as `Experiment.between` cuts. Its power and
