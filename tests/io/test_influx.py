@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from jaxtwin import RecordingError
 from jaxtwin.io import read_recording
-from jaxtwin.io._influx import widened
+from jaxtwin.io._long_form import widened
 
 ANNOTATIONS = """#group,false,false,true,true,false,false,true,true
 #datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string,string
@@ -65,10 +65,10 @@ def test_two_values_of_a_field_at_a_time_are_refused(tmp_path):
 @given(st.text(max_size=200))
 def test_other_text_stays_as_it_is(text):
     if not all(name in text for name in ("_time", "_field", "_value")):
-        assert widened(text) == text
+        assert widened(text, ",") == text
 
 
 @given(st.text('_timefldvau,\n"#0123', max_size=80))
 def test_no_text_is_answered_with_another_error(text):
     with contextlib.suppress(RecordingError):
-        widened(f"_time,_field,_value\n{text}")
+        widened(f"_time,_field,_value\n{text}", ",")

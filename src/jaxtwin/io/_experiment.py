@@ -74,6 +74,8 @@ class Experiment:
     - `group`: the day or session to which it belongs, in which camera and contacts stayed as they
       were; recordings of a group share the values of the parameters that `match` lets differ
       between groups.
+    - `notes`: what was done when it was read that its numbers do not show, such as readings that
+      are codes and count as missing; a sentence each.
 
     **Raises:**
 
@@ -91,6 +93,7 @@ class Experiment:
     inputs: Mapping[str, Shaped[np.ndarray, "times"]]
     name: str
     group: str
+    notes: tuple[str, ...]
 
     def __init__(
         self,
@@ -103,6 +106,7 @@ class Experiment:
         inputs: Mapping[str, ArrayLike | float | int] | None = None,
         name: str = "",
         group: str = "",
+        notes: Iterable[str] = (),
     ) -> None:
         times = checked_time(time)
         names = checked_channels(channels)
@@ -115,6 +119,7 @@ class Experiment:
             "name": of_kind("name", name, str, "text", RecordingError),
             "group": of_kind("group", group, str, "text", RecordingError),
             "inputs": checked_inputs(inputs, times),
+            "notes": tuple(notes),
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -286,7 +291,7 @@ class Experiment:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the contents, as hexadecimal digits; the name does not count."""
+        """SHA-256 of the contents, as hexadecimal digits; the name and the notes do not count."""
         content = hashlib.sha256(repr((self.duty.shape, self.channels)).encode())
         for part in (self.time, self.duty, self.temperatures, self.ambient):
             if part is None:
@@ -456,6 +461,7 @@ class Experiment:
             ("channels", (", ".join(self.channels) or "none") + measured),
             ("ambient", ambient),
             *([("inputs", ", ".join(self.inputs))] if self.inputs else []),
+            *([("notes", "; ".join(self.notes))] if self.notes else []),
         ]
 
     def _missing(self) -> str:

@@ -84,6 +84,26 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
     return matrix
 
 
+def matrix_names(content: bytes) -> list[str]:
+    """The names of the variables of a file, of whatever kind.
+
+    **Raises:** `RecordingError` if the file is damaged or cut off.
+    """
+    order = "<" if content.endswith(b"IM", 0, HEADER_SIZE) else ">"
+    names = []
+    try:
+        for kind, data in _elements(content[HEADER_SIZE:], order):
+            begin = data
+            if kind == COMPRESSED:
+                begin = zlib.decompressobj().decompress(data, BEGINNING)
+                kind, begin = struct.unpack_from(order + "I", begin)[0], begin[8:]
+            name = _name(begin, order) if kind == VARIABLE else None
+            names += [] if name is None else [name]
+    except (ValueError, struct.error, zlib.error):
+        raise RecordingError("is a MATLAB file that is damaged or cut off") from None
+    return names
+
+
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
     """Yields the type and the data of each element, each of which must be complete."""
     position = 0
