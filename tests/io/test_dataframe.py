@@ -101,11 +101,6 @@ def test_counts_with_polarity():
             {},
             "row 1, column clock: expected a time in every row",
         ),
-        (
-            frame(time_s=TIMES).assign(duty_P1=[0.5, np.nan, 0.5]),
-            {},
-            "row 1, column duty_P1: expected a number in every row",
-        ),
         (frame(time_s=[0.0, 2.0, 1.0]), {}, "time: expected increasing times"),
         (frame(time_s=TIMES).drop(columns="duty_P1"), {}, "expected drives of the cells"),
     ],
@@ -143,12 +138,12 @@ def test_time_stamps_in_files(text: str, tmp_path):
 @pytest.mark.parametrize(
     ("stamp", "message"),
     [
-        ("03/05/2024 14:03:22", "line 3, column time: expected a time stamp such as 2024-03-05"),
+        ("03/05/2024 14:03:22", "line 3, column time: expected a time such as 2024-03-05"),
         ("12.5", "numbers need a unit, such as time_s"),
-        ("2024-03-05", "expected a time stamp"),
-        ("31.02.2024 10:00:00", "expected a time stamp"),
+        ("2024-03-05", "expected a time such as"),
+        ("31.02.2024 10:00:00", "expected a time such as"),
         ("2024-03-05T14:03:22Z", "expected time stamps that all have a time zone or none"),
-        ("", "expected a time stamp"),
+        ("", "expected a time such as"),
         ("2024-03-05 14:03:20", "time: expected increasing times"),
     ],
 )

@@ -48,7 +48,7 @@ def test_a_column_with_the_name_of_an_input_is_read_with_the_rig(tmp_path):
     experiment = read_recording(path, rig=box())
     assert experiment.inputs["lid"].tolist() == ["closed", "open"]
     assert experiment.inputs["fan"].tolist() == [1.0, 0.0]
-    with pytest.raises(RecordingError, match="column lid"):
+    with pytest.raises(RecordingError, match="got 'lid'"):
         read_recording(path)
     named = read_recording(path, columns={"lid": "input_cover"}, ignore=["fan"])
     assert named.inputs["cover"].tolist() == ["closed", "open"]
@@ -99,7 +99,7 @@ def test_import_says_what_the_columns_of_inputs_hold(tmp_path, monkeypatch, caps
     columns = ["--column", "heater=duty_P1", "--column", "cover=input_lid"]
     assert run(["import", "raw.csv", "--rig", "box.toml", *columns, "--out", "run.csv"]) == 0
     told = " ".join(capsys.readouterr().out.split())
-    assert "input_fan 0 to 1" in told
+    assert "input_fan from fan 0 to 1" in told
     assert "input_lid from cover closed, open" in told
     assert "inputs of box without a column: V_supply, T_water" in told
     assert read_recording("run.csv").inputs["lid"].tolist() == ["closed", "open"]

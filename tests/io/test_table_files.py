@@ -147,7 +147,9 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, ending
 
 def test_titles_of_another_format_are_refused(tmp_path: Path):
     (tmp_path / "run.nc").write_bytes(b"CDF\x01" + bytes(60))
-    with pytest.raises(RecordingError, match=r"expected a \.csv, \.xlsx or \.parquet file"):
+    with pytest.raises(
+        RecordingError, match=r"expected a \.csv, \.xlsx, \.parquet, \.mat or \.tdms file"
+    ):
         column_names(tmp_path / "run.nc")
     assert list(column_names(_text(tmp_path))) == ["time_s", "duty_P1"]
 

@@ -37,7 +37,7 @@ JUMP = 5.0
 @final
 @dataclass(frozen=True)
 class Reading:
-    """How a file is read: the arguments of `read_recording` that the options of the command give."""
+    """How a file is read: arguments of `read_recording`, which options of the command give."""
 
     columns: dict[str, str] = field(default_factory=dict)
     ignore: tuple[str, ...] = ()
@@ -83,7 +83,10 @@ def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: Reading
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
     roles, reading = _guess(table, rig, given)
-    lines = [f"{file}: {len(table.rows)} rows of {len(table.titles)} columns, {_form(table)}", ""]
+    lines = [
+        f"{file}: {len(table.rows)} rows of {len(table.titles)} columns{_form(file, table)}",
+        "",
+    ]
     lines += [aligned(_rows(table, roles)), ""]
     command = [
         *("jaxtwin", "import", str(file), "--rig", rig_name or "RIG.toml"),
@@ -102,10 +105,13 @@ def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: Reading
     return "\n".join([*lines, f"  {shlex.join(command)}"])
 
 
-def _form(table: "TextTable") -> str:
+def _form(file: Path, table: "TextTable") -> str:
+    """How a file of text is divided, for the first line."""
+    if file.suffix.lower() in (".xlsx", ".parquet", ".mat", ".tdms"):
+        return ""
     names = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
     where = f"titles in line {table.titles_at}" if table.titles_at else "no titles"
-    return f"separated by {names[table.separator]}, {where}"
+    return f", separated by {names[table.separator]}, {where}"
 
 
 def _is_value(text: str) -> bool:
@@ -275,10 +281,8 @@ def _sampling(experiment: "Experiment") -> list[str]:
     """Sampling, gaps, ranges and glitches of the recording that the guess gives."""
     steps = np.diff(experiment.time)
     gaps = experiment.gaps
-    lines = [
-        f"{len(experiment.time)} samples in {experiment.duration:g} s, every "
-        f"{np.median(steps):g} s ({steps.min():g} to {steps.max():g} s), {len(gaps)} gaps"
-    ]
+    every = f"every {np.median(steps):g} s ({steps.min():g} to {steps.max():g} s)"
+    lines = [f"{len(steps) + 1} samples in {experiment.duration:g} s, {every}, gaps: {len(gaps)}"]
     lines += [f"  nothing from {before:g} s to {after:g} s" for before, after in gaps[:3]]
     for name, values in zip(experiment.channels, _temperatures(experiment).T, strict=True):
         there = ~np.isnan(values)

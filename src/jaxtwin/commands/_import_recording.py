@@ -201,9 +201,7 @@ def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
     check_duty_of_rig(experiment, rig, str(file), RecordingError)
 
 
-def _ranges(
-    experiment: "Experiment", read_as: Mapping[str, str | None]
-) -> list[tuple[str, ...]]:
+def _ranges(experiment: "Experiment", read_as: Mapping[str, str | None]) -> list[tuple[str, ...]]:
     """A row for each column that was read: its name, its title with its unit, and what it holds."""
     import numpy as np
 
@@ -214,7 +212,8 @@ def _ranges(
             for ending in ("_K", "_mK", "_%"):
                 name = name.removesuffix(ending)
             unit = text.removeprefix(name).strip("_")
-            sources[name] = f"from {title}" + f", {unit}" * (unit not in ("", "degC"))
+            is_new = unit not in ("", "degC") and unit not in title
+            sources[name] = f"from {title}" + f", {unit}" * is_new
     values = {
         f"duty_P{cell + 1}": (column, "")
         for cell, column in enumerate(np.asarray(experiment.duty).T)

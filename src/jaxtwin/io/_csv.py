@@ -142,16 +142,18 @@ def held(columns: Sequence[Column]) -> tuple[list[Column], list[str]]:
         full[place] = replace(column, values=column.values[last], fields=fields)
         first = max(first, begin)
         count = int(missing[begin:].sum())
-        notes += [f"{column.title}: {count} of {missing.size} samples hold the last value"] * (
-            count > 0
-        )
+        if count:
+            notes.append(f"{column.title}: missing in {count} of {missing.size} samples, held")
     if not first:
         return full, notes
     part = [
         replace(c, values=c.values[first:], lines=c.lines[first:], fields=c.fields[first:])
         for c in full
     ]
-    return part, [*notes, f"{first} samples before the first duty are left out"]
+    return part, [
+        *notes,
+        f"left out before the first duty: {first} of {len(columns[0].fields)} samples",
+    ]
 
 
 def _are_states(column: Column) -> np.ndarray:
@@ -186,7 +188,7 @@ def _seconds(column: Column, drive: Drive) -> tuple[np.ndarray, float, list[str]
     width = np.minimum(np.append(steps, clock), clock)
     number = np.arange(time.size) - np.repeat(starts, sizes)
     spread = time + np.repeat(width / sizes, sizes) * number
-    note = f"{column.title}: {same.size} samples of the same time as the one before are spread"
+    note = f"{column.title}: spread evenly, {same.size} of {time.size} samples had the time before"
     return spread, origin, [note]
 
 
@@ -200,7 +202,7 @@ def _without_fault_codes(column: Column) -> tuple[Column, list[str]]:
     if not kinds:
         return column, []
     text = ", ".join(f"{field} ({count})" for field, count in kinds.most_common())
-    note = f"{column.title}: {kinds.total()} of {codes.size} samples are codes, missing: {text}"
+    note = f"{column.title}: missing in {kinds.total()} of {codes.size} samples, codes: {text}"
     return replace(column, values=values), [note]
 
 

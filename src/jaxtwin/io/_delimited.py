@@ -83,7 +83,7 @@ class Column:
             k = missing[0]
             raise RecordingError(
                 f"{self.place} {self.lines[k]}, column {self.title}: expected a number in every "
-                f"{self.place}, because only temperatures may be missing, got {self.fields[k]!r}"
+                f"{self.place}, got {self.fields[k]!r}"
             )
         return self.values
 
@@ -103,8 +103,12 @@ def read_columns(
     **Raises:** `RecordingError` that names the line and, if there is one, the column.
     """
     table = text_table(content, choices, header)
-    fields, lines = _fields_of_columns(table, choices)
-    meant = _with_index(meanings(table.titles, choices, table.units), table, fields)
+    meant = meanings(table.titles, choices, table.units)
+    if not table.rows:
+        _check_titles(meant, table, expected)
+        raise RecordingError(EMPTY)
+    fields, lines = _fields_of_columns(table, meant)
+    meant = _with_index(meant, table, fields)
     _check_titles(meant, table, expected)
     columns = [
         (meaning, values)
@@ -133,27 +137,32 @@ def text_table(content: bytes, choices: Choices, header: int | None) -> TextTabl
 def names_of_columns(
     content: bytes, choices: Choices, header: int | None = None
 ) -> dict[str, str | None]:
-    """What each column is read as, title -> name; None for a column that is left out.
+    """What each column is read as, title -> name; None for a column that is left out. A column
+    without a title that holds something is called by its number.
 
     **Raises:** `RecordingError` if the file is no text or holds nothing, or for a title that it
     does not have.
     """
     table = text_table(content, choices, header)
-    meant = zip(table.titles, meanings(table.titles, choices, table.units), strict=True)
-    return {title: meaning and meaning.text for title, meaning in meant if title}
+    names: dict[str, str | None] = {}
+    for place, meaning in enumerate(meanings(table.titles, choices, table.units)):
+        if title := table.titles[place]:
+            names[title] = meaning and meaning.text
+        elif place and any(row[place] for _, row in table.rows if len(row) > place):
+            is_named = meaning is not None and meaning.kind != "unknown"
+            names[str(place + 1)] = meaning.text if is_named and meaning else None
+    return names
 
 
 def _fields_of_columns(
-    table: TextTable, choices: Choices
+    table: TextTable, meant: Sequence[Meaning | None]
 ) -> tuple[list[list[str]], list[int]]:
     """The fields of each column, and the lines of the rows.
 
     **Raises:** `RecordingError` for a row of another length, unless fields at its end are blank, or
     are missing from columns that are left out.
     """
-    if not table.rows:
-        raise RecordingError(EMPTY)
-    kept = [m is not None for m in meanings(table.titles, choices, table.units)]
+    kept = [meaning is not None for meaning in meant]
     width, needed = len(kept), max((k + 1 for k, keep in enumerate(kept) if keep), default=0)
     rows = []
     for line, row in table.rows:
@@ -195,7 +204,7 @@ def _check_titles(meant: Sequence[Meaning | None], table: TextTable, expected: s
     if not any(meaning is not None and meaning.kind == "time" for meaning in meant):
         titles = table.separator.join(table.titles)
         raise RecordingError(
-            f"is no recording: its first line must name the columns, {expected}, got "
+            f"is no recording: its titles must name the columns, {expected}, got "
             f"{titles[:60]!r}; columns= names a column of the times time or time_s, and header=0 "
             "is for a file without titles, in a command --column and --no-header"
         )
@@ -216,7 +225,9 @@ def _with_joined_date(
     if len(times) != 2 or len(days) != 1:
         return [*columns]
     (day,), (clock,) = days, [k for k in times if k not in days]
-    meaning = columns[clock][0]._replace(title=f"{columns[day][0].title}, {columns[clock][0].title}")
+    meaning = columns[clock][0]._replace(
+        title=f"{columns[day][0].title}, {columns[clock][0].title}"
+    )
     joined = [f"{d} {t}" for d, t in zip(columns[day][1], columns[clock][1], strict=True)]
     kept = [(meaning, joined) if k == clock else pair for k, pair in enumerate(columns)]
     return [pair for k, pair in enumerate(kept) if k != day]

@@ -63,7 +63,7 @@ def parse_mat(
 
 def is_of_the_authors(content: bytes) -> bool:
     """Whether a MATLAB 5 file has their variable."""
-    return "simout" in matrix_names(content)
+    return is_matlab5(content) and "simout" in matrix_names(content)
 
 
 def csv_of_mat(content: bytes) -> bytes:
@@ -79,15 +79,17 @@ def csv_of_mat(content: bytes) -> bytes:
     }
     lengths = Counter(len(vector) for vector in vectors.values())
     if not lengths:
-        known = ", ".join(matrices) or "none of numbers"
-        raise RecordingError(f"expected vectors of one length, got the variables {known}")
+        known = ", ".join(matrices) or "none"
+        raise RecordingError(f"expected variables that are vectors of numbers, got {known}")
     length = max(lengths, key=lambda one: (lengths[one], one))
     columns: dict[str, list[float]] = {}
     for name, vector in vectors.items():
         if len(vector) == length:
-            names = [name] if vector.shape[1] == 1 else [
-                f"{name}_{number + 1}" for number in range(vector.shape[1])
-            ]
+            names = (
+                [name]
+                if vector.shape[1] == 1
+                else [f"{name}_{number + 1}" for number in range(vector.shape[1])]
+            )
             columns |= dict(zip(names, vector.T.tolist(), strict=True))
     return csv_of_rows([[*columns], *zip(*columns.values(), strict=True)])
 
@@ -96,7 +98,7 @@ def _matrices(content: bytes) -> dict[str, Float[np.ndarray, "..."]]:
     matrices = {}
     for name in matrix_names(content):
         with suppress(RecordingError):  # text, structures, cells
-            matrices[name] = read_matrix(content, name)
+            matrices[name] = read_matrix(content, name, logical=True)
     return matrices
 
 
@@ -109,7 +111,7 @@ def _matrices_of_hdf5(content: bytes) -> dict[str, Float[np.ndarray, "..."]]:
             "is a file of MATLAB 7.3 (HDF5); reading it needs pip install 'jaxtwin[storage]', or "
             "save it in MATLAB with '-v7'"
         ) from None
-    matrices: dict[str, Float[np.ndarray, "..."]] = {}
+    matrices: dict[str, Float[np.ndarray, ...]] = {}
 
     def add(name: str, item: object) -> None:
         is_number = isinstance(item, h5py.Dataset) and item.dtype.kind in "iufb"

@@ -229,22 +229,27 @@ def _kind(name: str) -> Kind:
 
 def _of_title(title: str, choices: Choices) -> Meaning:
     """What a title without a name is read as."""
-    if title in choices.own:
-        return _of_name(title, choices.own[title], choices, TitleUnit(title))
-    if (kind := _kind(title)) in ("time", "own time"):
+    whole = choices.own.get(title, title)
+    if (kind := _kind(whole)) in ("time", "own time"):
         return Meaning(title, kind, title)
+    if kind != "temperature":  # the last letter of `input_a` is no unit
+        return _of_name(title, whole, choices, TitleUnit(title))
     parts = unit_of_title(title)
     stem = choices.own.get(parts.stem, parts.stem)
     kind, unit = _kind(stem), parts.unit
     if kind == "temperature":
         is_known = unit is not None and unit.quantity == "temperature" and parts.is_sure and stem
-        return _scaled(Meaning(title, "temperature" if is_known else "unknown", stem, unit), choices)
+        return _scaled(
+            Meaning(title, "temperature" if is_known else "unknown", stem, unit), choices
+        )
     if kind in ("time", "own time") and unit is not None and unit.quantity != "time":
         return Meaning(title, "unknown", parts.stem, unit)
     return _of_name(title, stem, choices)
 
 
-def _of_name(title: str, given: object, choices: Choices, parts: TitleUnit | None = None) -> Meaning:
+def _of_name(
+    title: str, given: object, choices: Choices, parts: TitleUnit | None = None
+) -> Meaning:
     """What a column is read as that has a name."""
     if not isinstance(given, str) or not given:
         raise RecordingError(f"columns: expected a name for {title!r}, got {given!r}")

@@ -202,9 +202,7 @@ def table_content(file: Path, sheet: str | None = None) -> bytes:
     content = _content(file)
     kind = _kind(file, content)
     if kind not in TABLES:
-        raise RecordingError(
-            f"expected a .csv, .xlsx, .parquet, .mat or .tdms file, got .{kind}"
-        )
+        raise RecordingError(f"expected a .csv, .xlsx, .parquet, .mat or .tdms file, got .{kind}")
     return _text(kind, content, sheet)
 
 

@@ -15,9 +15,37 @@ BLANK_WORDS = frozenset(
 """The words for a missing sample, in small letters."""
 
 FAULT_WORDS = frozenset(
-    "unavailable unknown undefined ol +ol -ol o.l. ovld +ovld -ovld over under overload underrange "
-    "overrange overflow open err error fault faulty bad disconnected invalid "
-    "#value! #ref! #div/0! #num! #null!".split()
+    {
+        "unavailable",
+        "unknown",
+        "undefined",
+        "ol",
+        "+ol",
+        "-ol",
+        "o.l.",
+        "ovld",
+        "+ovld",
+        "-ovld",
+        "over",
+        "under",
+        "overload",
+        "underrange",
+        "overrange",
+        "overflow",
+        "open",
+        "err",
+        "error",
+        "fault",
+        "faulty",
+        "bad",
+        "disconnected",
+        "invalid",
+        "#value!",
+        "#ref!",
+        "#div/0!",
+        "#num!",
+        "#null!",
+    }
 )
 """The words for a reading that failed, in small letters; they are missing, and are counted."""
 

@@ -39,7 +39,8 @@ def csv_of_workbook(content: bytes, sheet: str | None = None) -> bytes:
         raise RecordingError(f"is a damaged Excel workbook ({type(error).__name__})") from None
     if sheet is not None and sheet not in names:
         raise RecordingError(
-            f"sheet: expected one of {', '.join(names)}, got {sheet!r}{did_you_mean([sheet], names)}"
+            f"sheet: expected one of {', '.join(names)}, got {sheet!r}"
+            f"{did_you_mean([sheet], names)}"
         )
     width = max((len(row) for row in rows), default=0)
     if sheet is None and len(names) > 1 and (width < 2 or len(rows) < 3):

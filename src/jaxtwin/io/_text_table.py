@@ -46,9 +46,7 @@ class TextTable:
     titles_at: int
 
 
-def table_of_text(
-    text: str, header: int | None = None, wanted: Collection[str] = ()
-) -> TextTable:
+def table_of_text(text: str, header: int | None = None, wanted: Collection[str] = ()) -> TextTable:
     """The table in the text of a file.
 
     **Arguments:**

@@ -39,7 +39,7 @@ _SLASHED = re.compile(rf"(\d{{1,4}})[/-](\d{{1,2}})[/-](\d{{1,4}})[ T,]+{_CLOCK}
 _NAMED = re.compile(rf"(\d{{1,2}})[ .-]+([A-Za-z]{{3}})[a-z]*[ .-]+(\d{{4}})[ ,T]+{_CLOCK}")
 _AMERICAN = re.compile(rf"([A-Za-z]{{3}})[a-z]*\.? +(\d{{1,2}}),? +(\d{{4}})[ ,]+{_CLOCK}")
 _DATE = re.compile(r"\d{1,4}([./-])(\d{1,2}|[A-Za-z]{3,9})\1\d{1,4}")
-_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec".split()
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 _ELAPSED = re.compile(
     r"(?:(\d+) ?d(?:ays?)?[ ,]+)?(\d+):(\d\d):(\d\d)(?:[.,:](\d+))?\s*([AaPp]\.?[Mm]\.?)?"
 )
