@@ -1,4 +1,4 @@
-"""A rig of one heater and one body, as a user writes it: without a driver, and so without counts."""
+"""A rig of one heater and one body, without a driver, and so without counts."""
 
 import tomllib
 from pathlib import Path

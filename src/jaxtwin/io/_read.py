@@ -34,7 +34,7 @@ def read_recording(
     columns: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
     scale: Mapping[str, str] | None = None,
-    duty: float | None = None,
+    duty: float | int | None = None,
     header: int | None = None,
     sheet: str | None = None,
     spread: bool = False,

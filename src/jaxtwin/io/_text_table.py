@@ -71,7 +71,15 @@ def table_of_text(text: str, header: int | None = None, wanted: Collection[str] 
         raise RecordingError(EMPTY)
     separator = _separator(lines[first])
     names = _fields(lines[first], separator)
-    if any(_names_time(name) for name in names) or (wanted and {*wanted} <= {*names}):
+    by_title = {title for title in wanted if not title.isdigit()}
+    if by_title and not by_title <= {*names}:
+        place = _with_titles(lines, by_title)
+        if place is not None:
+            return _below(text, place[1], place[0] + 1)
+    elif by_title:
+        return _below(text, separator, first + 1)
+    # `Time,14:03:20` of a preamble is no line of titles.
+    if any(map(_names_time, names)) and not any(map(is_time, names)):
         return _below(text, separator, first + 1)
     if _is_data(_fields(lines[first], _separator_of_numbers(lines[first]))):
         return _below_note(text, lines, first)
@@ -148,6 +156,15 @@ def _units(fields: Sequence[str]) -> list[str]:
     # A row of `1` and `-` is one of numbers and missing samples.
     named = [text for text in texts if text and not is_value(text)]
     return texts if named and all(are_units) else []
+
+
+def _with_titles(lines: Sequence[str], titles: set[str]) -> tuple[int, str] | None:
+    """The place of the first line that holds all of these titles, and its separator."""
+    for place, line in enumerate(islice(lines, PREAMBLE)):
+        for separator in (*SEPARATORS, " "):
+            if titles <= {*_fields(line, separator)}:
+                return place, separator
+    return None
 
 
 def _above_numbers(lines: Sequence[str]) -> tuple[int, str] | None:
