@@ -255,3 +255,11 @@ def test_samples_of_one_second_are_spread_if_it_is_asked_for(read):
     run = read(text, spread=True)
     np.testing.assert_allclose(run.time, [0, 0.5, 1, 1 + 15 / 3, 1 + 30 / 3, 30])
     assert run.notes == ("time: spread evenly, 3 of 6 samples had the time before",)
+
+
+@pytest.mark.parametrize("gap", [",", " "])
+def test_a_note_of_titles_may_be_named_by_its_line(read, gap):
+    text = "# bench 7\n# time_s,duty_P1,T1_degC\n# 12 V\n".replace(",", gap) + ROWS.replace(
+        ",", gap
+    )
+    assert read(text, header=2) == EXPECTED

@@ -38,7 +38,7 @@ ROWS = 10_000
 STAMP = 1e6
 """Units of a time stamp in a second."""
 
-ROOM, NEAR_ROOM = 20.0, 30.0
+ROOM, NEAR_ROOM = 20.0, 20.0
 """Where a recording of a rig in a room begins, and how far from there at most: degC, K. Readings
 that begin there in kelvin, and never fall below what a room can be, are probably in kelvin."""
 
@@ -263,11 +263,12 @@ def _check_celsius(temperatures: dict[str, Column]) -> None:
             continue
         lowest, first = float(there.min()), float(np.median(there[:5]))
         is_near = abs(first - ZERO_CELSIUS - ROOM) < NEAR_ROOM
-        if is_near and lowest > ZERO_CELSIUS + ROOM - 2 * NEAR_ROOM:
+        if is_near and lowest > ZERO_CELSIUS - NEAR_ROOM:
             raise RecordingError(
                 f"column {column.title}: expected degC, got {first:.4g} at the start and nothing "
                 f"below {lowest:.4g}; in K, that is {first - ZERO_CELSIUS:.4g} degC: a column of "
-                f"kelvin is called {column.name}_K"
+                f"kelvin is called {column.name}_K; of a rig that is so hot, record the room too, "
+                "ambient_degC"
             )
 
 

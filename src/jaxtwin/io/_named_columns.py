@@ -48,6 +48,9 @@ QUANTITIES: dict[Kind, str] = {
 DEFAULT_UNITS: dict[Kind, str] = {"duty": "1", "pwm": "counts", "temperature": "degC"}
 """The unit of a column that a reader has named, where neither title nor name states one."""
 
+_WRITTEN = re.compile(r"(.+)_(degC|K)")
+"""The title of a channel in a file of this program."""
+
 _OF_NAMES = frozenset({"s", "h", "d", "min"})
 """Last words that are parts of a name, unless the column is one of times."""
 
@@ -229,6 +232,8 @@ def _kind(name: str) -> Kind:
 
 def _of_title(title: str, choices: Choices) -> Meaning:
     """What a title without a name is read as."""
+    if written := _WRITTEN.fullmatch(title):  # whatever the channel is called
+        return _scaled(Meaning(title, "temperature", written[1], UNITS[written[2]]), choices)
     whole = choices.own.get(title, title)
     if (kind := _kind(whole)) in ("time", "own time"):
         return Meaning(title, kind, title)

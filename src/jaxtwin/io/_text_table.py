@@ -132,9 +132,11 @@ def _below(text: str, separator: str, line: int) -> TextTable:
     """The table whose titles are in a line, counted from 1. Notes below them are skipped up to the
     first row."""
     rows = [row for row in _rows(text, separator) if row[0] >= line]
-    while rows and rows[0][0] == line and _is_note(rows[0][1][0]):
+    if rows and rows[0][0] == line and _is_note(rows[0][1][0]):
         # The reader has said that this note holds the titles.
-        rows[0] = (line, [re.sub(r"^[#%]+\s*", "", rows[0][1][0]), *rows[0][1][1:]])
+        first, *others = rows[0][1]
+        first = re.sub(r"^[#%]+\s*", "", first)
+        rows[0] = (line, [first, *others] if first else others)
     if not rows:
         raise RecordingError(EMPTY)
     (at, titles), *rows = rows
@@ -161,6 +163,8 @@ def _units(fields: Sequence[str]) -> list[str]:
 def _with_titles(lines: Sequence[str], titles: set[str]) -> tuple[int, str] | None:
     """The place of the first line that holds all of these titles, and its separator."""
     for place, line in enumerate(islice(lines, PREAMBLE)):
+        if _is_note(line):
+            continue
         for separator in (*SEPARATORS, " "):
             if titles <= {*_fields(line, separator)}:
                 return place, separator

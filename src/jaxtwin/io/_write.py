@@ -21,7 +21,8 @@ def write_recording(
 ) -> Path:
     """Writes an experiment as .csv or netCDF (.nc), as the ending of the path says.
 
-    `read_recording` reads back an equal experiment, with every number equal to the last bit. Name
+    `read_recording` reads back an equal experiment, with every number equal to the last bit; in
+    .csv, readings that are codes of sensors become missing. Name
     and group are not kept: a recording has the name of its file, and no group.
 
     **Arguments:**
