@@ -65,7 +65,7 @@ def table_of_text(text: str, header: int | None = None, wanted: Collection[str] 
             raise RecordingError(
                 f"header: expected the number of a line, 1 to {len(lines)}, got {header}"
             )
-        return _below(text, _separator(lines[header - 1]), header)
+        return _below(text, _separator_of_numbers(lines[header - 1]), header)
     first = next((k for k, line in enumerate(lines) if line.strip() and not _is_note(line)), None)
     if first is None:
         raise RecordingError(EMPTY)
