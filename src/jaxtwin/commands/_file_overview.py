@@ -7,9 +7,9 @@ that states it, and never used to write a recording.
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..io import Experiment
     from ..io._text_table import TextTable
     from ..rig import Rig
+    from ._import_recording import Reading
 
 TIME_WORDS = r"time|elapsed|x_value|zeit|clock|date|(^|[\W_])t$|second|stamp"
 DUTY_WORDS = r"heat|duty|pwm|relay|ssr|power|output|switch|drive|control|volt|current|cool|peltier"
@@ -34,36 +35,7 @@ JUMP = 5.0
 """How far a single reading must be from those around it to be shown, K."""
 
 
-@final
-@dataclass(frozen=True)
-class Reading:
-    """How a file is read: arguments of `read_recording`, which options of the command give."""
-
-    columns: dict[str, str] = field(default_factory=dict)
-    ignore: tuple[str, ...] = ()
-    scale: dict[str, str] = field(default_factory=dict)
-    duty: float | None = None
-    header: int | None = None
-    sheet: str | None = None
-    spread: bool = False
-
-    def words(self) -> list[str]:
-        """The options of a command line."""
-        words = [w for t, n in self.columns.items() for w in ("--column", f"{t}={n}")]
-        words += [w for n, s in self.scale.items() for w in ("--scale", f"{n}={s}")]
-        words += [w for title in self.ignore for w in ("--ignore", title)]
-        words += [] if self.duty is None else ["--duty", f"{self.duty:g}"]
-        if self.header is not None:
-            words += ["--header-line", str(self.header)] if self.header else ["--no-header"]
-        words += [] if self.sheet is None else ["--sheet", self.sheet]
-        return words + ["--spread"] * self.spread
-
-    def arguments(self) -> dict[str, Any]:
-        """The arguments of `read_recording`."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
-
-
-def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: Reading) -> str:
+def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: "Reading") -> str:
     """What a file holds and the command that would read it, in lines for a person.
 
     **Raises:** `RecordingError` if it holds no table.
@@ -120,7 +92,7 @@ def _is_value(text: str) -> bool:
     return is_value(text)
 
 
-def _guess(table: "TextTable", rig: "Rig | None", given: Reading) -> tuple[list[str], Reading]:
+def _guess(table: "TextTable", rig: "Rig | None", given: "Reading") -> "tuple[list[str], Reading]":
     """The role of each column in words, and the arguments that read the file so."""
     columns, scale, roles = dict(given.columns), dict(given.scale), []
     names = _Names(rig, [*columns.values()])
@@ -223,7 +195,7 @@ class _Names:
         return name
 
 
-def _known(table: "TextTable", place: int, rig: "Rig | None", given: Reading) -> str | None:
+def _known(table: "TextTable", place: int, rig: "Rig | None", given: "Reading") -> str | None:
     """What a column is read as by its title or the given name; None if it would be refused."""
     from .._errors import RecordingError
     from ..io._named_columns import Choices, meanings

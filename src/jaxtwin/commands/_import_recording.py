@@ -3,19 +3,47 @@
 import hashlib
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import typer
 
-from ._file_overview import Reading, overview
 from ._options import JsonOption, OverwriteOption
 from ._output import aligned, check_json, check_new_output, say, write_json
 
 if TYPE_CHECKING:
     from ..io import Experiment
     from ..rig import Rig
+
+
+@final
+@dataclass(frozen=True)
+class Reading:
+    """How a file is read: arguments of `read_recording`, which options of the command give."""
+
+    columns: dict[str, str] = field(default_factory=dict)
+    ignore: tuple[str, ...] = ()
+    scale: dict[str, str] = field(default_factory=dict)
+    duty: float | None = None
+    header: int | None = None
+    sheet: str | None = None
+    spread: bool = False
+
+    def words(self) -> list[str]:
+        """The options of a command line."""
+        words = [w for t, n in self.columns.items() for w in ("--column", f"{t}={n}")]
+        words += [w for n, s in self.scale.items() for w in ("--scale", f"{n}={s}")]
+        words += [w for title in self.ignore for w in ("--ignore", title)]
+        words += [] if self.duty is None else ["--duty", f"{self.duty:g}"]
+        if self.header is not None:
+            words += ["--header-line", str(self.header)] if self.header else ["--no-header"]
+        words += [] if self.sheet is None else ["--sheet", self.sheet]
+        return words + ["--spread"] * self.spread
+
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of `read_recording`."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 def import_recording(
@@ -93,6 +121,8 @@ def import_recording(
     )
     of_rig = None if rig is None else load_rig(rig)
     if out is None:
+        from ._file_overview import overview
+
         say(overview(file, of_rig, rig, reading))
         return
     if rig is None or of_rig is None:

@@ -61,8 +61,8 @@ def csv_of_parquet(content: bytes) -> bytes:
     except ImportError:
         raise RecordingError(f"is a Parquet file; reading it needs {EXTRA}") from None
     try:
-        # In one thread: pyarrow's pool may abort a process that ends right after the reading.
-        table = parquet.read_table(io.BytesIO(content), use_threads=False, pre_buffer=False)
+        # Not `read_table`, whose threads may abort a process that ends right after the reading.
+        table = parquet.ParquetFile(io.BytesIO(content), pre_buffer=False).read(use_threads=False)
         columns = {name: table.column(name).to_pylist() for name in table.column_names}
     except Exception as error:
         raise RecordingError(f"is a damaged Parquet file ({type(error).__name__})") from None
