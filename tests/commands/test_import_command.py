@@ -1,5 +1,6 @@
 """`jaxtwin import`: the file of a logger, checked against a rig and written as a recording."""
 
+import contextlib
 import hashlib
 import json
 import shlex
@@ -8,9 +9,13 @@ import numpy as np
 import pytest
 import xarray
 from heated_block import heated_block_file
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import jaxtwin as jt
 from jaxtwin.cli import run
+from jaxtwin.commands._file_overview import overview
+from jaxtwin.commands._import_recording import Reading
 
 LOGGED = """clock,t,room,heater_on,fan_on,elapsed
 1611326938720290000,21.312,20.5,False,True,2.6
@@ -96,7 +101,7 @@ def test_without_further_words_it_shows_the_file_and_the_command(tmp_path, block
     assert run(["import", "log.csv", "--rig", block]) == 0
     told = capsys.readouterr().out
     assert "7 rows of 6 columns, separated by semicolons, titles in line 3" in told
-    for shown in ("time_s (guess)", "duty_P1 (guess)", "T (guess)", "ambient (guess)"):
+    for shown in ("time_min (guess)", "duty_P1 (guess)", "T (guess)", "ambient (guess)"):
         assert shown in told
     assert told.count("left out (guess)") == 2
     assert "7 samples in 540 s, every 60 s (60 to 240 s), gaps: 1" in told
@@ -167,3 +172,27 @@ def test_commands_say_what_was_done_to_a_recording(tmp_path, capsys, block):
     )
     assert run(["simulate", block, "--recording", "run.csv", "--out", "out.csv"]) == 0
     assert "run.csv: T_degC: missing in 1 of 4 samples, codes: 9.9e37" in capsys.readouterr().err
+
+
+@given(
+    st.lists(
+        st.lists(
+            st.sampled_from(
+                [
+                    *("time", "time_s", "T (F)", "heater", "", "1", "2.5", "-127", "on", "off"),
+                    *("2024-03-05 14:03:20", "14:03:21", "(s)", "# a", "entity_id", "state", "x"),
+                ]
+            ),
+            min_size=1,
+            max_size=4,
+        ),
+        max_size=7,
+    ),
+    st.sampled_from([",", ";", "\t", " "]),
+)
+@settings(max_examples=150, deadline=None)
+def test_no_file_is_answered_with_a_traceback(tmp_path_factory, rows, gap):
+    file = tmp_path_factory.mktemp("files") / "log.csv"
+    file.write_text("\n".join(gap.join(row) for row in rows))
+    with contextlib.suppress(jt.RecordingError):
+        assert "jaxtwin import" in overview(file, None, None, Reading())

@@ -156,6 +156,9 @@ def test_a_letter_that_may_be_a_unit_or_a_name_is_asked_for(tmp_path_factory, fo
         ("duty_P1 [-]", "duty_P1", "1"),
         ("T (1)", "T", "1"),
         ("heater on/off", "heater", "1"),
+        ("ms", "", "ms"),
+        ("°F", "", "degF"),
+        ("1", "1", None),
         ("T_amb", "T_amb", None),
         ("Date/Time", "Date/Time", None),
         ("P_MW", "P_MW", None),  # a megawatt is no milliwatt
@@ -284,3 +287,37 @@ def test_kelvin_that_says_degC_is_refused_without_the_temperature_of_the_room(tm
     run = _read(tmp_path_factory, ["time_s", "duty_P1", "T1_degC"], oven)
     assert run.temperatures is not None
     assert run.temperatures[0, 0] == 293.5
+
+
+@pytest.mark.parametrize(
+    ("titles", "names"),
+    [
+        (["ms", "%", "°F"], ["time_s", "duty_P1", "T1"]),
+        (["t/ms", "u/%", "T/°F"], ["time", "duty_P1", "T1"]),
+        (["1", "2", "3"], ["time_ms", "duty_P1_%", "T1_degF"]),  # of a file without titles
+        (["a", "b", "c"], ["time_ms", "duty_P1 [%]", "T1 (°F)"]),
+    ],
+)
+def test_a_unit_may_be_the_whole_title_or_in_the_name_alone(tmp_path_factory, titles, names):
+    numbers = [[0.0, 500.0, 1000.0], [0.0, 50.0, 100.0], [68.0, 70.7, 71.6]]
+    columns = dict(zip(titles, names, strict=True))
+    run = _read(tmp_path_factory, titles, numbers, columns=columns)
+    assert run.time.tolist() == [0, 0.5, 1]
+    assert run.duty[:, 0].tolist() == [0, 0.5, 1]
+    assert run.temperatures is not None
+    np.testing.assert_allclose(run.temperatures[:, 0], [20, 21.5, 22])
+
+
+@pytest.mark.parametrize(("title", "name"), [("F", "T1"), ("A", "T1"), ("W", "duty_P1")])
+def test_a_title_of_a_letter_is_asked_for(tmp_path_factory, title, name):
+    numbers = [[0.0, 1.0], [0.0, 0.5], [20.0, 21.0]]
+    other = "duty_P1" if name == "T1" else "T1_degC"
+    titles = ["time_s", *((other, title) if name == "T1" else (title, other))]
+    with pytest.raises(RecordingError, match=f"column {title}: expected a unit"):
+        _read(tmp_path_factory, titles, numbers, columns={title: name})
+    _read(
+        tmp_path_factory,
+        titles,
+        numbers,
+        columns={title: "T1_degC" if name == "T1" else "duty_P1 [-]"},
+    )

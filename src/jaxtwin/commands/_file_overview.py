@@ -21,12 +21,18 @@ if TYPE_CHECKING:
     from ..rig import Rig
     from ._import_recording import Reading
 
-TIME_WORDS = r"time|elapsed|x_value|zeit|clock|date|(^|[\W_])t$|second|stamp"
-DUTY_WORDS = r"heat|duty|pwm|relay|ssr|power|output|switch|drive|control|volt|current|cool|peltier"
+TIME_WORDS = r"time|elapsed|x_value|zeit|clock|date|second|stamp|created"
+DUTY_WORDS = (
+    r"heat|heiz|duty|pwm|relay|ssr|power|output|switch|drive|control|volt|current|cool|peltier"
+    r"|(^|[\W_])(out|u)$"
+)
 ROOM_WORDS = r"room|amb|outside|outdoor|indoor|raum|umgebung|environ|luft|air"
 TEMPERATURE_WORDS = r"temp|(^|[\W_])t\d*$|therm|(^|[\W_])tc\d*|sensor|probe|ntc|pt\d+|bed|tank|oven"
 REFERENCE_WORDS = r"set[ _-]?p|target|soll|reference|ziel|limit|max|min"
 """Words in titles by which a role is guessed."""
+
+NO_WORDS = r"(field|ch|channel|value|col|column|data|ai|var|y)?[ _]?\d*"
+"""Titles that say nothing, whose columns are guessed by their values."""
 
 SHOWN_ROWS = 3
 """The number of rows that are shown."""
@@ -45,11 +51,12 @@ def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: "Readin
     from ..io._delimited import text_table
     from ..io._named_columns import Choices
     from ..io._read import table_content
+    from ..io._text_table import is_data
 
     try:
         content = table_content(file, given.sheet)
         table = text_table(content, Choices(given.columns), given.header)
-        if given.header is None and all(map(_is_value, filter(None, table.titles))):
+        if given.header is None and is_data(table.titles):
             given = replace(given, header=0)
             table = text_table(content, Choices(given.columns), 0)
     except RecordingError as error:
@@ -86,18 +93,15 @@ def _form(file: Path, table: "TextTable") -> str:
     return f", separated by {names[table.separator]}, {where}"
 
 
-def _is_value(text: str) -> bool:
-    from ..io._text_table import is_value
-
-    return is_value(text)
-
-
 def _guess(table: "TextTable", rig: "Rig | None", given: "Reading") -> "tuple[list[str], Reading]":
     """The role of each column in words, and the arguments that read the file so."""
     columns, scale, roles = dict(given.columns), dict(given.scale), []
     names = _Names(rig, [*columns.values()])
     kinds = [_Numbers(table, place) for place in range(len(table.titles))]
-    known = [_known(table, place, rig, given) for place in range(len(table.titles))]
+    known = [
+        _known(table, place, rig, given) if numbers.are_read else None
+        for place, numbers in enumerate(kinds)
+    ]
     has_time = any(text is not None and text.startswith("time") for text in known)
     for text in filter(None, known):
         names.take(text)
@@ -111,7 +115,7 @@ def _guess(table: "TextTable", rig: "Rig | None", given: "Reading") -> "tuple[li
         guessed = _role(table, place, numbers, has_time)
         if guessed == "time":
             has_time = True
-            columns[key] = "time" if numbers.in_words else "time_s"
+            columns[key] = "time" if numbers.in_words else f"time_{numbers.unit or 's'}"
         elif guessed == "duty":
             name = names.next_drive()
             columns[key] = name
@@ -142,8 +146,9 @@ class _Numbers:
 
     def __init__(self, table: "TextTable", place: int):
         from ..io._delimited import TRUTH
+        from ..io._named_columns import in_english
         from ..io._sentinels import is_missing
-        from ..io._timestamps import is_time
+        from ..io._timestamps import is_time, is_timestamp_title
         from ..io._title_units import unit_of_title
 
         fields = [row[place] for _, row in table.rows if len(row) > place]
@@ -155,11 +160,13 @@ class _Numbers:
         self.in_words = bool(filled) and all(map(is_time, filled))
         self.in_words |= self.is_numeric and bool(self.values.min(initial=0) > 1e8)
         self.largest = float(np.abs(self.values).max(initial=0.0))
-        unit = table.units[place] if table.units else ""
-        title = f"{table.titles[place]} ({unit})" if unit else table.titles[place]
-        found = unit_of_title(title).unit
-        self.quantity = "" if found is None else found.quantity
-        self.unit = "" if found is None else found.symbol
+        below = table.units[place] if table.units else ""
+        title = f"{table.titles[place]} ({below})" if below else table.titles[place]
+        unit = unit_of_title(title).unit
+        self.quantity = "" if unit is None else unit.quantity
+        self.unit = "" if unit is None else unit.symbol
+        # A column `time` of numbers that are no time since 1970 needs a unit.
+        self.are_read = not (is_timestamp_title(in_english(title)) and not self.in_words)
         self.increases = self.is_numeric and bool(np.all(np.diff(self.values) >= 0))
 
 
@@ -218,11 +225,11 @@ def _role(table: "TextTable", place: int, numbers: _Numbers, has_time: bool) -> 
     def says(words: str) -> bool:
         return re.search(words, title) is not None
 
-    untitled = not table.titles_at or not title
-    if not has_time and (
-        numbers.in_words
-        or (numbers.increases and (says(TIME_WORDS) or numbers.quantity == "time" or untitled))
-    ):
+    untitled = not table.titles_at or re.fullmatch(NO_WORDS, title) is not None
+    may_be_time = (
+        says(TIME_WORDS) or numbers.quantity == "time" or untitled or table.titles[place] == "t"
+    )
+    if not has_time and (numbers.in_words or (numbers.increases and may_be_time)):
         return "time"
     if says(REFERENCE_WORDS) or not (numbers.is_numeric or numbers.is_truth) or numbers.in_words:
         return "none"
@@ -234,7 +241,7 @@ def _role(table: "TextTable", place: int, numbers: _Numbers, has_time: bool) -> 
         return "ambient"
     if numbers.quantity == "temperature" or says(TEMPERATURE_WORDS):
         return "temperature"
-    if untitled and table.titles[place]:
+    if untitled and title:
         return "duty" if numbers.largest <= 1 else "temperature"
     return "none"
 

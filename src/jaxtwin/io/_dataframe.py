@@ -121,8 +121,8 @@ def _column(meaning: Meaning, values: Float[np.ndarray, " samples"], rows: list[
 
 
 def _seconds(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:
-    """Converts times to seconds: numbers are in seconds, and time stamps are counted from the first
-    of them."""
+    """Converts times to seconds: numbers are in the unit of their title, or in seconds, and time
+    stamps are counted from the first of them."""
     import pandas
 
     if series.isna().any():
@@ -137,7 +137,9 @@ def _seconds(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples
             f"column {title}: expected seconds, durations (timedelta) or time stamps (datetime), "
             f"got {series.dtype}; pandas.to_datetime makes time stamps of text"
         )
-    return _numbers(series, title)
+    (meaning,) = meanings([title], Choices({title: "time"}))
+    assert meaning is not None, "nothing is left out"
+    return in_unit(meaning, _numbers(series, title))
 
 
 def _numbers(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:

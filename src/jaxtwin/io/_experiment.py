@@ -181,11 +181,12 @@ class Experiment:
 
         **Arguments:**
 
-        - `frame`: a row for each sample. A missing temperature is NaN, None or NA.
+        - `frame`: a row for each sample. A missing temperature is NaN, None or NA, or the code of a
+          sensor; a missing duty is the last one.
         - `time`: the column of the times. By default the index if it holds durations or time
             stamps, otherwise a column of these or `time_s`, otherwise the index, in s, unless it
-            only numbers the rows. Times are numbers in s, durations (timedelta) or time stamps
-            (datetime), counted from the first.
+            only numbers the rows. Times are numbers in s or in the unit of their title, durations
+            (timedelta) or time stamps (datetime), counted from the first.
         - `counts`, `polarity`: those of `pwm_P1`, as in `read_recording`.
         - `name`: as in `Experiment`.
 

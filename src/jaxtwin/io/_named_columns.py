@@ -149,7 +149,7 @@ def meanings(
         if place in placed:
             result.append(_of_name(whole, placed[place], choices)._replace(title=title))
             continue
-        meaning = _of_title(_in_english(whole), choices)._replace(title=title)
+        meaning = _of_title(in_english(whole), choices)._replace(title=title)
         refused = meaning.kind == "unknown" or not choices.is_of_rig(meaning)
         patterns = [p for p in choices.ignore if p != "*" or refused]
         # A blank title is read as an index where it is one; `*` leaves out what is none.
@@ -236,7 +236,7 @@ def _of_title(title: str, choices: Choices) -> Meaning:
         return _scaled(Meaning(title, "temperature", written[1], UNITS[written[2]]), choices)
     whole = choices.own.get(title, title)
     if (kind := _kind(whole)) in ("time", "own time"):
-        return Meaning(title, kind, title)
+        return Meaning(title, kind, "time" if kind == "time" else title)
     if kind != "temperature":  # the last letter of `input_a` is no unit
         return _of_name(title, whole, choices, TitleUnit(title))
     parts = unit_of_title(title)
@@ -403,7 +403,7 @@ def _scaled(meaning: Meaning, choices: Choices) -> Meaning:
     return meaning._replace(unit=after, scale=float(factor) * per)
 
 
-def _in_english(title: str) -> str:
+def in_english(title: str) -> str:
     """A title whose first word is German, by its English name; others as they are."""
     word = re.match(r"[A-Za-zÄÖÜäöüß]+(?:/[A-Za-z]+)?", title)
     if word is None or word[0].lower() not in WORDS:

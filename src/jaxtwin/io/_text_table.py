@@ -81,7 +81,7 @@ def table_of_text(text: str, header: int | None = None, wanted: Collection[str] 
     # `Time,14:03:20` of a preamble is no line of titles.
     if any(map(_names_time, names)) and not any(map(is_time, names)):
         return _below(text, separator, first + 1)
-    if _is_data(_fields(lines[first], _separator_of_numbers(lines[first]))):
+    if is_data(_fields(lines[first], _separator_of_numbers(lines[first]))):
         return _below_note(text, lines, first)
     place, separator = _above_numbers(lines) or (first, separator)
     return _below(text, separator, place + 1)
@@ -181,7 +181,7 @@ def _above_numbers(lines: Sequence[str]) -> tuple[int, str] | None:
         for place, fields in enumerate([*rows, []]):
             if count and not any(fields) and place < len(rows):
                 continue  # a blank line ends no block
-            if len(fields) > 1 and _is_data(fields) and (not count or len(fields) == width):
+            if len(fields) > 1 and is_data(fields) and (not count or len(fields) == width):
                 start, width = (start, width) if count else (place, len(fields))
                 count += 1
                 continue
@@ -191,7 +191,7 @@ def _above_numbers(lines: Sequence[str]) -> tuple[int, str] | None:
                 if above is not None and (best is None or score > best[:2]):
                     best = (*score, above, separator)
             start, count = place, 0
-            if len(fields) > 1 and _is_data(fields):
+            if len(fields) > 1 and is_data(fields):
                 count, width = 1, len(fields)
     return None if best is None else (best[2], best[3])
 
@@ -204,10 +204,10 @@ def _title_above(rows: Sequence[Sequence[str]], start: int, width: int) -> int |
     if not above or abs(len(rows[above[-1]]) - width) > 1:
         return None
     names = [name for name in rows[above[-1]] if name]
-    return above[-1] if len(names) > 1 and not _is_data(rows[above[-1]]) else None
+    return above[-1] if len(names) > 1 and not is_data(rows[above[-1]]) else None
 
 
-def _is_data(fields: Sequence[str]) -> bool:
+def is_data(fields: Sequence[str]) -> bool:
     """Whether a line begins with a number or a time and holds no text but some words."""
     filled = [field for field in fields if field]
     values = [field for field in filled if is_value(field)]

@@ -188,7 +188,8 @@ def _timestamp(field: str) -> datetime | None:
         return _stamp(day, month, year, *clock) if len(year) == 4 else None
     try:
         # A day alone is no time of a sample.
-        return datetime.fromisoformat(field.replace(",", ".")) if ":" in field else None
+        text = re.sub(r" ?(UTC|GMT)$", "Z", field).replace(",", ".")
+        return datetime.fromisoformat(text) if ":" in field else None
     except ValueError:
         return None
 

@@ -4,7 +4,8 @@ A unit is read where people and loggers write it:
 
 - in brackets, `T1 [°C]`, `T1 (degF)`, or behind a slash, `T1/K`. These are explicit: nothing else
   can be meant.
-- as the last word, `T1_degF`, `bed_kelvin`, `Elapsed ms`, `P_W`; or without a gap, `T1°F`, `tempF`.
+- as the last word, `T1_degF`, `bed_kelvin`, `Elapsed ms`, `P_W`; or without a gap, `T1°F`, `tempF`;
+  or as the whole title, `ms`.
 
 A letter alone (`zone_F`, `Sensor K`) may be a unit or a name. It is taken for a unit behind a word
 for a temperature; elsewhere `is_sure` is False, and whoever reads the column has to say which.
@@ -134,6 +135,9 @@ def unit_of_title(title: str) -> TitleUnit:
 
 
 def _without_brackets(title: str) -> Iterator[TitleUnit]:
+    whole = unit_called(title)
+    if whole is not None and whole.symbol != "1":
+        yield TitleUnit("", whole, title, is_sure=title.lower() not in _LETTERS)
     slash = _SLASH.fullmatch(title)
     if slash and (unit := unit_called(slash[2])) is not None:
         yield TitleUnit(slash[1], unit, slash[2], is_explicit=True)
