@@ -1,12 +1,21 @@
 """`jaxtwin import`: the file of a logger, checked against a rig and written as a recording."""
 
+import contextlib
+import hashlib
 import json
+import shlex
 
 import numpy as np
 import pytest
+import xarray
+from heated_block import heated_block_file
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import jaxtwin as jt
 from jaxtwin.cli import run
+from jaxtwin.commands._file_overview import overview
+from jaxtwin.commands._import_recording import Reading
 
 LOGGED = """clock,t,room,heater_on,fan_on,elapsed
 1611326938720290000,21.312,20.5,False,True,2.6
@@ -74,3 +83,116 @@ def test_an_existing_file_is_kept(tmp_path, capsys):
     assert imported("--ignore", "*") == 2
     assert "add --overwrite" in capsys.readouterr().err
     assert (tmp_path / "clean.csv").read_text() == "mine"
+
+
+@pytest.fixture
+def block(tmp_path):
+    return str(heated_block_file(tmp_path))
+
+
+def test_without_further_words_it_shows_the_file_and_the_command(tmp_path, block, capsys):
+    """The command that it shows is one that reads the file, and nothing is written before."""
+    (tmp_path / "log.csv").write_text(
+        "Bench 7\n\nElapsed [min];Heizung %;bed (F);Room (C);Set Point (C);note\n"
+        + "".join(f"{k};{50 * (k % 2)};{70 + k};20;25;x\n" for k in range(6))
+        + "9;0;185;20;25;x\n"
+    )
+    before = sorted(tmp_path.iterdir())
+    assert run(["import", "log.csv", "--rig", block]) == 0
+    told = capsys.readouterr().out
+    assert "7 rows of 6 columns, separated by semicolons, titles in line 3" in told
+    for shown in ("time_min (guess)", "duty_P1 (guess)", "T (guess)", "ambient (guess)"):
+        assert shown in told
+    assert told.count("left out (guess)") == 2
+    assert "7 samples in 540 s, every 60 s (60 to 240 s), gaps: 1" in told
+    assert "nothing from 300 s to 540 s" in told
+    assert "missing in 1 of 7 samples, codes: 185 (1)" in told  # 85 degC
+    assert sorted(tmp_path.iterdir()) == before
+    command = shlex.split(told.splitlines()[-1].replace("RECORDING.csv", "clean.csv"))
+    assert run(command[1:]) == 0
+    clean = jt.read_recording("clean.csv")
+    assert clean.duty[:, 0].tolist() == [0, 0.5, 0, 0.5, 0, 0.5, 0]
+    np.testing.assert_allclose(clean.temperatures[:6, 0], (np.arange(6) + 38) / 1.8)  # pyright: ignore[reportOptionalSubscript]
+
+
+def test_a_glitch_is_shown(tmp_path, capsys):
+    readings = [20, 20, 20, 31, 20, 20.5]
+    rows = "".join(f"{k},0,{t}\n" for k, t in enumerate(readings))
+    (tmp_path / "log.csv").write_text("time_s,duty_P1,T1_degC\n" + rows)
+    assert run(["import", "log.csv"]) == 0
+    assert "T1: 31 degC at 3 s, far from the readings around it" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["", "x", "a,b\n", "1,2\n", "a\n1\n2\n", ",,\n1,,\n2,,\n"])
+def test_a_file_without_a_recording_is_no_traceback(text, tmp_path, capsys):
+    (tmp_path / "log.csv").write_text(text)
+    assert run(["import", "log.csv"]) in (0, 2)
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_what_was_done_is_written_into_the_file(tmp_path, block):
+    (tmp_path / "log.csv").write_text(
+        "P_W,temp_f,clock\n0,70,0:00:00\n,-196.6,0:00:01\n30,71,0:00:02\n"
+    )
+    columns = ["P_W=duty_P1", "temp_f=T", "clock=time"]
+    words = [word for column in columns for word in ("--column", column)]
+    command = ["import", "log.csv", "--rig", block, *words, "--scale", "duty_P1=1/30 W"]
+    assert run([*command, "--out", "clean.csv"]) == 0
+    notes = [line for line in (tmp_path / "clean.csv").read_text().splitlines() if line[0] == "#"]
+    assert notes[0].startswith("# jaxtwin import log.csv --rig block.toml --column P_W=duty_P1")
+    assert "'duty_P1=1/30 W' --out clean.csv" in notes[0]
+    checksum = hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()
+    assert notes[1] == f"# of log.csv, SHA-256 {checksum}"
+    assert "# T from temp_f, degF 21.11 to 21.67 degC, 1 missing" in notes
+    assert "# P_W: missing in 1 of 3 samples, held" in notes
+    clean = jt.read_recording("clean.csv")
+    assert clean.duty[:, 0].tolist() == [0, 0, 1]
+    assert run([*command, "--out", "clean.nc"]) == 0
+    with xarray.open_dataset("clean.nc", engine="scipy") as dataset:
+        assert "jaxtwin import log.csv" in dataset.attrs["history"]
+    assert jt.read_recording("clean.nc") == clean
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--out", "clean.csv"], "--rig: expected the rig file"),
+        (["--no-header", "--header-line", "3"], "expected one of them, got both"),
+        (["--scale", "duty_P1"], "--scale: expected NAME=FACTOR, got 'duty_P1'"),
+    ],
+)
+def test_options_that_do_not_belong_together(words, expected, capsys):
+    assert run(["import", "box.csv", *words]) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_commands_say_what_was_done_to_a_recording(tmp_path, capsys, block):
+    (tmp_path / "run.csv").write_text(
+        "time_s,duty_P1,T_degC\n0,0,22\n1,1,9.9e37\n2,1,22.1\n3,1,22.4\n"
+    )
+    assert run(["simulate", block, "--recording", "run.csv", "--out", "out.csv"]) == 0
+    assert "run.csv: T_degC: missing in 1 of 4 samples, codes: 9.9e37" in capsys.readouterr().err
+
+
+@given(
+    st.lists(
+        st.lists(
+            st.sampled_from(
+                [
+                    *("time", "time_s", "T (F)", "heater", "", "1", "2.5", "-127", "on", "off"),
+                    *("2024-03-05 14:03:20", "14:03:21", "(s)", "# a", "entity_id", "state", "x"),
+                ]
+            ),
+            min_size=1,
+            max_size=4,
+        ),
+        max_size=7,
+    ),
+    st.sampled_from([",", ";", "\t", " "]),
+)
+@settings(max_examples=150, deadline=None)
+def test_no_file_is_answered_with_a_traceback(tmp_path_factory, rows, gap):
+    file = tmp_path_factory.mktemp("files") / "log.csv"
+    file.write_text("\n".join(gap.join(row) for row in rows))
+    with contextlib.suppress(jt.RecordingError):
+        assert "jaxtwin import" in overview(file, None, None, Reading())

@@ -28,7 +28,7 @@ def contents(draw, fewest: int = 2) -> dict[str, Any]:
     steps = draw(npst.arrays(np.float64, n - 1, elements=st.floats(0.5, 1.4)))
     cells = draw(st.integers(1, 3))
     channels = draw(st.lists(channel_names, max_size=3, unique=True))
-    degC = st.floats(-273.15, 1e4)
+    degC = st.floats(-120, 84)  # elsewhere are codes of sensors, and rooms in kelvin
     room = st.floats(-273.15, 150)
     fields = {
         "time": draw(st.floats(-1e6, 1e6)) + np.concatenate([[0.0], np.cumsum(steps)]),

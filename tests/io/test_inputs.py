@@ -48,7 +48,7 @@ def test_a_column_with_the_name_of_an_input_is_read_with_the_rig(tmp_path):
     experiment = read_recording(path, rig=box())
     assert experiment.inputs["lid"].tolist() == ["closed", "open"]
     assert experiment.inputs["fan"].tolist() == [1.0, 0.0]
-    with pytest.raises(RecordingError, match="column lid"):
+    with pytest.raises(RecordingError, match="got 'lid'"):
         read_recording(path)
     named = read_recording(path, columns={"lid": "input_cover"}, ignore=["fan"])
     assert named.inputs["cover"].tolist() == ["closed", "open"]
@@ -99,7 +99,36 @@ def test_import_says_what_the_columns_of_inputs_hold(tmp_path, monkeypatch, caps
     columns = ["--column", "heater=duty_P1", "--column", "cover=input_lid"]
     assert run(["import", "raw.csv", "--rig", "box.toml", *columns, "--out", "run.csv"]) == 0
     told = " ".join(capsys.readouterr().out.split())
-    assert "input_fan 0 to 1" in told
+    assert "input_fan from fan 0 to 1" in told
     assert "input_lid from cover closed, open" in told
     assert "inputs of box without a column: V_supply, T_water" in told
     assert read_recording("run.csv").inputs["lid"].tolist() == ["closed", "open"]
+
+
+@pytest.mark.parametrize(
+    ("title", "numbers"),
+    [
+        ("Coolant (°F)", [59.0, 68.0]),
+        ("Coolant [K]", [288.15, 293.15]),
+        ("Coolant/degC", [15.0, 20.0]),
+        ("Coolant", [15.0, 20.0]),
+    ],
+)
+def test_an_input_arrives_in_the_unit_of_the_rig_file(tmp_path, title, numbers):
+    path = tmp_path / "box.csv"
+    rows = "".join(f"{k};0.5;20;{number}\n" for k, number in enumerate(numbers))
+    path.write_text(f"time_s;duty_P1;T1_degC;{title}\n{rows}", encoding="utf-8")
+    for name in ("T_water", "input_T_water"):
+        run = read_recording(path, rig=box(), columns={title: name})
+        np.testing.assert_allclose(run.inputs["T_water"], [15, 20], atol=1e-9)
+
+
+def test_an_input_of_another_quantity_is_refused(tmp_path):
+    path = tmp_path / "box.csv"
+    path.write_text("time_s,duty_P1,T1_degC,Supply (mV)\n0,0.5,20,12000\n1,0.5,20,12000\n")
+    run = read_recording(path, rig=box(), columns={"Supply (mV)": "V_supply"})
+    assert run.inputs["V_supply"].tolist() == [12, 12]
+    with pytest.raises(RecordingError, match=r"unit of input_T_water in the rig file, .* got 'mV'"):
+        read_recording(path, rig=box(), columns={"Supply (mV)": "T_water"})
+    with pytest.raises(RecordingError, match="which rig= gives, got 'mV'"):
+        read_recording(path, columns={"Supply (mV)": "input_supply"})

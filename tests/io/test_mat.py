@@ -9,7 +9,7 @@ import pytest
 import scipy.io
 
 from jaxtwin import RecordingError
-from jaxtwin.io import _matlab5, read_recording
+from jaxtwin.io import Experiment, _matlab5, column_names, read_recording
 
 TWO_CELL = "peltierMIMOStepSecA.mat"
 
@@ -217,8 +217,8 @@ def test_a_temperature_that_is_nan_is_missing(write, two_cell_simout):
 @pytest.mark.parametrize(
     ("variables", "said"),
     [
-        ({}, "expected a variable 'simout'"),
-        ({"simouts": np.zeros((9, 11))}, "expected a variable 'simout'"),
+        ({}, "expected variables that are vectors of numbers, got none"),
+        ({"simouts": np.zeros((9, 11))}, "must name the columns, .* got 'simouts_1,simouts_2"),
         ({"simout": np.zeros((9, 5))}, r"expected 11 columns .* got shape \(9, 5\)"),
         ({"simout": np.zeros((11, 40))}, r"shape \(11, 40\)"),
         ({"simout": np.zeros((9, 11, 2))}, r"shape \(9, 11, 2\)"),
@@ -237,10 +237,10 @@ def test_a_variable_that_is_no_recording(write, variables, said):
         read_recording(write(TWO_CELL, mat(**variables)))
 
 
-def test_matlab_7_3_is_named_with_what_to_do(write):
+def test_a_damaged_file_of_matlab_7_3_is_refused(write):
     content = b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(124) + b"\x00\x02IM"
     for text in (content, content.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n"):
-        with pytest.raises(RecordingError, match=r"MATLAB 7.3 \(HDF5\).* save it .* '-v7'"):
+        with pytest.raises(RecordingError, match=r"is a damaged file of MATLAB 7\.3"):
             read_recording(write(TWO_CELL, text))
 
 
@@ -249,3 +249,55 @@ def test_counts_and_polarity_must_make_sense(write, one_cell_simout, counts, pol
     path = write("a.mat", mat(simout=one_cell_simout))
     with pytest.raises(RecordingError, match=r"expected .*, got "):
         read_recording(path, counts=counts, polarity=polarity)
+
+
+VARIABLES = {
+    "t": np.arange(4.0)[:, None],
+    "heater": np.array([[0, 1, 1, 0]], bool),
+    "y_degF": np.array([[68.0, 70.0, 72.0, 68.0]]).T,
+    "probes": np.arange(8.0).reshape(4, 2) + 20,
+    "Ts": np.array([[1.0]]),
+    "title": "bench",
+}
+NAMES = {"t": "time_s", "heater": "duty_P1", "y_degF": "T1", "probes_2": "ambient"}
+
+
+def check_plain(run: Experiment) -> None:
+    assert run.time.tolist() == [0, 1, 2, 3]
+    assert run.duty[:, 0].tolist() == [0, 1, 1, 0]
+    assert run.temperatures is not None
+    np.testing.assert_allclose(run.temperatures[:, 0], [20, 190 / 9, 200 / 9, 20])
+    assert np.asarray(run.ambient).tolist() == [21, 23, 25, 27]
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_variables_of_any_names_are_columns(write, compressed):
+    path = write("run.mat", mat(compressed, **VARIABLES))
+    check_plain(read_recording(path, columns=NAMES, ignore=["probes_1"]))
+    with pytest.raises(RecordingError, match="titles of the file, t, heater, y_degF, probes_1"):
+        read_recording(path, columns={"time": "time_s"})
+
+
+def test_variables_of_matlab_7_3_and_of_a_structure(tmp_path):
+    """HDF5 as MATLAB writes it: matrices transposed, structures as groups, behind a header."""
+    import h5py
+
+    path = tmp_path / "run.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in VARIABLES.items():
+            if not isinstance(values, str):
+                file[name] = values.T.astype(np.float64)
+        file["log/T2"] = np.arange(4.0)[None, :]
+        file["#refs#/a"] = np.arange(4.0)[None, :]
+    content = path.read_bytes()
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + content[128:])
+    check_plain(read_recording(path, columns=NAMES, ignore=["probes_1", "log.T2"]))
+    assert "log.T2" in column_names(path)
+    assert "#refs#.a" not in column_names(path)
+
+
+def test_a_file_of_the_authors_may_be_read_by_names_too(write, one_cell_simout):
+    path = write("run.mat", mat(simout=one_cell_simout))
+    names = {"simout_1": "pwm_P1", "simout_2": "T", "simout_3": "time_s"}
+    named = read_recording(path, columns=names, ignore=["*"], counts=255)
+    assert named == read_recording(path)

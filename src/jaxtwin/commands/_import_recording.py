@@ -1,8 +1,11 @@
 """`jaxtwin import`: the file of a logger as a recording of a rig."""
 
-from collections.abc import Sequence
+import hashlib
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import typer
 
@@ -14,18 +17,52 @@ if TYPE_CHECKING:
     from ..rig import Rig
 
 
+@final
+@dataclass(frozen=True)
+class Reading:
+    """How a file is read: arguments of `read_recording`, which options of the command give."""
+
+    columns: dict[str, str] = field(default_factory=dict)
+    ignore: tuple[str, ...] = ()
+    scale: dict[str, str] = field(default_factory=dict)
+    duty: float | None = None
+    header: int | None = None
+    sheet: str | None = None
+    spread: bool = False
+
+    def words(self) -> list[str]:
+        """The options of a command line."""
+        words = [w for t, n in self.columns.items() for w in ("--column", f"{t}={n}")]
+        words += [w for n, s in self.scale.items() for w in ("--scale", f"{n}={s}")]
+        words += [w for title in self.ignore for w in ("--ignore", title)]
+        words += [] if self.duty is None else ["--duty", f"{self.duty:g}"]
+        if self.header is not None:
+            words += ["--header-line", str(self.header)] if self.header else ["--no-header"]
+        words += [] if self.sheet is None else ["--sheet", self.sheet]
+        return words + ["--spread"] * self.spread
+
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of `read_recording`."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
 def import_recording(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Of a logger: .csv, .xlsx or .parquet.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Of a logger: text, .xlsx, .parquet, .mat, .tdms or .lvm."
+        ),
     ],
-    rig: Annotated[str, typer.Option(metavar="RIG", help="The rig file whose recording it is.")],
-    out: Annotated[Path, typer.Option(metavar="OUT", help="Where to: .csv or .nc.")],
+    rig: Annotated[
+        str | None, typer.Option(metavar="RIG", help="The rig file whose recording it is.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="OUT", help="Where to: .csv or .nc.")] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(
             metavar="TITLE=NAME",
-            help="What a column is: t2=T1, heater_on=duty_P1, room=ambient, clock=time; "
-            "time_t2=T1_time is the time at which T1 was read.",
+            help="What a column is, by its title or its number: t2=T1, heater_on=duty_P1, "
+            "room=ambient, clock=time, 4=T2; time_t2=T1_time is the time at which T1 was read.",
         ),
     ] = None,
     ignore: Annotated[
@@ -36,69 +73,145 @@ def import_recording(
             "would be refused.",
         ),
     ] = None,
+    scale: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=FACTOR",
+            help="What the numbers of a column mean: 'duty_P1=1/2220 W', 'T1=0.1'.",
+        ),
+    ] = None,
+    duty: Annotated[
+        float | None,
+        typer.Option(metavar="DUTY", help="The constant duty of cells without a column."),
+    ] = None,
+    no_header: Annotated[
+        bool, typer.Option("--no-header", help="No titles: --column 1=time_s names by number.")
+    ] = False,
+    header_line: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="The line of the titles, where they are not found."),
+    ] = None,
+    sheet: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of a workbook; otherwise the first.")
+    ] = None,
+    spread: Annotated[
+        bool,
+        typer.Option("--spread", help="Spread samples of one time evenly: a clock of seconds."),
+    ] = False,
     overwrite: OverwriteOption = False,
     json: JsonOption = None,
 ) -> None:
     """Read the file of a logger once, check it against the rig, and write it as a recording.
 
-    A column that is called as a channel of the rig, in large or small letters, needs no --column.
+    Without --out it shows what the file holds, and the command that would read it. A column that is
+    called as a channel of the rig, in large or small letters, needs no --column.
     """
-    from ..io import column_names, read_recording, write_recording
-    from ..io._delimited import names_of_titles
     from ..rig import load_rig
 
+    if no_header and header_line is not None:
+        raise typer.BadParameter("--no-header, --header-line: expected one of them, got both")
+    reading = Reading(
+        columns=_pairs(column, "--column", "TITLE=NAME"),
+        ignore=tuple(ignore or ()),
+        scale=_pairs(scale, "--scale", "NAME=FACTOR", first=True),
+        duty=duty,
+        header=0 if no_header else header_line,
+        sheet=sheet,
+        spread=spread,
+    )
+    of_rig = None if rig is None else load_rig(rig)
+    if out is None:
+        from ._file_overview import overview
+
+        say(overview(file, of_rig, rig, reading))
+        return
+    if rig is None or of_rig is None:
+        raise typer.BadParameter("--rig: expected the rig file whose recording it is, beside --out")
     check_new_output(out, overwrite, ".csv", ".nc")
     check_json(json)
-    of_rig = load_rig(rig)
-    titles = [*column_names(file)]
-    names = _channels_by_title(of_rig, titles) | _named(column or ())
-    experiment = read_recording(file, rig=of_rig, columns=names, ignore=ignore or ())
-    _check_rig(experiment, of_rig, file)
-    read_as = zip(titles, names_of_titles(titles, names, ignore or ()), strict=True)
-    left_out = [title for title, name in read_as if name is None]
-    write_recording(experiment, out)
-    missing = [c.name for c in of_rig.channels if c.name not in experiment.channels]
-    unstated = [one.name for one in of_rig.inputs if one.name not in experiment.inputs]
+    _import(file, of_rig, rig, reading, out, json)
+
+
+def _import(
+    file: Path, rig: "Rig", rig_name: str, reading: Reading, out: Path, json: Path | None
+) -> None:
+    """Reads a file as the options say, and writes the recording with what was done."""
+    from ..io import column_names, read_recording, write_recording
+
+    words = reading.words()
+    columns = _channels_by_title(file, rig, reading) | reading.columns
+    reading = replace(reading, columns=columns)
+    experiment = read_recording(file, rig=rig, **reading.arguments())
+    _check_rig(experiment, rig, file)
+    of_columns = {"columns", "ignore", "scale", "header", "sheet"}
+    arguments = {k: v for k, v in reading.arguments().items() if k in of_columns}
+    read_as = column_names(file, rig=rig, **arguments)
+    left_out = [title for title, name in read_as.items() if name is None]
+    missing = [c.name for c in rig.channels if c.name not in experiment.channels]
+    unstated = [one.name for one in rig.inputs if one.name not in experiment.inputs]
     gaps = experiment.gaps.tolist()
+    said = [aligned(_ranges(experiment, read_as))]
+    said += [f"  left out: {', '.join(left_out)}"] * bool(left_out)
+    said += [f"  channels of {rig.name} without a column: {', '.join(missing)}"] * bool(missing)
+    said += [f"  inputs of {rig.name} without a column: {', '.join(unstated)}"] * bool(unstated)
+    said += [f"  nothing from {before:g} s to {after:g} s" for before, after in gaps]
+    said += [f"  {note}" for note in experiment.notes]
+    command = ["jaxtwin", "import", file.name, "--rig", Path(rig_name).name, *words]
+    checksum = hashlib.sha256(file.read_bytes()).hexdigest()
+    history = [f"{shlex.join(command)} --out {out.name}", f"of {file.name}, SHA-256 {checksum}"]
+    write_recording(experiment, out, history=[*history, *"\n".join(said).splitlines()])
     say(f"{out}: {len(experiment.time)} samples in {experiment.duration:g} s, from {file}", json)
-    say(aligned(_ranges(experiment, names)), json)
-    if left_out:
-        say(f"  left out: {', '.join(left_out)}", json)
-    if missing:
-        say(f"  channels of {of_rig.name} without a column: {', '.join(missing)}", json)
-    if unstated:
-        say(f"  inputs of {of_rig.name} without a column: {', '.join(unstated)}", json)
-    for before, after in gaps:
-        say(f"  nothing from {before:g} s to {after:g} s", json)
+    for text in said:
+        say(text, json)
     write_json(
         json,
         {
             "samples": len(experiment.time),
             "duration_s": experiment.duration,
-            "columns": names,
+            "columns": columns,
             "left_out": left_out,
             "channels": list(experiment.channels),
             "channels_without_column": missing,
             "inputs_without_column": unstated,
             "gaps_s": gaps,
+            "notes": list(experiment.notes),
         },
     )
 
 
-def _named(columns: Sequence[str]) -> dict[str, str]:
-    pairs = [text.rpartition("=") for text in columns]
-    for (title, _, name), text in zip(pairs, columns, strict=True):
-        if not title or not name:
-            raise typer.BadParameter(f"--column: expected TITLE=NAME, got {text!r}")
-    return {title: name for title, _, name in pairs}
+def _pairs(
+    texts: Sequence[str] | None, option: str, form: str, first: bool = False
+) -> dict[str, str]:
+    """The pairs of an option that may be repeated, divided at the first or the last =."""
+    parts = [text.partition("=") if first else text.rpartition("=") for text in texts or ()]
+    for (left, _, right), text in zip(parts, texts or (), strict=True):
+        if not left or not right:
+            raise typer.BadParameter(f"{option}: expected {form}, got {text!r}")
+    return {left: right for left, _, right in parts}
 
 
-def _channels_by_title(rig: "Rig", titles: Sequence[str]) -> dict[str, str]:
+def _channels_by_title(file: Path, rig: "Rig", reading: Reading) -> dict[str, str]:
     """The columns that are called as a channel, title -> channel."""
+    from .._errors import RecordingError
+    from ..io._delimited import text_table
+    from ..io._named_columns import Choices
+    from ..io._read import table_content
+    from ..io._title_units import unit_of_title
+
+    try:
+        content = table_content(file, reading.sheet)
+        titles = text_table(content, Choices(reading.columns), reading.header).titles
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from None
     channels = {channel.name.lower(): channel.name for channel in rig.channels}
-    found = {title: channels[title.lower()] for title in titles if title.lower() in channels}
+    named = {}
+    for title in titles:
+        stem = title if title.lower() in channels else unit_of_title(title).stem
+        if stem.lower() in channels and title not in reading.columns:
+            named[title] = channels[stem.lower()]
+    taken = [*named.values(), *reading.columns.values()]
     # Of two columns that differ only in their letters, neither is the channel without a word.
-    return {t: c for t, c in found.items() if list(found.values()).count(c) == 1}
+    return {t: c for t, c in named.items() if taken.count(c) == 1 and titles.count(t) == 1}
 
 
 def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
@@ -118,11 +231,19 @@ def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
     check_duty_of_rig(experiment, rig, str(file), RecordingError)
 
 
-def _ranges(experiment: "Experiment", names: dict[str, str]) -> list[tuple[str, ...]]:
-    """A row for each column that was read: its name, its title, and what it holds."""
+def _ranges(experiment: "Experiment", read_as: Mapping[str, str | None]) -> list[tuple[str, ...]]:
+    """A row for each column that was read: its name, its title with its unit, and what it holds."""
     import numpy as np
 
-    titles = {name.partition("_degC")[0]: title for title, name in names.items()}
+    sources = {}
+    for title, text in read_as.items():
+        name, _, unit = (text or "").partition("_deg")
+        if text is not None and title != text:
+            for ending in ("_K", "_mK", "_%"):
+                name = name.removesuffix(ending)
+            unit = text.removeprefix(name).strip("_")
+            is_new = unit not in ("", "degC") and unit not in title
+            sources[name] = f"from {title}" + f", {unit}" * is_new
     values = {
         f"duty_P{cell + 1}": (column, "")
         for cell, column in enumerate(np.asarray(experiment.duty).T)
@@ -133,22 +254,19 @@ def _ranges(experiment: "Experiment", names: dict[str, str]) -> list[tuple[str, 
     if experiment.ambient is not None:
         values["ambient"] = np.atleast_1d(experiment.ambient), " degC"
     rows = []
-    states = {}
     for name, column in experiment.inputs.items():
         if column.dtype.kind == "U":
-            states[f"input_{name}"] = ", ".join(dict.fromkeys(column.tolist()))
+            states = ", ".join(dict.fromkeys(column.tolist()))
+            rows.append((f"  input_{name}", sources.get(f"input_{name}", ""), states))
         else:
             values[f"input_{name}"] = column, ""
+    of_numbers = []
     for name, (column, unit) in values.items():
-        source = f"from {titles[name]}" if titles.get(name, name) != name else ""
         lost = int(np.isnan(column).sum())
         low, high = (
             (np.nanmin(column), np.nanmax(column)) if lost < column.size else (np.nan, np.nan)
         )
         note = f", {lost} missing" if lost else ""
-        rows.append((f"  {name}", source, f"{low:.4g} to {high:.4g}{unit}{note}"))
-    rows += [
-        (f"  {name}", f"from {titles[name]}" * (titles.get(name, name) != name), text)
-        for name, text in states.items()
-    ]
-    return rows
+        source = sources.get(name) or sources.get(name.replace("duty", "pwm"), "")
+        of_numbers.append((f"  {name}", source, f"{low:.4g} to {high:.4g}{unit}{note}"))
+    return [*of_numbers, *rows]

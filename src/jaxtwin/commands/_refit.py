@@ -10,7 +10,7 @@ from ._exit_codes import ALARMED, NOT_CONVERGED, REJECTED
 from ._options import JsonOption, NoiseOption
 from ._output import check_json, say, write_json
 from ._show_progress import show_progress
-from ._sources import open_store
+from ._sources import open_store, say_notes
 
 if TYPE_CHECKING:
     from ..refitting import Refit
@@ -89,6 +89,7 @@ def refit(
                 one = read_recording(file, rig=rig)
                 if one.fingerprint[:12] in judged:
                     continue
+                say_notes(file, one)
                 progress.step(f"refitting to {name}")
                 found = refitted(
                     last,

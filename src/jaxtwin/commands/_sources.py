@@ -1,10 +1,13 @@
 """Opens the inputs of commands: a twin with its values, and recordings."""
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+
+from ._output import printable
 
 if TYPE_CHECKING:
     from ..io import Experiment
@@ -111,7 +114,7 @@ def open_twins(
 
 
 def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
-    """Reads recordings of a rig.
+    """Reads recordings of a rig, and says what was done to them.
 
     **Arguments:**
 
@@ -122,7 +125,19 @@ def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
     """
     from ..io import read_recording
 
-    return [read_recording(find_recording(name), rig=rig) for name in names]
+    experiments = []
+    for name in names:
+        file = find_recording(name)
+        experiments.append(read_recording(file, rig=rig))
+        say_notes(file, experiments[-1])
+    return experiments
+
+
+def say_notes(file: Path, experiment: "Experiment") -> None:
+    """Prints on standard error what was done to a recording that its numbers do not show, such as
+    readings that are codes and count as missing."""
+    for note in experiment.notes:
+        print(printable(f"{file.name}: {note}"), file=sys.stderr)
 
 
 def find_recording(name: str) -> Path:

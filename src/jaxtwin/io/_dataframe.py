@@ -7,9 +7,10 @@ from jaxtyping import Float
 
 from .._errors import RecordingError
 from .._name_suggestions import did_you_mean
-from ._csv import experiment_of_columns
-from ._delimited import INPUT, TIME, Column, column_name
+from ._csv import Drive, experiment_of_columns
+from ._delimited import Column, in_unit
 from ._experiment import Experiment
+from ._named_columns import Choices, Meaning, meanings
 from ._timestamps import is_timestamp_title
 
 if TYPE_CHECKING:
@@ -56,19 +57,19 @@ def experiment_of_dataframe(
                 "from_dataframe: expected a column of times, such as time_s, or time= with its "
                 f"name, got the columns {known}; numbers of rows are no times"
             )
-        columns.append(_column("time_s", title, _seconds(index.to_series(), title), rows))
+        columns.append(_column(_times(title), _seconds(index.to_series(), title), rows))
     for title in frame.columns:
         series: pandas.Series = frame.loc[:, title]
+        meaning = _meaning(title)
         if title == time:
-            columns.append(_column("time_s", str(title), _seconds(series, str(title)), rows))
-        elif INPUT.fullmatch(str(title)) and series.dtype.kind not in "iufb":
+            columns.append(_column(_times(str(title)), _seconds(series, str(title)), rows))
+        elif meaning.kind == "input" and series.dtype.kind not in "iufb":
             texts = [str(value) for value in series]
             blank = np.full(len(texts), np.nan)
-            columns.append(Column(str(title), str(title), blank, rows, texts, "row"))
+            columns.append(Column(str(title), "input", meaning.name, blank, rows, texts, "row"))
         else:
-            numbers = _numbers(series, str(title))
-            columns.append(_column(column_name(str(title)), str(title), numbers, rows))
-    return experiment_of_columns(columns, name, counts, polarity)
+            columns.append(_column(meaning, in_unit(meaning, _numbers(series, str(title))), rows))
+    return experiment_of_columns(columns, name, Drive(counts, polarity))
 
 
 def _of_pandas(frame: object) -> "pandas.DataFrame":
@@ -99,19 +100,29 @@ def _refuse_text_and_bare_times(frame: "pandas.DataFrame", time: str | None) -> 
             )
 
 
+def _meaning(title: object) -> Meaning:
+    (meaning,) = meanings([str(title)], Choices())
+    assert meaning is not None, "nothing is left out"
+    return meaning
+
+
+def _times(title: str) -> Meaning:
+    return Meaning(title, "time", "time")
+
+
 def _is_time(title: object) -> bool:
-    return TIME.fullmatch(column_name(str(title))) is not None
+    meaning = _meaning(title)
+    return meaning.kind == "time" and meaning.unit is not None
 
 
-def _column(
-    name: str, title: str, values: Float[np.ndarray, " samples"], rows: list[int]
-) -> Column:
-    return Column(title, name, values, rows, [f"{value:g}" for value in values], "row")
+def _column(meaning: Meaning, values: Float[np.ndarray, " samples"], rows: list[int]) -> Column:
+    fields = [f"{value:g}" for value in values]
+    return Column(meaning.title, meaning.kind, meaning.name, values, rows, fields, "row")
 
 
 def _seconds(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:
-    """Converts times to seconds: numbers are in seconds, and time stamps are counted from the first
-    of them."""
+    """Converts times to seconds: numbers are in the unit of their title, or in seconds, and time
+    stamps are counted from the first of them."""
     import pandas
 
     if series.isna().any():
@@ -126,7 +137,9 @@ def _seconds(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples
             f"column {title}: expected seconds, durations (timedelta) or time stamps (datetime), "
             f"got {series.dtype}; pandas.to_datetime makes time stamps of text"
         )
-    return _numbers(series, title)
+    (meaning,) = meanings([title], Choices({title: "time"}))
+    assert meaning is not None, "nothing is left out"
+    return in_unit(meaning, _numbers(series, title))
 
 
 def _numbers(series: "pandas.Series", title: str) -> Float[np.ndarray, " samples"]:

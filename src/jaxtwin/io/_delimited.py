@@ -1,61 +1,48 @@
 """Columns of numbers in text, as this program, spreadsheets, loggers and pandas write them.
 
-- Columns are separated by commas, semicolons or tabs, as in the line of names. With semicolons and
-  tabs, numbers may have a decimal comma, if the whole file uses it.
+- Columns are separated by commas, semicolons, tabs or, where none of these is there, blanks. Beside
+  semicolons and tabs, numbers may have a decimal comma, if the whole file uses it.
 - The encoding is UTF-8, UTF-16 with its byte order mark, or Windows-1252.
-- Lines before the names that start with `#`, Excel's `sep=;`, blank lines and lines of blank fields
-  are skipped. So are a first column without a name (pandas' index), and blank columns without a
-  name.
-- A unit may follow its name as `T11_degC`, `T11 [degC]` or `T11 (°C)`.
-- A column `time`, `timestamp`, `date` or the like holds time stamps (`_timestamps`), and a column
-  `T1_time` those of the channel `T1`.
-- A column of `True` and `False` holds 1 and 0.
+- Where the titles are, `_text_table` finds. A first column without a title (pandas' index) is
+  skipped, or holds the times; blank columns without a title are skipped.
+- What a title means, with its unit, `_named_columns` says.
+- A column `time`, `timestamp`, `date` or the like holds times in words (`_timestamps`), and a
+  column `T1_time` those of the channel `T1`. Two columns may hold a date and a time of the day.
+- A column of `on` and `off`, or of other words for them, holds 1 and 0.
 - A column `input_lid` holds numbers, or names of states.
-- The long form of InfluxDB, a row for each value, becomes a column for each field (`_influx`).
+- The long form, a row for each value, becomes a column for each name (`_long_form`).
 - An empty field or a word for "not available" is a missing sample, NaN.
 """
 
-import csv
-import io
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import compress
 from typing import final
 
 import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
-from ._influx import widened
-from ._named_columns import named
-from ._timestamps import TITLES, is_timestamp_title, microseconds_of_timestamps
+from ._long_form import widened
+from ._named_columns import Choices, Kind, Meaning, meanings
+from ._sentinels import FAULT_WORDS, is_missing
+from ._text_table import EMPTY, SEPARATORS, TextTable, decoded, table_of_text
+from ._timestamps import is_date, is_time, times_of_fields
 
-MISSING = frozenset(
-    {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", "--", "---"}
-)
-"""The words for a missing sample, in small letters."""
-
-EMPTY = "is empty: expected at least 2 samples, got none"
-"""The message about a file without samples."""
-
-TIME = re.compile("[Tt]ime_(s|ms|min|h|us since 1970)")
-"""The name of the column that every recording has."""
-
-CELL = re.compile(r"(duty|pwm)_P([1-9]\d{0,3})(_%)?")
-"""The name of the drive of a cell."""
-
-TEMPERATURE = re.compile(r"(.+)_(degC|K)")
-"""The name of a temperature."""
-
-INPUT = re.compile(r"input_([^\W\d]\w*)")
-"""The name of an input besides the duty."""
-
-STAMPS = "time_us since 1970"
-"""The end of the name of a column of time stamps."""
-
-UNITS = {"°C": "degC", "C": "degC", "celsius": "degC", "kelvin": "K", "sec": "s", "seconds": "s"}
-"""Other ways to write a unit."""
+TRUTH = {
+    "true": 1.0,
+    "on": 1.0,
+    "yes": 1.0,
+    "ein": 1.0,
+    "heating": 1.0,
+    "active": 1.0,
+    "false": 0.0,
+    "off": 0.0,
+    "no": 0.0,
+    "aus": 0.0,
+    "idle": 0.0,
+    "inactive": 0.0,
+}
+"""Words for an output that is on or off, in small letters."""
 
 
 @final
@@ -63,19 +50,23 @@ UNITS = {"°C": "degC", "C": "degC", "celsius": "degC", "kelvin": "K", "sec": "s
 class Column:
     """One column of a file.
 
-    - `title`: the title in the file. `name`: the name with its unit after an underscore, as in
-      `T11_degC`; without a unit if this is "1", "-" or empty.
-    - `values`: the numbers; NaN for a missing sample.
+    - `title`: the title in the file. `kind`, `name`: what it is read as, the name without a unit.
+    - `values`: the numbers in the unit of the kind, degC, s or 1; NaN for a missing sample. Time
+      stamps are in us since 1970, and `is_since_1970` is True.
     - `lines`: the line numbers of the samples in the file. `fields`: their text.
     - `place`: the word for what `lines` counts, for messages.
+    - `note`: what a reader of the file should know about it; empty if nothing.
     """
 
     title: str
+    kind: Kind
     name: str
     values: Float[np.ndarray, " samples"]
-    lines: list[int]
+    lines: Sequence[int]
     fields: list[str]
     place: str = "line"
+    is_since_1970: bool = False
+    note: str = ""
 
     @property
     def is_blank(self) -> bool:
@@ -92,18 +83,13 @@ class Column:
             k = missing[0]
             raise RecordingError(
                 f"{self.place} {self.lines[k]}, column {self.title}: expected a number in every "
-                f"{self.place}, "
-                f"because only temperatures may be missing, got {self.fields[k]!r}"
+                f"{self.place}, got {self.fields[k]!r}"
             )
         return self.values
 
 
 def read_columns(
-    content: bytes,
-    expected: str,
-    names: Mapping[str, str] | None = None,
-    ignore: Sequence[str] = (),
-    own: Mapping[str, str] | None = None,
+    content: bytes, expected: str, choices: Choices, header: int | None = None
 ) -> tuple[list[Column], list[int]]:
     """The columns in the order of the file, and the lines of their samples.
 
@@ -111,182 +97,195 @@ def read_columns(
 
     - `content`: the whole file.
     - `expected`: the expected columns in words, for messages.
-    - `names`, `ignore`: other names of columns, and columns to leave out, as in `read_recording`.
-    - `own`: titles that a rig gives a meaning, title -> name: those of its inputs and drives.
+    - `choices`: other names of columns, units, and columns to leave out.
+    - `header`: the line of the titles, as in `table_of_text`.
 
     **Raises:** `RecordingError` that names the line and, if there is one, the column.
     """
-    text = widened(_decoded(content))
-    separator = _separator(text)
-    rows_of_file = _rows(text, separator)
-    found = names_of_titles(_titles(rows_of_file), names, ignore, own)
-    kept = [name is not None for name in found]
-    titles = [name for name in found if name is not None]
-    _check_titles(titles, separator, expected)
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    for line, row in rows_of_file:
-        if _is_note(row[0]) and not rows:
-            continue
-        if len(row) != len(kept):
-            raise RecordingError(
-                f"line {line}: expected {len(kept)} fields, one for each column, got {len(row)}"
-            )
-        rows.append(list(compress(row, kept)))
-        lines.append(line)
-    if not rows:
+    table = text_table(content, choices, header)
+    meant = meanings(table.titles, choices, table.units)
+    if not table.rows:
+        _check_titles(meant, table, expected)
         raise RecordingError(EMPTY)
-    columns = []
+    fields, lines = _fields_of_columns(table, meant)
+    meant = _with_index(meant, table, fields)
+    _check_titles(meant, table, expected)
+    columns = [
+        (meaning, values)
+        for place, (meaning, values) in enumerate(zip(meant, fields, strict=True))
+        if meaning is not None and _is_read(meaning, place, values, choices, expected)
+    ]
     # Loggers write fractions of seconds with a comma, whatever they do in numbers.
-    is_number = [not is_timestamp_title(title) and not INPUT.fullmatch(title) for title in titles]
-    numbers = (field for row in rows for field in compress(row, is_number))
-    comma = separator != "," and any("," in field for field in numbers)
-    for number, (title, fields) in enumerate(zip(titles, zip(*rows, strict=True), strict=True)):
-        if not title and (number == 0 or not any(fields)):
-            continue
-        if not title:
-            raise RecordingError(f"columns: {expected}, got no name for column {number + 1}")
-        if is_timestamp_title(title):
-            stamps = microseconds_of_timestamps(fields, title, lines)
-            name = title[: -len("time")] + STAMPS if title.lower().endswith("_time") else STAMPS
-            columns.append(Column(title, name, stamps, lines, list(fields)))
-            continue
-        truth = {field.lower() for field in fields} <= {"true", "false"}
-        values = np.array([_truth(field) if truth else _number(field, comma) for field in fields])
-        (wrong,) = np.nonzero(np.isinf(values))
-        if wrong.size and INPUT.fullmatch(title):  # names of states
-            values = np.full(len(fields), np.nan)
-        elif wrong.size:
-            k = wrong[0]
-            form = "21,5, with a decimal comma as elsewhere in the file" if comma else "21.5"
-            raise RecordingError(
-                f"line {lines[k]}, column {title}: expected a finite number such as {form}, or "
-                f"nothing where a temperature is missing, got {fields[k][:40]!r}"
-            )
-        columns.append(Column(title, column_name(title), values, lines, list(fields)))
-    return columns, lines
+    comma = table.separator != "," and any(
+        "," in field and not is_time(field)
+        for meaning, values in columns
+        if meaning.kind not in ("time", "own time", "input")
+        for field in values
+    )
+    columns = _with_joined_date(columns)
+    return [_column(meaning, values, lines, comma) for meaning, values in columns], lines
+
+
+def text_table(content: bytes, choices: Choices, header: int | None) -> TextTable:
+    """The titles and rows of a file, in which the long form is wide."""
+    text = decoded(content)
+    head = text[:10_000]
+    text = widened(text, max(SEPARATORS, key=head.count))
+    return table_of_text(text, header, {*choices.columns})
 
 
 def names_of_columns(
-    content: bytes,
-    names: Mapping[str, str] | None = None,
-    ignore: Sequence[str] = (),
-    own: Mapping[str, str] | None = None,
+    content: bytes, choices: Choices, header: int | None = None
 ) -> dict[str, str | None]:
-    """What each column is read as, title -> name; None for a column that is left out.
+    """What each column is read as, title -> name; None for a column that is left out. A column
+    without a title that holds something is called by its number.
 
     **Raises:** `RecordingError` if the file is no text or holds nothing, or for a title that it
     does not have.
     """
-    text = widened(_decoded(content))
-    titles = _titles(_rows(text, _separator(text)))
-    found = zip(titles, names_of_titles(titles, names, ignore, own), strict=True)
-    return {title: name for title, name in found if title}
+    table = text_table(content, choices, header)
+    names: dict[str, str | None] = {}
+    for place, meaning in enumerate(meanings(table.titles, choices, table.units)):
+        if title := table.titles[place]:
+            names[title] = meaning and meaning.text
+        elif place and any(row[place] for _, row in table.rows if len(row) > place):
+            is_named = meaning is not None and meaning.kind != "unknown"
+            names[str(place + 1)] = meaning.text if is_named and meaning else None
+    return names
 
 
-def names_of_titles(
-    titles: Sequence[str],
-    names: Mapping[str, str] | None,
-    ignore: Sequence[str],
-    own: Mapping[str, str] | None = None,
-) -> list[str | None]:
-    """The titles by which columns are read; None for those left out: see `named`."""
-    own = own or {}
-    found = named(titles, names, ignore, lambda title: title in own or _is_known(title))
-    return [title if title is None else own.get(title, title) for title in found]
+def _fields_of_columns(
+    table: TextTable, meant: Sequence[Meaning | None]
+) -> tuple[list[list[str]], list[int]]:
+    """The fields of each column, and the lines of the rows.
 
-
-def _rows(text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
-    """The line number and the fields of each row that is not blank.
-
-    **Raises:** `RecordingError` for a row that is none of a .csv file.
+    **Raises:** `RecordingError` for a row of another length, unless fields at its end are blank, or
+    are missing from columns that are left out.
     """
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
-    try:
-        for row in reader:
-            fields = [field.strip() for field in row]
-            if any(fields):
-                yield reader.line_num, fields
-    except csv.Error as error:
-        raise RecordingError(f"line {reader.line_num} is no line of a .csv file: {error}") from None
+    kept = [meaning is not None for meaning in meant]
+    width, needed = len(kept), max((k + 1 for k, keep in enumerate(kept) if keep), default=0)
+    rows = []
+    for line, row in table.rows:
+        if (len(row) > width and any(row[width:])) or len(row) < needed:
+            raise RecordingError(
+                f"line {line}: expected {width} fields, one for each column, got {len(row)}"
+            )
+        rows.append([*row[:width], *[""] * (width - len(row))])
+    return [list(column) for column in zip(*rows, strict=True)], [line for line, _ in table.rows]
 
 
-def _titles(rows: Iterator[tuple[int, list[str]]]) -> list[str]:
-    """The first row that is no note, which names the columns.
+def _with_index(
+    meant: list[Meaning | None], table: TextTable, fields: Sequence[Sequence[str]]
+) -> list[Meaning | None]:
+    """What the columns are read as, where a first one without a title holds the times, as pandas
+    writes its index."""
+    first = meant[0]
+    has_time = any(meaning is not None and meaning.kind == "time" for meaning in meant)
+    if first is None or table.titles[0] or has_time or not all(map(is_time, fields[0])):
+        return meant
+    return [Meaning("time", "time", "time"), *meant[1:]]
 
-    **Raises:** `RecordingError` if there is none.
+
+def _is_read(
+    meaning: Meaning, place: int, fields: Sequence[str], choices: Choices, expected: str
+) -> bool:
+    """Whether a column without a title is one all the same.
+
+    **Raises:** `RecordingError` if it holds something.
     """
-    titles = next((row for _, row in rows if not _is_note(row[0])), None)
-    if titles is None:
-        raise RecordingError(EMPTY)
-    return titles
+    if meaning.title or meaning.kind != "unknown":
+        return True
+    if place and any(fields) and "*" not in choices.ignore:
+        raise RecordingError(f"columns: {expected}, got no name for column {place + 1}")
+    return False
 
 
-def _decoded(content: bytes) -> str:
-    marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
-    encodings = ("utf-16",) if marked else ("utf-8-sig", "cp1252")
-    for encoding in encodings:
-        try:
-            text = content.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" not in text:
-            return text
-    raise RecordingError("is no recording: neither MATLAB nor netCDF, and no text")
-
-
-def _separator(text: str) -> str:
-    """The separator of the line of names."""
-    lines = (line for line in text.splitlines() if line.strip() and not _is_note(line))
-    names = re.sub(r'"[^"]*"', "", next(lines, ""))
-    return max(",", ";", "\t", key=names.count)
-
-
-def _is_note(text: str) -> bool:
-    """Whether a line before the line of names is to be skipped."""
-    return text.startswith(("#", "sep="))
-
-
-def _check_titles(titles: list[str], separator: str, expected: str) -> None:
-    if not any(TIME.fullmatch(column_name(title)) or is_timestamp_title(title) for title in titles):
-        found = separator.join(titles)
+def _check_titles(meant: Sequence[Meaning | None], table: TextTable, expected: str) -> None:
+    if not any(meaning is not None and meaning.kind == "time" for meaning in meant):
+        titles = table.separator.join(table.titles)
         raise RecordingError(
-            f"is no recording: its first line must name the columns, {expected}, got {found[:60]!r}"
+            f"is no recording: its titles must name the columns, {expected}, got "
+            f"{titles[:60]!r}; columns= names a column of the times time or time_s, and header=0 "
+            "is for a file without titles, in a command --column and --no-header"
         )
-    twice = sorted({title for title in titles if title and titles.count(title) > 1})
+    titles = [m.title for m in meant if m is not None and m.kind != "unknown" and m.title]
+    twice = sorted({title for title in titles if titles.count(title) > 1})
     if twice:
         raise RecordingError(
             f"columns: expected each name once, got {', '.join(twice)} more than once"
         )
 
 
-def column_name(title: str) -> str:
-    """The title with its unit behind an underscore."""
-    parts = re.fullmatch(r"(.*?)\s*(?:\[(.*)\]|\((.*)\)|_(°C))", title)
-    if parts is None:
-        return title
-    name, *units = parts.groups(default="")
-    unit = "".join(units).strip()
-    unit = UNITS.get(unit, unit)
-    return name if unit in ("", "1", "-") else f"{name}_{unit}"
+def _with_joined_date(
+    columns: Sequence[tuple[Meaning, list[str]]],
+) -> list[tuple[Meaning, list[str]]]:
+    """The columns, where two for the date and the time of the day have become one."""
+    times = [k for k, (meaning, _) in enumerate(columns) if meaning.kind == "time"]
+    days = [k for k in times if all(map(is_date, columns[k][1]))]
+    if len(times) != 2 or len(days) != 1:
+        return [*columns]
+    (day,), (clock,) = days, [k for k in times if k not in days]
+    meaning = columns[clock][0]._replace(
+        title=f"{columns[day][0].title}, {columns[clock][0].title}"
+    )
+    joined = [f"{d} {t}" for d, t in zip(columns[day][1], columns[clock][1], strict=True)]
+    kept = [(meaning, joined) if k == clock else pair for k, pair in enumerate(columns)]
+    return [pair for k, pair in enumerate(kept) if k != day]
 
 
-def _is_known(title: str) -> bool:
-    """Whether a title is read as it is."""
-    name = column_name(title)
-    forms = (TIME, CELL, INPUT, TEMPERATURE)
-    return title.lower() in TITLES or any(form.fullmatch(name) for form in forms)
+def _column(meaning: Meaning, fields: list[str], lines: list[int], comma: bool) -> Column:
+    """The column of the fields of a file.
+
+    **Raises:** `RecordingError` that names the line of a field that is no number.
+    """
+    title, kind = meaning.title, meaning.kind
+    in_words = meaning.unit is None or (bool(fields) and ":" in fields[0])
+    if kind in ("time", "own time") and in_words:
+        times = times_of_fields(fields, title, lines)
+        since = times.unit != "s"
+        return Column(
+            *(title, kind, meaning.name, times.values, lines, fields, "line"),
+            is_since_1970=since,
+            note=times.note,
+        )
+    words = {field.lower() for field in fields if not is_missing(field)}
+    is_truth = bool(words) and words <= TRUTH.keys() and kind != "temperature"
+    values = np.array(
+        [
+            TRUTH.get(field.lower(), np.nan) if is_truth else _number(field, comma)
+            for field in fields
+        ]
+    )
+    (wrong,) = np.nonzero(np.isinf(values))
+    if kind == "input" and (wrong.size or (is_truth and words - {"true", "false"})):
+        values = np.full(len(fields), np.nan)  # names of states
+    elif wrong.size and kind != "unknown":
+        k = wrong[0]
+        form = "21,5, with a decimal comma as elsewhere in the file" if comma else "21.5"
+        raise RecordingError(
+            f"line {lines[k]}, column {title}: expected a finite number such as {form}, or "
+            f"nothing where a temperature is missing, got {fields[k][:40]!r}"
+        )
+    return Column(title, kind, meaning.name, in_unit(meaning, values), lines, fields)
 
 
-def _truth(field: str) -> float:
-    """Returns 1 for an output that is on, and 0 for one that is off."""
-    return float(field.lower() == "true")
+def in_unit(
+    meaning: Meaning, values: Float[np.ndarray, " samples"]
+) -> Float[np.ndarray, " samples"]:
+    """The numbers of a column in degC, s or 1, or in the unit of an input."""
+    scaled = values if meaning.scale == 1.0 else values * meaning.scale
+    return scaled if meaning.unit is None else meaning.unit.converted(scaled)
+
+
+def count_of_words(column: Column) -> int:
+    """How many readings of a column are words for one that failed."""
+    return sum(field.lower() in FAULT_WORDS for field in column.fields)
 
 
 def _number(field: str, comma: bool) -> float:
     """Returns the number in a field; NaN for a missing sample, and infinity if the text is not a
     number."""
-    if field.lower() in MISSING:
+    if is_missing(field):
         return float("nan")
     if comma and "." in field:
         return float("inf")  # which of the two is the decimal mark?

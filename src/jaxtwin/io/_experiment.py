@@ -75,6 +75,8 @@ class Experiment:
     - `group`: the day or session to which it belongs, in which camera and contacts stayed as they
       were; recordings of a group share the values of the parameters that `match` lets differ
       between groups.
+    - `notes`: what was done when it was read that its numbers do not show, such as readings that
+      are codes and count as missing; a sentence each.
 
     **Raises:**
 
@@ -92,6 +94,7 @@ class Experiment:
     inputs: Mapping[str, Shaped[np.ndarray, "times"]]
     name: str
     group: str
+    notes: tuple[str, ...]
 
     def __init__(
         self,
@@ -104,6 +107,7 @@ class Experiment:
         inputs: Mapping[str, ArrayLike | float | int] | None = None,
         name: str = "",
         group: str = "",
+        notes: Iterable[str] = (),
     ) -> None:
         times = checked_time(time)
         names = checked_channels(channels)
@@ -116,6 +120,7 @@ class Experiment:
             "name": of_kind("name", name, str, "text", RecordingError),
             "group": of_kind("group", group, str, "text", RecordingError),
             "inputs": checked_inputs(inputs, times),
+            "notes": tuple(notes),
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -177,11 +182,12 @@ class Experiment:
 
         **Arguments:**
 
-        - `frame`: a row for each sample. A missing temperature is NaN, None or NA.
+        - `frame`: a row for each sample. A missing temperature is NaN, None or NA, or the code of a
+          sensor; a missing duty is the last one.
         - `time`: the column of the times. By default the index if it holds durations or time
             stamps, otherwise a column of these or `time_s`, otherwise the index, in s, unless it
-            only numbers the rows. Times are numbers in s, durations (timedelta) or time stamps
-            (datetime), counted from the first.
+            only numbers the rows. Times are numbers in s or in the unit of their title, durations
+            (timedelta) or time stamps (datetime), counted from the first.
         - `counts`, `polarity`: those of `pwm_P1`, as in `read_recording`.
         - `name`: as in `Experiment`.
 
@@ -312,7 +318,7 @@ class Experiment:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the contents, as hexadecimal digits; the name does not count."""
+        """SHA-256 of the contents, as hexadecimal digits; the name and the notes do not count."""
         content = hashlib.sha256(repr((self.duty.shape, self.channels)).encode())
         for part in (self.time, self.duty, self.temperatures, self.ambient):
             if part is None:
@@ -482,6 +488,7 @@ class Experiment:
             ("channels", (", ".join(self.channels) or "none") + measured),
             ("ambient", ambient),
             *([("inputs", ", ".join(self.inputs))] if self.inputs else []),
+            *([("notes", "; ".join(self.notes))] if self.notes else []),
         ]
 
     def _missing(self) -> str:

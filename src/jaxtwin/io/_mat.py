@@ -5,9 +5,16 @@ and 6 the upper zones (second, first), 7 the centre tap, 8 and 9 the lower zones
 and 11 the PWM counts of the cells. Columns of the one-cell rig: PWM counts, temperature, time, set
 point. Times in s, temperatures in degC. The files also hold variables of the controller, including
 objects that only MATLAB can read; only `simout` is read.
+
+Other files hold vectors of one length, and matrices with as many rows: their variables are columns,
+`t`, `u`, `y`, and those of a matrix `data_1`, `data_2`, ... Files of MATLAB 7.3 are HDF5, and
+fields of a structure are `log.t`.
 """
 
+import io
 import re
+from collections import Counter
+from contextlib import suppress
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +22,8 @@ from jaxtyping import Float
 from .._errors import RecordingError
 from ._checks import duty_from_counts
 from ._experiment import Experiment
-from ._matlab5 import read_matrix
+from ._matlab5 import is_matlab5, matrix_names, read_matrix
+from ._table_files import csv_of_rows
 
 TWO_CELL_COLUMNS = 11
 ONE_CELL_COLUMNS = 4
@@ -51,6 +59,71 @@ def parse_mat(
         temperatures=temperatures,
         name=name,
     )
+
+
+def is_of_the_authors(content: bytes) -> bool:
+    """Whether a MATLAB 5 file has their variable."""
+    return is_matlab5(content) and "simout" in matrix_names(content)
+
+
+def csv_of_mat(content: bytes) -> bytes:
+    """The variables of a MATLAB file as the columns of a .csv file.
+
+    **Raises:** `RecordingError` if the file is damaged, or no variables have a length in common.
+    """
+    matrices = _matrices_of_hdf5(content) if not is_matlab5(content) else _matrices(content)
+    vectors = {
+        name: matrix.reshape(-1, 1) if 1 in matrix.shape or matrix.ndim == 1 else matrix
+        for name, matrix in matrices.items()
+        if matrix.size > 1 and matrix.ndim <= 2
+    }
+    lengths = Counter(len(vector) for vector in vectors.values())
+    if not lengths:
+        known = ", ".join(matrices) or "none"
+        raise RecordingError(f"expected variables that are vectors of numbers, got {known}")
+    length = max(lengths, key=lambda one: (lengths[one], one))
+    columns: dict[str, list[float]] = {}
+    for name, vector in vectors.items():
+        if len(vector) == length:
+            names = (
+                [name]
+                if vector.shape[1] == 1
+                else [f"{name}_{number + 1}" for number in range(vector.shape[1])]
+            )
+            columns |= dict(zip(names, vector.T.tolist(), strict=True))
+    return csv_of_rows([[*columns], *zip(*columns.values(), strict=True)])
+
+
+def _matrices(content: bytes) -> dict[str, Float[np.ndarray, "..."]]:
+    matrices = {}
+    for name in matrix_names(content):
+        with suppress(RecordingError):  # text, structures, cells
+            matrices[name] = read_matrix(content, name, logical=True)
+    return matrices
+
+
+def _matrices_of_hdf5(content: bytes) -> dict[str, Float[np.ndarray, "..."]]:
+    """The numeric variables of a file of MATLAB 7.3, whose matrices are transposed in HDF5."""
+    try:
+        import h5py
+    except ImportError:
+        raise RecordingError(
+            "is a file of MATLAB 7.3 (HDF5); reading it needs pip install 'jaxtwin[storage]', or "
+            "save it in MATLAB with '-v7'"
+        ) from None
+    matrices: dict[str, Float[np.ndarray, ...]] = {}
+
+    def add(name: str, item: object) -> None:
+        is_number = isinstance(item, h5py.Dataset) and item.dtype.kind in "iufb"
+        if is_number and not name.startswith("#"):
+            matrices[name.replace("/", ".")] = np.asarray(item, np.float64).T
+
+    try:
+        with h5py.File(io.BytesIO(content)) as file:
+            file.visititems(add)
+    except Exception as error:  # the library raises whatever the damaged bytes lead to
+        raise RecordingError(f"is a damaged file of MATLAB 7.3 ({type(error).__name__})") from None
+    return matrices
 
 
 def _simout(content: bytes) -> Float[np.ndarray, "times columns"]:

@@ -47,13 +47,14 @@ def is_matlab5(content: bytes) -> bool:
     return content[124:HEADER_SIZE] in (b"\x00\x01IM", b"\x01\x00MI")
 
 
-def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
+def read_matrix(content: bytes, name: str, logical: bool = False) -> Float[np.ndarray, "..."]:
     """Reads the matrix called `name`, with the dimensions that it has in the file.
 
     **Arguments:**
 
     - `content`: the whole file. Its other variables are skipped, whatever they contain.
     - `name`: the name of the variable.
+    - `logical`: whether truth values are numbers, 1 and 0.
 
     **Returns:**
 
@@ -72,7 +73,7 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
                 kind, data = _decompressed(data, order, name)
             if kind == VARIABLE and _begins_with(data, order, name):
                 found = data
-        matrix = None if found is None else _matrix(found, order)
+        matrix = None if found is None else _matrix(found, order, logical)
     except (ValueError, struct.error, zlib.error):
         raise RecordingError("is a MATLAB file that is damaged or cut off") from None
     if found is None:
@@ -82,6 +83,26 @@ def read_matrix(content: bytes, name: str) -> Float[np.ndarray, "..."]:
             f"variable {name!r}: expected a matrix of real numbers, got something else"
         )
     return matrix
+
+
+def matrix_names(content: bytes) -> list[str]:
+    """The names of the variables of a file, of whatever kind.
+
+    **Raises:** `RecordingError` if the file is damaged or cut off.
+    """
+    order = "<" if content.endswith(b"IM", 0, HEADER_SIZE) else ">"
+    names = []
+    try:
+        for kind, data in _elements(content[HEADER_SIZE:], order):
+            begin = data
+            if kind == COMPRESSED:
+                begin = zlib.decompressobj().decompress(data, BEGINNING)
+                kind, begin = struct.unpack_from(order + "I", begin)[0], begin[8:]
+            name = _name(begin, order) if kind == VARIABLE else None
+            names += [] if name is None else [name]
+    except (ValueError, struct.error, zlib.error):
+        raise RecordingError("is a MATLAB file that is damaged or cut off") from None
+    return names
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
@@ -142,10 +163,12 @@ def _name(variable: bytes, order: str) -> str | None:
     return name.decode("latin-1")
 
 
-def _matrix(variable: bytes, order: str) -> np.ndarray | None:
+def _matrix(variable: bytes, order: str, logical: bool) -> np.ndarray | None:
     (_, flags), (_, dimensions), _, *numbers = _elements(variable, order)
     (bits,) = struct.unpack_from(order + "I", flags)
-    if _class(flags, order) not in NUMERIC_CLASSES or bits & (COMPLEX | LOGICAL):
+    if _class(flags, order) not in NUMERIC_CLASSES or bits & (
+        COMPLEX | (0 if logical else LOGICAL)
+    ):
         return None
     ((kind, data),) = numbers
     if kind not in NUMBERS:

@@ -1,33 +1,30 @@
 """Reads a recording from a file of any known format."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from .._arguments import of_kind, path_of, whole_number
+from .._arguments import finite_number, of_kind, path_of, whole_number
 from .._errors import RecordingError
 from ..rig import Rig
-from ._csv import parse_csv
-from ._delimited import CELL, names_of_columns
+from ._csv import Drive, parse_csv
+from ._delimited import names_of_columns
 from ._duty_of_rig import check_heats_only
 from ._experiment import Experiment
-from ._mat import parse_mat
+from ._mat import csv_of_mat, is_of_the_authors, parse_mat
 from ._matlab5 import is_matlab5
+from ._named_columns import Choices
 from ._netcdf import parse_netcdf
 from ._session import Session
 from ._session_file import is_session
-from ._table_files import csv_of_parquet, csv_of_workbook
+from ._table_files import csv_of_parquet, csv_of_tdms, csv_of_workbook
 
 AUTHORS_COUNTS = 255
 """The PWM counts of full duty in the .mat files of the paper's authors."""
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
-TABLES: dict[str, Callable[[bytes], bytes]] = {
-    "csv": bytes,
-    "xlsx": csv_of_workbook,
-    "parquet": csv_of_parquet,
-}
-"""Formats of tables with titles of their own, and what makes the text of a .csv file of them."""
+TABLES = ("csv", "xlsx", "parquet", "mat", "tdms")
+"""Formats of tables with titles of their own, which `columns` may name otherwise."""
 
 
 def read_recording(
@@ -36,42 +33,58 @@ def read_recording(
     rig: Rig | None = None,
     columns: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
+    scale: Mapping[str, str] | None = None,
+    duty: float | int | None = None,
+    header: int | None = None,
+    sheet: str | None = None,
+    spread: bool = False,
     zone: str | None = None,
     counts: int | None = None,
     polarity: int | None = None,
 ) -> Experiment:
-    """Reads a recording: the authors' .mat files, .csv, a spreadsheet, Parquet, or netCDF.
+    """Reads a recording: text of loggers, a spreadsheet, Parquet, MATLAB, LabVIEW, or netCDF.
 
     The format is recognised by the first bytes. If they are those of no other format, the file is
     read as text, .csv.
 
-    - .mat (MATLAB 5 to 7): the variable `simout` with 11 columns (two cells, five channels of one
-        zone) or with 4 (one cell, one channel `T`). Nothing else in the file is read.
     - .csv: a line of column names with units, `time_s,duty_P1,duty_P2,T11_degC,ambient_degC`;
-      `pwm_P1` are counts, `_K` is kelvin. If all channels are blank, no temperatures were recorded.
-      Semicolons or tabs may separate columns, numbers may have a decimal comma beside them, and a
-      unit may stand in brackets: `T11 [degC]`. `columns` and `ignore` read the files of loggers.
-    - .xlsx (the first sheet) and .parquet: as .csv, with time stamps and truth values of their own;
-        `pip install 'jaxtwin[tables]'`.
+      `pwm_P1` are counts. If all channels are blank, no temperatures were recorded. Semicolons or
+      tabs may separate columns, numbers may have a decimal comma beside them. `columns` and
+      `ignore` read the files of loggers, whose titles may stand below a preamble.
+    - .xlsx, .parquet and .tdms: as .csv, with time stamps and truth values of their own;
+      `pip install 'jaxtwin[tables]'`.
+    - .mat: variables of one length are columns, those of a matrix `data_1`, `data_2`. The paper's
+      authors have a variable `simout` with 11 columns (two cells, five channels of one zone) or
+      with 4 (one cell, one channel `T`), which is read without names.
     - .db: a live session, as `jaxtwin record` writes it, on a grid of 1 s; `jaxtwin.io.Session`
         gives other grids and parts of it.
     - netCDF: `duty` (time, cell), `temperature` (time, channel) and `ambient`, with units, as
         `Experiment.to_xarray` gives them.
 
-    A temperature that is NaN, a fill value, or in text an empty field, `nan`, `NA` or `null`, is a
-    missing sample. Time and duty must be complete; a missing ambient is interpolated.
+    A title's unit is kept under any name: `columns={"bed (F)": "T1"}` is converted. A temperature
+    that is NaN, a fill value, an empty field, or a word or number for a failed reading (`nan`,
+    `unavailable`, 9.9e37, -127) is a missing sample. A missing duty or input is the last one, a
+    missing ambient is interpolated. `Experiment.notes` says what was done.
 
     **Arguments:**
 
     - `path`: the file. Its name without the ending becomes the name of the experiment.
     - `rig`: the rig, whose driver says how many PWM counts full duty has and their polarity, and
       whose inputs may be columns of their own names, without `input_`.
-    - `columns`: names for columns of a .csv, .xlsx or .parquet file that are called otherwise:
-      `{"heater_on": "duty_P1", "Temperatur 1": "T1", "t_out": "ambient", "clock": "time"}`. A
-      temperature without a unit in both names is in degC. `"time"` may be a time stamp or a number
-      since 1970, in s, ms, us or ns, and `"T1_time"` is the time at which `T1` was read, if that
-      is another: `T1` is then interpolated.
+    - `columns`: names for columns that are called otherwise, by their titles or their numbers from
+      1 on: `{"heater_on": "duty_P1", "Temperatur 1": "T1", "4": "ambient", "clock": "time"}`. A
+      temperature without a unit in both names is in degC. `"time"` may be a time stamp, hh:mm:ss or
+      a number since 1970, in s, ms, us or ns, and `"T1_time"` is the time at which `T1` was read,
+      if that is another: `T1` is then interpolated.
     - `ignore`: titles of columns that are left out, of which `*` and `?` stand for any characters.
+      `"*"` alone leaves out all that would be refused.
+    - `scale`: what a column in another quantity means, name -> factor and unit of the column:
+      `{"duty_P1": "1/2220 W"}` of a heater of 2220 W, `{"T1": "0.1"}` of tenths of a degree.
+    - `duty`: the constant duty of the cells and heaters without a column.
+    - `header`: the number of the line of titles, 0 for a file without any; None: it is searched.
+    - `sheet`: the name of the sheet of a workbook; None: the first.
+    - `spread`: whether several samples of one time, as of a clock of whole seconds, are spread
+      evenly up to the next time.
     - `zone`: `"A"`, `"B"` or `"C"`, the zone of the two-cell plate in a .mat file; needed if the
       name of the file does not contain it (`...SecA...`).
     - `counts`: the PWM counts of full duty, if there is no rig; of the authors' .mat files 255.
@@ -90,7 +103,8 @@ def read_recording(
     file = path_of("read_recording: path", path, RecordingError)
     if rig is not None:
         of_kind("read_recording: rig", rig, Rig, "a Rig, as load_rig makes it", RecordingError)
-        counts = rig.driver.counts if counts is None else counts
+        of_driver = rig.driver.counts if rig.driver.states_counts else None
+        counts = of_driver if counts is None else counts
         polarity = rig.driver.polarity if polarity is None else polarity
     if counts is not None:
         whole_number("counts", counts, 1, RecordingError)
@@ -99,6 +113,7 @@ def read_recording(
         raise RecordingError(f"polarity: expected 1 or -1, got {polarity!r}")
     if is_session(file):
         return _session_experiment(file, zone)
+    choices = Choices(columns or {}, ignore, scale or {}, rig)
     content = _content(file)
     kind = _kind(file, content)
     try:
@@ -106,11 +121,12 @@ def read_recording(
             raise RecordingError(
                 f"zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
             )
-        if kind not in TABLES and (columns or ignore):
+        if kind not in TABLES and (columns or ignore or scale):
             raise RecordingError(
-                "columns, ignore: expected a .csv, .xlsx or .parquet file, got another format"
+                "columns, ignore, scale: expected a .csv, .xlsx, .parquet, .mat or .tdms file, got "
+                "another format"
             )
-        if kind == "mat":
+        if kind == "mat" and not columns and is_of_the_authors(content):
             full = AUTHORS_COUNTS if counts is None else counts
             experiment = parse_mat(
                 content, name=file.stem, zone=zone, counts=full, polarity=polarity
@@ -118,14 +134,14 @@ def read_recording(
         elif kind == "netcdf":
             experiment = parse_netcdf(content, name=file.stem)
         else:
+            constant = None if duty is None else finite_number("duty", duty, RecordingError)
+            number = None if rig is None else len(rig.driven)
             experiment = parse_csv(
-                TABLES[kind](content),
+                _text(kind, content, sheet),
                 name=file.stem,
-                counts=counts,
-                polarity=polarity,
-                names=columns,
-                ignore=ignore,
-                own=None if rig is None else _own_titles(rig),
+                drive=Drive(counts, polarity, constant, number, spread),
+                choices=choices,
+                header=header,
             )
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
@@ -134,25 +150,32 @@ def read_recording(
     return experiment
 
 
-def _own_titles(rig: Rig) -> dict[str, str]:
-    """The titles of columns to which a rig gives a meaning: its inputs by their names, and the
-    duty and counts of its cells and heaters."""
-    own = {one.name: f"input_{one.name}" for one in rig.inputs}
-    for number, name in enumerate(rig.driven, start=1):
-        for kind in ("duty", "pwm"):
-            if CELL.fullmatch(f"{kind}_{name}") is None:  # P2 is the second, whatever its name
-                own[f"{kind}_{name}"] = f"{kind}_P{number}"
-    return own
+def _text(kind: str, content: bytes, sheet: str | None) -> bytes:
+    """The text of a .csv file with the same table."""
+    if sheet is not None and kind != "xlsx":
+        raise RecordingError(f"sheet: expected none, as only .xlsx files have some, got {sheet!r}")
+    if kind == "xlsx":
+        return csv_of_workbook(content, sheet)
+    return {"parquet": csv_of_parquet, "mat": csv_of_mat, "tdms": csv_of_tdms}.get(kind, bytes)(
+        content
+    )
 
 
 def column_names(
-    path: str | Path, *, columns: Mapping[str, str] | None = None, ignore: Sequence[str] = ()
+    path: str | Path,
+    *,
+    rig: Rig | None = None,
+    columns: Mapping[str, str] | None = None,
+    ignore: Sequence[str] = (),
+    scale: Mapping[str, str] | None = None,
+    header: int | None = None,
+    sheet: str | None = None,
 ) -> dict[str, str | None]:
-    """What `read_recording` takes each column of a .csv, .xlsx or .parquet file for.
+    """What `read_recording` takes each column of a table for.
 
     **Arguments:**
 
-    - `path`: the file. `columns`, `ignore`: as in `read_recording`.
+    - `path`: the file. The others are as in `read_recording`.
 
     **Returns:**
 
@@ -163,14 +186,24 @@ def column_names(
     that it does not have.
     """
     file = path_of("column_names: path", path, RecordingError)
+    try:
+        text = table_content(file, sheet)
+        choices = Choices(columns or {}, ignore, scale or {}, rig)
+        return names_of_columns(text, choices, header)
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from None
+
+
+def table_content(file: Path, sheet: str | None = None) -> bytes:
+    """The table of a file, as the text of a .csv file.
+
+    **Raises:** `RecordingError` if the file cannot be read, or holds no table with titles.
+    """
     content = _content(file)
     kind = _kind(file, content)
     if kind not in TABLES:
-        raise RecordingError(f"{file}: expected a .csv, .xlsx or .parquet file, got .{kind}")
-    try:
-        return names_of_columns(TABLES[kind](content), columns, ignore)
-    except RecordingError as error:
-        raise RecordingError(f"{file}: {error}") from None
+        raise RecordingError(f"expected a .csv, .xlsx, .parquet, .mat or .tdms file, got .{kind}")
+    return _text(kind, content, sheet)
 
 
 def _session_experiment(file: Path, zone: str | None) -> Experiment:
@@ -201,10 +234,9 @@ def _kind(file: Path, content: bytes) -> str:
     if is_matlab5(content):
         return "mat"
     if content.startswith(b"MATLAB 7.3") or (ending == ".mat" and HDF5 in content[:1024]):
-        raise RecordingError(
-            f"{file}: expected a MATLAB 5 to 7 file, got MATLAB 7.3 (HDF5); save it in MATLAB with "
-            "'-v7'"
-        )
+        return "mat"
+    if content.startswith(b"TDSm"):
+        return "tdms"
     if content.startswith((HDF5, b"CDF\x01", b"CDF\x02")):
         return "netcdf"
     if content.startswith(b"PAR1"):

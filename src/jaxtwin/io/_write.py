@@ -1,6 +1,7 @@
 """Writes a recording to a file completely or not at all."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,16 +16,21 @@ if TYPE_CHECKING:
     import xarray
 
 
-def write_recording(experiment: Experiment, path: str | Path) -> Path:
+def write_recording(
+    experiment: Experiment, path: str | Path, *, history: Sequence[str] = ()
+) -> Path:
     """Writes an experiment as .csv or netCDF (.nc), as the ending of the path says.
 
-    `read_recording` reads back an equal experiment, with every number equal to the last bit. Name
+    `read_recording` reads back an equal experiment, with every number equal to the last bit; in
+    .csv, readings that are codes of sensors become missing. Name
     and group are not kept: a recording has the name of its file, and no group.
 
     **Arguments:**
 
     - `experiment`: the experiment to write.
     - `path`: the file. An existing file is replaced.
+    - `history`: where the recording is from and what was done to it, a sentence each: lines that
+      begin with `#` in a .csv file, the attribute `history` of netCDF. Reading skips it.
 
     **Returns:**
 
@@ -42,9 +48,12 @@ def write_recording(experiment: Experiment, path: str | Path) -> Path:
         raise RecordingError(f"{file}: ending: expected .csv or .nc, got {ending!r}")
     with whole_file(file, RecordingError) as stream:
         if ending == ".nc":
-            write_netcdf(experiment.to_xarray(), stream)
+            dataset = experiment.to_xarray()
+            if history:
+                dataset.attrs["history"] = "\n".join(history)
+            write_netcdf(dataset, stream)
         else:
-            write_csv(experiment, stream)
+            write_csv(experiment, stream, history)
     return file
 
 

@@ -91,6 +91,7 @@ def build_driver(
         supply_resistance=supply_resistance,
         on_resistance=on_resistance,
         counts=255 if table.counts is None else table.counts,
+        states_counts=table.counts is not None,
         polarity=table.polarity or 1,
         averaging=table.averaging or "on-off",
         off_phase=table.off_phase,

@@ -29,6 +29,8 @@ class Driver:
       of the connected and the disconnected part of a PWM period.
     - `current_limit`: the largest current that the controller allows through a connected cell, A;
       None for no limit.
+    - `states_counts`: whether the rig file states the counts, without which a recording in counts
+      has no meaning.
     - `off_phase`: what the bridge does with the cell in the rest of a period: `"brake"` shorts it,
       `"open"` leaves it open.
     """
@@ -43,6 +45,7 @@ class Driver:
     lag: Value | None = None
     delay: Value | None = None
     current_limit: Value | None = None
+    states_counts: bool = True
 
     def duty(self, pwm: Sequence[int]) -> Float[np.ndarray, " cells"]:
         """Returns the duty cycles of PWM commands in counts, -1 to 1; positive heats the plate."""
