@@ -125,6 +125,22 @@ def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
     return [read_recording(find_recording(name), rig=rig) for name in names]
 
 
+def open_continuous(rig: "Rig", names: Sequence[str]) -> "tuple[list[Experiment], list[str]]":
+    """Reads recordings that an observer follows, each from its start: divided at gaps over which
+    the duty cannot be held.
+
+    **Returns:** the recordings, and what is assumed of their gaps, in sentences.
+
+    **Raises:** the errors of `open_recordings`; `RecordingError` for a single sample between such
+    gaps.
+    """
+    from ..io._gaps import gap_sentences, separate_recordings
+
+    given = open_recordings(rig, names)
+    parts = [part for experiment in given for part in separate_recordings(experiment)]
+    return parts, [sentence for experiment in given for sentence in gap_sentences(experiment)]
+
+
 def find_recording(name: str) -> Path:
     """The path of a file, of a synthetic recording given by its name, or of a published one.
 

@@ -12,6 +12,7 @@ from .._compilation import persistent_jit_unoptimised
 from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
+from ..io._gaps import gap_sentences, separate_recordings
 from ..matching import Fit
 from ..physics import System, Twin
 from ..simulation import Stepper
@@ -179,6 +180,12 @@ def filter_for(
     """The filter for a recording."""
     if experiment.temperatures is None or not experiment.sampled.any():
         raise ObserverError(f"{experiment.name or 'experiment'}: expected readings, got none")
+    if len(separate_recordings(experiment)) > 1:
+        raise ObserverError(
+            "observe: expected a recording whose gaps are short enough to hold the duty, got "
+            f"{gap_sentences(experiment)[-1]}; Experiment.between gives what is before and behind "
+            "it"
+        )
     noise.check()
     channels = checked_channels(fit.twin if isinstance(fit, Fit) else fit, experiment)
     if isinstance(fit, Fit):

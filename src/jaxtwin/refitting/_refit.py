@@ -208,7 +208,7 @@ def refit(
     if controller is not None:
         of_kind("refit: controller", controller, AbstractController, "a controller", MatchError)
     several = as_experiments("refit: recordings", recordings, MatchError, fit.twin.rig)
-    several = _in_window(several, window)
+    several, _ = divided(_in_window(several, window))
     _check_new(fit, several)
     parts = split(several, ahead, frozenset(name for names in fit.channels for name in names))
     last = [

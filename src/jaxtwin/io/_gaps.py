@@ -1,0 +1,204 @@
+"""Gaps in the times of a recording, and what is known of the rig meanwhile.
+
+A logger that loses rows, writes on change or changes its rate leaves gaps: steps of more than three
+median steps. One rule holds for all that takes a recording:
+
+- Over a gap the duty is held, as between any two samples, if the gap is not longer than all shorter
+  steps together, or than ten minutes.
+- Behind a longer gap the readings either go on where they were. Then the clock was moved (a device
+  without a clock of its own gets the time from a network), and the gap counts as a median step.
+- Or they do not. Then nobody knows what happened: another recording begins, and where a recording
+  is not divided the duty is held for as long as that rule allows.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .._errors import RecordingError
+
+if TYPE_CHECKING:
+    from ._experiment import Experiment
+
+Gaps: TypeAlias = Literal["hold", "split"]
+"""Whether a recording goes on behind a gap, or is divided there."""
+
+GAP_FACTOR = 3.0
+"""A step longer than this many median steps is a gap: samples were lost, not merely late."""
+
+LONGEST_HELD = 600.0
+"""The longest gap over which the duty is held however short the recording is, s."""
+
+UNCHANGED = 0.5
+"""Readings that differ by less than this on both sides of a gap go on, K; or by less than
+`USUAL_CHANGES` times the 99th percentile of the changes between two samples."""
+
+USUAL_CHANGES = 3.0
+
+
+class GapSteps(NamedTuple):
+    """The gaps among the steps between samples.
+
+    - `before`: the number of the sample before each gap.
+    - `seconds`: what each gap counts for, s.
+    - `is_clock`, `is_unknown`: whether the clock was moved there, and whether nobody knows what
+      happened; otherwise the duty is held.
+    """
+
+    before: Int[np.ndarray, " gaps"]
+    seconds: Float[np.ndarray, " gaps"]
+    is_clock: Bool[np.ndarray, " gaps"]
+    is_unknown: Bool[np.ndarray, " gaps"]
+
+
+def gap_steps(
+    time: Float[np.ndarray, " times"], temperatures: Float[np.ndarray, "times channels"] | None
+) -> GapSteps:
+    """Finds the gaps. In an experiment without readings, which was made and not recorded, the duty
+    is held over all of them."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    (before,) = np.nonzero(steps > GAP_FACTOR * usual)
+    sizes = steps[before]
+    none = np.zeros(len(before), bool)
+    if temperatures is None or not len(before):
+        return GapSteps(before, sizes, none, none)
+    ascending = np.sort(steps)
+    shorter = np.append(0.0, np.cumsum(ascending))[np.searchsorted(ascending, sizes)]
+    longest = np.maximum(shorter, LONGEST_HELD)
+    is_long = sizes > longest
+    if not is_long.any():
+        return GapSteps(before, sizes, none, none)
+    goes_on = np.array([_readings_go_on(temperatures, int(row)) for row in before])
+    is_clock, is_unknown = is_long & goes_on, is_long & ~goes_on
+    seconds = np.where(is_clock, usual, np.where(is_unknown, longest, sizes))
+    return GapSteps(before, seconds, is_clock, is_unknown)
+
+
+def _readings_go_on(temperatures: Float[np.ndarray, "times channels"], before: int) -> bool:
+    """Whether the readings behind a gap are those before it, but for a usual change."""
+    for column in temperatures.T:
+        (there,) = np.nonzero(~np.isnan(column))
+        behind = int(np.searchsorted(there, before + 1))
+        if behind in (0, len(there)):
+            continue
+        changes = np.abs(np.diff(column[there]))
+        usual = float(np.percentile(np.delete(changes, behind - 1), 99)) if len(there) > 2 else 0.0
+        missed = there[behind] - there[behind - 1]
+        if changes[behind - 1] > max(UNCHANGED, USUAL_CHANGES * usual * missed):
+            return False
+    return True
+
+
+def elapsed_time(
+    time: Float[np.ndarray, " times"], temperatures: Float[np.ndarray, "times channels"] | None
+) -> Float[np.ndarray, " times"]:
+    """The time that passed for the rig since the first sample, s."""
+    gaps = gap_steps(time, temperatures)
+    if not (gaps.is_clock | gaps.is_unknown).any():
+        return time - time[0]
+    steps = np.diff(time)
+    steps[gaps.before] = gaps.seconds
+    return np.append(0.0, np.cumsum(steps))
+
+
+def separate_recordings(experiment: "Experiment") -> "tuple[Experiment, ...]":
+    """The recordings between the gaps in which nobody knows what happened; the recording itself if
+    there is none.
+
+    **Raises:** `RecordingError` if a single sample stands between two of them.
+    """
+    gaps = gap_steps(experiment.time, experiment.temperatures)
+    ends = gaps.before[gaps.is_unknown] + 1
+    if not len(ends):
+        return (experiment,)
+    rows = np.split(np.arange(len(experiment.time)), ends)
+    for part in rows:
+        if len(part) == 1 or not experiment.sampled[part].any():
+            first, last = experiment.time[part[[0, -1]]]
+            raise RecordingError(
+                f"{experiment.name or 'the recording'}: expected at least two samples and a "
+                "reading between gaps over which the duty cannot be held, got "
+                f"{len(part)} from {first:.10g} s to {last:.10g} s; leave them out with "
+                "Experiment.between, or delete the rows"
+            )
+    return tuple(
+        part_of(experiment, part, f"{experiment.name} part {number}")
+        for number, part in enumerate(rows, 1)
+    )
+
+
+def parts_between_gaps(experiment: "Experiment") -> "tuple[Experiment, ...]":
+    """The parts between all gaps. Each begins with the recording, without readings before its own,
+    so that a run reaches it with the rig as the duty has left it: a body and its heater then have
+    the temperatures that they had, which no reading shows."""
+    parts: list[Experiment] = []
+    for recording in separate_recordings(experiment):
+        temperatures = recording.temperatures
+        if temperatures is None:
+            return (experiment,)
+        ends = gap_steps(recording.time, temperatures).before + 1
+        for rows in np.split(np.arange(len(recording.time)), ends):
+            readings = np.full_like(temperatures, np.nan)
+            readings[rows] = temperatures[rows]
+            if np.isnan(readings).all():
+                continue
+            # A recording has at least two samples, the second here perhaps without a reading.
+            until = np.arange(max(rows[-1] + 1, 2))
+            part = replace(recording, temperatures=readings)
+            parts.append(part_of(part, until, f"{experiment.name} part {len(parts) + 1}"))
+    return (experiment,) if len(parts) == 1 else tuple(parts)
+
+
+def part_of(
+    experiment: "Experiment",
+    rows: Int[np.ndarray, " rows"] | Bool[np.ndarray, " times"],
+    name: str,
+) -> "Experiment":
+    """Some samples of a recording at their own times, under a name."""
+    ambient = experiment.ambient
+    return replace(
+        experiment,
+        time=experiment.time[rows],
+        duty=experiment.duty[rows],
+        temperatures=None if experiment.temperatures is None else experiment.temperatures[rows],
+        ambient=ambient[rows] if isinstance(ambient, np.ndarray) else ambient,
+        inputs={input_: values[rows] for input_, values in experiment.inputs.items()},
+        name=name.strip(),
+    )
+
+
+def gap_sentences(experiment: "Experiment") -> list[str]:
+    """What is assumed of the gaps of a recording, in sentences; none if there is no gap."""
+    time, name = experiment.time, experiment.name or "the recording"
+    gaps = gap_steps(time, experiment.temperatures)
+    held = ~(gaps.is_clock | gaps.is_unknown)
+    sentences = []
+    if held.any() and experiment.temperatures is not None:
+        seconds, number = gaps.seconds[held], int(held.sum())
+        first = time[gaps.before[held][0]]
+        of = f"a gap of {seconds[0]:.6g} s behind {first:.10g} s"
+        if number > 1:
+            of = (
+                f"{number} gaps of up to {seconds.max():.6g} s, {seconds.sum():.6g} s in all, the "
+                f"first behind {first:.10g} s"
+            )
+        sentences.append(f"{name}: the duty is held over {of}")
+    for row, counted, is_clock in zip(gaps.before, gaps.seconds, gaps.is_clock, strict=True):
+        span = f"nothing from {time[row]:.10g} s to {time[row + 1]:.10g} s"
+        if is_clock:
+            sentences.append(
+                f"{name}: {span}, but the readings go on: the clock was moved, and the gap counts "
+                f"as {counted:.6g} s"
+            )
+    for row, counted in zip(
+        gaps.before[gaps.is_unknown], gaps.seconds[gaps.is_unknown], strict=True
+    ):
+        sentences.append(
+            f"{name}: nothing from {time[row]:.10g} s to {time[row + 1]:.10g} s, longer than the "
+            f"{counted:.6g} s over which the duty may be held: what is behind it counts as another "
+            f"recording, and a run of both goes on as after {counted:.6g} s"
+        )
+    return sentences
