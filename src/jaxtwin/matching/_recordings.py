@@ -181,7 +181,7 @@ def check_start(rig: Rig, free: Iterable[Parameter], name: str, experiment: Expe
         if not lower - BEYOND_BOUNDS <= first <= upper + BEYOND_BOUNDS:
             raise MatchError(
                 f"{name}: temperatures: expected a start within the bounds of {row.name}, "
-                f"{lower:g} to {upper:g} degC, got {first:.1f} degC; other bounds are given by "
+                f"{lower:g} to {upper:.10g} degC, got {first:.1f} degC; other bounds are given by "
                 f'bounds={{"{row.name}": (lowest, highest)}}'
             )
 
@@ -246,7 +246,7 @@ def given_events(
             if not first < event <= last:
                 raise MatchError(
                     f"events: {name}: expected times inside the recording, {first:g} to {last:g} "
-                    f"s, got {event:g} s"
+                    f"s, got {event:.10g} s"
                 )
         times.append(tuple(sorted(float(event) for event in events.get(name, ()))))
     return times

@@ -16,6 +16,7 @@ from ..control.controllers._controller import AbstractController
 from ..io import Experiment
 from ..io._experiment import Recordings, as_experiments
 from ..matching import Fit, named_recordings
+from ..matching._recordings import divided
 from ..monitoring import MonitorCalibration
 from ..monitoring._monitor_recording import monitored
 from ..monitoring._thresholds import DAY
