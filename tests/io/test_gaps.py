@@ -62,6 +62,20 @@ def test_behind_a_night_another_recording_begins():
     assert steps.max() == pytest.approx(2 * 599)
 
 
+def test_two_sessions_of_a_rig_that_has_come_to_rest_are_two_recordings():
+    """The readings go on, at those of the room, but the room may be another one."""
+    session = np.concatenate([WARMING, 20 + (WARMING[-1] - 20) * np.exp(-TIME / 60.0)])
+    time = np.arange(1200.0)
+    duty = np.tile(np.where(time < 600, 0.5, 0.0), 2)
+    whole = Experiment(
+        np.append(time, time + 80_000),
+        duty,
+        channels=["T"],
+        temperatures=np.append(session, session)[:, None],
+    )
+    assert [part.time[0] for part in separate_recordings(whole)] == [0, 80_000]
+
+
 def test_a_single_sample_behind_a_night_is_refused_and_not_dropped():
     time, readings = np.append(TIME, 1e5), np.append(WARMING, 20.0)
     with pytest.raises(RecordingError, match=r"r: expected at least two samples .* got 1 from 1"):

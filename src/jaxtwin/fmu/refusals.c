@@ -20,7 +20,8 @@ static int accepts(const listener_t *listener, uint32_t number, double value, do
         return 1;
     }
     if (isfinite(value)) {
-        snprintf(problem, sizeof problem, "expected %.10g to %.10g, got %.10g", lowest, highest, value);
+        snprintf(problem, sizeof problem, "expected %.10g to %.10g, got %.10g", lowest, highest,
+                 value);
     } else {
         snprintf(problem, sizeof problem, "expected a finite number, got %g", value);
     }

@@ -265,7 +265,7 @@ class Experiment:
     @property
     def gaps(self) -> Float[np.ndarray, "gaps 2"]:
         """Start and end of every step that is longer than three median steps, s."""
-        before = gap_steps(self.time, None).before
+        before = gap_steps(self).before
         return np.stack([self.time[before], self.time[before + 1]], axis=1)
 
     @property
@@ -280,7 +280,7 @@ class Experiment:
     def elapsed(self) -> Float[np.ndarray, "times"]:
         """The time that passed for the rig since the first sample, s: that of the samples, unless a
         gap is too long to hold the duty, such as that of a clock that was moved."""
-        return elapsed_time(self.time, self.temperatures)
+        return elapsed_time(self)
 
     @cached_property
     def fingerprint(self) -> str:

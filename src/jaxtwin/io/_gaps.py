@@ -7,8 +7,9 @@ median steps. One rule holds for all that takes a recording:
   steps together, or than ten minutes.
 - Behind a longer gap the readings either go on where they were. Then the clock was moved (a device
   without a clock of its own gets the time from a network), and the gap counts as a median step.
-- Or they do not. Then nobody knows what happened: another recording begins, and where a recording
-  is not divided the duty is held for as long as that rule allows.
+- Or they do not, or the rig had come to rest as between two sessions. Then nobody knows what
+  happened: another recording begins, and where a recording is not divided the duty is held for as
+  long as that rule allows.
 """
 
 from dataclasses import replace
@@ -37,6 +38,10 @@ UNCHANGED = 0.5
 
 USUAL_CHANGES = 3.0
 
+AT_REST = 0.1
+"""A rig has come to rest where its readings are those at the start of the recording but for this
+part of their range."""
+
 
 class GapSteps(NamedTuple):
     """The gaps among the steps between samples.
@@ -53,12 +58,11 @@ class GapSteps(NamedTuple):
     is_unknown: Bool[np.ndarray, " gaps"]
 
 
-def gap_steps(
-    time: Float[np.ndarray, " times"], temperatures: Float[np.ndarray, "times channels"] | None
-) -> GapSteps:
+def gap_steps(experiment: "Experiment") -> GapSteps:
     """Finds the gaps. In an experiment without readings, which was made and not recorded, the duty
     is held over all of them."""
-    steps = np.diff(time)
+    temperatures = experiment.temperatures
+    steps = np.diff(experiment.time)
     usual = float(np.median(steps))
     (before,) = np.nonzero(steps > GAP_FACTOR * usual)
     sizes = steps[before]
@@ -71,7 +75,13 @@ def gap_steps(
     is_long = sizes > longest
     if not is_long.any():
         return GapSteps(before, sizes, none, none)
-    goes_on = np.array([_readings_go_on(temperatures, int(row)) for row in before])
+    goes_on = np.array(
+        [
+            _readings_go_on(temperatures, row)
+            and not _is_between_sessions(temperatures, experiment.duty, row)
+            for row in before.tolist()
+        ]
+    )
     is_clock, is_unknown = is_long & goes_on, is_long & ~goes_on
     seconds = np.where(is_clock, usual, np.where(is_unknown, longest, sizes))
     return GapSteps(before, seconds, is_clock, is_unknown)
@@ -92,11 +102,27 @@ def _readings_go_on(temperatures: Float[np.ndarray, "times channels"], before: i
     return True
 
 
-def elapsed_time(
-    time: Float[np.ndarray, " times"], temperatures: Float[np.ndarray, "times channels"] | None
-) -> Float[np.ndarray, " times"]:
+def _is_between_sessions(
+    temperatures: Float[np.ndarray, "times channels"],
+    duty: Float[np.ndarray, "times cells"],
+    before: int,
+) -> bool:
+    """Whether a rig that was driven on both sides of a gap had come to rest before it."""
+    is_driven = duty.any(axis=1)
+    if is_driven[before] or not is_driven[:before].any() or not is_driven[before + 1 :].any():
+        return False
+    for column in temperatures.T:
+        earlier = column[: before + 1]
+        earlier = earlier[~np.isnan(earlier)]
+        if len(earlier) and abs(earlier[-1] - earlier[0]) > AT_REST * np.ptp(earlier):
+            return False
+    return True
+
+
+def elapsed_time(experiment: "Experiment") -> Float[np.ndarray, " times"]:
     """The time that passed for the rig since the first sample, s."""
-    gaps = gap_steps(time, temperatures)
+    time = experiment.time
+    gaps = gap_steps(experiment)
     if not (gaps.is_clock | gaps.is_unknown).any():
         return time - time[0]
     steps = np.diff(time)
@@ -110,7 +136,7 @@ def separate_recordings(experiment: "Experiment") -> "tuple[Experiment, ...]":
 
     **Raises:** `RecordingError` if a single sample stands between two of them.
     """
-    gaps = gap_steps(experiment.time, experiment.temperatures)
+    gaps = gap_steps(experiment)
     ends = gaps.before[gaps.is_unknown] + 1
     if not len(ends):
         return (experiment,)
@@ -139,7 +165,7 @@ def parts_between_gaps(experiment: "Experiment") -> "tuple[Experiment, ...]":
         temperatures = recording.temperatures
         if temperatures is None:
             return (experiment,)
-        ends = gap_steps(recording.time, temperatures).before + 1
+        ends = gap_steps(recording).before + 1
         for rows in np.split(np.arange(len(recording.time)), ends):
             readings = np.full_like(temperatures, np.nan)
             readings[rows] = temperatures[rows]
@@ -173,7 +199,7 @@ def part_of(
 def gap_sentences(experiment: "Experiment") -> list[str]:
     """What is assumed of the gaps of a recording, in sentences; none if there is no gap."""
     time, name = experiment.time, experiment.name or "the recording"
-    gaps = gap_steps(time, experiment.temperatures)
+    gaps = gap_steps(experiment)
     held = ~(gaps.is_clock | gaps.is_unknown)
     sentences = []
     if held.any() and experiment.temperatures is not None:
