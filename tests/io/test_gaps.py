@@ -36,6 +36,14 @@ def test_a_logger_that_changes_its_rate_has_gaps_that_are_held():
     )
 
 
+def test_a_duty_that_changes_in_a_gap_is_named():
+    rows = np.r_[0:300, 303:600]
+    whole = recording(TIME[rows], WARMING[rows])
+    switched = replace(whole, duty=np.where(whole.time < 301, 0.5, 0.2))
+    (sentence,) = gap_sentences(switched)
+    assert sentence.endswith("; it changes in 1 of them, and counts from their end on")
+
+
 @pytest.mark.parametrize("jump", [3600.0, 1e6, 3e7])
 def test_readings_that_go_on_behind_a_long_gap_mean_a_moved_clock(jump: float):
     moved = TIME + jump * (TIME >= 300)

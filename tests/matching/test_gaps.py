@@ -96,8 +96,12 @@ def test_parts_that_overlap_are_refused():
 
 def test_what_shares_no_sample_is_not_refused():
     of = whole()
-    first = jt.Experiment(of.time, of.duty, channels=["T1"], temperatures=of.temperatures[:, 0])
-    second = jt.Experiment(of.time, of.duty, channels=["T2"], temperatures=of.temperatures[:, 1])
+    first = jt.Experiment(
+        of.time, of.duty, channels=["T1"], temperatures=np.asarray(of.temperatures)[:, 0]
+    )
+    second = jt.Experiment(
+        of.time, of.duty, channels=["T2"], temperatures=np.asarray(of.temperatures)[:, 1]
+    )
     check_distinct({"a": of.between(None, 450), "b": of.between(450, None)})
     check_distinct({"a": first, "b": second})
 
@@ -165,6 +169,19 @@ def test_a_channel_at_the_end_of_its_range_is_named():
     assert "stands at" not in jt.match(jt.Twin("tclab"), of, free=FREE).summary()
 
 
+@pytest.mark.parametrize("code", [-127.0, 999.9, 1372.0])
+def test_readings_that_no_part_of_the_rig_can_have_are_named(code: float):
+    """A DS18B20 that is not there, and thermocouples beyond their range."""
+    of = whole()
+    readings = np.array(of.temperatures)
+    readings[[400, 700], 1] = code
+    recording = jt.Experiment(
+        of.time, of.duty, channels=of.channels, temperatures=readings, name="r"
+    )
+    lines = " ".join(jt.match(jt.Twin("tclab"), recording, free=FREE).summary().split())
+    assert f"r: T2: 2 readings, the first {code:g} degC at 400 s, are beyond" in lines
+
+
 @pytest.mark.parametrize("resolution", [0.0625, 0.25, 0.5])
 def test_a_coarse_sensor_that_settles_is_not_at_the_end_of_its_range(resolution: float):
     """A first-order response to a step, read by a sensor of that resolution."""
@@ -176,4 +193,4 @@ def test_a_coarse_sensor_that_settles_is_not_at_the_end_of_its_range(resolution:
         readings += np.random.default_rng(1).normal(0, noise, time.shape) if noise else 0
         coarse = resolution * np.round(readings / resolution)
         recording = jt.Experiment(time, 0.5 * (time > 300), channels=["T"], temperatures=coarse)
-        assert recording_notes(recording) == []
+        assert recording_notes(recording, jt.Twin("tclab")) == []

@@ -108,7 +108,7 @@ def _is_between_sessions(
     before: int,
 ) -> bool:
     """Whether a rig that was driven on both sides of a gap had come to rest before it."""
-    is_driven = duty.any(axis=1)
+    is_driven = np.any(duty != 0, axis=1)
     if is_driven[before] or not is_driven[:before].any() or not is_driven[before + 1 :].any():
         return False
     for column in temperatures.T:
@@ -211,7 +211,10 @@ def gap_sentences(experiment: "Experiment") -> list[str]:
                 f"{number} gaps of up to {seconds.max():.6g} s, {seconds.sum():.6g} s in all, the "
                 f"first behind {first:.10g} s"
             )
-        sentences.append(f"{name}: the duty is held over {of}")
+        rows = gaps.before[held]
+        changes = np.any(experiment.duty[rows] != experiment.duty[rows + 1], axis=1)
+        late = f"; it changes in {changes.sum()} of them, and counts from their end on"
+        sentences.append(f"{name}: the duty is held over {of}{late if changes.any() else ''}")
     for row, counted, is_clock in zip(gaps.before, gaps.seconds, gaps.is_clock, strict=True):
         span = f"nothing from {time[row]:.10g} s to {time[row + 1]:.10g} s"
         if is_clock:

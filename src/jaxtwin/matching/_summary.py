@@ -116,8 +116,9 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         lines[3:3] = [
             f"steps of the match too long for these values: {fit.solver_gap:.2g} K from `simulate`"
         ]
+    initial = fit.twin.with_values({row.name: row.initial for row in fit.parameters.values()})
     for comparison in fit.comparisons or ():
-        for sentence in recording_notes(comparison.run.experiment):
+        for sentence in recording_notes(comparison.run.experiment, initial):
             lines[-1:-1] = wrap(sentence, WIDTH, subsequent_indent="  ")
     for row in table:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]

@@ -196,7 +196,7 @@ class Validation:
                 f"{prediction.name}, estimated before {prediction.run.time[0]:g} s: {text}"
             ] * bool(text)
             lines += [f"{prediction.name}: {warning}" for warning in prediction.warnings]
-            lines += recording_notes(prediction.run.experiment)
+            lines += recording_notes(prediction.run.experiment, prediction.twin)
         return "\n".join(lines)
 
     def plot(self) -> "Figure":
