@@ -54,6 +54,28 @@ def test_readings_that_go_on_behind_a_long_gap_mean_a_moved_clock(jump: float):
     assert f"nothing from 299 s to {300 + jump:.10g} s" in sentence
 
 
+def test_summer_time_is_no_hour_of_held_duty():
+    """An hour in a recording of three, while the rig warms: held, it would have come to rest."""
+    time = np.arange(0.0, 10_800, 2.0)
+    noise = np.random.default_rng(1).normal(0, 0.1, time.shape)
+    readings = 60 - 40 * np.exp(-time / 4000) + noise
+    moved = recording(time + 3600 * (time >= 2000), readings)
+    np.testing.assert_allclose(moved.elapsed, time)
+    # The same hour as a gap: the rig has gone on.
+    (lost,) = np.nonzero((time < 2000) | (time >= 5600))
+    np.testing.assert_allclose(recording(time[lost], readings[lost]).elapsed, time[lost])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_an_hour_that_is_lost_at_rest_is_held(seed: int):
+    """Noise alone has no rate."""
+    time = np.arange(0.0, 10_800, 2.0)
+    readings = 40 + np.random.default_rng(seed).normal(0, 0.1, time.shape)
+    kept = (time < 2000) | (time >= 5600)
+    whole = recording(time[kept], readings[kept])
+    np.testing.assert_array_equal(whole.elapsed, whole.time)
+
+
 def test_two_jumps_of_a_clock_are_two():
     moved = TIME + 1e6 * (TIME >= 200) + 1e6 * (TIME >= 400)
     np.testing.assert_allclose(recording(moved, WARMING).elapsed, TIME)

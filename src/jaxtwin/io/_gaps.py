@@ -6,7 +6,9 @@ median steps. One rule holds for all that takes a recording:
 - Over a gap the duty is held, as between any two samples, if the gap is not longer than all shorter
   steps together, or than ten minutes.
 - Behind a longer gap the readings either go on where they were. Then the clock was moved (a device
-  without a clock of its own gets the time from a network), and the gap counts as a median step.
+  without a clock of its own gets the time from a network), and the gap counts as a median step; so
+  does a gap of more than ten minutes in which a channel that warms or cools has not moved, as where
+  summer time begins.
 - Or they do not, or the rig had come to rest as between two sessions. Then nobody knows what
   happened: another recording begins, and where a recording is not divided the duty is held for as
   long as that rule allows.
@@ -37,6 +39,10 @@ UNCHANGED = 0.5
 `USUAL_CHANGES` times the 99th percentile of the changes between two samples."""
 
 USUAL_CHANGES = 3.0
+
+RATE_SAMPLES = 10, 100
+"""The least and the largest number of readings on each side of a gap that say how fast a channel
+warms or cools."""
 
 AT_REST = 0.1
 """A rig has come to rest where its readings are those at the start of the recording but for this
@@ -73,16 +79,14 @@ def gap_steps(experiment: "Experiment") -> GapSteps:
     shorter = np.append(0.0, np.cumsum(ascending))[np.searchsorted(ascending, sizes)]
     longest = np.maximum(shorter, LONGEST_HELD)
     is_long = sizes > longest
-    if not is_long.any():
-        return GapSteps(before, sizes, none, none)
-    goes_on = np.array(
-        [
-            _readings_go_on(temperatures, row)
-            and not _is_between_sessions(temperatures, experiment.duty, row)
-            for row in before.tolist()
-        ]
-    )
-    is_clock, is_unknown = is_long & goes_on, is_long & ~goes_on
+    goes_on, keeps_rate = none.copy(), none.copy()
+    for k in np.flatnonzero(sizes > LONGEST_HELD):
+        row = int(before[k])
+        goes_on[k] = _readings_go_on(temperatures, row) and not _is_between_sessions(
+            temperatures, experiment.duty, row
+        )
+        keeps_rate[k] = goes_on[k] and _keeps_rate(experiment.time, temperatures, row)
+    is_clock, is_unknown = goes_on & (is_long | keeps_rate), is_long & ~goes_on
     seconds = np.where(is_clock, usual, np.where(is_unknown, longest, sizes))
     return GapSteps(before, seconds, is_clock, is_unknown)
 
@@ -100,6 +104,39 @@ def _readings_go_on(temperatures: Float[np.ndarray, "times channels"], before: i
         if changes[behind - 1] > max(UNCHANGED, USUAL_CHANGES * usual * missed):
             return False
     return True
+
+
+def _keeps_rate(
+    time: Float[np.ndarray, " times"],
+    temperatures: Float[np.ndarray, "times channels"],
+    before: int,
+) -> bool:
+    """Whether a channel warms or cools behind a gap as fast as before it, but has not moved in it:
+    in a rig that relaxes under a held duty, it is either slower behind a gap or has moved."""
+    gap, (least, most) = time[before + 1] - time[before], RATE_SAMPLES
+    for column in temperatures.T:
+        (there,) = np.nonzero(~np.isnan(column))
+        behind = int(np.searchsorted(there, before + 1))
+        earlier, later = there[:behind][-most:], there[behind:][:most]
+        if min(len(earlier), len(later)) < least:
+            continue
+        (first, error), (second, _) = (_rate(time[rows], column[rows]) for rows in (earlier, later))
+        moved = max(abs(column[later[0]] - column[earlier[-1]]), UNCHANGED)
+        is_moving = abs(first) > max(5 * error, 4 * moved / gap)
+        if is_moving and second * first > 0.5 * first**2:
+            return True
+    return False
+
+
+def _rate(
+    time: Float[np.ndarray, " samples"], readings: Float[np.ndarray, " samples"]
+) -> tuple[float, float]:
+    """The slope of a line through readings, and its standard error, K/s."""
+    away = time - time.mean()
+    squares = float(away @ away)
+    slope = float(away @ readings) / squares
+    left = readings - readings.mean() - slope * away
+    return slope, float(np.sqrt(left @ left / (len(time) - 2) / squares))
 
 
 def _is_between_sessions(
