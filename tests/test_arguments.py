@@ -310,6 +310,7 @@ CASES = {
         "MatchError",
         "by: expected recordings of two groups or more, got one group ''; give groups",
     ),
+    "match(twin, seen, gaps='fill')": ("MatchError", "gaps: expected .* got 'fill'"),
     "leave_one_out(twin, [seen, seen], warm_up=None)": ("MatchError", "warm_up: " + FINITE),
 }
 

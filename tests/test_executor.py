@@ -2,6 +2,8 @@
 
 import multiprocessing
 import os
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -137,3 +139,44 @@ def test_forked_processes_are_refused():
     with ProcessPoolExecutor(1, mp_context=SPAWN) as pool:
         check_executor("here", pool, SimulationError)
     check_executor("here", None, SimulationError)
+
+
+FORKED = """
+import multiprocessing, warnings
+import jaxtwin as jt
+
+warnings.simplefilter("ignore")
+plan = jt.Experiment.schedule("0:0.5", duration=5, cells=2)
+
+
+def job(name):
+    return float(jt.simulate(jt.Twin(name), plan).temperatures[-1, 0])
+
+
+job("tclab")
+with multiprocessing.get_context("fork").Pool(1) as pool:
+    try:
+        pool.map_async(job, ["tclab"]).get(timeout=60)
+    except jt.JaxtwinError as error:
+        print(error)
+"""
+
+
+def test_a_fork_of_a_process_that_has_used_jax_is_refused_and_does_not_hang():
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert "expected a process of its own, got a fork of process" in done.stdout, done.stderr
+    assert 'get_context("spawn")' in done.stdout
+
+
+def test_a_process_that_forks_before_it_uses_jax_does_its_work():
+    text = (
+        FORKED.replace('job("tclab")\n', "", 1)
+        .replace("pool.map", "print(pool.map")
+        .replace("timeout=60)", "timeout=60))")
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", text], capture_output=True, text=True, check=False, timeout=120
+    )
+    assert "[2" in done.stdout, done.stderr

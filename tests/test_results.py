@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import pickle
 import typing
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -213,6 +214,8 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
     result = RESULTS[kind](tmp_path)
     assert type(result).__name__ == kind
     assert repr(result).startswith((f"<{kind} ", f"{kind}("))
+    # As worker processes hand it on.
+    assert repr(pickle.loads(pickle.dumps(result))) == repr(result)
     html = result._repr_html_()
     assert html.startswith("<table><caption>")
     assert html.count("<tr>") == html.count("</tr>") > 1

@@ -4,6 +4,7 @@ They apply only inside a `with` block and in its thread, so that the user's sett
 changed.
 """
 
+import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import TypeVar
@@ -15,7 +16,12 @@ from jax.core import Tracer
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
+from ._errors import JaxtwinError
+
 Tree = TypeVar("Tree")
+
+_first_process: int | None = None
+"""The process that has used JAX first, of which this one may be a fork."""
 
 
 @contextmanager
@@ -26,6 +32,8 @@ def own_settings(*, float64: bool | None = True) -> Iterator[None]:
 
     - `float64`: whether to compute in float64; None to use the user's setting.
     """
+    if _first_process != os.getpid():
+        _check_process()
     with ExitStack() as stack:
         if float64 is not None:
             stack.enter_context(jax.enable_x64(float64))
@@ -43,6 +51,33 @@ def own_settings(*, float64: bool | None = True) -> Iterator[None]:
         # TF32 by itself, with errors of 0.07 K.
         stack.enter_context(jax.default_matmul_precision("float32"))
         yield
+
+
+def _check_process() -> None:
+    """Refuses a process in which JAX would wait for ever, or has no device.
+
+    **Raises:** `JaxtwinError` in a fork of a process that has used JAX, whose threads are not there
+    in the fork, and if JAX finds none of the platforms that it is told to use.
+    """
+    global _first_process
+    if _first_process is not None:
+        raise JaxtwinError(
+            f"expected a process of its own, got a fork of process {_first_process}, which has "
+            "used JAX: its threads are not here, so that computations would never end; take "
+            'multiprocessing.get_context("spawn"), or "forkserver"'
+        )
+    try:
+        jax.devices()
+    except (RuntimeError, AssertionError) as error:  # JAX asserts that it has found a platform
+        wanted = jax.config.jax_platforms  # pyright: ignore[reportAttributeAccessIssue]
+        if not wanted:
+            raise
+        reason = str(error).splitlines()[0] if str(error) else "JAX finds no such device"
+        raise JaxtwinError(
+            f"JAX_PLATFORMS={wanted}: expected platforms that are there, got none: {reason}; "
+            "JAX_PLATFORMS=cpu, or nothing, takes the processor"
+        ) from None
+    _first_process = os.getpid()
 
 
 def is_traced(*values: object) -> bool:

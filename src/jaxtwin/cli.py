@@ -7,6 +7,7 @@ line on standard error.
 import atexit
 import gc
 import inspect
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -343,6 +344,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     # A shell may close them (`>&-`), and Windows may have none.
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 (until the process ends)
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        # A name that cannot be written in the encoding of a pipe must not end a command.
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
     try:
         # Newer releases of typer return an exit code where older ones raise.
         with lasting_interrupt():
@@ -361,10 +366,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
         command = context.command_path if (context := getattr(error, "ctx", None)) else "jaxtwin"
         message = error.format_message().removeprefix("Invalid value: ").rstrip(".")
         return _fail(f"{message} (see '{command} --help')")
-    except RuntimeError as error:
-        if not str(error).startswith("Unable to initialize backend"):
-            raise
-        return _fail(f"JAX: {str(error).splitlines()[0]}")
     except (KeyboardInterrupt, typer.Abort):
         return _fail("stopped", STOPPED)
     except (SystemExit, OSError) as error:

@@ -37,7 +37,6 @@ from jaxtwin import (
     write_recording,
 )
 from jaxtwin.cli import app, run
-from jaxtwin.commands import _rigs
 from jaxtwin.commands._output import say
 from jaxtwin.commands._sources import find_recording, open_twin, open_twins
 from jaxtwin.data import synthetic_recordings, synthetic_truth
@@ -550,16 +549,38 @@ def test_streams_that_are_gone_or_full_give_no_traceback(redirected: str, code: 
     assert (done.returncode, done.stderr) == (code, said)
 
 
-def test_an_unknown_backend_of_jax_is_said_in_one_line(monkeypatch, capsys):
-    """What JAX says, such as of a JAX_PLATFORMS for a graphics card that is not there."""
+@pytest.mark.parametrize("platform", ["cuda", "banana"])
+def test_a_platform_that_jax_does_not_have_is_said_in_one_line(platform):
+    """Of CUDA without a graphics card JAX itself only asserts that it has found something."""
+    done = subprocess.run(
+        [sys.executable, "-m", "jaxtwin", "doctor"],
+        env=os.environ | {"JAX_PLATFORMS": platform},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    (line,) = [one for one in done.stderr.splitlines() if one.startswith("jaxtwin: ")]
+    assert line.startswith(f"jaxtwin: JAX_PLATFORMS={platform}: expected platforms that are there")
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
 
-    def start() -> None:
-        raise RuntimeError("Unable to initialize backend 'cuda': not in the list\nMore words")
 
-    monkeypatch.setattr(_rigs, "check_json", lambda _: start())
-    assert run(["rigs"]) == 2
-    said = "jaxtwin: JAX: Unable to initialize backend 'cuda': not in the list\n"
-    assert capsys.readouterr().err == said
+def test_a_pipe_that_cannot_hold_a_name_gets_it_in_ascii(tmp_path):
+    """A log or a pipe on Windows is in cp1252, without a Chinese file name."""
+    recording = tmp_path / "数.csv"
+    recording.write_text("time_s,duty_P1\n0,0.5\n1,0.5\n", encoding="utf-8")
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "jaxtwin", "import", str(recording), "--rig", "single-cell"),
+            *("--out", str(tmp_path / "数.nc"), "--json", "-"),
+        ],
+        env=os.environ | {"PYTHONIOENCODING": "cp1252"},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert b"\\u6570.nc" in done.stderr
+    assert json.loads(done.stdout)["samples"] == 2
 
 
 def test_a_tilde_behind_an_equals_sign_is_the_home_folder(tmp_path, monkeypatch):

@@ -83,7 +83,7 @@ DEFAULTS = {
     "estimate-noise": {"horizon": [60.0, 300.0]},
     "export": {"step": 1.0},
     "health": {"probability": 0.5},
-    "match": {"starts": 1, "max_iterations": 200, "seed": 0},
+    "match": {"starts": 1, "max_iterations": 200, "seed": 0, "gaps": "hold"},
     "monitor": {"days": 30.0},
     "new-rig": {"supply_voltage": "12 V", "limit": "80 degC"},
     "prove": {"duty": 0.3, "silence": 3.0, "baud": 115_200},
@@ -132,7 +132,7 @@ def test_every_option_of_a_match_arrives(noted):
     words = (
         "match paper-2024 synthetic-A synthetic-B --out fit.toml --free R_E --free R_pc "
         "--fixed R_pc --shared alpha --per-recording T_amb --group mon --group tue --starts 3 "
-        "--seed 7 --max-iterations 11 --set published --json -"
+        "--seed 7 --max-iterations 11 --gaps split --set published --json -"
     )
     assert run(words.split()) == 0
     twin, experiments = arguments["positional"]
@@ -141,6 +141,7 @@ def test_every_option_of_a_match_arrives(noted):
     assert without(arguments) == {
         "free": ["R_E", "R_pc"], "fixed": ["R_pc"], "shared": ["alpha"], "per_recording": ["T_amb"],
         "groups": ["mon", "tue"], "starts": 3, "seed": 7, "max_iterations": 11,
+        "gaps": "split",
     }  # fmt: skip
     assert jt.Fit.load("fit.toml")["R_E"].value == fit()["R_E"].value
 
@@ -150,7 +151,7 @@ def test_a_match_without_options_takes_what_the_rig_says(noted):
     assert run(["match", "paper-2024", "synthetic-A", "--out", "fit.toml"]) == 0
     assert without(arguments) == {
         "free": None, "fixed": [], "shared": [], "per_recording": [], "groups": None,
-        "starts": 1, "seed": 0, "max_iterations": 200,
+        "starts": 1, "seed": 0, "max_iterations": 200, "gaps": "hold",
     }  # fmt: skip
 
 

@@ -250,6 +250,9 @@ def test_invalid_matrices_delays_and_sample_times_are_refused():
     model = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=2.0)
     with pytest.raises(ControlError, match="sample_time_s: expected a number above 0"):
         model.discretise(0.0)
+    for size in (1e-3, 1e-9):
+        with pytest.raises(ControlError, match=r"sample_time_s: expected at least 0.002 s"):
+            model.discretise(size)
     with pytest.raises(ControlError, match="at least the driver's delay, 2 s, got 1 s"):
         model.discretise(1.0, longest_delay=1.0)
     with pytest.raises(ControlError, match="delay is traced by JAX"):

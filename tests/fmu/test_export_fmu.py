@@ -160,50 +160,108 @@ def test_inputs_are_held_from_the_beginning_of_each_step_of_the_twin(fmu: FMU):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("duty.P1", 1.5), ("duty.P1", np.nan), ("ambient", np.inf)]
+    ("name", "value"),
+    [("duty.P1", 1.5), ("duty.P1", np.nan), ("ambient", np.inf), ("ambient", -300.0)],
 )
 def test_inputs_that_are_out_of_range_or_not_finite_are_refused(fmu: FMU, name: str, value: float):
     with pytest.raises(Exception, match=r"fmi[23]Set(Real|Float64)"):
         simulated(fmu, None, stop_time=2.0, start_values={name: value})
 
 
-def test_a_state_is_kept_and_gone_back_to(fmu: FMU, tmp_path: Path):
-    """By the functions of the standard: the same steps again are the same."""
-    import fmpy
-    from fmpy.fmi2 import FMU2Slave
-    from fmpy.fmi3 import FMU3Slave
+class Instance:
+    """An instance by the functions of the standard, and what it has said."""
 
-    description = fmpy.read_model_description(str(fmu.path))
-    is_2 = description.fmiVersion == "2.0"
-    numbers = {v.name: v.valueReference for v in description.modelVariables}
-    co_simulation = description.coSimulation
-    assert co_simulation is not None
-    made: Any = (FMU2Slave if is_2 else FMU3Slave)(
-        guid=description.guid,
-        unzipDirectory=fmpy.extract(str(fmu.path), str(tmp_path)),
-        modelIdentifier=co_simulation.modelIdentifier,
-        instanceName="plate",
+    def __init__(self, fmu: FMU, folder: Path):
+        import fmpy
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        description = fmpy.read_model_description(str(fmu.path))
+        self.is_2 = description.fmiVersion == "2.0"
+        self.numbers = {v.name: v.valueReference for v in description.modelVariables}
+        co_simulation = description.coSimulation
+        assert co_simulation is not None
+        self.by_hand: Any = (FMU2Slave if self.is_2 else FMU3Slave)(
+            guid=description.guid,
+            unzipDirectory=fmpy.extract(str(fmu.path), str(folder)),
+            modelIdentifier=co_simulation.modelIdentifier,
+            instanceName="plate",
+        )
+        self.by_hand.instantiate()
+
+    def begin(self) -> None:
+        if self.is_2:
+            self.by_hand.setupExperiment(startTime=0.0)
+        self.by_hand.enterInitializationMode()
+        self.by_hand.exitInitializationMode()
+
+    def read(self, name: str) -> float:
+        read = self.by_hand.getReal if self.is_2 else self.by_hand.getFloat64
+        return read([self.numbers[name]])[0]
+
+    def write(self, name: str, value: float) -> None:
+        write = self.by_hand.setReal if self.is_2 else self.by_hand.setFloat64
+        write([self.numbers[name]], [value])
+
+    def steps(self, first: int, count: int) -> float:
+        """Takes steps of a second with a duty of 0.7; the reading behind them."""
+        self.write("duty.P1", 0.7)
+        for second in range(first, first + count):
+            self.by_hand.doStep(currentCommunicationPoint=float(second), communicationStepSize=1.0)
+        return self.read("T11")
+
+
+def test_a_state_is_kept_and_gone_back_to(fmu: FMU, tmp_path: Path):
+    """By the functions of the standard: the same steps again are the same, also those of another
+    instance that gets the bytes of the state."""
+    instance, other = Instance(fmu, tmp_path / "a"), Instance(fmu, tmp_path / "b")
+    instance.begin()
+    state = instance.by_hand.getFMUState()
+    start, end = instance.read("T11"), instance.steps(0, 10)
+    assert end > start
+    instance.by_hand.setFMUState(state)
+    assert instance.steps(0, 10) == end
+    half = instance.by_hand.getFMUState()
+    serialize, deserialize = (
+        instance.by_hand.serializeFMUState,
+        other.by_hand.deserializeFMUState,
     )
-    made.instantiate()
-    if is_2:
-        made.setupExperiment(startTime=0.0)
-    made.enterInitializationMode()
-    made.exitInitializationMode()
-    read = made.getReal if is_2 else made.getFloat64
-    write = made.setReal if is_2 else made.setFloat64
-    state = made.getFMUState()
-    start, ends = read([numbers["T11"]]), []
-    for _ in range(2):
-        write([numbers["duty.P1"]], [0.7])
-        for second in range(10):
-            made.doStep(currentCommunicationPoint=float(second), communicationStepSize=1.0)
-        ends.append(read([numbers["T11"]]))
-        made.setFMUState(state)
-    made.freeFMUState(state)
-    made.terminate()
-    made.freeInstance()
-    assert ends[0] == ends[1]
-    assert ends[0] > start
+    content = serialize(half)
+    other.begin()
+    other.by_hand.setFMUState(deserialize(content))
+    assert other.steps(10, 10) == instance.steps(10, 10)
+    with pytest.raises(Exception, match=r"fmi[23]De[Ss]erialize"):
+        deserialize(bytes(len(content)))
+    for made in (instance, other):
+        made.by_hand.terminate()
+        made.by_hand.freeInstance()
+
+
+def test_a_second_run_needs_a_reset(fmu: FMU, tmp_path: Path):
+    instance = Instance(fmu, tmp_path)
+    instance.begin()
+    end = instance.steps(0, 10)
+    instance.by_hand.terminate()
+    assert instance.read("T11") == end
+    with pytest.raises(Exception, match=r"fmi[23]DoStep"):
+        instance.steps(10, 1)
+    with pytest.raises(Exception, match=r"fmi2SetupExperiment|fmi3EnterInitializationMode"):
+        instance.begin()
+    instance.by_hand.reset()
+    instance.begin()
+    assert instance.steps(0, 10) == end
+    instance.by_hand.freeInstance()
+
+
+def test_time_does_not_go_back_and_a_step_needs_an_initialisation(fmu: FMU, tmp_path: Path):
+    instance = Instance(fmu, tmp_path)
+    with pytest.raises(Exception, match=r"fmi[23]DoStep"):
+        instance.steps(0, 1)
+    instance.begin()
+    instance.steps(0, 10)
+    with pytest.raises(Exception, match=r"fmi[23]DoStep"):
+        instance.steps(5, 1)
+    instance.by_hand.freeInstance()
 
 
 def test_sources_compile_without_a_warning_and_need_no_other_header(fmu: FMU, tmp_path: Path):

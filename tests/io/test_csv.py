@@ -247,12 +247,16 @@ def test_counts_are_those_of_the_rig_s_driver(read):
     assert read(text, rig=driven, counts=2046, polarity=1).duty.tolist() == [[0, 0.5], [-0.5, 0]]
 
 
-def test_lost_samples_divide_a_recording_into_parts(read):
+def test_lost_samples_are_gaps(read):
     whole = read(GOOD + "30,0,22\n31,0,22\n40,0,25\n")
     assert whole.gaps.tolist() == [[2, 30], [31, 40]]
-    first, second = whole.parts  # a single sample is no part
-    assert (first.time.tolist(), second.time.tolist()) == ([0, 1, 2], [30, 31])
-    assert (first.name, second.name) == ("run part 1", "run part 2")
+    assert [part.time.tolist() for part in whole.parts] == [
+        [0, 1, 2],
+        [0, 1, 2, 30, 31],
+        [0, 1, 2, 30, 31, 40],
+    ]
+    assert [part.sampled.sum() for part in whole.parts] == [3, 2, 1]
+    assert [part.name for part in whole.parts] == ["run part 1", "run part 2", "run part 3"]
     assert read(GOOD).parts == (read(GOOD),)
 
 

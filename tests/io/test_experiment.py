@@ -261,9 +261,25 @@ def test_it_prints_what_is_in_it(experiment):
         ({"ambient": np.nan}, "ambient: .* got nan"),
         ({"ambient": [15, 15, 15]}, r"ambient: .* got shape \(3,\)"),
         ({"ambient": -300}, "ambient: .* got -300 degC"),
+        ({"ambient": -253.15}, r"ambient: .* got -253.15 degC; is it 20 degC, called K\?"),
+        # What Keysight and Keithley send for an open thermocouple.
+        (
+            {"channels": ["a"], "temperatures": [0, 9.9e37, 0, 0]},
+            r"expected -273.15 to 10000 degC, got 9.9e\+37 degC at sample 1 .* a missing sample",
+        ),
+        ({"duty": [0, 1.00001, 0, 0]}, r"expected -1 to 1, got 1.00001 at"),
+        (
+            {"time": [0, 1, 0.9999999, 3]},
+            r"increasing times, got 0.9999999 s at sample 2 after 1 s",
+        ),
     ],
 )
 def test_what_breaks_a_rule_is_refused_by_name(change, said):
     arguments = {"time": TIME, "duty": np.zeros(4)} | change
     with pytest.raises(RecordingError, match=said):
         Experiment(arguments.pop("time"), arguments.pop("duty"), **arguments)
+
+
+@pytest.mark.parametrize("duty", [1 + 1e-7, float(np.float32(0.1) * 10 + 1e-7)])
+def test_a_duty_that_is_full_but_for_rounding_is_full(duty):
+    assert Experiment(TIME, np.full(4, duty)).duty.max() == 1.0

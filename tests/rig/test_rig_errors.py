@@ -152,6 +152,24 @@ def test_text_that_is_not_utf8_is_told_with_its_line(tmp_path):
         load_rig(path)
 
 
+def test_a_byte_order_mark_before_the_text_is_no_mistake(tmp_path):
+    """As Notepad and PowerShell write it."""
+    text = load_rig("tclab").text
+    path = tmp_path / "tclab.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert load_rig(path).text == text
+    assert load_rig(path).parameters == load_rig("tclab").parameters
+
+
+def test_a_room_that_is_none_is_refused(tmp_path):
+    """20 degC with the unit K."""
+    text = load_rig("tclab").text.replace('temperature = "T_amb"', 'temperature = "20 K"')
+    path = tmp_path / "tclab.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RigError, match=r"ambient.temperature: .* got -253.15 degC, which is 20 K"):
+        load_rig(path)
+
+
 def test_a_missing_file_lists_the_bundled_rigs(tmp_path):
     with pytest.raises(RigError, match=r"no\.toml: no such file, .*dual-cell, .*paper-2024"):
         load_rig(tmp_path / "no.toml")

@@ -112,6 +112,8 @@ def test_a_delay_longer_than_the_queue_is_refused_and_a_traced_one_needs_a_bound
     twin = Twin("dual-cell")
     with pytest.raises(SimulationError, match="longest_delay: expected at least"):
         Stepper(twin.with_values({"t_delay": 9.0}), longest_delay=1.0)
+    with pytest.raises(SimulationError, match="step_size: expected at least 2e-06 s"):
+        Stepper(twin.with_values({"t_delay": 2.0}), 1e-9)
     with pytest.raises(SimulationError, match="longest_delay: expected a number"):
         jax.jit(lambda d: Stepper(twin.with_values({"t_delay": d})).reference)(1.0)
 

@@ -113,7 +113,7 @@ def control(
         run = partial(run_controller, guard=guard, loop=loop, accept=True, on_decision=keep)
         about = {
             "plan": {"reference": reference, "duration_s": duration},
-            "controller": controller.read_text(encoding="utf-8"),
+            "controller": controller.read_text(encoding="utf-8-sig"),
         }
         return run, about
 

@@ -9,7 +9,7 @@ from ._exit_codes import ALARMED
 from ._options import JsonOption, NoiseOption, RecordingsArgument
 from ._output import check_folder, check_json, say, say_written, write_json, write_pictures
 from ._show_progress import show_progress
-from ._sources import open_recordings
+from ._sources import open_continuous
 
 if TYPE_CHECKING:
     from ..diagnosis import Diagnosis
@@ -62,8 +62,8 @@ def diagnose(
         progress.step("reading")
         loaded = Twin(fit) if fit in bundled_rigs() else Fit.load(fit)
         rig = loaded.rig if isinstance(loaded, Twin) else loaded.twin.rig
-        experiments = open_recordings(rig, recordings)
-        known = open_recordings(rig, healthy) if healthy else None
+        experiments, gaps = open_continuous(rig, recordings)
+        known = open_continuous(rig, healthy)[0] if healthy else None
         levels = None if noise is None else ProcessNoise.load(noise)
         found: list[Diagnosis] = []
         for one in experiments:
@@ -74,7 +74,7 @@ def diagnose(
             names = [one.name or number for number, one in enumerate(experiments, 1)]
             plots = (one.plot() for one in found)
             write_pictures(out, zip(map(str, names), plots, strict=True))
-    say("\n".join(one.summary() for one in found), json)
+    say("\n".join([*gaps, *(one.summary() for one in found)]), json)
     say_written(out, json_path=json)
     write_json(json, {"recordings": [one.to_dict() for one in found]})
     if any(one.causes for one in found):

@@ -8,7 +8,7 @@ import typer
 from ._options import JsonOption, OverwriteOption, RecordingsArgument
 from ._output import check_json, check_new_output, say, say_written, write_json
 from ._show_progress import show_progress
-from ._sources import open_recordings
+from ._sources import open_continuous
 
 
 def estimate_noise(
@@ -35,10 +35,10 @@ def estimate_noise(
     with show_progress() as progress:
         progress.step("reading fit and recordings")
         fitted = Fit.load(fit)
-        experiments = open_recordings(fitted.twin.rig, recordings)
+        experiments, gaps = open_continuous(fitted.twin.rig, recordings)
         progress.step("estimating the noise")
         noise = observers.estimate_noise(fitted, experiments, names=name or (), horizons=horizon)
         noise.save(out)
-    say(noise.summary(), json)
+    say("\n".join([*gaps, noise.summary()]), json)
     say_written(out, json_path=json)
     write_json(json, {"levels": noise.levels(), "standard_errors": noise.standard_errors})

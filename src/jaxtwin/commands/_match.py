@@ -7,6 +7,7 @@ import typer
 
 from ._exit_codes import NOT_CONVERGED
 from ._options import (
+    GapsOption,
     JsonOption,
     ParameterFileOption,
     RecordingsArgument,
@@ -60,6 +61,7 @@ def match(
             help="Group of a recording, such as its day: once for each recording, in their order.",
         ),
     ] = None,
+    gaps: GapsOption = "hold",
     starts: Annotated[int, typer.Option(min=1, help="Starting points; the best end counts.")] = 1,
     seed: SeedOption = 0,
     max_iterations: Annotated[int, typer.Option(min=1, help="Of each start.")] = 200,
@@ -95,6 +97,7 @@ def match(
             shared=shared or [],
             per_recording=per_recording or [],
             groups=group or None,
+            gaps=gaps,
             starts=starts,
             seed=seed,
             max_iterations=max_iterations,

@@ -18,7 +18,7 @@ from ._output import (
     write_pictures,
 )
 from ._show_progress import show_progress
-from ._sources import open_recordings
+from ._sources import open_continuous
 
 if TYPE_CHECKING:
     from ..monitoring import Monitored
@@ -76,12 +76,12 @@ def monitor(
         progress.step("reading")
         loaded = Fit.load(fit)
         rig = loaded.twin.rig
-        experiments = open_recordings(rig, recordings)
+        experiments, gaps = open_continuous(rig, recordings)
         levels = None if noise is None else ProcessNoise.load(noise)
         known = None if calibration is None else MonitorCalibration.load(calibration)
         if healthy:
             progress.step(f"calibrating on {len(healthy)} recordings")
-            known = calibrate_monitor(loaded, open_recordings(rig, healthy), levels)
+            known = calibrate_monitor(loaded, open_continuous(rig, healthy)[0], levels)
             if save is not None:
                 known.save(save)
         found: list[Monitored] = []
@@ -95,7 +95,7 @@ def monitor(
             names = [one.name or number for number, one in enumerate(experiments, 1)]
             plots = (one.plot() for one in found)
             write_pictures(out, zip(map(str, names), plots, strict=True))
-    say("\n".join(one.summary() for one in found), json)
+    say("\n".join([*gaps, *(one.summary() for one in found)]), json)
     say_written(save, out, json_path=json)
     write_json(json, {"recordings": [one.to_dict() for one in found]})
     if any(one.alarms for one in found):

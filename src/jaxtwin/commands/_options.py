@@ -1,7 +1,7 @@
 """Arguments and options that several commands have."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -33,6 +33,13 @@ JsonOption = Annotated[
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="The same seed gives the same numbers.")]
+GapsOption = Annotated[
+    Literal["hold", "split"],
+    typer.Option(
+        help="Over a gap in the times the duty is held, or the parts between gaps are recordings "
+        "of their own."
+    ),
+]
 NoiseOption = Annotated[
     Path | None,
     typer.Option(

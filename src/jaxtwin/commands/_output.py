@@ -101,7 +101,9 @@ def write_json(path: Path | None, numbers: object) -> None:
         return
     text = json.dumps(numbers, indent=2, ensure_ascii=False) + "\n"
     if path == STDOUT:
-        sys.stdout.write(text)
+        encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+        is_writable = text.encode(encoding, "replace").decode(encoding) == text
+        sys.stdout.write(text if is_writable else json.dumps(numbers, indent=2) + "\n")
     else:
         write_whole_file(path, text.encode(), JaxtwinError)
 

@@ -63,6 +63,7 @@ def refit(
     """
     from ..control.controllers._controller_file import read_controller
     from ..io import read_recording
+    from ..io._gaps import gap_sentences
     from ..monitoring import MonitorCalibration
     from ..observers import ProcessNoise
     from ..refitting import keep_refit
@@ -111,6 +112,8 @@ def refit(
             champion = keep_refit(twins, champion, one, found)
             if found.decision == "promoted":
                 last = champion.fit()
+            for sentence in gap_sentences(one):
+                say(sentence, json)
             say(f"{name}: {found.summary()}", json)
             results.append({"file": name, "champion": champion.number, **found.to_dict()})
             code = max(code, _code(found))

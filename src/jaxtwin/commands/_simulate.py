@@ -117,6 +117,8 @@ def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:
 
 
 def _table(run: "Run", numbers: dict[str, Any]) -> str:
+    from ..io._gaps import gap_sentences
+
     fits = numbers.get("fit_percent")
     head = ["channel", f"degC at {run.time[-1]:g} s"] + (["fit, %"] if fits else [])
     rows = [head]
@@ -126,7 +128,8 @@ def _table(run: "Run", numbers: dict[str, Any]) -> str:
     if fits:
         mean = _fit(numbers["mean_fit_percent"], " %")
         text += f"\nmean fit {mean}, RMSE {numbers['rmse_K']:.2f} K"
-    return "\n".join([text, *(f"warning: {beyond}" for beyond in run.beyond_limits)])
+    gaps = gap_sentences(run.experiment)
+    return "\n".join([text, *gaps, *(f"warning: {beyond}" for beyond in run.beyond_limits)])
 
 
 def _fit(percent: float | None, unit: str = "") -> str:

@@ -140,6 +140,22 @@ def say_notes(file: Path, experiment: "Experiment") -> None:
         print(printable(f"{file.name}: {note}"), file=sys.stderr)
 
 
+def open_continuous(rig: "Rig", names: Sequence[str]) -> "tuple[list[Experiment], list[str]]":
+    """Reads recordings that an observer follows, each from its start: divided at gaps over which
+    the duty cannot be held.
+
+    **Returns:** the recordings, and what is assumed of their gaps, in sentences.
+
+    **Raises:** the errors of `open_recordings`; `RecordingError` for a single sample between such
+    gaps.
+    """
+    from ..io._gaps import gap_sentences, separate_recordings
+
+    given = open_recordings(rig, names)
+    parts = [part for experiment in given for part in separate_recordings(experiment)]
+    return parts, [sentence for experiment in given for sentence in gap_sentences(experiment)]
+
+
 def find_recording(name: str) -> Path:
     """The path of a file, of a synthetic recording given by its name, or of a published one.
 

@@ -60,7 +60,7 @@ def diagnosed(
     observed: Observed, several: Sequence[Suspect], arrays: Suspected, prior: Prior
 ) -> Diagnosis:
     """Diagnoses an observed recording."""
-    time = observed.experiment.time[0] + np.cumsum(observed.samples.dt)
+    time = np.interp(np.cumsum(observed.samples.dt), observed.experiment.elapsed, observed.time)
     start = int(np.searchsorted(time, time[0] + SETTLE))
     step = float(np.median(np.diff(observed.time)))
     rate = math.log(step / EVERY / (len(several) + 1))

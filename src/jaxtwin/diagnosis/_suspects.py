@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import Any, TypeAlias, final
 
@@ -102,7 +103,8 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
     found: list[Suspect] = []
 
     def add(model: str, part: str, size: float, none: float = 1.0, **options: Any) -> None:
-        found.append(Suspect(f"{model} {part}", _of(twin, model, part), size, none, **options))
+        fault = partial(_of, twin, model, part)
+        found.append(Suspect(f"{model} {part}", fault, size, none, **options))
 
     for part in (*cells, *apart):
         add("loosen", part, 1.5, is_reciprocal=True)
@@ -121,15 +123,12 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
     leaky = {"plate": float(lost[elements].sum())} if plate else {}
     leaky |= {name: float(lost[index[name]]) for name in bodies if lost[index[name]] > 0}
     for part, conductance in leaky.items():
-        found.append(Suspect(
-            f"leak {part}", _scaled(twin, "leak", part, conductance), 2 * conductance, conductance,
-            unit="W/K",
-        ))  # fmt: skip
+        fault = partial(_scaled, twin, "leak", part, conductance)
+        found.append(Suspect(f"leak {part}", fault, 2 * conductance, conductance, unit="W/K"))
     for name in _of_links(twin):
         resistance = float(twin.values_si[name])
-        found.append(Suspect(
-            f"leak {name}", _leaking_link(twin, name), 2 / resistance, 1 / resistance, unit="W/K"
-        ))  # fmt: skip
+        fault = partial(_leaking_link, twin, name, resistance)
+        found.append(Suspect(f"leak {name}", fault, 2 / resistance, 1 / resistance, unit="W/K"))
     for part in (*plate, *bodies):
         add("load", part, 1.3, is_reciprocal=True)
     for channel in read:
@@ -170,7 +169,7 @@ def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect
                 )
             one = usual[one]
         elif callable(one) and name is not None:
-            one = Suspect(name, _multiplied(one), is_one_sided=False, unit="multiple")
+            one = Suspect(name, partial(_multiplied, one), is_one_sided=False, unit="multiple")
         if not isinstance(one, Suspect):
             raise ObserverError(
                 "faults: expected names, suspects, or functions System -> System by "
@@ -182,34 +181,37 @@ def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect
     return tuple(found.values())
 
 
-def _multiplied(fault: Fault) -> Callable[[float], Fault]:
+# Faults are partial functions of this module, so that a diagnosis can be pickled.
+
+
+def _multiplied(fault: Fault, size: float) -> Fault:
     """A fault whose size is the multiple of what a function changes in the numbers."""
-
-    def of_size(size: float) -> Fault:
-        def changed(system: System) -> System:
-            full = fault(system)
-            if jax.tree.structure(full) != jax.tree.structure(system):
-                return full  # which is refused
-            return jax.tree.map(
-                lambda old, new: old + size * (new - old) if eqx.is_inexact_array(old) else new,
-                system,
-                full,
-            )
-
-        return changed
-
-    return of_size
+    return partial(_changed_by, fault, size)
 
 
-def _scaled(twin: Twin, model: str, part: str, unit: float) -> Callable[[float], Fault]:
+def _changed_by(fault: Fault, size: float, system: System) -> System:
+    full = fault(system)
+    if jax.tree.structure(full) != jax.tree.structure(system):
+        return full  # which is refused
+    return jax.tree.map(
+        lambda old, new: old + size * (new - old) if eqx.is_inexact_array(old) else new,
+        system,
+        full,
+    )
+
+
+def _of(twin: Twin, model: str, part: str, size: float) -> Fault:
+    return FAULT_MODELS[model](twin, part, np.float64(size))
+
+
+def _scaled(twin: Twin, model: str, part: str, unit: float, size: float) -> Fault:
     """A fault whose size is a multiple of a unit."""
-    return lambda size: FAULT_MODELS[model](twin, part, np.float64(size / unit))
+    return _of(twin, model, part, size / unit)
 
 
-def _leaking_link(twin: Twin, name: str) -> Callable[[float], Fault]:
+def _leaking_link(twin: Twin, name: str, resistance: float, size: float) -> Fault:
     """Links of a resistance have a conductance in its place, W/K."""
-    resistance = float(twin.values_si[name])
-    return lambda size: FAULT_MODELS["change"](twin, name, np.float64(1 / (size * resistance)))
+    return _of(twin, "change", name, 1 / (size * resistance))
 
 
 def _of_links(twin: Twin) -> list[str]:
@@ -218,7 +220,3 @@ def _of_links(twin: Twin) -> list[str]:
     single = [one.resistances[0] for one in links if len(one.resistances) == 1]
     counts = Counter(name for value in single for name, _ in value.powers)
     return [name for name, count in counts.items() if count > 1]
-
-
-def _of(twin: Twin, model: str, part: str) -> Callable[[float], Fault]:
-    return lambda size: FAULT_MODELS[model](twin, part, np.float64(size))

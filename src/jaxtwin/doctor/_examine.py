@@ -7,6 +7,7 @@ from importlib import metadata
 
 from .._compilation import LARGEST_CACHE, cache_state
 from .._errors import RecordingError
+from .._jax_settings import own_settings
 from ..simulation._native_library import native_state
 
 LIBRARIES = (
@@ -80,7 +81,9 @@ def _machine() -> dict[str, str]:
 def _jax() -> dict[str, str]:
     import jax
 
-    devices = [f"{device.platform} {device.id}: {device.device_kind}" for device in jax.devices()]
+    with own_settings():  # which says in a sentence if there is no device
+        found = jax.devices()
+    devices = [f"{device.platform} {device.id}: {device.device_kind}" for device in found]
     default = "on" if jax.config.read("jax_enable_x64") else "off"
     return {
         "devices": "; ".join(devices),

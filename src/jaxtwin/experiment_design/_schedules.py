@@ -128,25 +128,25 @@ def make_schedules(
         finite_number(f"design_experiment: {name}", value, MatchError)
     if not 0 < duration <= LONGEST:
         raise MatchError(
-            f"design_experiment: duration: expected above 0 and at most {LONGEST:g} s, got "
+            f"design_experiment: duration: expected above 0 and at most {LONGEST:.10g} s, got "
             f"{duration:g} s; design several recordings one after the other"
         )
     steps = round(duration / hold) if hold > 0 else 0
     if steps < 1 or abs(steps * hold - duration) > 1e-6 * duration:
         raise MatchError(
             f"design_experiment: hold: expected a time that divides the duration of {duration:g} "
-            f"s, got {hold:g} s"
+            f"s, got {hold:.10g} s"
         )
     if abs(round(hold / interval) * interval - hold) > 1e-6 * hold:
         raise MatchError(
-            f"design_experiment: hold: expected a multiple of the {interval:g} s between two "
-            f"samples, got {hold:g} s"
+            f"design_experiment: hold: expected a multiple of the {interval:.10g} s between two "
+            f"samples, got {hold:.10g} s"
         )
     low, high = _checked_bounds(bounds)
     if low < max(twin.rig.lowest_duty):
         raise MatchError(
             f"design_experiment: bounds: expected 0 or more, because the heaters of "
-            f"{twin.rig.name} cannot cool, got {low:g} to {high:g}"
+            f"{twin.rig.name} cannot cool, got {low:.10g} to {high:.10g}"
         )
     whole_number("design_experiment: levels", levels, 2, MatchError)
     counts = twin.rig.driver.counts
@@ -154,7 +154,7 @@ def make_schedules(
     if len(found) < 2:
         raise MatchError(
             f"design_experiment: bounds: expected at least two of the driver's {counts} counts "
-            f"between them, got {low:g} to {high:g}"
+            f"between them, got {low:.10g} to {high:.10g}"
         )
     return Schedules(twin, float(hold), steps, counts, tuple(found.tolist()), float(interval))
 

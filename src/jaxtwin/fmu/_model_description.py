@@ -70,6 +70,7 @@ def model_description(
     common = {
         "modelIdentifier": identifier,
         "canGetAndSetFMUstate" if is_2 else "canGetAndSetFMUState": "true",
+        "canSerializeFMUstate" if is_2 else "canSerializeFMUState": "true",
     }
     of_kind = {
         "ModelExchange": common,

@@ -22,7 +22,7 @@ typedef struct {
     double references[MODEL_OUTPUTS], channels[MODEL_CHANNELS];
     double duty[MODEL_CELLS], before[MODEL_CELLS];
     double samples; /* that have been taken */
-    int is_running, is_exchange;
+    int is_running, is_terminated, is_exchange;
 } instance_t;
 
 static void reset(instance_t *self)
@@ -110,7 +110,7 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
         if (number >= CHANNEL && number < DUTY) {
             self->channels[number - CHANNEL] = values[k];
         } else if (number >= REFERENCE && number < CHANNEL) {
-            if (!accepts(listener, number, values[k], -HUGE_VAL, HUGE_VAL)) {
+            if (!accepts(listener, number, values[k], ABSOLUTE_ZERO, HUGE_VAL)) {
                 return 0;
             }
             self->references[number - REFERENCE] = values[k];
@@ -134,7 +134,8 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
 static int advance(instance_t *self, double time, double size)
 {
     double measurement[MODEL_READINGS], due;
-    if (!self->is_running || !isfinite(time) || !isfinite(size) || size < 0.0) {
+    if (!may_step(&self->listener, self->is_running, self->is_terminated, self->time, time,
+                  size)) {
         return 0;
     }
     due = ceil((time + size - self->start) / MODEL_SAMPLE_TIME_S - 1e-6);

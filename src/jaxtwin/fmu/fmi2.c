@@ -2,6 +2,7 @@
    that the sources need only the headers of C. Those that a twin does not support return an
    error. */
 
+#define RESET "fmi2Reset"
 #include "instance.c"
 
 typedef void *component_t;
@@ -91,25 +92,6 @@ EXPORTED status_t fmi2CancelStep(component_t c)
     return ERROR;
 }
 
-EXPORTED status_t fmi2SerializedFMUstateSize(component_t c, void *state, size_t *size)
-{
-    (void)c, (void)state, (void)size;
-    return ERROR;
-}
-
-EXPORTED status_t fmi2SerializeFMUstate(component_t c, void *state, char bytes[], size_t size)
-{
-    (void)c, (void)state, (void)bytes, (void)size;
-    return ERROR;
-}
-
-EXPORTED status_t fmi2DeSerializeFMUstate(component_t c, const char bytes[], size_t size,
-                                          void **state)
-{
-    (void)c, (void)bytes, (void)size, (void)state;
-    return ERROR;
-}
-
 EXPORTED status_t fmi2GetDirectionalDerivative(component_t c, const uint32_t z[], size_t nz,
                                                const uint32_t v[], size_t nv, const double dv[],
                                                double dz[])
@@ -160,14 +142,17 @@ EXPORTED status_t fmi2SetupExperiment(component_t c, bool_t has_tolerance, doubl
 {
     instance_t *self = c;
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+    if (!may_begin(&self->listener, self->is_running)) {
+        return ERROR;
+    }
     self->start = self->time = start;
     return isfinite(start) ? OK : ERROR;
 }
 
 EXPORTED status_t fmi2EnterInitializationMode(component_t c)
 {
-    (void)c;
-    return OK;
+    const instance_t *self = c;
+    return may_begin(&self->listener, self->is_running) ? OK : ERROR;
 }
 
 EXPORTED status_t fmi2ExitInitializationMode(component_t c)
@@ -177,7 +162,7 @@ EXPORTED status_t fmi2ExitInitializationMode(component_t c)
 
 EXPORTED status_t fmi2Terminate(component_t c)
 {
-    (void)c;
+    ((instance_t *)c)->is_terminated = 1;
     return OK;
 }
 
@@ -263,4 +248,8 @@ EXPORTED status_t fmi2CompletedIntegratorStep(component_t c, bool_t never_back,
 #define GET_FMU_STATE fmi2GetFMUstate
 #define SET_FMU_STATE fmi2SetFMUstate
 #define FREE_FMU_STATE fmi2FreeFMUstate
+#define SERIALIZED_SIZE fmi2SerializedFMUstateSize
+#define SERIALIZE fmi2SerializeFMUstate
+#define DESERIALIZE fmi2DeSerializeFMUstate
+#define BYTE char
 #include "states.c"

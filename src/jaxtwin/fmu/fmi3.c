@@ -2,6 +2,7 @@
    that the sources need only the headers of C. Those that a twin does not support return an
    error. */
 
+#define RESET "fmi3Reset"
 #include "instance.c"
 
 #include <stdbool.h>
@@ -90,24 +91,6 @@ EXPORTED status_t fmi3GetVariableDependencies(component_t c, uint32_t v, size_t 
                                               size_t d[], int e[], size_t n)
 {
     (void)c, (void)v, (void)a, (void)b, (void)d, (void)e, (void)n;
-    return ERROR;
-}
-
-EXPORTED status_t fmi3SerializedFMUStateSize(component_t c, void *a, size_t *b)
-{
-    (void)c, (void)a, (void)b;
-    return ERROR;
-}
-
-EXPORTED status_t fmi3SerializeFMUState(component_t c, void *a, uint8_t b[], size_t n)
-{
-    (void)c, (void)a, (void)b, (void)n;
-    return ERROR;
-}
-
-EXPORTED status_t fmi3DeserializeFMUState(component_t c, const uint8_t a[], size_t n, void **b)
-{
-    (void)c, (void)a, (void)n, (void)b;
     return ERROR;
 }
 
@@ -266,6 +249,9 @@ EXPORTED status_t fmi3EnterInitializationMode(component_t c, bool has_tolerance,
 {
     instance_t *self = c;
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+    if (!may_begin(&self->listener, self->is_running)) {
+        return ERROR;
+    }
     self->start = self->time = start;
     return isfinite(start) ? OK : ERROR;
 }
@@ -277,7 +263,7 @@ EXPORTED status_t fmi3ExitInitializationMode(component_t c)
 
 EXPORTED status_t fmi3Terminate(component_t c)
 {
-    (void)c;
+    ((instance_t *)c)->is_terminated = 1;
     return OK;
 }
 
@@ -395,4 +381,8 @@ EXPORTED status_t fmi3GetNumberOfEventIndicators(component_t c, size_t *n)
 #define GET_FMU_STATE fmi3GetFMUState
 #define SET_FMU_STATE fmi3SetFMUState
 #define FREE_FMU_STATE fmi3FreeFMUState
+#define SERIALIZED_SIZE fmi3SerializedFMUStateSize
+#define SERIALIZE fmi3SerializeFMUState
+#define DESERIALIZE fmi3DeserializeFMUState
+#define BYTE uint8_t
 #include "states.c"

@@ -37,7 +37,7 @@ typedef struct {
     /* Inputs of the step that has begun, if one has. */
     double held_duty[MODEL_CELLS], held_ambient, held_inputs[MODEL_INPUTS + 1];
     int is_held;
-    int is_prepared, is_running, is_exchange;
+    int is_prepared, is_running, is_terminated, is_exchange;
     /* Of model exchange: the last command, that which has arrived, and those between. */
     double seen[MODEL_CELLS], arrived[MODEL_CELLS];
     double due[QUEUE], late[QUEUE][MODEL_CELLS];
@@ -199,6 +199,7 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
             highest = 1.0;
         } else if (number == AMBIENT) {
             place = &self->ambient;
+            lowest = ABSOLUTE_ZERO;
         } else if (number >= INPUT && number < CHANNEL) {
             place = &self->inputs[number - INPUT];
             if (model_states[number - INPUT] > 0.0) {
@@ -207,6 +208,7 @@ static int set(instance_t *self, const uint32_t *numbers, size_t count, const do
             }
         } else if (number >= NODE && number < LAGGED) {
             place = &self->nodes[number - NODE];
+            lowest = ABSOLUTE_ZERO;
         } else if (number >= LAGGED && number < SLOPE) {
             place = &self->lagged[number - LAGGED];
             lowest = model_lowest[number - LAGGED];
@@ -260,10 +262,8 @@ static void hold_inputs(instance_t *self)
 static int advance(instance_t *self, double time, double size)
 {
     double begun, until;
-    if (!self->is_running || self->is_exchange) {
-        return 0;
-    }
-    if (!isfinite(time) || !isfinite(size) || size < 0.0) {
+    if (self->is_exchange || !may_step(&self->listener, self->is_running, self->is_terminated,
+                                       self->time, time, size)) {
         return 0;
     }
     begun = (time + size - self->start) / MODEL_SAMPLE_TIME_S;

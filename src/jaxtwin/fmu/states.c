@@ -51,3 +51,41 @@ EXPORTED status_t FREE_FMU_STATE(component_t c, void **state)
     *state = NULL;
     return OK;
 }
+
+/* Bytes of a state: the token of the FMU, behind it the instance. */
+
+EXPORTED status_t SERIALIZED_SIZE(component_t c, void *state, size_t *size)
+{
+    (void)c, (void)state;
+    *size = sizeof MODEL_TOKEN + sizeof(instance_t);
+    return OK;
+}
+
+EXPORTED status_t SERIALIZE(component_t c, void *state, BYTE bytes[], size_t size)
+{
+    (void)c;
+    if (size < sizeof MODEL_TOKEN + sizeof(instance_t)) {
+        return ERROR;
+    }
+    memcpy(bytes, MODEL_TOKEN, sizeof MODEL_TOKEN);
+    memcpy(bytes + sizeof MODEL_TOKEN, state, sizeof(instance_t));
+    return OK;
+}
+
+EXPORTED status_t DESERIALIZE(component_t c, const BYTE bytes[], size_t size, void **state)
+{
+    instance_t *self = c;
+    if (size < sizeof MODEL_TOKEN + sizeof(instance_t) ||
+        memcmp(bytes, MODEL_TOKEN, sizeof MODEL_TOKEN) != 0) {
+        tell(&self->listener, "expected the bytes of a state of this FMU, got others");
+        return ERROR;
+    }
+    if (*state == NULL) {
+        *state = malloc(sizeof(instance_t));
+    }
+    if (*state == NULL) {
+        return ERROR;
+    }
+    memcpy(*state, bytes + sizeof MODEL_TOKEN, sizeof(instance_t));
+    return OK;
+}

@@ -10,19 +10,20 @@ from jaxtyping import Float, Shaped
 from numpy.typing import ArrayLike
 
 from .._arguments import is_ordered, mapping_of
-from .._celsius import ZERO_CELSIUS
+from .._celsius import COLDEST_ROOM, HOTTEST_ROOM, ZERO_CELSIUS
 from .._errors import RecordingError
 from .._pint_quantities import in_unit
 from ..rig._channel import is_channel_name
 
 ABSOLUTE_ZERO = -ZERO_CELSIUS  # degC
-ROUNDING = 1e-9  # counts / 255 and unit conversions may leave this much above full duty
+ROUNDING = 1e-6  # sums of tenths in float32 and unit conversions may leave this much above 1
+
+HOTTEST = 1e4
+"""The highest temperature of a reading, degC. Instruments send codes beyond it, such as 9.9e37 for
+an open thermocouple."""
 
 LONGEST = 3.2e9
 """The longest recording, s."""
-
-HOTTEST_ROOM = 150.0
-"""The hottest surroundings of a rig, degC: a rig inside an oven. In K every room is hotter."""
 
 
 class WrongSampleError(RecordingError):
@@ -48,14 +49,14 @@ def checked_time(time: ArrayLike) -> Float[np.ndarray, "times"]:
     if late.size:
         k = late[0]
         raise WrongSampleError(
-            f"time: expected increasing times, got {times[k + 1]:g} s at sample {k + 1} after "
-            f"{times[k]:g} s",
+            f"time: expected increasing times, got {times[k + 1]:.12g} s at sample {k + 1} after "
+            f"{times[k]:.12g} s",
             int(k) + 1,
         )
     if times[-1] - times[0] > LONGEST:
         raise RecordingError(
-            f"time: expected at most {LONGEST:g} s from the first sample to the last, a hundred "
-            f"years, got {times[-1] - times[0]:g}; are they in ms or ns?"
+            f"time: expected at most {LONGEST:.10g} s from the first sample to the last, a hundred "
+            f"years, got {times[-1] - times[0]:.10g}; are they in ms or ns?"
         )
     return times
 
@@ -78,7 +79,7 @@ def checked_duty(
     if outside.size:
         k, cell = outside[0]
         raise WrongSampleError(
-            f"duty of cell {cell + 1}: expected -1 to 1, got {values[k, cell]:g} at "
+            f"duty of cell {cell + 1}: expected -1 to 1, got {values[k, cell]:.10g} at "
             f"{_sample(k, time)}",
             int(k),
         )
@@ -206,6 +207,11 @@ def checked_ambient(
             f"ambient: expected the temperature of a room in degC, at most {HOTTEST_ROOM:g}, got "
             f"{values.max():g}; in K, that is {values.max() - ZERO_CELSIUS:g} degC"
         )
+    if values.min() < COLDEST_ROOM:
+        raise RecordingError(
+            f"ambient: expected the temperature of a room, at least {COLDEST_ROOM:g} degC, got "
+            f"{values.min():.10g} degC; is it {values.min() + ZERO_CELSIUS:.10g} degC, called K?"
+        )
     if np.all(values == values.flat[0]):
         return float(values.flat[0])
     return values
@@ -296,17 +302,18 @@ def _check_finite(values: np.ndarray, field: str, time: np.ndarray) -> None:
 
 
 def _check_temperature(values: np.ndarray, field: str, time: np.ndarray) -> None:
-    """Checks that temperatures are finite and above absolute zero, or NaN."""
+    """Checks that temperatures are finite and those of a rig, or NaN."""
     _check_finite(np.nan_to_num(values, nan=0.0, posinf=np.inf, neginf=-np.inf), field, time)
-    (wrong,) = np.nonzero(values < ABSOLUTE_ZERO)
+    (wrong,) = np.nonzero((values < ABSOLUTE_ZERO) | (values > HOTTEST))
     if wrong.size:
         k = wrong[0]
+        code = "; an instrument's code for no reading is a missing sample, NaN"
         raise WrongSampleError(
-            f"{field}: expected {ABSOLUTE_ZERO} degC and above, got {values[k]:g} degC at "
-            f"{_sample(k, time)}",
+            f"{field}: expected {ABSOLUTE_ZERO} to {HOTTEST:g} degC, got {values[k]:.10g} degC at "
+            f"{_sample(k, time)}{code if values[k] > HOTTEST else ''}",
             int(k),
         )
 
 
 def _sample(k: int | np.integer, time: np.ndarray) -> str:
-    return f"sample {k} (counted from 0, t = {time[k]:g} s)"
+    return f"sample {k} (counted from 0, t = {time[k]:.10g} s)"

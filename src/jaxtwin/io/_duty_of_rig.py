@@ -55,5 +55,5 @@ def check_heats_only(
             first = cools[0]
             raise error(
                 f"{label}: duty_P{number}: expected 0 to 1, because the heater {name!r} cannot "
-                f"cool, got {duty[first]:g} at {experiment.time[first]:g} s"
+                f"cool, got {duty[first]:.10g} at {experiment.time[first]:.10g} s"
             )

@@ -26,6 +26,7 @@ from ._checks import (
     checked_temperatures,
     checked_time,
 )
+from ._gaps import elapsed_time, gap_sentences, gap_steps, part_of, parts_between_gaps
 from ._glitches import Glitch, glitch_offsets
 from ._schedule import schedule_samples
 
@@ -42,9 +43,6 @@ Recordings: TypeAlias = (
 
 EXPERIMENT = "an Experiment, as read_recording, Experiment.schedule and .from_dataframe make it"
 """The name of an experiment in error messages."""
-
-GAP_FACTOR = 3.0
-"""A step longer than this many median steps is a gap: samples were lost, not merely late."""
 
 
 @final
@@ -299,22 +297,22 @@ class Experiment:
     @property
     def gaps(self) -> Float[np.ndarray, "gaps 2"]:
         """Start and end of every step that is longer than three median steps, s."""
-        steps = np.diff(self.time)
-        (before,) = np.nonzero(steps > GAP_FACTOR * np.median(steps))
+        before = gap_steps(self).before
         return np.stack([self.time[before], self.time[before + 1]], axis=1)
 
     @property
     def parts(self) -> "tuple[Experiment, ...]":
-        """The parts between gaps that have at least two samples, at their own times, named after
-        the experiment with their number; the experiment itself if it has no gap."""
-        if not len(self.gaps):
-            return (self,)
-        number = np.searchsorted(self.gaps[:, 1], self.time, side="right")
-        parts = [number == part for part in range(len(self.gaps) + 1)]
-        whole = [part for part in parts if np.count_nonzero(part) > 1]
-        return tuple(
-            self._part(part, f"{self.name} part {count}") for count, part in enumerate(whole, 1)
-        )
+        """The parts between gaps, named after the experiment with their number; the experiment
+        itself if it has no gap. Each begins with the recording, but only its own readings are
+        there: a run reaches it with the rig as the duty has left it. It begins behind the last gap
+        that is too long for that."""
+        return parts_between_gaps(self)
+
+    @cached_property
+    def elapsed(self) -> Float[np.ndarray, "times"]:
+        """The time that passed for the rig since the first sample, s: that of the samples, unless a
+        gap is too long to hold the duty, such as that of a clock that was moved."""
+        return elapsed_time(self)
 
     @cached_property
     def fingerprint(self) -> str:
@@ -356,20 +354,7 @@ class Experiment:
                 f"between: expected at least 2 samples of {self!r} between {start:g} s and "
                 f"{end:g} s, got {np.count_nonzero(part)}"
             )
-        return self._part(part, self.name)
-
-    def _part(self, part: Bool[np.ndarray, "times"], name: str) -> "Experiment":
-        """The samples of a part, under a name."""
-        ambient = self.ambient[part] if isinstance(self.ambient, np.ndarray) else self.ambient
-        return replace(
-            self,
-            time=self.time[part],
-            duty=self.duty[part],
-            temperatures=None if self.temperatures is None else self.temperatures[part],
-            ambient=ambient,
-            inputs={input_: values[part] for input_, values in self.inputs.items()},
-            name=name.strip(),
-        )
+        return part_of(self, part, self.name)
 
     def select(self, channels: Iterable[str]) -> "Experiment":
         """Returns the experiment with only these channels, in this order.
@@ -487,6 +472,7 @@ class Experiment:
             ("duty", f"{_count(self.n_cells, 'cell')}, {duty}, {changes}"),
             ("channels", (", ".join(self.channels) or "none") + measured),
             ("ambient", ambient),
+            *(("gap", sentence.removeprefix(f"{self.name}: ")) for sentence in gap_sentences(self)),
             *([("inputs", ", ".join(self.inputs))] if self.inputs else []),
             *([("notes", "; ".join(self.notes))] if self.notes else []),
         ]

@@ -45,14 +45,14 @@ def schedule_samples(
     step = _seconds("schedule: step", step)
     whole_number("schedule: cells", cells, 1, RecordingError)
     if not duration > 0:
-        raise RecordingError(f"duration: expected a number above 0, in s, got {duration:g}")
+        raise RecordingError(f"duration: expected a number above 0, in s, got {duration:.10g}")
     if not 0 < step <= duration:
         raise RecordingError(
-            f"step: expected a number above 0 up to the duration {duration:g} s, got {step:g} s"
+            f"step: expected a number above 0 up to the duration {duration:g} s, got {step:.10g} s"
         )
     if duration / step > MOST_SAMPLES:
         raise RecordingError(
-            f"step: expected at most {MOST_SAMPLES} samples in {duration:g} s, got more with "
+            f"step: expected at most {MOST_SAMPLES} samples in {duration:.10g} s, got more with "
             f"{step:g} s; use a longer step"
         )
     if cells > MOST_CELLS:
@@ -91,7 +91,7 @@ def _switches(text: str, times: list[float], duration: float) -> Float[np.ndarra
     if np.any(np.diff(switches) <= 0):
         place = int(np.argmax(np.diff(switches) <= 0))
         raise RecordingError(
-            f"schedule {text!r}: expected increasing times, got {switches[place + 1]:g} s after "
+            f"schedule {text!r}: expected increasing times, got {switches[place + 1]:.10g} s after "
             f"{switches[place]:g} s"
         )
     if switches[0] < 0 or switches[-1] >= duration:
@@ -123,7 +123,7 @@ def _input_entries(
         values.append(value)
     switches = _switches(f"{name}: {text}", times, duration)
     if switches[0] != 0:
-        raise RecordingError(f"{where}: expected a first time of 0 s, got {switches[0]:g} s")
+        raise RecordingError(f"{where}: expected a first time of 0 s, got {switches[0]:.10g} s")
     try:
         return switches, np.array([float(value) for value in values])
     except ValueError:

@@ -30,6 +30,7 @@ from ._loss import AbstractLoss, loaded_loss
 from ._noise_model import NoiseModel
 from ._objective import recording_weights, shapes_needed
 from ._problem import LinearPrior, MatchProblem, independent_prior_weights
+from ._recordings import divided
 from ._save_fit import FORMAT, StoredFit, StoredRecording, unrolled
 from ._uncertainty import Uncertainty, close_pairs, insensitive_labels, physical_covariance
 from ._unknowns import Unknowns
@@ -388,7 +389,9 @@ def _recordings(
     if experiments is None:
         return None
     given = [experiments] if isinstance(experiments, Experiment) else list(experiments)
-    by_content = {experiment.fingerprint: experiment for experiment in given}
+    # A match divides some recordings at gaps.
+    several = [part for gaps in ("hold", "split") for part in divided(given, gaps=gaps)[0]]
+    by_content = {experiment.fingerprint: experiment for experiment in several}
     found = []
     for name, record in stored.recordings.items():
         if record.fingerprint not in by_content:

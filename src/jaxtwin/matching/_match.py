@@ -15,6 +15,7 @@ from .._arguments import check_callable, names_of, of_kind, whole_number
 from .._errors import MatchError
 from .._waiting import advanced, announced
 from ..io._experiment import Recordings, as_experiments
+from ..io._gaps import Gaps
 from ..physics import Twin
 from ..simulation import simulate
 from ..simulation._initial import Initial, checked_initial
@@ -43,7 +44,14 @@ from ._problem import (
     choose_unknowns,
     make_match_problem,
 )
-from ._recordings import Span, check_distinct, check_start, named_groups, named_recordings
+from ._recordings import (
+    Span,
+    check_distinct,
+    check_start,
+    divided,
+    named_groups,
+    named_recordings,
+)
 from ._reweighted_least_squares import another_round, reweighted_least_squares
 from ._start import first_sample, starts_without_effect
 from ._uncertainty import estimate_uncertainty
@@ -66,6 +74,7 @@ def match(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     events: Events | None = None,
     masks: Mapping[str, Sequence[Span]] | None = None,
+    gaps: Gaps = "hold",
     loss: AbstractLoss | None = None,
     initial: Initial = None,
     starts: int = 1,
@@ -88,8 +97,7 @@ def match(
 
     - `twin`: the start of the match, with the values of the parameters that are held. For a fit
       these are its values, and the mean of its recordings' own values.
-    - `experiments`: one or several recordings of this rig, or their files. Parts of a recording
-      between gaps count as recordings of their own, since nobody knows what happened in the gap.
+    - `experiments`: one or several recordings of this rig, or their files.
     - `free`: names of the parameters to match, in place of those that the rig's table marks as
       free.
     - `fixed`: names of parameters to hold.
@@ -105,6 +113,9 @@ def match(
       `"none"`; by default as the rig file says. Only for rigs whose camera has a common error.
     - `masks`: recording -> spans (from, to) or (from, to, weight) with a smaller weight, 0 by
       default.
+    - `gaps`: `"hold"`: over a gap in the times the duty is held, and a recording is divided only at
+      a gap that is too long for that; `"split"`: the parts between all gaps (`Experiment.parts`)
+      count as recordings of their own, each with its own room.
     - `loss`: how much a residual counts by its size, such as `jaxtwin.matching.Huber(3.0)` with its
       threshold in robust standard deviations; None for plain squares.
     - `initial`: the temperatures at the start of each recording, as in `simulate`: `"steady"`, a
@@ -139,7 +150,8 @@ def match(
     fit = twin if isinstance(twin, Fit) else None
     twin = nominal_twin("twin", twin, MatchError)
     given = as_experiments("match: experiments", experiments, MatchError, twin.rig)
-    recordings = named_recordings(twin, [part for whole in given for part in whole.parts])
+    given, groups = divided(given, groups, gaps)
+    recordings = named_recordings(twin, given)
     group_names, group_numbers = named_groups(recordings, groups)
     check_distinct(recordings)
     held = without_starts(twin, fixed, initial)

@@ -1,6 +1,7 @@
 """The recordings of a match, checked: names, groups, masks, times of corrections, units."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import combinations
 from itertools import count as count_from
 
 import numpy as np
@@ -11,11 +12,13 @@ from .._celsius import ZERO_CELSIUS, is_probably_kelvin
 from .._errors import MatchError
 from .._name_suggestions import did_you_mean
 from ..io import Experiment
+from ..io._gaps import Gaps, parts_between_gaps, separate_recordings
 from ..physics import Twin
 from ..physics._twin import check_twin
 from ..rig import Parameter, Rig, Value
 from ..simulation._simulate import checked_channels
-from ._start import first_sample, room_temperature
+from ._shared_samples import shared_samples
+from ._start import first_readings, first_sample, room_temperature
 
 FIRST_SAMPLES = 50
 """The number of samples at the start that are looked at, of all channels together."""
@@ -40,7 +43,7 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
     has none. A repeated name is followed by its number, or by the next number that is not taken.
 
     **Raises:** `MatchError` if there is no recording, or one has no temperatures, or a channel of
-    one has none, or one has a gap or is in kelvin; `SimulationError` for a recording of another
+    one has none, or one is in kelvin; `SimulationError` for a recording of another
     rig.
     """
     check_twin("twin", twin, MatchError)
@@ -58,7 +61,6 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
                 "missing ones only; leave the channel out with Experiment.select"
             )
         check_units(twin, name, experiment)
-        check_without_gap(name, experiment)
         names.append(name)
     # Two recordings of one name must not share a row of a table.
     found: list[str] = []
@@ -68,6 +70,23 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
             name if name not in found else next(other for other in free if other not in names)
         )
     return dict(zip(found, experiments, strict=True))
+
+
+def divided(
+    experiments: Sequence[Experiment], groups: Sequence[str] | None = None, gaps: Gaps = "hold"
+) -> tuple[list[Experiment], Sequence[str] | None]:
+    """The recordings that are matched or predicted, and their groups: the given ones, divided at
+    each gap or only where nobody knows what happened.
+
+    **Raises:** `MatchError` for another treatment of gaps.
+    """
+    if gaps not in ("hold", "split"):
+        raise MatchError(f'gaps: expected "hold" or "split", got {gaps!r}')
+    pieces = parts_between_gaps if gaps == "split" else separate_recordings
+    parts = [pieces(experiment) for experiment in experiments]
+    if groups is not None and is_ordered(groups) and len(groups) == len(parts):
+        groups = [name for name, of_one in zip(groups, parts, strict=True) for _ in of_one]
+    return [part for of_one in parts for part in of_one], groups
 
 
 def named_groups(
@@ -102,18 +121,23 @@ def named_groups(
 
 
 def check_distinct(recordings: Mapping[str, Experiment]) -> None:
-    """Refuses a recording that is there twice, under whatever names: its samples would count as new
-    data, and standard errors would be too small.
+    """Refuses a recording that is there twice, under whatever names, or of which another one holds
+    a part: its samples would count as new data, and standard errors would be too small.
 
     **Raises:** `MatchError` with both names.
     """
-    seen: dict[str, str] = {}
-    for name, experiment in recordings.items():
-        other = seen.setdefault(experiment.fingerprint, name)
-        if other != name:
+    for (name, experiment), (later, other) in combinations(recordings.items(), 2):
+        if other.fingerprint == experiment.fingerprint:
             raise MatchError(
-                f"experiments: {name} is the same recording as {other}: expected each once, "
+                f"experiments: {later} is the same recording as {name}: expected each once, "
                 "because the second adds no information; leave it out"
+            )
+        shared = shared_samples(experiment, other)
+        if shared:
+            raise MatchError(
+                f"experiments: {shared} samples of {later} are those of {name}: expected each "
+                "once, because the second adds no information; leave one of the two out, or divide "
+                "the recording with Experiment.between"
             )
 
 
@@ -136,38 +160,41 @@ def check_units(twin: Twin, name: str, experiment: Experiment) -> None:
         )
 
 
-def check_without_gap(name: str, experiment: Experiment) -> None:
-    """Refuses a recording with lost samples.
-
-    **Raises:** `MatchError` that names the recording and the gap.
-    """
-    if len(experiment.gaps):
-        start, end = experiment.gaps[0]
-        raise MatchError(
-            f"{name}: expected no gap in the times, got one from {start:g} s to {end:g} s; "
-            "Experiment.parts are the parts between gaps"
-        )
-
-
 def check_start(rig: Rig, free: Iterable[Parameter], name: str, experiment: Experiment) -> None:
     """Refuses a recording that begins where the bounds do not let the twin begin.
 
-    A free parameter that is by itself the temperature of the plate at the start, such as `T_start`
-    of the bundled rigs, is checked.
+    A free parameter that is by itself the temperature at the start of what some channels read, such
+    as `T_start` of the bundled rigs, is compared with their first readings.
 
     **Raises:** `MatchError` that names the recording, the parameter and its bounds.
     """
-    first = first_sample(experiment).reading
+    starts = _channel_starts(rig)
     for row in free:
-        if rig.initial_temperature != Value(1.0, ((row.name, 1.0),)):
+        own = {Value(1.0, ((row.name, 1.0),))}
+        begins = np.array([starts[channel] == own for channel in experiment.channels])
+        # A part behind a gap does not begin with its first reading.
+        read = first_readings(experiment)[begins & experiment.sampled[0]]
+        if not len(read):
             continue
+        first = float(read.mean())
         lower, upper = (row.to_si(bound) - ZERO_CELSIUS for bound in (row.lower, row.upper))
         if not lower - BEYOND_BOUNDS <= first <= upper + BEYOND_BOUNDS:
             raise MatchError(
                 f"{name}: temperatures: expected a start within the bounds of {row.name}, "
-                f"{lower:g} to {upper:g} degC, got {first:.1f} degC; other bounds are given by "
+                f"{lower:g} to {upper:.10g} degC, got {first:.1f} degC; other bounds are given by "
                 f'bounds={{"{row.name}": (lowest, highest)}}'
             )
+
+
+def _channel_starts(rig: Rig) -> dict[str, set[Value]]:
+    """The temperatures at the start of what each channel reads: those of the rig, unless its bodies
+    have their own."""
+    own = {body.name: body.initial_temperature for body in rig.bodies} | dict(rig.initial_nodes)
+    starts = {}
+    for channel in rig.channels:
+        nodes = channel.sensor.weights(rig.plate)
+        starts[channel.name] = {own.get(node) or rig.initial_temperature for node in nodes}
+    return starts
 
 
 def span_weights(
@@ -219,7 +246,7 @@ def given_events(
             if not first < event <= last:
                 raise MatchError(
                     f"events: {name}: expected times inside the recording, {first:g} to {last:g} "
-                    f"s, got {event:g} s"
+                    f"s, got {event:.10g} s"
                 )
         times.append(tuple(sorted(float(event) for event in events.get(name, ()))))
     return times

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
+from ._recording_notes import recording_notes
 from ._start import replaced_by_recorded_room, room_parameters
 
 if TYPE_CHECKING:
@@ -121,6 +122,10 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         lines[3:3] = [
             f"steps of the match too long for these values: {fit.solver_gap:.2g} K from `simulate`"
         ]
+    initial = fit.twin.with_values({row.name: row.initial for row in fit.parameters.values()})
+    for comparison in fit.comparisons or ():
+        for sentence in recording_notes(comparison.run.experiment, initial):
+            lines[-1:-1] = wrap(sentence, WIDTH, subsequent_indent="  ")
     for row in table:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
         cells[NUMBERS] = [

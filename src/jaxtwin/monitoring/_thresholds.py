@@ -136,7 +136,7 @@ class MonitorCalibration:
         """
         source = path_of("MonitorCalibration.load: path", path, ObserverError)
         try:
-            entries = tomllib.loads(source.read_text(encoding="utf-8"))
+            entries = tomllib.loads(source.read_text(encoding="utf-8-sig"))
         except (OSError, ValueError) as error:
             raise ObserverError(
                 f"{source}: expected the calibration of a monitor as TOML: {error}"

@@ -33,6 +33,7 @@ from .._waiting import advanced, announced
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit, Huber
+from ..matching._recordings import divided
 from ..physics import Twin
 from ._filter_run import Samples, following, samples_of
 from ._forecast_run import expected_at, starts_of
@@ -97,7 +98,7 @@ def estimate_noise(
     """
     from scipy.optimize import minimize
 
-    several = as_experiments("estimate_noise: experiments", experiments, ObserverError)
+    several, _ = divided(as_experiments("estimate_noise: experiments", experiments, ObserverError))
     leads = _times(horizons)
     if start is None:
         start = usual_noise(fit, several, names)

@@ -58,7 +58,7 @@ def samples_of(
     """
     levels = input_levels(experiment, kalman.model.twin.rig.inputs)
     time = experiment.time
-    steps = np.diff(time)
+    steps = np.diff(experiment.elapsed)
     parts = _parts(steps, kalman.longest_seconds)
     of = np.repeat(np.arange(len(steps)), parts)
     last = np.cumsum(parts)

@@ -13,6 +13,7 @@ from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..io._experiment import as_experiment
+from ..io._gaps import gap_sentences, separate_recordings
 from ..matching import Fit
 from ..physics import System, Twin
 from ..simulation import Stepper
@@ -182,6 +183,12 @@ def filter_for(
     """The filter for a recording."""
     if experiment.temperatures is None or not experiment.sampled.any():
         raise ObserverError(f"{experiment.name or 'experiment'}: expected readings, got none")
+    if len(separate_recordings(experiment)) > 1:
+        raise ObserverError(
+            "observe: expected a recording whose gaps are short enough to hold the duty, got "
+            f"{gap_sentences(experiment)[-1]}; Experiment.between gives what is before and behind "
+            "it"
+        )
     noise.check()
     channels = checked_channels(fit.twin if isinstance(fit, Fit) else fit, experiment)
     if isinstance(fit, Fit):

@@ -168,7 +168,7 @@ class Observed:
         if not 0 <= lead <= self.experiment.duration:
             raise ObserverError(
                 f"ahead: seconds: expected 0 to {self.experiment.duration:g}, the duration of the "
-                f"recording, got {lead:g}"
+                f"recording, got {lead:.10g}"
             )
         ends, counts = starts_of(self.samples, self.is_sample, lead)
         with own_settings():
@@ -197,14 +197,14 @@ class Observed:
         begin = self.time[-1] if at is None else finite_number("forecast: at", at, ObserverError)
         if not self.time[0] <= begin <= self.time[-1]:
             raise ObserverError(
-                f"forecast: at: expected a time of the recording, {self.time[0]:g} to "
-                f"{self.time[-1]:g} s, got {begin:g}"
+                f"forecast: at: expected a time of the recording, {self.time[0]:.10g} to "
+                f"{self.time[-1]:.10g} s, got {begin:.10g}"
             )
         step = float(np.median(np.diff(self.time)))
         count = round(length / step)
         if count < 1:
             raise ObserverError(
-                f"forecast: horizon: expected at least the sample time of {step:g} s, got "
+                f"forecast: horizon: expected at least the sample time of {step:.10g} s, got "
                 f"{length:g}"
             )
         known = int(np.searchsorted(self.time, begin + 1e-9, side="right")) - 1
@@ -305,7 +305,7 @@ class Observed:
         lowest = np.array(self.observer.model.twin.rig.lowest_duty)
         if given is None or not ((lowest <= given) & (given <= 1)).all():
             raise ObserverError(
-                f"forecast: duty: expected numbers from {lowest.min():g} to 1, one for all, "
+                f"forecast: duty: expected numbers from {lowest.min():.10g} to 1, one for all, "
                 f"{shape[1]} (one for each cell), or an array of shape {shape}, got {duty!r}"
             )
         return given

@@ -192,7 +192,7 @@ class ProcessNoise(eqx.Module):
         """
         source = path_of("ProcessNoise.load: path", path, ObserverError)
         try:
-            text = source.read_text(encoding="utf-8")
+            text = source.read_text(encoding="utf-8-sig")
         except (OSError, ValueError) as error:
             raise ObserverError(f"{source}: expected levels of noise as TOML: {error}") from error
         return cls.from_toml(text, str(source))

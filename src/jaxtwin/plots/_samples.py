@@ -7,7 +7,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from ..io._experiment import GAP_FACTOR
+from ..io._gaps import GAP_FACTOR
 from ..simulation import Run
 from ._style import palette
 

@@ -162,7 +162,7 @@ def _samples(run: Run, times: Sequence[float]) -> list[int]:
     for time in times:
         if not run.time[0] <= time <= run.time[-1]:
             raise SimulationError(
-                f"times: expected {run.time[0]:g} to {run.time[-1]:g} s, got {time:g} s"
+                f"times: expected {run.time[0]:.10g} to {run.time[-1]:.10g} s, got {time:.10g} s"
             )
     return [int(np.argmin(np.abs(run.time - time))) for time in times]
 

@@ -16,6 +16,7 @@ from ..control.controllers._controller import AbstractController
 from ..io import Experiment
 from ..io._experiment import Recordings, as_experiments
 from ..matching import Fit, named_recordings
+from ..matching._recordings import divided
 from ..monitoring import MonitorCalibration
 from ..monitoring._monitor_recording import monitored
 from ..monitoring._thresholds import DAY
@@ -209,7 +210,7 @@ def refit(
     if controller is not None:
         of_kind("refit: controller", controller, AbstractController, "a controller", MatchError)
     several = as_experiments("refit: recordings", recordings, MatchError, fit.twin.rig)
-    several = _in_window(several, window)
+    several, _ = divided(_in_window(several, window))
     _check_new(fit, several)
     # Nobody looks at the recordings of an unattended refit, and one glitch would move its values.
     several = [each.without_glitches() for each in several]

@@ -1,9 +1,11 @@
 """Builds a `Rig` from the tables of a rig file: types are checked first, then units, names and
 geometry, part by part."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from .._celsius import COLDEST_ROOM, HOTTEST_ROOM, ZERO_CELSIUS
 from ._bench_table import build_camera, build_driver, build_limits
 from ._body_table import build_bodies, build_links
 from ._bundled import parse_toml
@@ -15,6 +17,7 @@ from ._fields import Fields
 from ._grounding import check_grounded
 from ._heater_table import build_heater, heater_bodies, heater_links
 from ._input_table import build_inputs
+from ._parameter import Parameter
 from ._parameter_table import build_parameter_sets, build_parameters
 from ._plate import NO_PLATE
 from ._plate_table import build_plate
@@ -22,6 +25,7 @@ from ._rig import Rig
 from ._schema import RigTable
 from ._units import NOISE, TEMPERATURE, TEMPERATURE_RATE
 from ._validate import validate
+from ._value import Value
 from ._zone_sensor import ZoneSensor
 
 
@@ -36,7 +40,7 @@ def parse_rig(content: bytes, source: str) -> Rig:
     **Raises:** `RigError` for the first mistake.
     """
     data = parse_toml(content, source)
-    return replace(build_rig(data, source), text=content.decode("utf-8"))
+    return replace(build_rig(data, source), text=content.decode("utf-8-sig"))
 
 
 def build_rig(data: dict[str, Any], source: str) -> Rig:
@@ -75,6 +79,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     heaters = tuple(build_heater(heater, plate, bodies, fields) for heater in table.heaters)
     check_grounded(plate, circuit, cells, heaters, bodies, links, fields)
     ambient = initial = fields.value("ambient.temperature", table.ambient.temperature, TEMPERATURE)
+    _check_room(ambient, parameters, fields)
     if table.initial is not None and table.initial.temperature is not None:
         initial = fields.value("initial.temperature", table.initial.temperature, TEMPERATURE)
     nodes = {} if table.initial is None else table.initial.nodes
@@ -148,3 +153,14 @@ _WITHOUT_PLATE = {
     "circuit": "[[links]] connect bodies",
     "camera": "give [sensors], whose channels name bodies",
 }
+
+
+def _check_room(ambient: Value, parameters: Mapping[str, Parameter], fields: Fields) -> None:
+    """Refuses a room that is none, such as 20 K."""
+    room = float(ambient.evaluate({name: p.to_si(p.value) for name, p in parameters.items()}))
+    if not COLDEST_ROOM <= room - ZERO_CELSIUS <= HOTTEST_ROOM:
+        fields.refuse(
+            "ambient.temperature",
+            f"expected the temperature of a room, {COLDEST_ROOM:g} to {HOTTEST_ROOM:g} degC, got "
+            f"{room - ZERO_CELSIUS:.10g} degC, which is {room:.10g} K; is the unit the other one?",
+        )

@@ -83,7 +83,8 @@ def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError
     **Raises:** the error, naming line and column, if it is not TOML.
     """
     try:
-        return tomllib.loads(content.decode("utf-8"))
+        # Editors on Windows put a byte order mark before the text.
+        return tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError as problem:
         line = content[: problem.start].count(b"\n") + 1
         refuse(

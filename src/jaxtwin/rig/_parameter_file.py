@@ -179,7 +179,7 @@ def _value(source: str, field: str, name: str, row: object, rig: Rig) -> float:
     if bounds:
         lower, upper = (number(bound) for bound in bounds)
         if parameter.lower > 0 >= lower:
-            _refuse(source, field, f"expected a lower bound above 0, got {lower:g}")
+            _refuse(source, field, f"expected a lower bound above 0, got {lower:.10g}")
         parameter = replace(parameter, lower=lower, upper=upper)
     return _bounded(source, field, number(row.get("value")), parameter)
 
@@ -190,7 +190,7 @@ def _bounded(source: str, field: str, value: float, parameter: Parameter) -> flo
     if any(math.isclose(value, bound, rel_tol=1e-12) for bound in (lower, upper)):
         value = min(max(value, lower), upper)
     if not (lower <= value <= upper and math.isfinite(value)):
-        _refuse(source, field, f"expected {lower:g} to {upper:g}, got {value:g}")
+        _refuse(source, field, f"expected {lower:.10g} to {upper:.10g}, got {value:.10g}")
     return value
 
 

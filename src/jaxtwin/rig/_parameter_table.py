@@ -36,7 +36,7 @@ def build_parameter_sets(
                 refuse(
                     source,
                     field,
-                    f"expected a value within its bounds, {lower:g} to {upper:g}, got {value:g}",
+                    f"expected a value within its bounds, {lower:g} to {upper:g}, got {value:.10g}",
                 )
     return {name: dict(values) for name, values in table.parameter_sets.items()}
 
@@ -60,13 +60,13 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
         refuse(
             source,
             f"{field}.bounds",
-            f"expected [lower, upper] with lower below upper, got [{lower:g}, {upper:g}]",
+            f"expected [lower, upper] with lower below upper, got [{lower:.10g}, {upper:.10g}]",
         )
     if not lower <= row.value <= upper:
         refuse(
             source,
             f"{field}.value",
-            f"expected a value within its bounds, {lower:g} to {upper:g}, got {row.value:g}",
+            f"expected a value within its bounds, {lower:g} to {upper:.10g}, got {row.value:.10g}",
         )
     prior_spread = prior_value = group_spread = None
     if row.prior is not None:

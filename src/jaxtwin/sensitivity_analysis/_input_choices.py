@@ -67,7 +67,7 @@ def resolve_inputs(
         if value < 0:
             raise ParameterError(
                 f"{twin.rig.name}: parameter {name}: expected a value above 0 for a log-normal "
-                f"distribution, got {value:g}"
+                f"distribution, got {value:.10g}"
             )
     lognormal = {name: LogNormal(value, spread) for name, value in values.items()}
     return Inputs(lognormal, relative_to=values)
@@ -85,7 +85,7 @@ def _around(value: float, spread: float) -> Normal:
 def _in_bounds(twin: Twin, row: Parameter) -> Uniform:
     if not (np.isfinite(row.lower) and np.isfinite(row.upper)):
         raise ParameterError(
-            f"{twin.rig.name}: parameter {row.name}: expected two bounds, got {row.lower:g} to "
+            f"{twin.rig.name}: parameter {row.name}: expected two bounds, got {row.lower:.10g} to "
             f"{row.upper:g}; give them in the rig file, or leave it out with names=[...]"
         )
     return Uniform(row.lower, row.upper)

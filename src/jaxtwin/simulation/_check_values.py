@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._celsius import COLDEST_ROOM, ZERO_CELSIUS
 from .._errors import ParameterError
 from ..physics import Twin, build_netlist
 from ..physics._placed import placed_names
@@ -31,6 +32,13 @@ def check_values(twin: Twin, where: str | None = None) -> None:
                 f"{where or twin.rig.name}: {what} ({value}): expected its bounds, "
                 f"{100 * lowest:g} cm to {100 * highest:g} cm, got {100 * found:g} cm"
             )
+    room = float(twin.rig.ambient_temperature.evaluate(values)) - ZERO_CELSIUS
+    if room < COLDEST_ROOM:
+        raise ParameterError(
+            f"{where or twin.rig.name}: ambient.temperature ({twin.rig.ambient_temperature}): "
+            f"expected the temperature of a room, at least {COLDEST_ROOM:g} degC, got {room:.10g} "
+            f"degC; is it {room + ZERO_CELSIUS:.10g} degC, called K?"
+        )
     values |= _unit_shares(twin.rig)
     for what, value in _positive_values(twin.rig):
         found = _evaluated(value, values)

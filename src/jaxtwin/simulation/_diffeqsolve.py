@@ -129,7 +129,7 @@ def solve_with_diffrax(
     levels = input_levels(experiment, system.wiring.inputs)
     changes = input_changes(experiment, levels)
     held = np.concatenate([[0], changes])
-    time = experiment.time - experiment.time[0]
+    time = experiment.elapsed
     ambient = jnp.zeros(len(held))
     if grid.ambient_at is not None:
         ambient = jnp.asarray(grid.ambient_at[held]) - reference
@@ -174,7 +174,7 @@ def _clipped(
 ) -> diffrax.AbstractStepSizeController:
     """Makes a controller end a step just before each input change and start a step just after
     it."""
-    time, delay = experiment.time - experiment.time[0], system.delay
+    time, delay = experiment.elapsed, system.delay
     controller = method.stepsize_controller
     if controller is None and isinstance(method.solver, diffrax.AbstractAdaptiveSolver):
         controller = diffrax.PIDController(rtol=1e-7, atol=1e-7)

@@ -87,7 +87,7 @@ def diffrax_chunk(
             drawn = power_of_states(
                 twin.with_values(values),
                 states,
-                experiment.time,
+                experiment.elapsed,
                 experiment.duty,
                 isinstance(initial, str),
                 input_levels(experiment, twin.rig.inputs),

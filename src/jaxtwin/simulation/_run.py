@@ -162,7 +162,7 @@ class Run:
             found = power_of_states(
                 self.twin,
                 padded(self.states + ZERO_CELSIUS),
-                padded(self.time),
+                padded(self.experiment.elapsed),
                 padded(self.experiment.duty),
                 self.is_steady_start,
                 None if levels is None else padded(levels),

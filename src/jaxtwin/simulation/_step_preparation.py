@@ -21,6 +21,10 @@ WHOLE = 1e-9
 """A delay counts as a multiple of the step size if the relative difference is below this."""
 
 
+MOST_COMMANDS = 1_000_000
+"""The most commands that a state holds on their way."""
+
+
 class ModalSteps(NamedTuple):
     """The fields of a `Stepper` that depend on the modes in which it steps, and the stability
     number of its steps over all duty cycles."""
@@ -96,10 +100,16 @@ def queue_length(
     """Computes the number of commands in a state: that of this step, and one for each step of the
     delay, rounded up to a power of two so that a delay of similar size needs no new compilation.
 
-    **Raises:** `SimulationError` if the delay is traced by JAX and `longest_delay` is missing, or
-    if the delay is longer than `longest_delay`.
+    **Raises:** `SimulationError` if the delay is traced by JAX and `longest_delay` is missing, if
+    the delay is longer than `longest_delay`, or if there are too many steps in it.
     """
     if delay is None:
         return 0
     longest = checked_longest_delay("Stepper: longest_delay", longest_delay, delay, SimulationError)
+    if longest > MOST_COMMANDS * step_size:
+        raise SimulationError(
+            f"Stepper: step_size: expected at least {longest / MOST_COMMANDS:g} s, as a delay of "
+            f"{longest:g} s holds a command for each step, got {step_size:g}; is it in another "
+            "unit?"
+        )
     return 1 << (int(longest / step_size) + 1).bit_length()

@@ -205,16 +205,17 @@ def build_time_grid(
     **Raises:** `SimulationError` if a run has more steps than fit into memory, or if a recording
     lacks an input.
     """
-    time, duty = experiment.time, experiment.duty
+    time, duty = experiment.elapsed, experiment.duty
     ambient = experiment.ambient
     levels = input_levels(experiment, tuple(one for one, _ in inputs))
     switches = input_changes(experiment, levels)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
-    least = experiment.duration / largest_step
+    duration = float(time[-1])
+    least = duration / largest_step
     if least > MOST_STEPS * parts:
         raise SimulationError(
             f"{experiment.name or 'the experiment'}: expected at most "
-            f"{MOST_STEPS * largest_step * parts:g} s, got {experiment.duration:g} s, which takes "
+            f"{MOST_STEPS * largest_step * parts:g} s, got {duration:g} s, which takes "
             f"{least:.2g} steps of at most {largest_step:g} s; simulate it in parts, with "
             "Experiment.between"
         )
@@ -233,13 +234,13 @@ def build_time_grid(
     # Sums of steps and sample times differ by rounding errors, so sizes are rounded and merged.
     sizes, size = np.unique(np.round(np.concatenate(spans), 9), return_inverse=True)
     lengths = sizes[size]
-    edges = time[0] + np.concatenate([[0.0], np.cumsum(lengths)])
+    edges = np.concatenate([[0.0], np.cumsum(lengths)])
     step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
     part = np.clip((time - edges[step_of]) / lengths[step_of], 0.0, 1.0)
     polynomials = step_polynomials([np.asarray(span) for span in spans])
     celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + ZERO_CELSIUS
     return TimeGrid(
-        times=time - time[0],
+        times=time,
         sizes=sizes,
         size=size.astype(np.int32),
         duty=duty[held],

@@ -64,7 +64,7 @@ def to_spice(
     label = experiment.name or "the experiment"
     check_duty_of_rig(experiment, twin.rig, label, SimulationError)
     values = twin.numbers_si
-    time = experiment.time - experiment.time[0]
+    time = experiment.elapsed
     ambient = experiment.ambient
     if ambient is None:
         drift = 0.0 if twin.rig.ambient_drift is None else twin.rig.ambient_drift.evaluate(values)

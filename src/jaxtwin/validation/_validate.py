@@ -28,7 +28,7 @@ from ..matching import (
 from ..matching._band import UncertainValues, band_about, values_of_matched, values_of_unseen
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..matching._nominal_twin import nominal_twin
-from ..matching._recordings import named_groups
+from ..matching._recordings import divided, named_groups
 from ..observers import ProcessNoise
 from ..physics import Twin
 from ..simulation import simulate
@@ -106,7 +106,7 @@ def validate(
                 "estimates both"
             )
     rig = twin.rig if isinstance(twin, Twin) else None
-    several = as_experiments("validate: experiments", experiments, MatchError, rig)
+    several, _ = divided(as_experiments("validate: experiments", experiments, MatchError, rig))
     labels = named_recordings(twin, several)
     check_callable("validate: on_progress", on_progress, MatchError)
     if group is not None:
@@ -177,7 +177,7 @@ def validate_split(
     """
     twin = nominal_twin("twin", twin, MatchError)
     at = finite_number("validate_split: at", at, MatchError)
-    several = as_experiments("validate_split: experiments", experiments, MatchError)
+    several, _ = divided(as_experiments("validate_split: experiments", experiments, MatchError))
     names = named_recordings(twin, several)
     check_callable("validate_split: on_progress", on_progress, MatchError)
     for name, recording in zip(names, several, strict=True):
@@ -234,7 +234,10 @@ def leave_one_out(
     left out; the errors of `match` and `validate`.
     """
     twin = nominal_twin("twin", twin, MatchError)
-    several = as_experiments("leave_one_out: experiments", experiments, MatchError)
+    several, of_each = divided(
+        as_experiments("leave_one_out: experiments", experiments, MatchError),
+        options.pop("groups", None),
+    )
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)
     check_callable("leave_one_out: on_progress", on_progress, MatchError)
     recordings = named_recordings(twin, several)
@@ -243,7 +246,7 @@ def leave_one_out(
         raise MatchError(f"leave_one_out: expected two recordings or more, got {len(several)}")
     if by not in ("recording", "group"):
         raise MatchError(f'leave_one_out: by: expected "recording" or "group", got {by!r}')
-    groups, numbers = named_groups(recordings, options.pop("groups", None))
+    groups, numbers = named_groups(recordings, of_each)
     if by == "group" and len(set(numbers)) < 2:
         raise MatchError(
             "leave_one_out: by: expected recordings of two groups or more, got one group "

@@ -14,6 +14,7 @@ from .._display import html_table, picture
 from .._goodness_of_fit import fit_text, mean_fit_percent
 from .._json_values import json_value
 from ..matching import Band, Fit
+from ..matching._recording_notes import recording_notes
 from ..physics import Twin
 from ..simulation import Run
 from ._whiteness import Whiteness, whiteness_of_channels
@@ -195,6 +196,7 @@ class Validation:
                 f"{prediction.name}, estimated before {prediction.run.time[0]:g} s: {text}"
             ] * bool(text)
             lines += [f"{prediction.name}: {warning}" for warning in prediction.warnings]
+            lines += recording_notes(prediction.run.experiment, prediction.twin)
         return "\n".join(lines)
 
     def plot(self) -> "Figure":

@@ -32,6 +32,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+MOST_COMMANDS = 1000
+"""The most commands in transit that a discrete model has states for: each input has one for each,
+and matrices of thousands of states take minutes."""
+
+
 @final
 class LinearModel(eqx.Module):
     r"""A linear model of deviations from an operating point, made by `linearize`.
@@ -135,8 +140,9 @@ class LinearModel(eqx.Module):
         - `longest_delay`: the delay for which the model has states. None for its own delay. It
           must be given if the delay is traced by JAX.
 
-        **Raises:** `ControlError` if the sample time is not positive, or if the delay is longer
-        than `longest_delay`, or is traced and `longest_delay` is missing.
+        **Raises:** `ControlError` if the sample time is not positive or below a thousandth of the
+        delay, or if the delay is longer than `longest_delay`, or is traced and `longest_delay` is
+        missing.
         """
         sample_time = finite_number("discretise: sample_time_s", sample_time_s, ControlError)
         if sample_time <= 0:
@@ -405,6 +411,12 @@ class LinearModel(eqx.Module):
         longest = checked_longest_delay(
             "discretise: longest_delay", longest_delay, self.delay_s, ControlError
         )
+        if longest > MOST_COMMANDS * sample_time * (1 + 1e-9):
+            raise ControlError(
+                f"discretise: sample_time_s: expected at least {longest / MOST_COMMANDS:g} s, as "
+                f"a delay of {longest:g} s has a state for each of at most {MOST_COMMANDS} "
+                f"commands, got {sample_time:g}; is it in another unit?"
+            )
         # Rounding must not make n + 1 commands of a delay of n steps.
         return int(np.ceil(longest / sample_time * (1 - 1e-9)))
 

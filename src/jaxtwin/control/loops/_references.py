@@ -151,7 +151,7 @@ def sample_times(
     if count < 1 or not math.isclose(count * sample_time_s, duration, rel_tol=1e-9):
         raise ControlError(
             f"{where}: duration: expected a multiple of the controller's sample time "
-            f"{sample_time_s:g} s, got {duration:g} s"
+            f"{sample_time_s:.10g} s, got {duration:.10g} s"
         )
     return sample_time_s * np.arange(count + 1)
 

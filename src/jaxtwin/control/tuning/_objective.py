@@ -73,7 +73,7 @@ def checked_objective(where: str, objective: object, tail_weight: object, rig: R
     """
     tail = finite_number(f"{where}: tail_weight", tail_weight, ControlError)
     if not 0 <= tail <= 1:
-        raise ControlError(f"{where}: tail_weight: expected a number from 0 to 1, got {tail:g}")
+        raise ControlError(f"{where}: tail_weight: expected a number from 0 to 1, got {tail:.10g}")
     of_rig = measures_of(len(rig.plate.element_names))
     measures: dict[str, Measure] = {name: function for name, (function, _) in of_rig.items()}
     at = f"{where}: objective"

@@ -1,0 +1,121 @@
+"""What a match should say of its recordings: gaps, channels at the end of their range, and readings
+that no part of the rig can have."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .._celsius import ZERO_CELSIUS
+from .._errors import JaxtwinError
+from ..io import Experiment
+from ..io._gaps import gap_sentences
+from ..physics import Twin
+from ..simulation import simulate
+from ._start import hidden_parameters, plate_parameters
+
+LONGEST_STAY = 10
+"""So many samples in a row at the highest or lowest value of all, or more, may be the end of a
+sensor's range."""
+
+STANDS = 20
+"""A channel at the end of its range has this many times as many samples there as at the value
+beside it. A temperature that settles is slow before, so that both have many."""
+
+
+PLAIN = (-60.0, 150.0)
+"""Temperatures that need no look at the rig, degC."""
+
+BEYOND_REACH = 3.0
+"""A reading is beyond what a rig reaches if it is this many times as far from the room as any part
+of the rig at rest under full duty; its values are not known yet."""
+
+ALLOWANCE = 20.0
+"""For what else warms or cools a rig, K."""
+
+
+def recording_notes(experiment: Experiment, twin: Twin) -> list[str]:
+    """What is assumed of the gaps of a recording, which channels stand at one value, and which
+    readings no part of the rig can have, in sentences.
+
+    **Arguments:**
+
+    - `twin`: the twin with the values before the match.
+    """
+    notes = gap_sentences(experiment) + _beyond_reach(experiment, twin)
+    if experiment.temperatures is None:
+        return notes
+    for name, readings in zip(experiment.channels, experiment.temperatures.T, strict=True):
+        there = ~np.isnan(readings)
+        for word, sign in (("highest", 1.0), ("lowest", -1.0)):
+            at_end = _at_end_of_range(sign * readings[there])
+            if at_end.any():
+                value = readings[there][at_end][0]
+                first = experiment.time[there][at_end][0]
+                notes.append(
+                    f"{experiment.name or 'the recording'}: {name} stands at its {word} value, "
+                    f"{value:.6g} degC, in {at_end.sum()} of {there.sum()} samples, first at "
+                    f"{first:.10g} s, as at the end of a sensor's range: these readings are bounds "
+                    "and not temperatures; make them missing (NaN), or masks=... leaves them out"
+                )
+    return notes
+
+
+def _beyond_reach(experiment: Experiment, twin: Twin) -> list[str]:
+    temperatures = experiment.temperatures
+    if temperatures is None:
+        return []
+    if np.nanmin(temperatures) >= PLAIN[0] and np.nanmax(temperatures) <= PLAIN[1]:
+        return []
+    lowest, highest = _reach(twin)
+    if experiment.ambient is not None:
+        room = float(twin.rig.ambient_temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS
+        lowest += min(0.0, float(np.min(experiment.ambient)) - room)
+        highest += max(0.0, float(np.max(experiment.ambient)) - room)
+    notes = []
+    for name, readings in zip(experiment.channels, temperatures.T, strict=True):
+        (rows,) = np.nonzero((readings < lowest) | (readings > highest))
+        if len(rows):
+            first = rows[0]
+            notes.append(
+                f"{experiment.name or 'the recording'}: {name}: {len(rows)} readings, the first "
+                f"{readings[first]:.6g} degC at {experiment.time[first]:.10g} s, are beyond "
+                f"{lowest:.0f} to {highest:.0f} degC, what any part of the rig can reach; make "
+                "them missing (NaN), or masks=... leaves them out"
+            )
+    return notes
+
+
+def _reach(twin: Twin) -> tuple[float, float]:
+    """The lowest and the highest temperature that any part of a rig can have, degC."""
+    rig = twin.rig
+    room = float(rig.ambient_temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS
+    found = [room]
+    for duty in ((1.0,) * len(rig.driven), rig.lowest_duty):
+        held = Experiment([0.0, 1.0], [duty, duty])
+        try:
+            found += simulate(twin, held, initial="steady").states[0].tolist()
+        except JaxtwinError:  # a cell that runs away has no rest
+            return -ZERO_CELSIUS, np.inf
+    starts = plate_parameters(rig) | hidden_parameters(rig)
+    bounds = [
+        row.to_si(bound) - ZERO_CELSIUS
+        for name, row in rig.parameters.items()
+        if name in starts and row.offset
+        for bound in (row.lower, row.upper)
+    ]
+    lowest = room - BEYOND_REACH * (room - min(found)) - ALLOWANCE
+    highest = room + BEYOND_REACH * (max(found) - room) + ALLOWANCE
+    return min([lowest, *bounds]), max([highest, *bounds])
+
+
+def _at_end_of_range(readings: Float[np.ndarray, " samples"]) -> Bool[np.ndarray, " samples"]:
+    """The samples at the highest value, if a channel came to stand there; none otherwise."""
+    none = np.zeros(len(readings), bool)
+    values, counts = np.unique(readings, return_counts=True)
+    if len(values) < 3 or counts[-1] < STANDS * counts[-2]:
+        return none
+    at_end = readings == values[-1]
+    edges = np.flatnonzero(np.diff(np.append(np.insert(at_end.astype(int), 0, 0), 0)))
+    begins, ends = edges[::2], edges[1::2]
+    # A recording may begin at rest, in which a coarse sensor shows a single value.
+    stays = (ends - begins)[begins > 0]
+    return at_end if len(stays) and stays.max() >= LONGEST_STAY else none
