@@ -30,7 +30,7 @@ RIGS = {
 }
 """Rig -> duty of all actuators, and duration, s."""
 
-CODES = (-127.0, 85.0, 0.0, 9.9e37)
+CODES = (-127.0, 85.0, 0.0, 9999.0)
 
 
 def glitched(recording: jt.Experiment, seed: int) -> tuple[jt.Experiment, int, int]:

@@ -38,7 +38,7 @@ def changed(
 
 
 @pytest.mark.parametrize("channels", [0, slice(None)], ids=["one channel", "all channels"])
-@pytest.mark.parametrize("value", [-127.0, 0.0, 85.0, 9.9e37])
+@pytest.mark.parametrize("value", [-127.0, 0.0, 85.0, 9999.0])
 @pytest.mark.parametrize("horizon", [None, 3], ids=["filter", "moving horizon"])
 def test_a_lone_impossible_reading_is_as_if_it_were_missing(
     value: float, channels: slice | int, horizon: int | None
