@@ -37,6 +37,9 @@ WIDTH = 100
 NUMBERS = slice(1, 8)
 """The columns that are aligned to the right."""
 
+SMALL_SPREAD = 0.05
+"""Below this spread of a logarithm a prior is shown with its per cent: its factor is about 1."""
+
 INFLUENTIAL_SHARE = 0.1
 """A single reading that holds a larger share of the sum of squared residuals is named."""
 
@@ -209,9 +212,11 @@ def _row(row: "FittedParameter") -> tuple[str, ...]:
 
 
 def prior_text(row: "FittedParameter") -> str:
-    """A prior for tables: its centre, and its standard deviation or factor."""
+    """A prior for tables: its centre, and its standard deviation, part of it, or factor."""
     if row.prior_spread is None or row.prior_value is None:
         return "-"
+    if row.is_logarithmic and row.prior_spread < SMALL_SPREAD:
+        return f"{row.prior_value:.4g} (+- {100 * row.prior_spread:.2g} %)"
     if row.is_logarithmic:
         return f"{row.prior_value:.4g} (factor {math.exp(row.prior_spread):.3g})"
     return f"{row.prior_value:.4g} (+- {row.prior_spread:.3g})"

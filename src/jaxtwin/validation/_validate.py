@@ -45,6 +45,12 @@ OUTSIDE = 0.2
 the range."""
 
 
+ONE_RECORDING = (
+    "a match to one recording does not know how much the rig differs between recordings, so that "
+    "its bands are wide; a match to more recordings makes them narrower"
+)
+
+
 @announced("validation")
 def validate(
     twin: Twin | Fit | str | os.PathLike[str],
@@ -294,13 +300,15 @@ def _predict(
             fitted, recording, warm_up, names, group=group, initial=initial
         )
     run = simulate(found.twin, recording, initial=initial).between(start)
-    band, is_matched = None, False
+    band, is_matched, warnings = None, False, found.warnings
     if isinstance(fitted, Fit):
         uncertain = values_of_unseen(fitted, recording.group if group is None else group, found)
         band = partial(_band, fitted, recording, uncertain, start)
         is_matched = recording.fingerprint in fitted.fingerprints
+        if len(fitted.recordings) == 1 and not is_matched:
+            warnings = (*warnings, ONE_RECORDING)
     return Prediction(
-        name, run, found.twin, found.values, found.warnings, fit, is_matched, make_band=band
+        name, run, found.twin, found.values, warnings, fit, is_matched, make_band=band
     )
 
 
