@@ -29,9 +29,9 @@ from ._sentinels import is_missing
 from ._text_table import EMPTY, SEPARATORS, TextTable, decoded, table_of_text
 from ._timestamps import is_date, is_time, times_of_fields
 
-ON: tuple[str, ...] = ("true", "on", "yes", "ein", "heating", "active")
-OFF: tuple[str, ...] = ("false", "off", "no", "aus", "idle", "inactive")
-TRUTH = dict.fromkeys(ON, 1.0) | dict.fromkeys(OFF, 0.0)
+TRUTH: dict[str, float] = {}
+TRUTH |= dict.fromkeys(("true", "on", "yes", "ein", "heating", "active"), 1.0)
+TRUTH |= dict.fromkeys(("false", "off", "no", "aus", "idle", "inactive"), 0.0)
 """Words for an output that is on or off, in small letters."""
 
 
