@@ -241,6 +241,8 @@ def test_a_constant_duty_is_stated(read):
     assert read(text, duty=0.25).duty[:, 0].tolist() == [0.25, 0.25]
     with pytest.raises(RecordingError, match="duty= states one that is constant"):
         read(text)
+    with pytest.raises(RecordingError, match="duty: expected none, as every drive has a column"):
+        read("time_s,duty_P1\n0,1\n1,1\n", duty=0.5)
     both = read("time_s,duty_P2,T1_degC\n0,1,80\n60,1,75\n", duty=0)
     assert both.duty.tolist() == [[0, 1], [0, 1]]
 

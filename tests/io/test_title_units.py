@@ -144,6 +144,7 @@ def test_a_letter_that_may_be_a_unit_or_a_name_is_asked_for(tmp_path_factory, fo
     [
         ("temp_f", "temp", "degF"),
         ("tempF", "temp", "degF"),
+        ("TempC", "Temp", "degC"),
         ("T°F", "T", "degF"),
         ("T..degF.", "T", "degF"),  # as R writes `T (degF)`
         ("°F bed", "bed", "degF"),
@@ -159,6 +160,17 @@ def test_a_letter_that_may_be_a_unit_or_a_name_is_asked_for(tmp_path_factory, fo
         ("ms", "", "ms"),
         ("°F", "", "degF"),
         ("1", "1", None),
+        ("millis()", "", "ms"),
+        ("heater()", "heater", "1"),
+        ("ms elapsed", "elapsed", "ms"),
+        ("minutes since start", "since start", "min"),
+        ("heater % mean", "heater  mean", "%"),
+        ("Volts heater", "heater", "V"),
+        ("T 0.1°C", "T 0.1", None),  # tenths of a degree
+        ("T x10 degC", "T x10", None),
+        ("T11 degC", "T11", "degC"),
+        ("temp_f1", "temp_f1", "degF"),
+        ("programs", "programs", None),
         ("T_amb", "T_amb", None),
         ("Date/Time", "Date/Time", None),
         ("P_MW", "P_MW", None),  # a megawatt is no milliwatt
@@ -275,6 +287,16 @@ def test_a_scale_that_is_none_is_refused(tmp_path_factory, scale, message):
             [[0.0, 1.0], [0.0, 1.0]],
             columns={"P_W": "duty_P1"},
             scale={"duty_P1": "1/12 V"},
+        )
+
+
+def test_a_scale_of_no_column_is_refused(tmp_path_factory):
+    with pytest.raises(RecordingError, match=r"scale: expected names of columns, .*, got duty_p1"):
+        _read(
+            tmp_path_factory,
+            ["time_s", "duty_P1"],
+            [[0.0, 1.0], [0.0, 1.0]],
+            scale={"duty_p1": "0.5"},
         )
 
 

@@ -48,8 +48,8 @@ def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: "Readin
     """
     from .._errors import RecordingError
     from ..io import read_recording
+    from ..io._column_meaning import Choices
     from ..io._delimited import text_table
-    from ..io._named_columns import Choices
     from ..io._read import table_content
     from ..io._text_table import is_data
 
@@ -145,8 +145,8 @@ class _Numbers:
     """What the fields of a column show."""
 
     def __init__(self, table: "TextTable", place: int):
+        from ..io._column_meaning import in_english
         from ..io._delimited import TRUTH
-        from ..io._named_columns import in_english
         from ..io._sentinels import is_missing
         from ..io._timestamps import is_time, is_timestamp_title
         from ..io._title_units import unit_of_title
@@ -205,7 +205,8 @@ class _Names:
 def _known(table: "TextTable", place: int, rig: "Rig | None", given: "Reading") -> str | None:
     """What a column is read as by its title or the given name; None if it would be refused."""
     from .._errors import RecordingError
-    from ..io._named_columns import Choices, meanings
+    from ..io._column_meaning import Choices
+    from ..io._named_columns import meanings
 
     title = table.titles[place]
     named = {key: name for key, name in given.columns.items() if key in (title, str(place + 1))}

@@ -193,8 +193,8 @@ def _pairs(
 def _channels_by_title(file: Path, rig: "Rig", reading: Reading) -> dict[str, str]:
     """The columns that are called as a channel, title -> channel."""
     from .._errors import RecordingError
+    from ..io._column_meaning import Choices
     from ..io._delimited import text_table
-    from ..io._named_columns import Choices
     from ..io._read import table_content
     from ..io._title_units import unit_of_title
 

@@ -7,10 +7,11 @@ from jaxtyping import Float
 
 from .._errors import RecordingError
 from .._name_suggestions import did_you_mean
-from ._csv import Drive, experiment_of_columns
+from ._column_meaning import Choices, Meaning
 from ._delimited import Column, in_unit
 from ._experiment import Experiment
-from ._named_columns import Choices, Meaning, meanings
+from ._named_columns import meanings
+from ._recorded_columns import Drive, experiment_of_columns
 from ._timestamps import is_timestamp_title
 
 if TYPE_CHECKING:

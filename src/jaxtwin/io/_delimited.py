@@ -22,26 +22,16 @@ import numpy as np
 from jaxtyping import Float
 
 from .._errors import RecordingError
+from ._column_meaning import Choices, Kind, Meaning
 from ._long_form import widened
-from ._named_columns import Choices, Kind, Meaning, meanings
-from ._sentinels import FAULT_WORDS, is_missing
+from ._named_columns import meanings
+from ._sentinels import is_missing
 from ._text_table import EMPTY, SEPARATORS, TextTable, decoded, table_of_text
 from ._timestamps import is_date, is_time, times_of_fields
 
-TRUTH = {
-    "true": 1.0,
-    "on": 1.0,
-    "yes": 1.0,
-    "ein": 1.0,
-    "heating": 1.0,
-    "active": 1.0,
-    "false": 0.0,
-    "off": 0.0,
-    "no": 0.0,
-    "aus": 0.0,
-    "idle": 0.0,
-    "inactive": 0.0,
-}
+TRUTH: dict[str, float] = {}
+TRUTH |= dict.fromkeys(("true", "on", "yes", "ein", "heating", "active"), 1.0)
+TRUTH |= dict.fromkeys(("false", "off", "no", "aus", "idle", "inactive"), 0.0)
 """Words for an output that is on or off, in small letters."""
 
 
@@ -248,8 +238,10 @@ def _column(meaning: Meaning, fields: list[str], lines: list[int], comma: bool) 
             is_since_1970=since,
             note=times.note,
         )
-    words = {field.lower() for field in fields if not is_missing(field)}
-    is_truth = bool(words) and words <= TRUTH.keys() and kind != "temperature"
+    words: set[str] = set()
+    if kind != "temperature" and next(filter(None, fields), "").lower() in TRUTH:
+        words = {field.lower() for field in fields if not is_missing(field)}
+    is_truth = bool(words) and words <= TRUTH.keys()
     values = np.array(
         [
             TRUTH.get(field.lower(), np.nan) if is_truth else _number(field, comma)
@@ -275,11 +267,6 @@ def in_unit(
     """The numbers of a column in degC, s or 1, or in the unit of an input."""
     scaled = values if meaning.scale == 1.0 else values * meaning.scale
     return scaled if meaning.unit is None else meaning.unit.converted(scaled)
-
-
-def count_of_words(column: Column) -> int:
-    """How many readings of a column are words for one that failed."""
-    return sum(field.lower() in FAULT_WORDS for field in column.fields)
 
 
 def _number(field: str, comma: bool) -> float:

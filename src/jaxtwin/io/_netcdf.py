@@ -8,8 +8,8 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
+from ._column_meaning import INPUT
 from ._experiment import Experiment
-from ._named_columns import INPUT
 
 if TYPE_CHECKING:
     import xarray

@@ -6,14 +6,15 @@ from pathlib import Path
 from .._arguments import finite_number, of_kind, path_of, whole_number
 from .._errors import RecordingError
 from ..rig import Rig
-from ._csv import Drive, parse_csv
+from ._column_meaning import Choices
+from ._csv import parse_csv
 from ._delimited import names_of_columns
 from ._duty_of_rig import check_heats_only
 from ._experiment import Experiment
 from ._mat import csv_of_mat, is_of_the_authors, parse_mat
 from ._matlab5 import is_matlab5
-from ._named_columns import Choices
 from ._netcdf import parse_netcdf
+from ._recorded_columns import Drive
 from ._session import Session
 from ._session_file import is_session
 from ._table_files import csv_of_parquet, csv_of_tdms, csv_of_workbook
@@ -121,10 +122,11 @@ def read_recording(
             raise RecordingError(
                 f"zone: expected none, as only two-cell .mat recordings have one, got {zone!r}"
             )
-        if kind not in TABLES and (columns or ignore or scale):
+        of_table = columns or ignore or scale or spread or (duty, header) != (None, None)
+        if kind not in TABLES and of_table:
             raise RecordingError(
-                "columns, ignore, scale: expected a .csv, .xlsx, .parquet, .mat or .tdms file, got "
-                "another format"
+                "columns, ignore, scale, duty, header, spread: expected a .csv, .xlsx, .parquet, "
+                ".mat or .tdms file, got another format"
             )
         if kind == "mat" and not columns and is_of_the_authors(content):
             full = AUTHORS_COUNTS if counts is None else counts

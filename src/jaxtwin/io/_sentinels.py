@@ -15,39 +15,16 @@ BLANK_WORDS = frozenset(
 """The words for a missing sample, in small letters."""
 
 FAULT_WORDS = frozenset(
-    {
-        "unavailable",
-        "unknown",
-        "undefined",
-        "ol",
-        "+ol",
-        "-ol",
-        "o.l.",
-        "ovld",
-        "+ovld",
-        "-ovld",
-        "over",
-        "under",
-        "overload",
-        "underrange",
-        "overrange",
-        "overflow",
-        "open",
-        "err",
-        "error",
-        "fault",
-        "faulty",
-        "bad",
-        "disconnected",
-        "invalid",
-        "#value!",
-        "#ref!",
-        "#div/0!",
-        "#num!",
-        "#null!",
-    }
+    [
+        *("unavailable", "unknown", "undefined", "disconnected", "invalid", "bad", "open"),
+        *("err", "error", "fault", "faulty", "ol", "+ol", "-ol", "o.l.", "ovld", "+ovld", "-ovld"),
+        *("over", "under", "overload", "overrange", "underrange", "overflow"),
+        *("#value!", "#ref!", "#div/0!", "#num!", "#null!"),
+    ]
 )
 """The words for a reading that failed, in small letters; they are missing, and are counted."""
+
+_MISSING = BLANK_WORDS | FAULT_WORDS
 
 OVERLOAD = 1e30
 """The size from which on a number is a code, whatever its unit."""
@@ -61,7 +38,7 @@ APART = 15.0
 
 def is_missing(field: str) -> bool:
     """Whether a text stands for a missing sample."""
-    return field.lower() in BLANK_WORDS or field.lower() in FAULT_WORDS
+    return field.lower() in _MISSING
 
 
 def fault_codes(

@@ -15,7 +15,8 @@ from itertools import islice
 from typing import final
 
 from .._errors import RecordingError
-from ._named_columns import Choices, meanings
+from ._column_meaning import Choices
+from ._named_columns import meanings
 from ._sentinels import is_missing
 from ._timestamps import is_time
 from ._title_units import unit_called

@@ -5,7 +5,7 @@ A unit is read where people and loggers write it:
 - in brackets, `T1 [°C]`, `T1 (degF)`, or behind a slash, `T1/K`. These are explicit: nothing else
   can be meant.
 - as the last word, `T1_degF`, `bed_kelvin`, `Elapsed ms`, `P_W`; or without a gap, `T1°F`, `tempF`;
-  or as the whole title, `ms`.
+  or as the whole title, `ms`. Words that can be nothing else may stand anywhere, `minutes elapsed`.
 
 A letter alone (`zone_F`, `Sensor K`) may be a unit or a name. It is taken for a unit behind a word
 for a temperature; elsewhere `is_sure` is False, and whoever reads the column has to say which.
@@ -83,10 +83,16 @@ _SLASH = re.compile(r"(.+?)\s*/\s*([^/]+)")
 _LAST_WORD = re.compile(
     r"(.+?)(?:[\s_.,;:-]+in)?([\s_.,;:-]+)((?:deg(?:rees?)?[\s_.]+)?[^\s_.,;:]+)\.*", re.IGNORECASE
 )
-_WITHOUT_GAP = re.compile(r"(.*?)[\s_]*(m?°\s*[CFK])|(.*temp(?:erature)?\d*)([CFK]|deg[CFK])")
+_WITHOUT_GAP = re.compile(r"(.*?)[\s_]*(m?°\s*[CFK])|(.*[Tt]emp(?:erature)?\d*)([CFK]|deg[CFK])")
 _ANYWHERE = re.compile(
-    r"(m?°\s*[CFK]|deg(?:rees?)?[\s_.]*[CFK]|fahrenheit|kelvin|celsius)(?![^\W_])", re.IGNORECASE
+    r"(m?°\s*[CFK]|deg(?:rees?)?[\s_.]*[CFK]|fahrenheit|kelvin|celsius|%)(?![^\W_])"
+    r"|(?<![^\W_])(percent|pct|watts?|volts?|amps?|counts|ms|msecs?|millis|milliseconds?|usecs?|"
+    r"micros|microseconds?|mins|minutes?|hours?)(?![^\W_])",
+    re.IGNORECASE,
 )
+_LETTER_INSIDE = re.compile(r"temp(?:erature)?s?[\s_]?([FK])(?![a-z])", re.IGNORECASE)
+_FACTOR = re.compile(r"(?<![^\W_])(\d*[.,/]\d+|[x*×]\s*10+)$")
+"""The end of a name before a unit that is not the whole unit: `T 0.1°C`."""
 
 
 @final
@@ -122,16 +128,23 @@ def unit_of_title(title: str) -> TitleUnit:
     brackets = list(_BRACKETS.finditer(title))
     texts = [(bracket[1] or bracket[2] or "").strip() for bracket in brackets]
     for bracket, text in reversed(list(zip(brackets, texts, strict=True))):
-        unit = UNITS["1"] if not text or text.isdigit() else unit_called(text)
+        unit = unit_called(text) if text and not text.isdigit() else None
         if unit is not None:
             stem = (title[: bracket.start()] + title[bracket.end() :]).strip()
             return TitleUnit(stem, unit, text or "1", is_explicit=True)
     if brackets and brackets[-1].end() == len(title):
         # An unknown word in brackets may still follow a unit: `T_degF (bed)`.
         stem = title[: brackets[-1].start()].strip()
-        inner = unit_of_title(stem)
-        return inner if inner.unit is not None else TitleUnit(stem, None, texts[-1], True)
-    return next(_without_brackets(title), TitleUnit(title))
+        inner, text = unit_of_title(stem), texts[-1]
+        if inner.unit is not None:
+            return inner
+        if not text or text.isdigit():  # `heater()`, and a column of pandas that is there twice
+            return TitleUnit(stem, UNITS["1"], text or "1", is_explicit=True)
+        return TitleUnit(stem, None, text, is_explicit=True)
+    parts = next(_without_brackets(title), TitleUnit(title))
+    if parts.unit is not None and (factor := _FACTOR.search(parts.stem)):
+        return TitleUnit(parts.stem, None, f"{factor[0]} {parts.text}", is_explicit=True)
+    return parts
 
 
 def _without_brackets(title: str) -> Iterator[TitleUnit]:
@@ -155,3 +168,5 @@ def _without_brackets(title: str) -> Iterator[TitleUnit]:
     if anywhere := _ANYWHERE.search(title):
         stem = (title[: anywhere.start()] + title[anywhere.end() :]).strip(" _-/")
         yield TitleUnit(stem, unit_called(anywhere[0]), anywhere[0])
+    if inside := _LETTER_INSIDE.search(title):
+        yield TitleUnit(title, unit_called(inside[1]), inside[1], is_sure=False)
