@@ -120,7 +120,7 @@ def test_a_glitch_is_shown(tmp_path, capsys):
     rows = "".join(f"{k},0,{t}\n" for k, t in enumerate(readings))
     (tmp_path / "log.csv").write_text("time_s,duty_P1,T1_degC\n" + rows)
     assert run(["import", "log.csv"]) == 0
-    assert "T1: 31 degC at 3 s, far from the readings around it" in capsys.readouterr().out
+    assert "T1 at 3 s reads 31 degC, +11 K from the readings beside it" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["", "x", "a,b\n", "1,2\n", "a\n1\n2\n", ",,\n1,,\n2,,\n"])
@@ -196,3 +196,21 @@ def test_no_file_is_answered_with_a_traceback(tmp_path_factory, rows, gap):
     file.write_text("\n".join(gap.join(row) for row in rows))
     with contextlib.suppress(jt.RecordingError):
         assert "jaxtwin import" in overview(file, None, None, Reading())
+
+
+def test_glitches_are_named_and_left_out_where_asked(tmp_path, capsys):
+    """One reading of 300 is that of a sensor that was pulled out for a moment."""
+    rows = [f"{n},0.5,0.0,{20 + 0.1 * n:.2f},{20 + 0.05 * n:.2f}" for n in range(300)]
+    rows[200] = "200,0.5,0.0,3.10,30.00"
+    file, out = tmp_path / "log.csv", tmp_path / "run.csv"
+    file.write_text("time_s,duty_P1,duty_P2,T1_degC,T2_degC\n" + "\n".join(rows) + "\n")
+    command = ["import", str(file), "--rig", "tclab", "--out", str(out)]
+    named = "T1 at 200 s reads 3.1 degC, -36.9 K from the readings beside it"
+    assert run(command) == 0
+    assert f"{named}; --mask-glitches leaves it out" in capsys.readouterr().out
+    assert len(jt.read_recording(out).glitches) == 1
+    assert run([*command, "--mask-glitches", "--overwrite"]) == 0
+    assert f"left out: {named}" in capsys.readouterr().out
+    assert np.flatnonzero(np.isnan(jt.read_recording(out).temperatures)).tolist() == [400]
+    assert run(["import", str(file), "--rig", "tclab"]) == 0
+    assert named in capsys.readouterr().out

@@ -37,9 +37,6 @@ NO_WORDS = r"(field|ch|channel|value|col|column|data|ai|var|y)?[ _]?\d*"
 SHOWN_ROWS = 3
 """The number of rows that are shown."""
 
-JUMP = 5.0
-"""How far a single reading must be from those around it to be shown, K."""
-
 
 def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: "Reading") -> str:
     """What a file holds and the command that would read it, in lines for a person.
@@ -269,21 +266,10 @@ def _sampling(experiment: "Experiment") -> list[str]:
         if not there.any():
             continue
         lines.append(f"  {name}: {np.nanmin(values):.4g} to {np.nanmax(values):.4g} degC")
-        lines += [
-            f"  {name}: {values[there][k]:g} degC at {experiment.time[there][k]:g} s, far from the "
-            "readings around it"
-            for k in _glitches(values[there])[:3]
-        ]
+    lines += [f"  {glitch}" for glitch in experiment.glitches[:3]]
     return lines + [f"  {note}" for note in experiment.notes]
 
 
 def _temperatures(experiment: "Experiment") -> np.ndarray:
     blank = np.full((len(experiment.time), len(experiment.channels)), np.nan)
     return blank if experiment.temperatures is None else experiment.temperatures
-
-
-def _glitches(values: np.ndarray) -> np.ndarray:
-    """The samples far from both that surround them, which are near each other."""
-    left, middle, right = values[:-2], values[1:-1], values[2:]
-    distance = np.minimum(np.abs(middle - left), np.abs(middle - right))
-    return np.flatnonzero((distance > JUMP) & (np.abs(right - left) < distance / 2)) + 1

@@ -98,6 +98,13 @@ def import_recording(
         bool,
         typer.Option("--spread", help="Spread samples of one time evenly: a clock of seconds."),
     ] = False,
+    mask_glitches: Annotated[
+        bool,
+        typer.Option(
+            "--mask-glitches",
+            help="Leave out single readings that are far from those before and after them.",
+        ),
+    ] = False,
     overwrite: OverwriteOption = False,
     json: JsonOption = None,
 ) -> None:
@@ -129,11 +136,17 @@ def import_recording(
         raise typer.BadParameter("--rig: expected the rig file whose recording it is, beside --out")
     check_new_output(out, overwrite, ".csv", ".nc")
     check_json(json)
-    _import(file, of_rig, rig, reading, out, json)
+    _import(file, of_rig, rig, reading, mask_glitches, out, json)
 
 
 def _import(
-    file: Path, rig: "Rig", rig_name: str, reading: Reading, out: Path, json: Path | None
+    file: Path,
+    rig: "Rig",
+    rig_name: str,
+    reading: Reading,
+    mask_glitches: bool,
+    out: Path,
+    json: Path | None,
 ) -> None:
     """Reads a file as the options say, and writes the recording with what was done."""
     from ..io import column_names, read_recording, write_recording
@@ -142,6 +155,8 @@ def _import(
     columns = _channels_by_title(file, rig, reading) | reading.columns
     reading = replace(reading, columns=columns)
     experiment = read_recording(file, rig=rig, **reading.arguments())
+    if mask_glitches:
+        experiment, words = experiment.without_glitches(), [*words, "--mask-glitches"]
     _check_rig(experiment, rig, file)
     of_columns = {"columns", "ignore", "scale", "header", "sheet"}
     arguments = {k: v for k, v in reading.arguments().items() if k in of_columns}
@@ -156,6 +171,7 @@ def _import(
     said += [f"  inputs of {rig.name} without a column: {', '.join(unstated)}"] * bool(unstated)
     said += [f"  nothing from {before:g} s to {after:g} s" for before, after in gaps]
     said += [f"  {note}" for note in experiment.notes]
+    said += [f"  {glitch}; --mask-glitches leaves it out" for glitch in experiment.glitches]
     command = ["jaxtwin", "import", file.name, "--rig", Path(rig_name).name, *words]
     checksum = hashlib.sha256(file.read_bytes()).hexdigest()
     history = [f"{shlex.join(command)} --out {out.name}", f"of {file.name}, SHA-256 {checksum}"]

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from ..rig import Rig
     from ..twin_store import TwinStore
 
+SHOWN_GLITCHES = 3
+"""The number of glitches of a recording that are named."""
+
 
 def open_twin(
     rig: "Rig", set_name: str | None, parameter_file: Path | None, recording: str | None = None
@@ -135,8 +138,13 @@ def open_recordings(rig: "Rig", names: Sequence[str]) -> "list[Experiment]":
 
 def say_notes(file: Path, experiment: "Experiment") -> None:
     """Prints on standard error what was done to a recording that its numbers do not show, such as
-    readings that are codes and count as missing."""
-    for note in experiment.notes:
+    readings that are codes and count as missing; and its glitches, which count."""
+    notes = [*experiment.notes]
+    if glitches := experiment.glitches:
+        more = f", and {len(glitches) - SHOWN_GLITCHES} more" * (len(glitches) > SHOWN_GLITCHES)
+        shown = "; ".join(str(glitch) for glitch in glitches[:SHOWN_GLITCHES])
+        notes.append(f"{shown}{more}; it counts unless it is left out (import --mask-glitches)")
+    for note in notes:
         print(printable(f"{file.name}: {note}"), file=sys.stderr)
 
 

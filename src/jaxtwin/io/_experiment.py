@@ -281,12 +281,15 @@ class Experiment:
         )
 
     def without_glitches(self) -> "Experiment":
-        """The experiment with its `glitches` as missing samples; itself if there are none."""
-        if not self.glitches:
+        """The experiment with its `glitches` as missing samples, which its `notes` name; itself if
+        there are none."""
+        if not (glitches := self.glitches):
             return self
         assert self.temperatures is not None
         offsets = glitch_offsets(self.temperatures)
-        return replace(self, temperatures=np.where(offsets == 0, self.temperatures, np.nan))
+        notes = [f"left out: {glitch}" for glitch in glitches]
+        readings = np.where(offsets == 0, self.temperatures, np.nan)
+        return replace(self, temperatures=readings, notes=(*self.notes, *notes))
 
     @property
     def switch_times(self) -> Float[np.ndarray, "switches"]:

@@ -1,5 +1,6 @@
 """Single readings that no temperature takes: the reading leaves for a sample and is back."""
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -59,7 +60,9 @@ def _offsets_of(readings: Float[np.ndarray, " readings"]) -> Float[np.ndarray, "
     if len(readings) < 2 * MAX_GLITCH_SAMPLES + 2:
         return offsets
     changes = np.abs(np.diff(readings))
-    usual = float(np.quantile(changes, USUAL_QUANTILE))
+    # A single glitch makes two changes, which in a short recording are not usual either.
+    largest = max(3, math.ceil((1 - USUAL_QUANTILE) * len(changes)))
+    usual = float(np.sort(changes)[-largest])
     least = max(JUMP_FACTOR * usual, MIN_GLITCH_KELVIN)
     # Before the first and after the last reading anything may have been.
     edges = np.flatnonzero(np.concatenate([[True], changes > least, [True]]))
