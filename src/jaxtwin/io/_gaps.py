@@ -252,7 +252,7 @@ def gap_sentences(experiment: "Experiment") -> list[str]:
         changes = np.any(experiment.duty[rows] != experiment.duty[rows + 1], axis=1)
         longest = gaps.seconds[held][changes].max(initial=0.0)
         late = (
-            f"; it changes in {changes.sum()} of them, of up to {longest:.6g} s, nobody knows when, "
+            f"; it changes in {changes.sum()} of them, up to {longest:.6g} s, nobody knows when, "
             "and counts from their end on: what that heat has done falls to the values of the "
             "match; log each change, or give the part before or behind (Experiment.between)"
         )
