@@ -250,7 +250,12 @@ def gap_sentences(experiment: "Experiment") -> list[str]:
             )
         rows = gaps.before[held]
         changes = np.any(experiment.duty[rows] != experiment.duty[rows + 1], axis=1)
-        late = f"; it changes in {changes.sum()} of them, and counts from their end on"
+        longest = gaps.seconds[held][changes].max(initial=0.0)
+        late = (
+            f"; it changes in {changes.sum()} of them, up to {longest:.6g} s, nobody knows when, "
+            "and counts from their end on: what that heat has done falls to the values of the "
+            "match; log each change, or give the part before or behind (Experiment.between)"
+        )
         sentences.append(f"{name}: the duty is held over {of}{late if changes.any() else ''}")
     for row, counted, is_clock in zip(gaps.before, gaps.seconds, gaps.is_clock, strict=True):
         span = f"nothing from {time[row]:.10g} s to {time[row + 1]:.10g} s"
