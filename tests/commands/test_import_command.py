@@ -123,6 +123,18 @@ def test_a_glitch_is_shown(tmp_path, capsys):
     assert "T1 at 3 s reads 31 degC, +11 K from the readings beside it" in capsys.readouterr().out
 
 
+def test_a_title_that_is_no_name_is_guessed_with_one(tmp_path, capsys):
+    rows = "".join(f"{k},{20 + k},0.5\n" for k in range(6))
+    (tmp_path / "log.csv").write_text("time_s,101 <oven> (C),duty_P1\n" + rows)
+    assert run(["import", "log.csv"]) == 0
+    (command,) = [
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("  jaxtwin import")
+    ]
+    assert "--column '101 <oven> (C)=T1'" in command
+    recording = jt.read_recording(tmp_path / "log.csv", columns={"101 <oven> (C)": "T1"})
+    assert recording.channels == ("T1",)
+
+
 @pytest.mark.parametrize("text", ["", "x", "a,b\n", "1,2\n", "a\n1\n2\n", ",,\n1,,\n2,,\n"])
 def test_a_file_without_a_recording_is_no_traceback(text, tmp_path, capsys):
     (tmp_path / "log.csv").write_text(text)

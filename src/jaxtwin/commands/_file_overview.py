@@ -204,6 +204,7 @@ def _known(table: "TextTable", place: int, rig: "Rig | None", given: "Reading") 
     from .._errors import RecordingError
     from ..io._column_meaning import Choices
     from ..io._named_columns import meanings
+    from ..rig._channel import is_channel_name
 
     title = table.titles[place]
     named = {key: name for key, name in given.columns.items() if key in (title, str(place + 1))}
@@ -213,8 +214,11 @@ def _known(table: "TextTable", place: int, rig: "Rig | None", given: "Reading") 
         (meaning,) = meanings([title], choices, units)
     except RecordingError:
         return None
-    is_known = meaning is not None and meaning.kind != "unknown" and choices.is_of_rig(meaning)
-    return meaning.text if is_known and meaning is not None else None
+    if meaning is None or meaning.kind == "unknown" or not choices.is_of_rig(meaning):
+        return None
+    # A title such as '101 <oven> (C)' is a temperature, but no name of a channel.
+    is_named = meaning.kind != "temperature" or is_channel_name(meaning.name)
+    return meaning.text if is_named else None
 
 
 def _role(table: "TextTable", place: int, numbers: _Numbers, has_time: bool) -> str:
