@@ -42,8 +42,7 @@ def compile_loop(twin: Twin, controller: AbstractController) -> None:
     held = Experiment([0.0, controller.sample_time_s], np.tile(middle, (2, 1)))
     rest = simulate(twin, held, initial="steady").temperatures[-1]
     references = np.asarray(controller.output_weights(twin.channels)) @ rest
-    loop = LiveLoop(twin, controller, references, duration=controller.sample_time_s)
-    simulate(twin, loop.simulated_plan())
+    LiveLoop(twin, controller, references, duration=controller.sample_time_s).simulated_plan()
 
 
 @final

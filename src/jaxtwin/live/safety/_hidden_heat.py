@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 from ..._normal_distribution import QUANTILE_975
 from ...io import Experiment
 from ...physics import Twin
-from ...simulation import simulate
 from ..protocol._records import Reading
 from ._duty_response import DutyResponse
 from ._finding import Finding
@@ -47,9 +46,6 @@ deviations."""
 
 NEAR_SIGMAS = 4.0
 """The distance from being too probable within which a healthy rig may be stopped."""
-
-PLAN_STEP_SECONDS = 10.0
-"""The time over which the duty of a plan is averaged, within which no plate changes much, s."""
 
 
 @final
@@ -147,21 +143,16 @@ class HiddenHeat:
         - `initial`: the temperature at the start, degC; None: that of the rig file.
         - `seen`: which nodes are elements of the plate or bodies that a channel sees.
         """
-        count = self._ensemble.count
-        plan = _averaged(plan)
-        total = squares = np.zeros(())
-        for twin in self._ensemble.twins:
-            run = simulate(twin, plan, initial=initial)
-            reached = np.concatenate([run.states[:, seen], run.temperatures], axis=1)
-            total, squares = total + reached, squares + reached**2
-        mean = total / count
-        spread = np.sqrt(np.maximum(squares / count - mean**2, 0.0)) * (count > 1)
-        sigmas = (self._limits.hottest - mean) / np.maximum(spread, 1e-9)
-        sample, part = np.unravel_index(np.argmin(sigmas), sigmas.shape)
-        too_near = np.flatnonzero(sigmas.min(axis=1) <= TOO_PROBABLE_SIGMAS)
-        nearest = float(plan.time[too_near[0] if len(too_near) else sample] - plan.time[0])
-        of_part = float(mean[sample, part]), float(spread[sample, part])
-        return HottestPart(self._parts_of(seen)[part], *of_part, self._limits.hottest, nearest)
+        run = self._ensemble.run(plan, initial)
+        draws = np.concatenate([run.nodes[:, :, seen], run.readings], axis=2)
+        rows = [
+            _hottest(row, self._parts_of(seen), self._limits.hottest, float(time))
+            for row, time in zip(draws, run.time, strict=True)
+        ]
+        # Where it is too near, the first time says more than that of the highest temperature.
+        nearest = min(rows, key=lambda row: row.sigmas)
+        first = next((row for row in rows if row.is_too_probable), nearest)
+        return nearest._replace(since=first.since)
 
     def follow(self, response: DutyResponse) -> None:
         """Goes on to the time of the twins of a `DutyResponse`."""
@@ -235,20 +226,6 @@ def _hottest(
     spread = draws.std(axis=0) if len(draws) > 1 else np.zeros_like(mean)
     part = int(np.argmin((limit - mean) / np.maximum(spread, 1e-9)))
     return HottestPart(names[part], float(mean[part]), float(spread[part]), limit, since)
-
-
-def _averaged(plan: Experiment) -> Experiment:
-    """A plan with the mean duty of each `PLAN_STEP_SECONDS`, if it has more samples than these."""
-    time = np.asarray(plan.time)
-    edges = np.arange(time[0], time[-1] + PLAN_STEP_SECONDS, PLAN_STEP_SECONDS)
-    if len(time) <= len(edges):
-        return plan
-    held = np.diff(time)[:, None] * plan.duty[:-1]
-    heat = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
-    at_edges = np.stack([np.interp(edges, time, column) for column in heat.T], axis=1)
-    duty = np.diff(at_edges, axis=0) / PLAN_STEP_SECONDS
-    ambient = plan.ambient if np.ndim(plan.ambient) == 0 else np.interp(edges, time, plan.ambient)
-    return Experiment(edges, np.concatenate([duty, duty[-1:]]), ambient=ambient)
 
 
 def _probability_below(sigmas: float) -> float:

@@ -1,13 +1,17 @@
 """Twins beside a rig, one for each draw of what a match does not know."""
 
-from collections.abc import Mapping
-from typing import final
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple, final
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..._compilation import persistent_jit
+from ...io import Experiment
 from ...observers import OpenLoop, OpenLoopState
 from ...physics import Twin
 from ._duty_response import DutyResponse, step_and_read
@@ -15,10 +19,29 @@ from ._duty_response import DutyResponse, step_and_read
 STEP_SECONDS = 0.5
 """The step of the twins, s of the rig, within which no plate becomes much hotter."""
 
+PLAN_STEP_SECONDS = 10.0
+"""The step of the twins in a plan, s: 0.02 K from shorter ones on the bundled rigs."""
+
+MIN_PLAN_STEPS, MAX_PLAN_STEPS = 128, 16_384
+"""A plan is divided into a power of two of steps, whose duty is averaged, so that few programs are
+compiled. Those of a plan of more than two days are longer."""
+
 DRIVEN, IDLE = range(2)
 
 Draws = Mapping[str, Float[np.ndarray, " draws"]]
 """Parameter -> its values in random draws, as `jaxtwin.matching.posterior_draws` gives them."""
+
+
+class PlannedRun(NamedTuple):
+    """What draws of a twin do in a plan.
+
+    - `time`: the times since the start, s.
+    - `nodes`, `readings`: the temperatures of the nodes and of the channels, degC.
+    """
+
+    time: Float[np.ndarray, " rows"]
+    nodes: Float[np.ndarray, "rows draws nodes"]
+    readings: Float[np.ndarray, "rows draws channels"]
 
 
 @final
@@ -38,27 +61,13 @@ class TwinEnsemble:
     def __init__(self, twin: Twin, draws: Draws | None = None):
         values = {name: np.asarray(column, np.float64) for name, column in (draws or {}).items()}
         count = len(next(iter(values.values()))) if values else 1
-        self.twins = [
+        self._twins = [
             twin.with_values({name: float(column[draw]) for name, column in values.items()})
             for draw in range(count)
         ]
-        """The twin of each draw."""
-        with jax.enable_x64(True):
-            observers = [OpenLoop(each, step_size=STEP_SECONDS) for each in self.twins]
-            if len({each.stepper.queue for each in observers}) > 1:
-                # Only a driver with a delay has a queue of commands, which must be of one length.
-                longest = max(float(each.stepper.system.delay or 0.0) for each in observers)
-                observers = [
-                    OpenLoop(each, step_size=STEP_SECONDS, longest_delay=longest)
-                    for each in self.twins
-                ]
-        self._template, self._count = observers[0], count
-        # All have the same structure, so that their numbers can be stacked.
-        columns = zip(*map(jax.tree.leaves, observers), strict=True)
-        stacked = [np.stack([np.asarray(leaf) for leaf in leaves]) for leaves in columns]
-        self._step_all = _stepped.bind(
-            jax.tree.unflatten(jax.tree.structure(observers[0]), stacked)
-        )
+        self._count = count
+        self._template, stacked = _stacked(self._twins, STEP_SECONDS)
+        self._step_all = _stepped.bind(stacked)
         self._duty = np.zeros((2, len(twin.rig.driven)))
         self._heat, self._last = np.zeros((2, len(twin.rig.driven)))  # duty times time; duty
         self._stepped: float | None = None  # the time of the last step, s of the rig
@@ -102,6 +111,34 @@ class TwinEnsemble:
             self._step(waited, response.room)
             self._stepped, self._heat = now, np.zeros_like(self._heat)
 
+    def run(self, plan: Experiment, initial: float | None) -> PlannedRun:
+        """The draws with the duty and the room of a plan, which no rig has to wait for.
+
+        **Arguments:**
+
+        - `initial`: the temperature at the start, degC; None: that of the rig file.
+        """
+        duration = float(plan.time[-1] - plan.time[0])
+        steps = max(math.ceil(duration / PLAN_STEP_SECONDS), MIN_PLAN_STEPS)
+        count = min(2 ** (steps - 1).bit_length(), MAX_PLAN_STEPS)
+        dt = PLAN_STEP_SECONDS * math.ceil(steps / count)
+        edges = dt * np.arange(count + 1)
+        room = np.nan if plan.ambient is None else plan.ambient
+        rooms = np.interp(
+            edges[1:], plan.time - plan.time[0], np.broadcast_to(room, plan.time.shape)
+        )
+        template, run = self._of_plans
+        with jax.enable_x64(True):
+            start = np.asarray(template.init(initial, self._duty[IDLE]).twin.nodes)
+            nodes, readings = run(start, mean_duty(plan, edges), rooms, np.float64(dt))
+        return PlannedRun(edges[1:], np.asarray(nodes), np.asarray(readings))
+
+    @cached_property
+    def _of_plans(self) -> tuple[OpenLoop, Callable[..., Any]]:
+        """An observer with the step of plans, and the program that follows a plan."""
+        template, stacked = _stacked(self._twins, PLAN_STEP_SECONDS)
+        return template, _followed.bind(stacked)
+
     def _set(self, nodes: Float[np.ndarray, " nodes"]) -> None:
         with jax.enable_x64(True):
             start = self._template.init(nodes, self._duty[IDLE])
@@ -117,6 +154,54 @@ class TwinEnsemble:
         # The states are kept as NumPy arrays, because they are read between two steps.
         self._states = jax.tree.map(np.asarray, states)
         self._readings = np.asarray(readings)
+
+
+def mean_duty(
+    plan: Experiment, edges: Float[np.ndarray, " edges"]
+) -> Float[np.ndarray, "rows cells"]:
+    """The mean duty of a plan between times since its start; 0 behind its end."""
+    held = np.diff(plan.time)[:, None] * plan.duty[:-1]
+    heat = np.concatenate([np.zeros((1, held.shape[1])), np.cumsum(held, axis=0)])
+    since = plan.time - plan.time[0]
+    at_edges = np.stack([np.interp(edges, since, column) for column in heat.T], axis=1)
+    return np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
+
+
+def _stacked(twins: Sequence[Twin], step_size: float) -> tuple[OpenLoop, OpenLoop]:
+    """The observer of the first twin, and those of all with their numbers stacked, which the same
+    structure allows."""
+    with jax.enable_x64(True):
+        observers = [OpenLoop(each, step_size=step_size) for each in twins]
+        if len({each.stepper.queue for each in observers}) > 1:
+            # Only a driver with a delay has a queue of commands, which must be of one length.
+            longest = max(float(each.stepper.system.delay or 0.0) for each in observers)
+            observers = [
+                OpenLoop(each, step_size=step_size, longest_delay=longest) for each in twins
+            ]
+    columns = zip(*map(jax.tree.leaves, observers), strict=True)
+    stacked = [np.stack([np.asarray(leaf) for leaf in leaves]) for leaves in columns]
+    return observers[0], jax.tree.unflatten(jax.tree.structure(observers[0]), stacked)
+
+
+@persistent_jit
+def _followed(
+    observers: OpenLoop,
+    start: Float[Array, " nodes"],
+    duty: Float[Array, "rows cells"],
+    rooms: Float[Array, " rows"],
+    dt: Float[Array, ""],
+) -> tuple[Float[Array, "rows draws nodes"], Float[Array, "rows draws channels"]]:
+    """The temperatures of nodes and channels of all draws after each row of a plan, degC."""
+
+    def of_draw(observer: OpenLoop) -> tuple[Array, Array]:
+        def take(state: OpenLoopState, row: tuple[Array, Array]) -> tuple[OpenLoopState, Any]:
+            state, readings = step_and_read(observer, state, *row, dt)
+            return state, (observer.nodes(state), readings)
+
+        begun = observer.init(start, jnp.zeros_like(duty[0]))
+        return jax.lax.scan(take, begun, (duty, rooms))[1]
+
+    return jax.vmap(of_draw, out_axes=1)(observers)
 
 
 @persistent_jit
