@@ -3,6 +3,7 @@
     python benchmarks/live_hazards.py                     # make hazards: every hazard, 20 times
     python benchmarks/live_hazards.py --control --seeds 20
     python benchmarks/live_hazards.py --healthy 1000      # hours without a hazard
+    python benchmarks/live_hazards.py --live 20           # the same, behind all interlocks
 
 Each hazard of `tests/hazards.py` meets a driven virtual rig once a seed, which chooses noise, duty,
 the moment, the pace of the host, the room (5 to 40 degC), whether it is measured, and how warm the
@@ -16,8 +17,9 @@ Prints a table: runs, off in time, the longest time, its bound, how far the plat
 limit at the worst, the reasons, and what was said in one of the runs.
 
 Healthy hours have references of up to 60 % of the way from the room to the limit that change every
-ten minutes; the first line of the result counts what stopped them, and what the readings showed
-after the end.
+ten minutes. Counted is how many the interlock on the duty stops (`--healthy`), of those of which it
+was said before that they are near the limit, and of the others; or (`--live`) how hours end that
+run behind all interlocks in the time of the rig, and what the readings showed after the end.
 """
 
 import argparse
@@ -60,6 +62,7 @@ CAMERA |= {f"g_T{row}{end}" for row in (1, 2) for end in range(1, 7)}
 
 DRAWS = 32
 MAX_SEEDS = 2000
+FIRST_HOUR = 2000
 REACH = 0.6
 """The largest reference of a healthy hour, as a part of the way from the room to the limit."""
 
@@ -240,16 +243,27 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first hazard")
     parser.add_argument("--last", type=int, default=len(HAZARDS))
     parser.add_argument("--healthy", type=int, default=0, help="hours, in place of hazards")
+    parser.add_argument("--live", type=int, default=0, help="such hours, behind all interlocks")
     parser.add_argument("--control", action="store_true", help="by a controller, not a schedule")
     parser.add_argument("--out", type=Path, help="a file for the table, .md")
     options = parser.parse_args()
     begin = time.time()
     bench()  # its compiled programs are kept for the processes
-    if options.healthy:
-        tasks = [partial(healthy_hour, seed) for seed in range(options.healthy)]
-        ended, shown = zip(*compute(tasks), strict=True)
+    seeds = range(FIRST_HOUR, FIRST_HOUR + max(options.healthy, options.live))
+    if options.live:
+        ended, shown = zip(*compute([partial(live_hour, seed) for seed in seeds]), strict=True)
         counts = {"hours": len(ended), "ended": Counter(ended), "after": Counter(shown)}
         lines = [json.dumps(counts)]
+    elif options.healthy:
+        hours = compute([partial(healthy_hour, seed) for seed in seeds])
+        table = Counter((hour.is_near, hour.ended) for hour in hours if hour.ended != "refused")
+        refused = sum(hour.ended == "refused" for hour in hours)
+        lines = [
+            f"hours {'near' if near else 'not near'} the limit: {table[near, 'completed']} "
+            f"completed, {table[near, 'stopped']} stopped"
+            for near in (False, True)
+        ]
+        lines.append(f"refused before they began: {refused}")
     else:
         tasks = [
             partial(hazard_row, number, options.seeds, options.control)
