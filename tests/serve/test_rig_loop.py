@@ -174,6 +174,32 @@ def test_a_second_order_changes_the_duty_without_a_pause() -> None:
     assert duties[-1] == [0.5, 0.5]
 
 
+def with_limit(temperature: float) -> Twin:
+    """A board with another limit, degC."""
+    rig = twin().rig
+    assert rig.limits is not None
+    return Twin(replace(rig, limits=replace(rig.limits, temperature=273.15 + temperature)))
+
+
+def test_an_order_beyond_the_limit_changes_no_run() -> None:
+    asked: list[Any] = []
+    watch = When(lambda: None)
+    bench = Bench(consumers=(watch,), twin=with_limit(50.0))
+    bench.turn(3.0)
+
+    def change() -> None:
+        asked.append(bench.desk.ask(DriveOrder((1.0, 1.0), 3600.0)))
+        watch.action = lambda: None
+
+    watch.action = change
+    bench.desk.ask(DriveOrder((0.3, 0.2), 20.0))
+    bench.loop.turn()
+    answer = asked[0].result(0)
+    assert not answer.obeyed
+    assert answer.text.startswith("plan: expected at most ")
+    assert "the time is over; the device reports off" in bench.lines()
+
+
 @cache
 def controller() -> DecoupledPI:
     return DecoupledPI(0.05, 1e-3, 0.05, 1e-3, measured=(("T1",), ("T2",)), limits=(0, 1))
@@ -789,9 +815,7 @@ def test_after_a_run_the_page_says_what_the_readings_show(is_welded: bool) -> No
 
 
 def test_an_order_with_which_the_rig_must_exceed_its_limit_is_refused() -> None:
-    rig = twin().rig
-    assert rig.limits is not None
-    low = Twin(replace(rig, limits=replace(rig.limits, temperature=273.15 + 40.0)))
+    low = with_limit(40.0)
     clock = HandClock()
     with socket.socket() as opened:
         source = virtual_bench(low.rig, VirtualRig(low), clock)
