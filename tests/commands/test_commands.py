@@ -295,9 +295,9 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     checked: list[tuple[object, ...]] = []
     really_checked = _control_loop.checked_loop
 
-    def check(*given: Any, accept: bool) -> Any:
+    def check(*given: Any) -> Any:
         checked.append(given)
-        return really_checked(*given, accept=accept)
+        return really_checked(*given)
 
     monkeypatch.setattr(_control_loop, "checked_loop", check)
     command, about = prepare(twin, None, [])

@@ -196,7 +196,7 @@ def test_one_impossible_reading_is_one_notice(reading: float):
     assert (finding.kind, finding.channel, finding.severity) == ("impossible", "T1", "notice")
     assert (finding.since, finding.found) == (healthy.time[300], healthy.time[301])
     assert finding.detail.startswith("one impossible reading of T1, ")
-    assert finding.size == pytest.approx(reading - healthy.temperatures[300, 0], rel=0.05)
+    assert finding.size == pytest.approx(reading - readings[299, 0], rel=0.05)
 
 
 def test_a_recording_that_is_too_short_is_refused():
