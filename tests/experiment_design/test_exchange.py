@@ -208,7 +208,7 @@ def test_a_design_has_the_same_numbers_in_every_form():
 
     dataset = found.to_xarray()
     assert dataset["standard_error"].sel(parameter="R_E").to_series().to_dict() == columns
-    np.testing.assert_array_equal(dataset["duty"].sel(cell=0), [0.1, 0.2, 0.2])
+    np.testing.assert_array_equal(dataset["duty"].sel(cell="P1"), [0.1, 0.2, 0.2])
     assert dataset.attrs == {"rig": "made", "criterion": "A", "hold_s": 10.0}
 
     numbers = found.to_dict()

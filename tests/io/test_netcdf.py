@@ -101,7 +101,7 @@ def test_other_variables_are_left_alone(save, experiment):
             lambda data: data.rename(cell="module"),
             r"'duty': expected the dimensions .* got \('time', 'module'\)",
         ),
-        (lambda data: data.assign_coords(cell=["P2", "P1"]), "expected P1, P2, got P2, P1"),
+        (lambda data: data.assign_coords(cell=["P1", "P1"]), "each once, got P1, P1"),
         (
             lambda data: data.assign(ambient=data.duty),
             "variable 'ambient': expected the dimensions",

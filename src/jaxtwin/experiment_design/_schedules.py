@@ -70,7 +70,13 @@ class Schedules:
     def _experiment(self, duty: Float[np.ndarray, "steps cells"], name: str = "") -> Experiment:
         time = self.interval * np.arange(round(self.duration / self.interval) + 1)
         held = np.minimum((time + 1e-9) // self.hold, self.steps - 1).astype(int)
-        return Experiment(time, duty[held], channels=self.twin.channels, name=name)
+        return Experiment(
+            time,
+            duty[held],
+            cells=self.twin.rig.driven,
+            channels=self.twin.channels,
+            name=name,
+        )
 
     def resampled(self, experiment: Experiment) -> Counts:
         """The duty of another experiment in the middle of each step, within the bounds. After the

@@ -117,6 +117,21 @@ def duty_from_counts(
     return polarity * pwm / counts
 
 
+def checked_cells(cells: Iterable[str], number: int) -> tuple[str, ...]:
+    """Checks the names of cells and heaters, of which none may occur twice: one for each column of
+    duty, or none at all."""
+    if not is_ordered(cells):
+        raise RecordingError(f"cells: expected names in the order of the columns, got {cells!r}")
+    names = tuple(cells)
+    wrong = [name for name in names if not isinstance(name, str) or not name]
+    if wrong or len(names) not in (0, number) or len(set(names)) < len(names):
+        raise RecordingError(
+            f"cells: expected the names of the {number} columns of duty, each once, got "
+            f"{', '.join(map(str, names))}"
+        )
+    return names
+
+
 def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:
     """Checks channel names, of which none may occur twice. A single string is a single name.
 
