@@ -18,7 +18,19 @@ from jaxtwin.io._experiment import as_experiments
 from jaxtwin.rig import Rig, rig_from_tables
 from jaxtwin.spice import to_spice
 
-NAMES = ("P1", "P2", "P3", "P4", "left", "right", "foil", "hot end", "T_s", "a,b", "Ω")
+NAMES: tuple[str, ...] = (
+    "P1",
+    "P2",
+    "P3",
+    "P4",
+    "left",
+    "right",
+    "foil",
+    "hot end",
+    "T_s",
+    "a,b",
+    "Ω",
+)
 """Names that cells may have; some look like units, and not all can be written without quotes."""
 
 

@@ -211,7 +211,7 @@ def test_the_header_that_is_written(tmp_path, experiment):
         (GOOD.replace(",21", ""), "line 3: expected 3 fields, one for each column, got 2"),
         (GOOD.replace("21", "21,3"), "line 3: expected 3 fields, one for each column, got 4"),
         (GOOD.replace("21", '"21'), "line 4 is no line of a .csv file"),
-        (GOOD.replace("-1", "-1.2"), "line 4: duty of cell 1: .* got -1.2 at sample 2"),
+        (GOOD.replace("-1", "-1.2"), "line 4: duty of P1: .* got -1.2 at sample 2"),
         (
             GOOD.replace("2,", "1,", 1).replace("\n1,", "\n2,", 1),
             "line 4: time: expected increasing times",
@@ -234,7 +234,7 @@ def test_what_is_wrong_is_named_with_its_line(read, text, said):
 
 
 def test_counts_beyond_full_duty_are_named_with_their_line(read):
-    with pytest.raises(RecordingError, match=r"line 3: PWM of cell 1: .* got 300 at sample 1"):
+    with pytest.raises(RecordingError, match=r"line 3: PWM of P1: .* got 300 at sample 1"):
         read("time_s,pwm_P1\n0,0\n1,300\n", counts=255)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
-from .._arguments import finite_number, of_kind
+from .._arguments import finite_number, is_ordered, of_kind
 from .._display import picture
 from .._errors import JaxtwinError, RecordingError
 from .._name_suggestions import did_you_mean
@@ -114,7 +114,8 @@ class Experiment:
     ) -> None:
         times = checked_time(time)
         names = checked_channels(channels)
-        driven = checked_duty(duty, times)
+        cells = tuple(cells) if is_ordered(cells) else cells
+        driven = checked_duty(duty, times, cells if isinstance(cells, tuple) else ())
         fields = {
             "time": times,
             "duty": driven,

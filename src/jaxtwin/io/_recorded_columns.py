@@ -207,7 +207,7 @@ def _duty(columns: Sequence[Column], drive: Drive) -> tuple[dict[str, np.ndarray
                     "or the rig with its driver and counts in its table [driver], rig=..., got "
                     "neither"
                 )
-            values = duty_from_counts(values[:, None], drive.counts, drive.polarity)[:, 0]
+            values = duty_from_counts(values[:, None], drive.counts, drive.polarity, [name])[:, 0]
         duty[name] = values
     notes = []
     if drive.constant is not None:
@@ -230,7 +230,7 @@ def _duty(columns: Sequence[Column], drive: Drive) -> tuple[dict[str, np.ndarray
     elif are_numbered:
         expected = "of the cells P1, P2, ... without a gap"
     else:
-        wanted = [*duty]
+        expected, wanted = "by names", [*duty]
     if not duty or set(wanted) != set(duty):
         got = ", ".join(f"P{number}" for number in numbers) if are_numbered else ", ".join(duty)
         raise RecordingError(

@@ -71,7 +71,8 @@ class AbstractController(eqx.Module):
     sample_time_s: eqx.AbstractVar[float]
     """The time between two samples, s."""
 
-    limits: eqx.AbstractVar[DutyLimits]
+    # DutyLimits; a class of a user's may have the narrower type of two numbers.
+    limits: eqx.AbstractVar[Any]
     """The lowest and the highest duty that the controller commands, -1 to 1. A reference that no
     duty between them can hold is refused before a loop runs, simulated or on a rig."""
 

@@ -392,12 +392,13 @@ class NonlinearMPC(AbstractPredictiveController):
                 jnp.asarray(highest, dtype),
                 rest_gain=none,
             )
+        low, high = self.duty_bounds(dtype)
         return plan_program(
             condensed,
             jnp.ones(1, dtype),  # what is constant in the program stands by this "state"
             seen.duty,
             Rest(jnp.zeros((self.horizon, 0), dtype), off[:0], off[:0]),
-            tuple(jnp.broadcast_to(bound, (cells,)) for bound in self.duty_bounds(dtype)),
+            (jnp.broadcast_to(low, (cells,)), jnp.broadcast_to(high, (cells,))),
             self.reach,
             SoftTemperatures(soft, None, None, jnp.asarray(self.excess_deviation, dtype)),
             seen.errors,
