@@ -67,7 +67,11 @@ def test_a_column_that_is_called_as_a_channel_needs_no_option(tmp_path):
     [
         (NAMES + " --column t=T9", ["--ignore", "*"], "expected the channels"),
         (NAMES, ["--ignore", "elapsed"], "--column and --ignore"),
-        (NAMES + " --column fan_on=duty_P2", ["--ignore", "*"], "the 1 cell of single-cell, got 2"),
+        (
+            NAMES + " --column fan_on=duty_P2",
+            ["--ignore", "*"],
+            "drives of P1, got P1, P2",
+        ),
         ("--column clock", [], "--column: expected TITLE=NAME, got 'clock'"),
         (NAMES + " --column cloc=time", ["--ignore", "*"], "cloc; did you mean 'clock'?"),
     ],
@@ -101,7 +105,7 @@ def test_without_further_words_it_shows_the_file_and_the_command(tmp_path, block
     assert run(["import", "log.csv", "--rig", block]) == 0
     told = capsys.readouterr().out
     assert "7 rows of 6 columns, separated by semicolons, titles in line 3" in told
-    for shown in ("time_min (guess)", "duty_P1 (guess)", "T (guess)", "ambient (guess)"):
+    for shown in ("time_min (guess)", "duty_H (guess)", "T (guess)", "ambient (guess)"):
         assert shown in told
     assert told.count("left out (guess)") == 2
     assert "7 samples in 540 s, every 60 s (60 to 240 s), gaps: 1" in told

@@ -46,7 +46,7 @@ static void model_law(model_state *state, const model_real *reference, int sampl
     (void)samples;
     for (i = 0; i < MODEL_CELLS; ++i) {
         const model_real proportional = model_gain[i] * (reference[0] - state->seen[0]);
-        duty[i] = model_limited(proportional + state->integral[i]);
+        duty[i] = model_limited(i, proportional + state->integral[i]);
         model_integrate(state, i, model_share[i] * (duty[i] - state->integral[i]));
     }
 }

@@ -8,14 +8,16 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from heated_box import cell_and_heater
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from jaxtwin import Experiment, ExperimentDesign, Twin
+from jaxtwin import Experiment, ExperimentDesign, MatchError, Twin
 from jaxtwin.experiment_design._design_experiment import (
     _expected_events,
     _recorded_bounds,
+    _schedules,
     _Search,
 )
 from jaxtwin.experiment_design._exchange import (
@@ -68,7 +70,7 @@ def test_steps_that_do_not_depend_on_each_other_are_best_after_one_pass():
 def test_no_other_level_of_a_single_step_is_better_than_the_end(table: np.ndarray, seed: int):
     """For any objective of the 27 schedules, in hundredths, so that every gain counts."""
     found = schedules()
-    every = list(itertools.product(found.levels, repeat=3))
+    every = list(itertools.product(found.levels[0], repeat=3))
 
     def objective(counts: Counts) -> float:
         return float(table[every.index(tuple(counts.ravel().tolist()))]) / 100
@@ -78,7 +80,7 @@ def test_no_other_level_of_a_single_step_is_better_than_the_end(table: np.ndarra
     assert best.objective == objective(best.counts) <= objective(start)
     assert passes == list(range(1, len(passes) + 1))
     assert len(passes) <= MOST_PASSES
-    for place, level in itertools.product(range(3), found.levels):
+    for place, level in itertools.product(range(3), found.levels[0]):
         changed = best.counts.copy()
         changed[place, 0] = level
         assert objective(changed) >= best.objective
@@ -208,7 +210,7 @@ def test_a_design_has_the_same_numbers_in_every_form():
 
     dataset = found.to_xarray()
     assert dataset["standard_error"].sel(parameter="R_E").to_series().to_dict() == columns
-    np.testing.assert_array_equal(dataset["duty"].sel(cell=0), [0.1, 0.2, 0.2])
+    np.testing.assert_array_equal(dataset["duty"].sel(cell="P1"), [0.1, 0.2, 0.2])
     assert dataset.attrs == {"rig": "made", "criterion": "A", "hold_s": 10.0}
 
     numbers = found.to_dict()
@@ -226,3 +228,25 @@ def test_a_design_has_the_same_numbers_in_every_form():
     )
     assert str(found.history[0]) == "search 2, pass 2: 30 schedules, errors 50.0 % of today's"
     assert "<td>0.75</td>" in found._repr_html_()
+
+
+def test_levels_are_those_of_each_cell_and_heater():
+    """A cell may cool; a heater has as many levels from 0 on."""
+    twin = Twin(cell_and_heater("on-off"))
+    found = _schedules(twin, {}, 60, 20, None, 5)
+    assert found.counts == 255
+    assert found.levels == ((-255, -128, 0, 128, 255), *[(0, 64, 128, 191, 255)] * 2)
+    for counts in (*random_schedules(found, 20, 0), *found.binary_sequences()):
+        assert counts[:, 1:].min() >= 0
+    drawn = np.concatenate(random_schedules(found, 20, 0))
+    for cell in range(3):
+        assert set(drawn[:, cell]) == set(found.levels[cell])
+    cooled = Experiment([0, 30, 60], [[-1.0, 0.5, 0.2]] * 3)
+    assert found.resampled(cooled).min(axis=0).tolist() == [-255, 128, 51]
+    assert found.experiment(drawn[:3]).cells == ("P1", "foil", "wire")
+
+
+def test_bounds_in_which_a_heater_has_no_duty_are_refused():
+    twin = Twin(cell_and_heater("on-off"))
+    with pytest.raises(MatchError, match="expected more than 0, because the heaters of"):
+        _schedules(twin, {}, 60, 20, (-1.0, 0.0), 5)

@@ -135,7 +135,7 @@ def test_a_line_that_names_the_separator_is_passed_over(read, separator):
         ("pwm_2", "is it pwm_P2?"),
         ("duty 02", "is it duty_P2?"),
         ("cell 2", "is it duty_P2?"),
-        ("duty_heater", "is it duty_P1?"),
+        ("duty heater", "is it duty_P1?"),
         ("fan", "'fan'; the speed of a fan is an input that the rig file declares in [[inputs]]"),
         ("fan [%]", "the speed of a fan is an input"),
         ("setpoint", "'setpoint'; references of a controller are no part of a recording"),
@@ -195,11 +195,11 @@ def test_the_header_that_is_written(tmp_path, experiment):
         ("time,duty_P1\n0,0\n1,0\n", "line 2, column time: .*numbers need a unit, such as time_s"),
         ("time_s,duty_P1,T11\n0,0,20\n1,0,20\n", "columns: expected time_s, .* got 'T11'"),
         ("time_s,duty_P1,duty_P1\n0,0,0\n1,0,0\n", "each name once, got duty_P1 more than once"),
-        ("time_s,duty_P1,pwm_P1\n0,0,0\n1,0,0\n", "one for the drive of cell P1, got two"),
+        ("time_s,duty_P1,pwm_P1\n0,0,0\n1,0,0\n", "one for the drive of P1, got two"),
         ("time_s,duty_P1,T_K,T_degC\n0,0,300,0\n1,0,300,0\n", "one for the temperature T, got two"),
         ("time_s,duty_P1,duty_P3\n0,0,0\n1,0,0\n", "cells P1, P2, ... without a gap, got P1, P3"),
         ("time_s,T11_degC\n0,20\n1,20\n", "drives of the cells P1, .* got none"),
-        ("time_s,duty_left\n0,0\n1,0\n", "columns: expected time_s, .* got 'duty_left'"),
+        ("time_s,duty_cycle\n0,0\n1,0\n", "columns: expected time_s, .* got 'duty_cycle'"),
         (
             GOOD.replace("\n1,", "\n,"),
             "line 3, column time_s: expected a number in every line.* got ''",
@@ -211,7 +211,7 @@ def test_the_header_that_is_written(tmp_path, experiment):
         (GOOD.replace(",21", ""), "line 3: expected 3 fields, one for each column, got 2"),
         (GOOD.replace("21", "21,3"), "line 3: expected 3 fields, one for each column, got 4"),
         (GOOD.replace("21", '"21'), "line 4 is no line of a .csv file"),
-        (GOOD.replace("-1", "-1.2"), "line 4: duty of cell 1: .* got -1.2 at sample 2"),
+        (GOOD.replace("-1", "-1.2"), "line 4: duty of P1: .* got -1.2 at sample 2"),
         (
             GOOD.replace("2,", "1,", 1).replace("\n1,", "\n2,", 1),
             "line 4: time: expected increasing times",
@@ -234,7 +234,7 @@ def test_what_is_wrong_is_named_with_its_line(read, text, said):
 
 
 def test_counts_beyond_full_duty_are_named_with_their_line(read):
-    with pytest.raises(RecordingError, match=r"line 3: PWM of cell 1: .* got 300 at sample 1"):
+    with pytest.raises(RecordingError, match=r"line 3: PWM of P1: .* got 300 at sample 1"):
         read("time_s,pwm_P1\n0,0\n1,300\n", counts=255)
 
 

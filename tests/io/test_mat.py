@@ -196,7 +196,7 @@ def changed(simout: np.ndarray, row: int, column: int, value: float) -> np.ndarr
     [
         (7, 9, 256, "PWM of cell 1: expected -255 to 255 counts, got 256 at sample 7"),
         (7, 10, -300, "PWM of cell 2: .* got -300 at sample 7"),
-        (7, 9, np.nan, "duty of cell 1: .* got nan at sample 7"),
+        (7, 9, np.nan, "duty of P1: .* got nan at sample 7"),
         (7, 6, 293.15, "temperature: .* got 293.15 degC in row 8"),
         (7, 2, np.nan, "time: .* got nan at sample 7"),
         (7, 2, 6, "time: expected increasing times, got 6 s at sample 7 after 6 s"),

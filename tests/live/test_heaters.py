@@ -109,7 +109,7 @@ def test_no_negative_duty_is_sent(box: Rig, box_twin: Twin, clock: HandClock):
     ):
         operate(bench, Guard.of(box_twin), lambda moment: [0.1, -0.1])
     plan = Experiment.schedule("0:0.5/-0.5", duration=60, cells=2)
-    with pytest.raises(JaxtwinError, match="duty_P2: expected 0 to 1, because the heater 'bulb'"):
+    with pytest.raises(JaxtwinError, match="duty_bulb: expected 0 to 1, because the heater 'bulb'"):
         drive(bench, Guard.of(box_twin), plan)
 
 

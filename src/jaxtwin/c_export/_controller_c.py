@@ -7,7 +7,7 @@ import numpy as np
 
 from .._errors import ControlError
 from ..control import AbstractController
-from ..control.controllers._duty_limits import check_limits_of_heaters
+from ..control.controllers._duty_limits import bounds_of, check_limits_of_heaters, limits_text
 from ..control.controllers._law import Law
 from ..rig import Rig
 from ._sources import Code, Parts, code_of, defines, type_of_numbers
@@ -44,13 +44,16 @@ def controller_c(
         constants["INTEGRALS"] = law.integrals
         if precision == "float":
             state["lost"] = law.integrals
-    lowest, highest = (float(limit) for limit in controller.limits)
-    constants |= {"LOWEST": lowest, "HIGHEST": highest}
+    lowest, highest = (np.broadcast_to(bound, (cells,)) for bound in bounds_of(controller.limits))
+    limits = {
+        "lowest_duty": (lowest, "of each cell and heater"),
+        "highest_duty": (highest, "of each cell and heater"),
+    }
     parts = Parts(
         _about(controller, rig, weights, outputs, law, name, precision, origin),
         _sizes(controller, law, cells, (outputs, len(weights)), state, name, precision),
         defines(name, constants, precision),
-        law.tables,
+        {**limits, **law.tables},
         sum(state.values()) + 1,
         law.code,
     )
@@ -69,7 +72,7 @@ def _about(
 ) -> str:
     upper = name.upper()
     channels = np.array([channel.name for channel in rig.channels])
-    lowest, highest = controller.limits
+    limits = limits_text(controller.limits, rig)
     return comment_block(
         [
             f"{name}: {law.title} for the rig {rig.name}, written by jaxtwin.",
@@ -80,7 +83,7 @@ def _about(
             "Measurements, degC, each the mean of these channels:",
             *(f"  {n}: {', '.join(channels[row > 0])}" for n, row in enumerate(weights)),
             f"References, degC: those of the first {outputs}.",
-            f"Duty cycles from {lowest:g} to {highest:g}, positive heats, of the cells:",
+            f"Duty cycles from {limits}, positive heats, of the cells:",
             *(f"  {n}: {name}" for n, name in enumerate(rig.driven)),
             "",
             "A measurement that is no finite number leaves the last ones standing. After",

@@ -17,12 +17,12 @@ static int model_all_finite(const model_real *values, int count)
     return 1;
 }
 
-static model_real model_limited(model_real duty)
+static model_real model_limited(int cell, model_real duty)
 {
-    if (duty < MODEL_LOWEST) {
-        return MODEL_LOWEST;
+    if (duty < model_lowest_duty[cell]) {
+        return model_lowest_duty[cell];
     }
-    return duty > MODEL_HIGHEST ? MODEL_HIGHEST : duty;
+    return duty > model_highest_duty[cell] ? model_highest_duty[cell] : duty;
 }
 
 #ifdef MODEL_INTEGRALS

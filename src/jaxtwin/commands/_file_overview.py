@@ -179,6 +179,7 @@ class _Names:
 
     def __init__(self, rig: "Rig | None", taken: Sequence[str]):
         self.taken: set[str] = set()
+        self._driven = () if rig is None else rig.driven
         self._channels = [] if rig is None else [channel.name for channel in rig.channels]
         for name in taken:
             self.take(name)
@@ -193,8 +194,9 @@ class _Names:
         return name
 
     def next_drive(self) -> str:
-        numbers = range(1, len(self.taken) + 2)
-        name = next(f"duty_P{n}" for n in numbers if f"duty_P{n}" not in self.taken)
+        numbered = (f"P{number}" for number in range(1, len(self.taken) + 2))
+        drives = (f"duty_{name}" for name in (*self._driven, *numbered))
+        name = next(drive for drive in drives if drive not in self.taken)
         self.taken.add(name)
         return name
 

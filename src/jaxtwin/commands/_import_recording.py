@@ -261,8 +261,8 @@ def _ranges(experiment: "Experiment", read_as: Mapping[str, str | None]) -> list
             is_new = unit not in ("", "degC") and unit not in title
             sources[name] = f"from {title}" + f", {unit}" * is_new
     values = {
-        f"duty_P{cell + 1}": (column, "")
-        for cell, column in enumerate(np.asarray(experiment.duty).T)
+        f"duty_{name}": (column, "")
+        for name, column in zip(experiment.cell_names, np.asarray(experiment.duty).T, strict=True)
     }
     if experiment.temperatures is not None:
         recorded = np.asarray(experiment.temperatures).T

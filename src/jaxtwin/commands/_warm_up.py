@@ -83,6 +83,7 @@ def _made_recording(twin: "Twin") -> "Experiment":
     return Experiment(
         run.time,
         run.experiment.duty,
+        cells=run.experiment.cells,
         channels=run.channels,
         temperatures=np.asarray(run.temperatures) + noise,
     )

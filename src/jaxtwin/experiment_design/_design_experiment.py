@@ -109,7 +109,7 @@ def design_experiment(
       a twin, of which only the priors are known, with the noise that a match assumes at first.
     - `duration`: the duration of the recording, an hour at most, s. `hold`: that of each step, s.
     - `bounds`: lowest and highest duty cycle; by default those of the fit's recordings and 0, or -1
-      and 1 for a twin or a fit without its recordings, 0 and 1 if its rig has heaters.
+      and 1 for a twin or a fit without its recordings. The lowest of a heater is 0.
     - `levels`: the number of duty cycles between which the search chooses, the bounds among them;
       they are rounded to the driver's counts.
     - `criterion`: of a match: `"D"` for the smallest volume of the confidence ellipsoid of the
@@ -256,7 +256,7 @@ class _Search:
 
     def assess(self, counts: Sequence[Counts]) -> list[Candidate]:
         """Evaluates schedules in batches of one size, so that they share a compiled program."""
-        batch = len(self.schedules.levels) - 1
+        batch = len(self.schedules.levels[0]) - 1
         found: list[Candidate] = []
         for first in range(0, len(counts), batch):
             part = list(counts[first : first + batch])
@@ -353,7 +353,7 @@ def _schedules(
     """The schedules of a design, by default with the bounds and the interval of the recordings."""
     interval = min((float(np.median(np.diff(e.time))) for e in recordings.values()), default=1.0)
     if bounds is None:
-        bounds = _recorded_bounds(recordings, max(twin.rig.lowest_duty))
+        bounds = _recorded_bounds(recordings, min(twin.rig.lowest_duty))
     return make_schedules(
         twin, duration=duration, hold=hold, bounds=bounds, levels=levels, interval=interval
     )

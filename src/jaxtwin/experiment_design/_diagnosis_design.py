@@ -161,6 +161,7 @@ class DiagnosisDesign:
                 "schedule": [one.name for one in planned],
                 "since_start": ("since_start", self.best.time, {"units": "s"}),
                 "time": ("time", self.schedule.time, {"units": "s"}),
+                "cell": list(self.schedule.cell_names),
             },
             attrs={"rig": self.rig, "faults": list(self.faults), "hold_s": self.hold},
         )

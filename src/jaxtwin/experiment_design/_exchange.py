@@ -45,8 +45,9 @@ def random_schedules(schedules: Schedules, number: int, seed: int) -> list[Count
     """Schedules whose levels are drawn independently, after those that hold a single level."""
     rng = np.random.default_rng(seed)
     shape = (schedules.steps, schedules.cells)
-    constant = [np.full(shape, level) for level in schedules.levels]
-    return constant + [rng.choice(schedules.levels, shape) for _ in range(number)]
+    levels, cells = np.array(schedules.levels), np.arange(schedules.cells)
+    drawn = (rng.choice(levels.shape[1], shape) for _ in range(number))
+    return schedules.constant + [levels[cells, places] for places in drawn]
 
 
 def exchange(
@@ -71,7 +72,7 @@ def exchange(
         before = best.objective
         for place in rng.permutation(best.counts.size):
             changed = []
-            for level in schedules.levels:
+            for level in schedules.levels[place % schedules.cells]:
                 counts = best.counts.copy()
                 counts.flat[place] = level
                 if level != best.counts.flat[place]:

@@ -151,6 +151,7 @@ class ExperimentDesign:
                 "parameter": list(self.names),
                 "unit": ("parameter", list(self.units)),
                 "time": ("time", self.schedule.time, {"units": "s"}),
+                "cell": list(self.schedule.cell_names),
             },
             attrs={"rig": self.rig, "criterion": self.criterion, "hold_s": self.hold},
         )

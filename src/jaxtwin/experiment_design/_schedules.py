@@ -32,7 +32,8 @@ class Schedules:
     - `twin`: the twin with the values at which they are simulated.
     - `hold`: the duration of a step, s. `steps`: the number of steps.
     - `counts`: the counts of the driver at full duty.
-    - `levels`: the counts among which the search chooses, increasing.
+    - `levels`: the counts among which the search chooses for each cell and heater, increasing; as
+      many for each.
     - `interval`: the time between two samples, s.
     """
 
@@ -40,13 +41,18 @@ class Schedules:
     hold: float
     steps: int
     counts: int
-    levels: tuple[int, ...]
+    levels: tuple[tuple[int, ...], ...]
     interval: float
 
     @property
     def cells(self) -> int:
         """The number of cells."""
         return len(self.twin.rig.driven)
+
+    @property
+    def constant(self) -> "list[Counts]":
+        """Schedules that hold a single level, of all cells and heaters the n-th of their own."""
+        return [np.tile(level, (self.steps, 1)) for level in np.transpose(self.levels)]
 
     @property
     def duration(self) -> float:
@@ -70,7 +76,13 @@ class Schedules:
     def _experiment(self, duty: Float[np.ndarray, "steps cells"], name: str = "") -> Experiment:
         time = self.interval * np.arange(round(self.duration / self.interval) + 1)
         held = np.minimum((time + 1e-9) // self.hold, self.steps - 1).astype(int)
-        return Experiment(time, duty[held], channels=self.twin.channels, name=name)
+        return Experiment(
+            time,
+            duty[held],
+            cells=self.twin.rig.driven,
+            channels=self.twin.channels,
+            name=name,
+        )
 
     def resampled(self, experiment: Experiment) -> Counts:
         """The duty of another experiment in the middle of each step, within the bounds. After the
@@ -78,7 +90,8 @@ class Schedules:
         middle = experiment.time[0] + self.hold * (np.arange(self.steps) + 0.5)
         at = np.searchsorted(experiment.time, middle, side="right") - 1
         rounded = np.rint(experiment.duty[at] * self.counts).astype(int)
-        return np.clip(rounded, self.levels[0], self.levels[-1])
+        ends = np.array(self.levels)
+        return np.clip(rounded, ends[:, 0], ends[:, -1])
 
     def binary_sequence(self, amplitude: float = 1.0) -> Counts:
         """A pseudo-random binary sequence between the bounds. With an amplitude below 1, both are
@@ -91,10 +104,9 @@ class Schedules:
         from scipy.signal import max_len_seq  # which takes a third of a second to import
 
         sequence, _ = max_len_seq(max(2, self.steps.bit_length()))
-        least = min(max(0, self.levels[0]), self.levels[-1])
-        low, high = (
-            least + int(amplitude * (level - least)) for level in (self.levels[0], self.levels[-1])
-        )
+        ends = np.array(self.levels)[:, [0, -1]].T
+        least = np.clip(0, *ends)
+        low, high = least + (amplitude * (ends - least)).astype(int)
         shift = len(sequence) // self.cells
         columns = [np.resize(np.roll(sequence, -shift * c), self.steps) for c in range(self.cells)]
         return np.where(np.stack(columns, axis=1) > 0, high, low)
@@ -143,20 +155,33 @@ def make_schedules(
             f"samples, got {hold:.10g} s"
         )
     low, high = _checked_bounds(bounds)
-    if low < max(twin.rig.lowest_duty):
+    rig = twin.rig
+    if rig.heaters and (high <= 0 or (low < 0 and not rig.cells)):
         raise MatchError(
-            f"design_experiment: bounds: expected 0 or more, because the heaters of "
-            f"{twin.rig.name} cannot cool, got {low:.10g} to {high:.10g}"
+            f"design_experiment: bounds: expected {'more than 0' if rig.cells else '0 or more'}, "
+            f"because the heaters of {rig.name} cannot cool, got {low:.10g} to {high:.10g}"
         )
     whole_number("design_experiment: levels", levels, 2, MatchError)
-    counts = twin.rig.driver.counts
-    found = np.unique(np.rint(np.linspace(low, high, levels) * counts).astype(int))
-    if len(found) < 2:
+    counts = rig.driver.counts
+    lowest = np.maximum(low, rig.lowest_duty)
+    table = np.rint(np.linspace(lowest, high, levels) * counts).astype(int).T
+    own = [np.unique(row) for row in table]
+    # With few counts levels coincide, first those of a heater, which lie closer together.
+    number = min(map(len, own))
+    chosen = [row[np.rint(np.linspace(0, len(row) - 1, number)).astype(int)] for row in own]
+    if number < 2:
         raise MatchError(
             f"design_experiment: bounds: expected at least two of the driver's {counts} counts "
             f"between them, got {low:.10g} to {high:.10g}"
         )
-    return Schedules(twin, float(hold), steps, counts, tuple(found.tolist()), float(interval))
+    return Schedules(
+        twin=twin,
+        hold=float(hold),
+        steps=steps,
+        counts=counts,
+        levels=tuple(tuple(row.tolist()) for row in chosen),
+        interval=float(interval),
+    )
 
 
 def _checked_bounds(bounds: tuple[float, float]) -> tuple[float, float]:

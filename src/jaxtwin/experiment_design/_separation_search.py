@@ -36,7 +36,7 @@ class SeparationSearch:
         schedules = self._schedules
         binary = schedules.binary_sequences()
         several = random_schedules(schedules, RANDOM, seed)
-        levels, others = several[: len(schedules.levels)], several[len(schedules.levels) :]
+        levels, others = several[: len(schedules.constant)], several[len(schedules.constant) :]
         sequences, constants = self._assess(binary), self._assess(levels)
         found = [*sequences, *constants, *self._assess(others)]
         allowed = sorted(found, key=lambda candidate: candidate.objective)

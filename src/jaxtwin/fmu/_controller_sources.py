@@ -40,7 +40,7 @@ def controller_parts(
     read = weights.any(axis=0)
     outputs = controller.output_names(list(channels))
     room = float(rig.ambient_temperature.evaluate(Twin(rig).numbers_si)) - ZERO_CELSIUS
-    variables = _variables(outputs, list(channels[read]), list(rig.driven), room)
+    variables = _variables(outputs, list(channels[read]), rig, room)
     numbers = (
         defines(name, {"CHANNELS": int(read.sum()), "ROOM": room}, "double")
         + table(f"{name}_weights", weights[:, read], "of channels in readings", "double")
@@ -50,9 +50,11 @@ def controller_parts(
 
 
 def _variables(
-    outputs: tuple[str, ...], channels: list[str], cells: list[str], room: float
+    outputs: tuple[str, ...], channels: list[str], rig: Rig, room: float
 ) -> list[Variable]:
-    full = (-1.0, 1.0)
+    cells = [
+        (name, (lowest, 1.0)) for name, lowest in zip(rig.driven, rig.lowest_duty, strict=True)
+    ]
     rows = [
         Variable("time", 0, "independent", "s", None, None, "Time"),
         *(
@@ -65,11 +67,11 @@ def _variables(
         ),
         *(
             Variable(f"duty.{name}", 0, "output", "", None, full, "Duty cycle, positive heats")
-            for name in cells
+            for name, full in cells
         ),
         *(
             Variable(f"start_duty.{name}", 0, "parameter", "", 0.0, full, "Duty before the start")
-            for name in cells
+            for name, full in cells
         ),
     ]
     return [variable._replace(reference=number) for number, variable in enumerate(rows)]

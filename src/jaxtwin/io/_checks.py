@@ -2,7 +2,7 @@
 it."""
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 
 import numpy as np
@@ -62,9 +62,10 @@ def checked_time(time: ArrayLike) -> Float[np.ndarray, "times"]:
 
 
 def checked_duty(
-    duty: ArrayLike, time: Float[np.ndarray, "times"]
+    duty: ArrayLike, time: Float[np.ndarray, "times"], names: Sequence[str] = ()
 ) -> Float[np.ndarray, "times cells"]:
-    """Duty cycles `(times, cells)`: finite, -1 to 1, at least one cell."""
+    """Duty cycles `(times, cells)`: finite, -1 to 1, at least one cell. `names` are those of the
+    columns in messages."""
     values = _numbers(in_unit("duty", duty, "", RecordingError), "duty")
     if values.ndim == 1:
         values = values[:, None]
@@ -74,12 +75,12 @@ def checked_duty(
             f"got {np.shape(values)}"
         )
     for cell, column in enumerate(values.T):
-        _check_finite(column, f"duty of cell {cell + 1}", time)
+        _check_finite(column, f"duty of {_called(cell, names)}", time)
     outside = np.argwhere(np.abs(values) > 1 + ROUNDING)
     if outside.size:
-        k, cell = outside[0]
+        k, cell = outside[0].tolist()
         raise WrongSampleError(
-            f"duty of cell {cell + 1}: expected -1 to 1, got {values[k, cell]:.10g} at "
+            f"duty of {_called(cell, names)}: expected -1 to 1, got {values[k, cell]:.10g} at "
             f"{_sample(k, time)}",
             int(k),
         )
@@ -87,7 +88,7 @@ def checked_duty(
 
 
 def duty_from_counts(
-    pwm: Float[np.ndarray, "times cells"], counts: int, polarity: int
+    pwm: Float[np.ndarray, "times cells"], counts: int, polarity: int, names: Sequence[str] = ()
 ) -> Float[np.ndarray, "times cells"]:
     """Duty cycles, positive if the plate is heated.
 
@@ -96,6 +97,7 @@ def duty_from_counts(
     - `pwm`: -counts to counts, `(times, cells)`.
     - `counts`: the counts of full duty.
     - `polarity`: 1 if positive counts heat the plate, -1 if they cool it.
+    - `names`: those of the columns in messages.
 
     **Returns:**
 
@@ -108,13 +110,32 @@ def duty_from_counts(
     """
     outside = np.argwhere(np.abs(pwm) > counts)
     if outside.size:
-        k, cell = outside[0]
+        k, cell = outside[0].tolist()
         raise WrongSampleError(
-            f"PWM of cell {cell + 1}: expected {-counts} to {counts} counts, got {pwm[k, cell]:g} "
-            f"at sample {k} (counted from 0)",
+            f"PWM of {_called(cell, names)}: expected {-counts} to {counts} counts, got "
+            f"{pwm[k, cell]:g} at sample {k} (counted from 0)",
             int(k),
         )
     return polarity * pwm / counts
+
+
+def _called(cell: int, names: Sequence[str]) -> str:
+    return names[cell] if cell < len(names) else f"cell {cell + 1}"
+
+
+def checked_cells(cells: Iterable[str], number: int) -> tuple[str, ...]:
+    """Checks the names of cells and heaters, of which none may occur twice: one for each column of
+    duty, or none at all."""
+    if not is_ordered(cells):
+        raise RecordingError(f"cells: expected names in the order of the columns, got {cells!r}")
+    names = tuple(cells)
+    wrong = [name for name in names if not isinstance(name, str) or not name]
+    if wrong or len(names) not in (0, number) or len(set(names)) < len(names):
+        raise RecordingError(
+            f"cells: expected the names of the {number} columns of duty, each once, got "
+            f"{', '.join(map(str, names))}"
+        )
+    return names
 
 
 def checked_channels(channels: Iterable[str]) -> tuple[str, ...]:

@@ -27,7 +27,13 @@ WORDS = {
 """German names of columns, in small letters, and the names by which they are read."""
 
 CELL = re.compile(r"(duty|pwm)_P([1-9]\d{0,3})")
-"""The name of the drive of a cell."""
+"""The name of the drive of a cell that is called by its number."""
+
+DRIVE = re.compile(r"(duty|pwm)_(.+)")
+"""The name of the drive of a cell or heater."""
+
+_DRIVE_WITHOUT_RIG = re.compile(r"(duty|pwm)_(?!(?:cycle|percent|pct)$)[^\W\d]\w*")
+"""The same where no rig tells which names there are."""
 
 INPUT = re.compile(r"input_([^\W\d]\w*)")
 """The name of an input besides the duty."""
@@ -101,18 +107,25 @@ class Choices:
         if self.rig is None:
             return {}
         own = {one.name: f"input_{one.name}" for one in self.rig.inputs}
-        for number, name in enumerate(self.rig.driven, start=1):
-            for kind in ("duty", "pwm"):
-                if CELL.fullmatch(f"{kind}_{name}") is None:  # P2 is the second, whatever its name
-                    own[f"{kind}_{name}"] = f"{kind}_P{number}"
+        numbers = [f"P{number}" for number in range(1, len(self.rig.driven) + 1)]
+        for called in (*self.rig.driven, *numbers):
+            name = self.rig.driven_called(called)
+            if name is not None:
+                own |= {f"{kind}_{called}": f"{kind}_{name}" for kind in ("duty", "pwm")}
         return own
+
+    @property
+    def scales(self) -> dict[str, str]:
+        """`scale` by the names that columns are read as."""
+        own = self.own
+        return {own.get(name, name): text for name, text in self.scale.items()}
 
     def is_of_rig(self, meaning: Meaning) -> bool:
         """Whether a column is one of the rig's, which is True of any without a rig."""
         if self.rig is None or meaning.kind in ("time", "own time"):
             return True
-        if cell := CELL.fullmatch(meaning.name):
-            return int(cell[2]) <= len(self.rig.driven)
+        if meaning.kind in ("duty", "pwm"):
+            return meaning.name in self.own.values()
         if meaning.kind == "input":
             return meaning.name.removeprefix("input_") in [one.name for one in self.rig.inputs]
         return meaning.name in ["ambient", *(channel.name for channel in self.rig.channels)]
@@ -123,10 +136,13 @@ class Choices:
         return next((one.unit for one in inputs if f"input_{one.name}" == name), None)
 
 
-def _kind(name: str) -> Kind:
+def _kind(name: str, choices: Choices) -> Kind:
     """The kind of a column of a name without its unit, unless it is a temperature."""
-    if cell := CELL.fullmatch(name):
-        return "duty" if cell[1] == "duty" else "pwm"
+    drive = CELL.fullmatch(name)
+    if drive is None and name in choices.own.values():
+        drive = DRIVE.fullmatch(name)
+    if drive is not None:
+        return "duty" if drive[1] == "duty" else "pwm"
     if INPUT.fullmatch(name):
         return "input"
     if is_timestamp_title(name):
@@ -139,13 +155,15 @@ def meaning_of_title(title: str, choices: Choices) -> Meaning:
     if written := _WRITTEN.fullmatch(title):  # whatever the channel is called
         return _scaled(Meaning(title, "temperature", written[1], UNITS[written[2]]), choices)
     whole = choices.own.get(title, title)
-    if (kind := _kind(whole)) in ("time", "own time"):
+    if (kind := _kind(whole, choices)) in ("time", "own time"):
         return Meaning(title, kind, "time" if kind == "time" else title)
     if kind != "temperature":  # the last letter of `input_a` is no unit
         return meaning_of_name(title, whole, choices, TitleUnit(title))
     parts = unit_of_title(title)
     stem = choices.own.get(parts.stem, parts.stem)
-    kind, unit = _kind(stem), parts.unit
+    kind, unit = _kind(stem, choices), parts.unit
+    if kind == "temperature" and (drive := _drive_without_rig(title, parts, choices)):
+        return meaning_of_name(title, drive, choices, parts if drive != title else TitleUnit(title))
     if kind == "temperature":
         is_known = unit is not None and unit.quantity == "temperature" and parts.is_sure and stem
         return _scaled(
@@ -164,12 +182,14 @@ def meaning_of_name(
         raise RecordingError(f"columns: expected a name for {title!r}, got {given!r}")
     given = choices.own.get(given, given)
     name, stated = _name_and_unit(given, choices)
-    kind = _kind(name)
+    kind = _kind(name, choices)
+    if kind == "temperature" and (drive := _drive_without_rig(name, TitleUnit(name), choices)):
+        kind = "duty" if drive.startswith("duty") else "pwm"
     if parts is None:
         # A title that is the name, such as `T_C` of a rig with the channel `T_C`, has no unit.
         parts = TitleUnit(title) if title.lower() == name.lower() else unit_of_title(title)
     meaning = Meaning(title, kind, "time" if kind == "time" else name, stated)
-    if name in choices.scale:
+    if name in choices.scales:
         return _scaled(meaning._replace(unit=parts.unit or stated), choices)
     if kind == "input":
         return _of_input(meaning, parts, choices)
@@ -181,16 +201,30 @@ def _name_and_unit(given: str, choices: Choices) -> tuple[str, Unit | None]:
     channels = [] if choices.rig is None else [channel.name for channel in choices.rig.channels]
     parts = unit_of_title(given)
     unit, stem = parts.unit, choices.own.get(parts.stem, parts.stem)
-    if given in channels or _kind(given) != "temperature" or unit is None:
+    if given in channels or _kind(given, choices) != "temperature" or unit is None:
+        return given, None
+    drive = _drive_without_rig(given, parts, choices)
+    if drive == given:
         return given, None
     if not parts.is_explicit and parts.text != unit.symbol:
         return given, None
-    quantity = QUANTITIES.get(_kind(stem), "")
+    quantity = QUANTITIES.get(_kind(stem, choices), "")
+    if drive is not None:
+        stem, quantity = drive, "duty" if drive.startswith("duty") else "counts"
     if unit.quantity == quantity or (unit.symbol == "1" and parts.is_explicit):
         return stem, unit if unit.quantity == quantity else None
     raise RecordingError(
         f"columns: expected a name such as time_s, duty_P1, T1 or T1_degC, got {given!r}"
     )
+
+
+def _drive_without_rig(title: str, parts: TitleUnit, choices: Choices) -> str | None:
+    """The name of the drive of a cell or heater that no rig lists, `duty_foil`: the title, or what
+    it has before a unit of duty; None if it is none."""
+    is_share = parts.unit is not None and parts.unit.quantity == "duty"
+    name = parts.stem if is_share else title
+    is_name = choices.rig is None and (is_share or not parts.is_explicit)
+    return name if is_name and _DRIVE_WITHOUT_RIG.fullmatch(name) else None
 
 
 def _unit(meaning: Meaning, parts: TitleUnit, stated: Unit | None) -> Unit | None:
@@ -279,7 +313,7 @@ def _of_input(meaning: Meaning, parts: TitleUnit, choices: Choices) -> Meaning:
 
 def _scaled(meaning: Meaning, choices: Choices) -> Meaning:
     """A column with the scale that a reader of the file states for its name."""
-    text = choices.scale.get(meaning.name)
+    text = choices.scales.get(meaning.name)
     if text is None:
         return meaning
     parts = _SCALE.fullmatch(text) if isinstance(text, str) else None

@@ -40,7 +40,7 @@ def write_csv(experiment: Experiment, stream: IO[bytes], history: Sequence[str] 
     """Writes the experiment as a .csv file, which `parse_csv` reads back exactly; some rows at a
     time, since text takes ten times the memory of numbers. `history` are notes above the titles."""
     samples = len(experiment.time)
-    cells = [f"duty_P{cell + 1}" for cell in range(experiment.n_cells)]
+    cells = [f"duty_{name}" for name in experiment.cell_names]
     channels = [f"{channel}_degC" for channel in experiment.channels]
     ambient = [] if experiment.ambient is None else ["ambient_degC"]
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="")

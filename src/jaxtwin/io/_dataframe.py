@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from .._errors import RecordingError
 from .._name_suggestions import did_you_mean
+from ..rig import Rig
 from ._column_meaning import Choices, Meaning
 from ._delimited import Column, in_unit
 from ._experiment import Experiment
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 def experiment_of_dataframe(
     frame: "pandas.DataFrame | polars.DataFrame",
     *,
+    rig: Rig | None,
     time: str | None,
     counts: int | None,
     polarity: int,
@@ -61,7 +63,7 @@ def experiment_of_dataframe(
         columns.append(_column(_times(title), _seconds(index.to_series(), title), rows))
     for title in frame.columns:
         series: pandas.Series = frame.loc[:, title]
-        meaning = _meaning(title)
+        meaning = _meaning(title, rig)
         if title == time:
             columns.append(_column(_times(str(title)), _seconds(series, str(title)), rows))
         elif meaning.kind == "input" and series.dtype.kind not in "iufb":
@@ -70,7 +72,12 @@ def experiment_of_dataframe(
             columns.append(Column(str(title), "input", meaning.name, blank, rows, texts, "row"))
         else:
             columns.append(_column(meaning, in_unit(meaning, _numbers(series, str(title))), rows))
-    return experiment_of_columns(columns, name, Drive(counts, polarity))
+    if rig is None:
+        return experiment_of_columns(columns, name, Drive(counts, polarity))
+    if rig.driver.states_counts and counts is None:
+        counts, polarity = rig.driver.counts, rig.driver.polarity
+    drive = Drive(counts, polarity, names=rig.driven)
+    return experiment_of_columns(columns, name, drive).for_rig(rig)
 
 
 def _of_pandas(frame: object) -> "pandas.DataFrame":
@@ -101,8 +108,8 @@ def _refuse_text_and_bare_times(frame: "pandas.DataFrame", time: str | None) -> 
             )
 
 
-def _meaning(title: object) -> Meaning:
-    (meaning,) = meanings([str(title)], Choices())
+def _meaning(title: object, rig: Rig | None = None) -> Meaning:
+    (meaning,) = meanings([str(title)], Choices(rig=rig))
     assert meaning is not None, "nothing is left out"
     return meaning
 

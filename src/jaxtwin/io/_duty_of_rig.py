@@ -1,11 +1,38 @@
-"""Checks of what an experiment drives against a rig: how many columns of duty it has, that no
-heater is asked to cool, and that the rig has its inputs."""
+"""What an experiment drives of a rig: its columns of duty in the order of the rig, and checks that
+they belong to its cells and heaters, that no heater is asked to cool, and that the rig has its
+inputs."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from .._errors import JaxtwinError
 from ..rig import Rig
 from ._experiment import Experiment
+
+
+def of_rig(experiment: Experiment, rig: Rig, label: str, error: type[JaxtwinError]) -> Experiment:
+    """The experiment with its columns of duty in the order of a rig, and with the names of its
+    cells and heaters. One without names is in this order; one with another number of columns stays
+    as it is.
+
+    **Arguments:**
+
+    - `label`: the experiment in messages.
+
+    **Raises:** `error` if the rig has other cells and heaters.
+    """
+    driven = rig.driven
+    if experiment.cells == driven or experiment.n_cells != len(driven):
+        return experiment
+    called = [rig.driven_called(name) for name in experiment.cells] or [*driven]
+    if set(called) != set(driven):
+        raise error(
+            f"{label}: duty: expected columns of {', '.join(driven)}, as {rig.name} calls its "
+            f"cells and heaters, got {', '.join(experiment.cells)}"
+        )
+    columns = [called.index(name) for name in driven]
+    return replace(experiment, duty=experiment.duty[:, columns], cells=driven)
 
 
 def check_duty_of_rig(
@@ -31,6 +58,12 @@ def check_duty_of_rig(
             f"{experiment.n_cells}; Experiment.schedule(..., cells={len(rig.driven)}) has a duty "
             "for each of them"
         )
+    ordered = of_rig(experiment, rig, label, error)
+    if not np.array_equal(ordered.duty, experiment.duty):
+        raise error(
+            f"{label}: duty: expected the order of {rig.name}, {', '.join(rig.driven)}, got "
+            f"{', '.join(experiment.cells)}; Experiment.for_rig(rig) puts the columns in this order"
+        )
     check_heats_only(experiment, rig, label, error)
     known = [one.name for one in rig.inputs]
     for name in experiment.inputs:
@@ -49,11 +82,11 @@ def check_heats_only(
     **Raises:** `error` that names the column and the time.
     """
     columns = zip(rig.driven, rig.lowest_duty, experiment.duty.T, strict=False)
-    for number, (name, lowest, duty) in enumerate(columns, start=1):
+    for name, lowest, duty in columns:
         (cools,) = np.nonzero(duty < lowest)
         if cools.size:
             first = cools[0]
             raise error(
-                f"{label}: duty_P{number}: expected 0 to 1, because the heater {name!r} cannot "
+                f"{label}: duty_{name}: expected 0 to 1, because the heater {name!r} cannot "
                 f"cool, got {duty[first]:.10g} at {experiment.time[first]:.10g} s"
             )

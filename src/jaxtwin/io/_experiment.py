@@ -13,13 +13,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
-from .._arguments import finite_number, of_kind
+from .._arguments import finite_number, is_ordered, of_kind
 from .._display import picture
 from .._errors import JaxtwinError, RecordingError
 from .._name_suggestions import did_you_mean
 from ..rig import Rig
 from ._checks import (
     checked_ambient,
+    checked_cells,
     checked_channels,
     checked_duty,
     checked_inputs,
@@ -51,14 +52,16 @@ class Experiment:
     """The inputs, the outputs and the ambient temperature of one run of a rig. They are checked,
     read-only and in float64.
 
-    Two experiments are equal when their contents are, whatever their names; a cache can use
-    `fingerprint` as its key.
+    Two experiments are equal when their contents are, whatever their names, and columns of duty
+    belong to the same cells, where both say to which; a cache can use `fingerprint` as its key.
 
     **Arguments:**
 
     - `time`: strictly increasing, at least two samples, `(times,)`, s. It need not start at 0.
     - `duty`: the duty cycle of each cell, -1 to 1, positive heats the plate, `(times, cells)`, or
       `(times,)` for a single cell. Sample k is held until time k + 1.
+    - `cells`: the names of the cells and heaters that the columns of duty belong to; by default
+      they are in the order of the rig. `for_rig` puts them in this order.
     - `channels`: the names of the temperature channels. They may be given without temperatures, to
       choose the channels that a simulation returns.
     - `temperatures`: recorded temperatures `(times, channels)`, degC, or `None`. A missing sample
@@ -86,6 +89,7 @@ class Experiment:
 
     time: Float[np.ndarray, "times"]
     duty: Float[np.ndarray, "times cells"]
+    cells: tuple[str, ...]
     channels: tuple[str, ...]
     temperatures: Float[np.ndarray, "times channels"] | None
     ambient: float | Float[np.ndarray, "times"] | None
@@ -99,6 +103,7 @@ class Experiment:
         time: ArrayLike,
         duty: ArrayLike,
         *,
+        cells: Iterable[str] = (),
         channels: Iterable[str] = (),
         temperatures: ArrayLike | None = None,
         ambient: ArrayLike | float | int | None = None,
@@ -109,9 +114,12 @@ class Experiment:
     ) -> None:
         times = checked_time(time)
         names = checked_channels(channels)
+        cells = tuple(cells) if is_ordered(cells) else cells
+        driven = checked_duty(duty, times, cells if isinstance(cells, tuple) else ())
         fields = {
             "time": times,
-            "duty": checked_duty(duty, times),
+            "duty": driven,
+            "cells": checked_cells(cells, driven.shape[1]),
             "channels": names,
             "temperatures": checked_temperatures(temperatures, times, names),
             "ambient": checked_ambient(ambient, times),
@@ -168,6 +176,7 @@ class Experiment:
         cls,
         frame: "pandas.DataFrame | polars.DataFrame",
         *,
+        rig: Rig | None = None,
         time: str | None = None,
         counts: int | None = None,
         polarity: Literal[1, -1] = 1,
@@ -182,6 +191,7 @@ class Experiment:
 
         - `frame`: a row for each sample. A missing temperature is NaN, None or NA, or the code of a
           sensor; a missing duty is the last one.
+        - `rig`: the rig, as in `read_recording`.
         - `time`: the column of the times. By default the index if it holds durations or time
             stamps, otherwise a column of these or `time_s`, otherwise the index, in s, unless it
             only numbers the rows. Times are numbers in s or in the unit of their title, durations
@@ -200,7 +210,7 @@ class Experiment:
         from ._dataframe import experiment_of_dataframe
 
         return experiment_of_dataframe(
-            frame, time=time, counts=counts, polarity=polarity, name=name
+            frame, rig=rig, time=time, counts=counts, polarity=polarity, name=name
         )
 
     @classmethod
@@ -238,10 +248,29 @@ class Experiment:
         """
         return replace(self, inputs={**self.inputs, **inputs})
 
+    def for_rig(self, rig: Rig) -> "Experiment":
+        """The experiment with its columns of duty in the order of a rig, and with the names of its
+        cells and heaters: those of `cells` by their names, others as they are.
+
+        **Arguments:**
+
+        - `rig`: the rig that it drives.
+
+        **Raises:** `RecordingError` if the rig has other cells and heaters.
+        """
+        from ._duty_of_rig import of_rig  # which imports this module
+
+        return of_rig(self, rig, self.name or "the experiment", RecordingError)
+
     @property
     def n_cells(self) -> int:
-        """The number of cells."""
+        """The number of cells and heaters."""
         return self.duty.shape[1]
+
+    @property
+    def cell_names(self) -> tuple[str, ...]:
+        """The names of the cells and heaters: `cells`, or else P1, P2, ..."""
+        return self.cells or tuple(f"P{number + 1}" for number in range(self.n_cells))
 
     @property
     def duration(self) -> float:
@@ -319,7 +348,8 @@ class Experiment:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the contents, as hexadecimal digits; the name and the notes do not count."""
+        """SHA-256 of the contents, as hexadecimal digits; names, those of cells too, and notes do
+        not count."""
         content = hashlib.sha256(repr((self.duty.shape, self.channels)).encode())
         for part in (self.time, self.duty, self.temperatures, self.ambient):
             if part is None:
@@ -393,7 +423,7 @@ class Experiment:
 
         `duty` (time, cell); if they are known, `temperature` (time, channel), degC, and `ambient`
         (a number or (time,)), degC; `input_NAME` (time) for each other input. Units are attributes;
-        cells are named P1, P2, ...
+        cells are named by `cells`, or else P1, P2, ...
         """
         import xarray
 
@@ -410,7 +440,7 @@ class Experiment:
             variables["ambient"] = (dims, self.ambient, degC | {"long_name": "ambient temperature"})
         coordinates: dict[str, object] = {
             "time": ("time", self.time, {"units": "s"}),
-            "cell": [f"P{cell + 1}" for cell in range(self.n_cells)],
+            "cell": list(self.cell_names),
         }
         if self.channels:
             coordinates["channel"] = list(self.channels)
@@ -422,7 +452,7 @@ class Experiment:
         if it is known, `ambient_degC`. A missing temperature is NaN."""
         import pandas
 
-        columns = {f"duty_P{cell + 1}": duty for cell, duty in enumerate(self.duty.T)}
+        columns = {f"duty_{n}": duty for n, duty in zip(self.cell_names, self.duty.T, strict=True)}
         for number, channel in enumerate(self.channels):
             columns[f"{channel}_degC"] = (
                 np.full(len(self.time), np.nan)
@@ -442,7 +472,8 @@ class Experiment:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Experiment):
             return NotImplemented
-        return self.fingerprint == other.fingerprint
+        are_same = not (self.cells and other.cells) or self.cells == other.cells
+        return are_same and self.fingerprint == other.fingerprint
 
     def __hash__(self) -> int:
         return hash(self.fingerprint)
@@ -472,7 +503,7 @@ class Experiment:
         return [
             ("name", self.name or "-"),
             ("time", f"{len(self.time)} samples, {first:g} to {last:g} s, every {step:g} s"),
-            ("duty", f"{_count(self.n_cells, 'cell')}, {duty}, {changes}"),
+            ("duty", f"{', '.join(self.cells) or _count(self.n_cells, 'cell')}, {duty}, {changes}"),
             ("channels", (", ".join(self.channels) or "none") + measured),
             ("ambient", ambient),
             *(("gap", sentence.removeprefix(f"{self.name}: ")) for sentence in gap_sentences(self)),
@@ -506,17 +537,24 @@ def as_experiments(
 
     - `where`: the function and the argument, for the message.
     - `given`: one experiment or several. The list may be empty.
-    - `rig`: the rig, if the paths of recordings of it are taken as well.
+    - `rig`: the rig, if the paths of recordings of it are taken as well. Columns of duty are put in
+      its order.
 
     **Raises:** `error` if anything else is given; `RecordingError` for a file that cannot be read.
     """
+    from ._duty_of_rig import of_rig  # which imports this module
     from ._read import read_recording  # which imports this module
 
-    several = isinstance(given, Iterable) and not isinstance(given, str | bytes)
-    items = list(given) if several else [given]
+    is_list = isinstance(given, Iterable) and not isinstance(given, str | bytes)
+    items = list(given) if is_list else [given]
     if rig is not None:
         items = [
             read_recording(Path(item), rig=rig) if isinstance(item, str | os.PathLike) else item
             for item in items
         ]
-    return [of_kind(where, item, Experiment, EXPERIMENT, error) for item in items]
+    several = [of_kind(where, item, Experiment, EXPERIMENT, error) for item in items]
+    return (
+        several
+        if rig is None
+        else [of_rig(one, rig, one.name or "the experiment", error) for one in several]
+    )

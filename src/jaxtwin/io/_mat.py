@@ -55,6 +55,7 @@ def parse_mat(
     return Experiment(
         time,
         duty_from_counts(pwm, counts, polarity),
+        cells=[f"P{number + 1}" for number in range(pwm.shape[1])],
         channels=channels,
         temperatures=temperatures,
         name=name,

@@ -56,7 +56,7 @@ def meanings(
 def _check_scales(result: Sequence[Meaning | None], choices: Choices) -> None:
     """Refuses a scale that no column has."""
     names = [meaning.name for meaning in result if meaning is not None and meaning.name]
-    unknown = [name for name in choices.scale if name not in names]
+    unknown = [name for name in choices.scales if name not in names]
     if unknown:
         raise RecordingError(
             f"scale: expected names of columns, {', '.join(names)}, got {', '.join(unknown)}"

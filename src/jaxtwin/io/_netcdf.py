@@ -36,8 +36,9 @@ def experiment_of_dataset(data: "xarray.Dataset", *, name: str | None) -> Experi
     name = str(data.attrs.get("name", "")) if name is None else name
     time = _variable(data, "time", ("time",), SECOND)
     duty = _variable(data, "duty", ("time", "cell"), DUTY)
+    cells: list[str] = []
     if "cell" in data.coords:
-        _check_cells([str(cell) for cell in np.atleast_1d(data["cell"].values)])
+        cells = [str(cell) for cell in np.atleast_1d(data["cell"].values)]
     temperatures = ambient = None
     if "temperature" in data:
         temperatures = _variable(data, "temperature", ("time", "channel"), CELSIUS + KELVIN)
@@ -54,6 +55,7 @@ def experiment_of_dataset(data: "xarray.Dataset", *, name: str | None) -> Experi
     return Experiment(
         time,
         duty,
+        cells=cells,
         channels=channels,
         temperatures=temperatures,
         ambient=ambient,
@@ -136,11 +138,3 @@ def _variable(
     if values.dtype.kind not in "iuf":
         raise RecordingError(f"variable {name!r}: expected real numbers, got {values.dtype.name}")
     return values - ZERO_CELSIUS if unit in KELVIN else values
-
-
-def _check_cells(cells: list[str]) -> None:
-    expected = [f"P{number + 1}" for number in range(len(cells))]
-    if cells != expected:
-        raise RecordingError(
-            f"coordinate 'cell': expected {', '.join(expected)}, got {', '.join(cells)}"
-        )

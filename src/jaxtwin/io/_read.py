@@ -9,7 +9,7 @@ from ..rig import Rig
 from ._column_meaning import Choices
 from ._csv import parse_csv
 from ._delimited import names_of_columns
-from ._duty_of_rig import check_heats_only
+from ._duty_of_rig import check_heats_only, of_rig
 from ._experiment import Experiment
 from ._mat import csv_of_mat, is_of_the_authors, parse_mat
 from ._matlab5 import is_matlab5
@@ -71,7 +71,9 @@ def read_recording(
 
     - `path`: the file. Its name without the ending becomes the name of the experiment.
     - `rig`: the rig, whose driver says how many PWM counts full duty has and their polarity, and
-      whose inputs may be columns of their own names, without `input_`.
+      whose inputs may be columns of their own names, without `input_`. Columns of duty belong to
+      its cells and heaters by their names, `duty_foil`; `duty_P2` is the second, unless cells of
+      the rig are called by such numbers themselves. The experiment has them in the rig's order.
     - `columns`: names for columns that are called otherwise, by their titles or their numbers from
       1 on: `{"heater_on": "duty_P1", "Temperatur 1": "T1", "4": "ambient", "clock": "time"}`. A
       temperature without a unit in both names is in degC. `"time"` may be a time stamp, hh:mm:ss or
@@ -113,7 +115,8 @@ def read_recording(
     if polarity not in (1, -1):
         raise RecordingError(f"polarity: expected 1 or -1, got {polarity!r}")
     if is_session(file):
-        return _session_experiment(file, zone)
+        experiment = _session_experiment(file, zone)
+        return experiment if rig is None else of_rig(experiment, rig, str(file), RecordingError)
     choices = Choices(columns or {}, ignore, scale or {}, rig)
     content = _content(file)
     kind = _kind(file, content)
@@ -137,17 +140,18 @@ def read_recording(
             experiment = parse_netcdf(content, name=file.stem)
         else:
             constant = None if duty is None else finite_number("duty", duty, RecordingError)
-            number = None if rig is None else len(rig.driven)
+            names = None if rig is None else rig.driven
             experiment = parse_csv(
                 _text(kind, content, sheet),
                 name=file.stem,
-                drive=Drive(counts, polarity, constant, number, spread),
+                drive=Drive(counts, polarity, constant, names, spread),
                 choices=choices,
                 header=header,
             )
     except RecordingError as error:
         raise RecordingError(f"{file}: {error}") from None
     if rig is not None:
+        experiment = of_rig(experiment, rig, str(file), RecordingError)
         check_heats_only(experiment, rig, str(file), RecordingError)
     return experiment
 

@@ -3,7 +3,7 @@ counts are duty cycles."""
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -13,7 +13,7 @@ from jaxtyping import Float
 from .._celsius import ZERO_CELSIUS
 from .._errors import RecordingError
 from ._checks import WrongSampleError, duty_from_counts
-from ._column_meaning import CELL, INPUT
+from ._column_meaning import CELL, DRIVE, INPUT
 from ._delimited import Column
 from ._experiment import Experiment
 from ._sentinels import FAULT_WORDS, fault_codes, is_missing
@@ -39,14 +39,14 @@ class Drive:
     """What a reader says about the drive and the clock of a recording; see `read_recording`.
 
     - `counts`, `polarity`: those of PWM counts. `constant`: the duty of actuators without a column.
-    - `number`: the number of actuators; None if it is not known.
+    - `names`: the cells and heaters of the rig, in its order; None if it is not known.
     - `spread`: whether samples of one time are spread evenly up to the next time.
     """
 
     counts: int | None = None
     polarity: int = 1
     constant: float | None = None
-    number: int | None = None
+    names: tuple[str, ...] | None = None
     spread: bool = False
 
 
@@ -60,8 +60,9 @@ def experiment_of_columns(columns: list[Column], name: str, drive: Drive) -> Exp
     unknown = [column for column in columns if column.kind == "unknown"]
     if unknown:
         raise RecordingError(
-            f"columns: {EXPECTED}, got {unknown[0].title!r}{_hint(unknown[0].title)}; columns= "
-            "gives it a name, ignore= leaves it out, in a command --column and --ignore"
+            f"columns: {EXPECTED}, got {unknown[0].title!r}"
+            f"{_hint(unknown[0].title, drive.names)}; columns= gives it a name, ignore= leaves it "
+            "out, in a command --column and --ignore"
         )
     if len(times) != 1:
         got = "no column time_s" if not times else "two columns for the time"
@@ -79,6 +80,7 @@ def experiment_of_columns(columns: list[Column], name: str, drive: Drive) -> Exp
         notes += of_column
     stamps = {c.name.removesuffix("_time"): c for c in columns if c.kind == "own time"}
     duty, of_duty = _duty(columns, drive)
+    actuators = tuple(duty)
     _align(temperatures, stamps, time, origin)
     ambient = temperatures.pop("ambient", None)
     if ambient is None or ambient.is_blank:
@@ -87,7 +89,8 @@ def experiment_of_columns(columns: list[Column], name: str, drive: Drive) -> Exp
     recorded = any(not column.is_blank for column in temperatures.values())
     return Experiment(
         time,
-        duty,
+        np.stack(list(duty.values()), axis=1),
+        cells=actuators,
         channels=tuple(temperatures),
         temperatures=np.stack([column.values for column in temperatures.values()], axis=1)
         if recorded
@@ -184,16 +187,18 @@ def _without_fault_codes(column: Column) -> tuple[Column, list[str]]:
     return replace(column, values=values), [note]
 
 
-def _duty(columns: Sequence[Column], drive: Drive) -> tuple[np.ndarray, list[str]]:
-    """The duty of the actuators, `(samples, actuators)`, and what was added."""
-    duty: dict[int, np.ndarray] = {}
+def _duty(columns: Sequence[Column], drive: Drive) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The duty of the actuators by their names, in the order of the rig, and what was added.
+    Without a rig, P1, P2, ... are in the order of their numbers, and other names in that of the
+    file."""
+    duty: dict[str, np.ndarray] = {}
     for column in columns:
-        cell = CELL.fullmatch(column.name)
-        if column.kind not in ("duty", "pwm") or cell is None:
+        part = DRIVE.fullmatch(column.name)
+        if column.kind not in ("duty", "pwm") or part is None:
             continue
-        number = int(cell[2])
-        if number in duty:
-            raise RecordingError(f"columns: expected one for the drive of cell P{number}, got two")
+        name = part[2]
+        if name in duty:
+            raise RecordingError(f"columns: expected one for the drive of {name}, got two")
         values = column.complete()
         if column.kind == "pwm":
             if drive.counts is None:
@@ -202,27 +207,43 @@ def _duty(columns: Sequence[Column], drive: Drive) -> tuple[np.ndarray, list[str
                     "or the rig with its driver and counts in its table [driver], rig=..., got "
                     "neither"
                 )
-            values = duty_from_counts(values[:, None], drive.counts, drive.polarity)[:, 0]
-        duty[number] = values
+            values = duty_from_counts(values[:, None], drive.counts, drive.polarity, [name])[:, 0]
+        duty[name] = values
     notes = []
     if drive.constant is not None:
-        number = max([drive.number or 1, *duty])
-        added = [cell for cell in range(1, number + 1) if cell not in duty]
+        numbers = range(1, max([1, *_numbers(duty)]) + 1)
+        known = drive.names or [f"P{number}" for number in numbers]
+        added = [name for name in known if name not in duty]
         samples = columns[0].values.size
-        duty |= {cell: np.full(samples, drive.constant) for cell in added}
-        names = ", ".join(f"duty_P{cell}" for cell in added)
+        duty |= {name: np.full(samples, drive.constant) for name in added}
+        names = ", ".join(f"duty_{name}" for name in added)
         if not added:
             raise RecordingError(
                 f"duty: expected none, as every drive has a column, got {drive.constant:g}"
             )
         notes = [f"{names}: {drive.constant:g} throughout, as stated"]
-    if sorted(duty) != list(range(1, len(duty) + 1)) or not duty:
-        got = ", ".join(f"P{number}" for number in sorted(duty)) or "none"
+    numbers = _numbers(duty)
+    wanted = [f"P{number}" for number in range(1, len(duty) + 1)]
+    are_numbered = len(numbers) == len(duty)
+    if drive.names is not None:
+        expected, wanted = f"of {', '.join(drive.names)}", [*drive.names]
+    elif are_numbered:
+        expected = "of the cells P1, P2, ... without a gap"
+    else:
+        expected, wanted = "by names", [*duty]
+    if not duty or set(wanted) != set(duty):
+        got = ", ".join(f"P{number}" for number in numbers) if are_numbered else ", ".join(duty)
         raise RecordingError(
-            f"columns: expected drives of the cells P1, P2, ... without a gap, got {got}; duty= "
-            "states one that is constant, in a command --duty 0"
+            f"columns: expected drives {expected}, got {got or 'none'}; duty= states one that is "
+            "constant, in a command --duty 0"
         )
-    return np.stack([duty[number] for number in sorted(duty)], axis=1), notes
+    return {name: duty[name] for name in wanted}, notes
+
+
+def _numbers(names: Iterable[str]) -> list[int]:
+    """The numbers of the cells that are called P1, P2, ..., in their order."""
+    cells = (CELL.fullmatch(f"duty_{name}") for name in names)
+    return sorted(int(cell[2]) for cell in cells if cell is not None)
 
 
 def _inputs(columns: Sequence[Column]) -> dict[str, np.ndarray | list[str]]:
@@ -290,12 +311,15 @@ def _align(
             temperatures[channel] = replace(read, values=values)
 
 
-def _hint(title: str) -> str:
-    """Suggests what an unknown column may mean, for the end of a message; empty without an idea."""
+def _hint(title: str, names: Sequence[str] | None) -> str:
+    """Suggests what an unknown column may mean, for the end of a message; empty without an idea.
+    `names` are those of the cells and heaters of the rig."""
     name = re.sub(r"\s*[\[(].*[\])]$", "", title)
     percent = "_%" if title.endswith(("%", "[%]", "(%)")) else ""
     if re.match(r"duty[ _-]?(heater|heating|cooler|peltier|tec)s?(_%)?$", name.lower()):
         return "; the drives of the cells are duty_P1, duty_P2, ...: is it duty_P1?"
+    if names and re.match(r"(duty|pwm)_[^\W\d]", name) and CELL.match(name) is None:
+        return f"; the drives of the rig are {', '.join(f'duty_{known}' for known in names)}"
     if re.match(r"(set_?point|reference|target|soll(wert)?)s?([ _-]|$)", name.lower()):
         return "; references of a controller are no part of a recording"
     if re.match(r"fans?([ _-]|$)", name.lower()):

@@ -239,6 +239,7 @@ class Session:
             return Experiment(
                 grid - zero,
                 drive,
+                cells=self.metadata["cells"],
                 channels=self.channels,
                 temperatures=means,
                 ambient=surroundings,

@@ -11,10 +11,11 @@ from jaxtyping import Float
 
 from .._by_recording import ByRecording
 from .._display import html_table, picture, report
-from .._errors import MatchError
+from .._errors import MatchError, SimulationError
 from .._goodness_of_fit import mean_fit_percent
 from .._json_values import json_value
 from ..io import Experiment
+from ..io._duty_of_rig import of_rig
 from ..physics import Twin
 from ..rig import Rig
 from ..simulation import Run
@@ -228,6 +229,8 @@ class Fit:
         **Raises:** `MatchError` if a recording that was not matched is too short to estimate its
         values; `SimulationError` for a recording of another rig.
         """
+        label = experiment.name or "the experiment"
+        experiment = of_rig(experiment, self.twin.rig, label, SimulationError)
         if experiment.fingerprint in self.fingerprints:
             return self.twins[self.recordings[self.fingerprints.index(experiment.fingerprint)]]
         if experiment.temperatures is None:

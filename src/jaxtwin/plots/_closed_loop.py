@@ -43,10 +43,11 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
     # Legends are above the axes, because curves would cross them inside.
     above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
     above.legend(ncols=4, **above_right)
+    names = run.run.experiment.cell_names
     for number, (part, watts) in enumerate(zip(run.duty.T, run.power.T, strict=True)):
         color = palette().cycle[number % len(palette().cycle)]
         look = {"color": color, "lw": 1.4, "ls": line_of(number)}
-        duty.step(time, 100 * part, where="post", label=f"P{number + 1}", **look)
+        duty.step(time, 100 * part, where="post", label=names[number], **look)
         power.plot(time, watts, **look)
     duty.legend(ncols=len(run.duty.T), **above_right)
     duty.set_ylabel("duty, %")

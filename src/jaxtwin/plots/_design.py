@@ -61,7 +61,7 @@ def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> No
             where="post",
             color=palette().cycle[cell % len(palette().cycle)],
             ls="-" if cell == 0 else "--",
-            label=f"P{cell + 1}",
+            label=planned.cell_names[cell],
         )
     axes.axhline(0, color=palette().muted, lw=0.8)
     axes.set(xlabel="time, s", ylabel="duty cycle", title="designed schedule")

@@ -68,7 +68,7 @@ def _cells_by_drive(experiment: Experiment) -> list[tuple[float, str, str]]:
     return [
         (
             100 * float(experiment.duty[-1, cells[0]]),
-            ", ".join(f"P{cell + 1}" for cell in cells),
+            ", ".join(experiment.cell_names[cell] for cell in cells),
             color,
         )
         for cells, color, _ in _drives(experiment)

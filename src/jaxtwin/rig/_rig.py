@@ -2,6 +2,7 @@
 
 import hashlib
 import html
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -20,6 +21,9 @@ from ._parameter import Parameter
 from ._placement import Placement
 from ._plate import Plate
 from ._value import Value
+
+_NUMBERED = re.compile(r"P([1-9]\d{0,3})")
+"""The name of a cell or heater that is a number."""
 
 
 @final
@@ -87,6 +91,17 @@ class Rig:
         """The names of what the driver feeds, in the order of duty cycles: the cells, then the
         heaters."""
         return tuple(part.name for part in (*self.cells, *self.heaters))
+
+    def driven_called(self, name: str) -> str | None:
+        """The cell or heater that a recording calls by a name: the one of this name; or else `P2`
+        is the second, if its own name is no other number; `None` if there is none."""
+        if name in self.driven:
+            return name
+        number = _NUMBERED.fullmatch(name)
+        if number is None or int(number[1]) > len(self.driven):
+            return None
+        own = self.driven[int(number[1]) - 1]
+        return None if _NUMBERED.fullmatch(own) else own
 
     @property
     def lowest_duty(self) -> tuple[float, ...]:

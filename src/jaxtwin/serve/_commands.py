@@ -7,6 +7,7 @@ import numpy as np
 
 from .._errors import ControlError
 from ..control import AbstractController
+from ..control.controllers._duty_limits import bounds_of
 from ..io import Experiment
 from ..live import Moment, RigConnection
 from ..physics import Twin
@@ -37,8 +38,8 @@ def compile_loop(twin: Twin, controller: AbstractController) -> None:
     from ..control import LiveLoop  # which a page without a controller does not import
 
     # Where the middle of the allowed duty leads to is a point that can be held.
-    lowest, highest = controller.limits
-    middle = np.maximum(np.full(len(twin.rig.driven), (lowest + highest) / 2), twin.rig.lowest_duty)
+    lowest, highest = bounds_of(controller.for_rig(twin.rig).limits)
+    middle = np.maximum((lowest + highest) / 2, twin.rig.lowest_duty)
     held = Experiment([0.0, controller.sample_time_s], np.tile(middle, (2, 1)))
     rest = simulate(twin, held, initial="steady").temperatures[-1]
     references = np.asarray(controller.output_weights(twin.channels)) @ rest

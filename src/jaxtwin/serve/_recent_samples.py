@@ -103,6 +103,7 @@ class RecentSamples:
         return Experiment(
             [row.time for row in rows],
             [row.duty for row in rows],
+            cells=self._twin.rig.driven,
             channels=self._twin.channels,
             temperatures=[row.temperatures for row in rows],
             ambient=ambient if np.isfinite(ambient).any() else None,

@@ -235,7 +235,7 @@ class Run:
         if self.experiment.ambient is not None:
             ambient = np.broadcast_to(self.experiment.ambient, self.time.shape)
             variables["ambient"] = ("time", ambient, celsius)
-        cells = [f"P{cell + 1}" for cell in range(duty.shape[1])]
+        cells = self.experiment.cell_names
         names = {"channel": self.channels, "node": self.nodes, "cell": cells}
         # The coordinates are indices of pandas. To convert other sequences, xarray imports pint if
         # it is installed, which takes 0.3 s.
@@ -293,6 +293,7 @@ class Run:
         return Experiment(
             self.time,
             self.experiment.duty,
+            cells=self.experiment.cells,
             channels=self.channels,
             temperatures=self.temperatures + random.normal(0.0, sd, self.temperatures.shape),
             ambient=self.experiment.ambient,

@@ -14,7 +14,7 @@ from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..io import Experiment
-from ..io._duty_of_rig import check_duty_of_rig
+from ..io._duty_of_rig import check_duty_of_rig, of_rig
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin
 from ..physics._twin import check_twin
@@ -93,6 +93,8 @@ def simulate(
     """
     method = chosen_method(solver, stepsize_controller, dt0)
     twin = twin_of_experiment(twin, experiment)
+    label = experiment.name or "the experiment"
+    experiment = of_rig(experiment, twin.rig, label, SimulationError)
     channels = checked_channels(twin, experiment)
     check_values(twin)
     start = checked_initial(twin, initial)

@@ -74,7 +74,7 @@ class Sliders(NotebookWidget):
         rig = twin.twin.rig if isinstance(twin, Fit) else twin.rig
         held = [] if experiment is not None else [HELD_DUTY] * len(rig.driven)
         time = np.linspace(0.0, float(duration), POINTS)
-        ran = experiment or Experiment(time, np.tile(held, (POINTS, 1)))
+        ran = (experiment or Experiment(time, np.tile(held, (POINTS, 1)))).for_rig(rig)
         chosen_twin = twin_of_experiment(twin, ran)
         first = simulate(chosen_twin, ran)  # compiles, and refuses what does not fit
         rows = rig.parameters

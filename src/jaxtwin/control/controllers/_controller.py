@@ -29,6 +29,8 @@ from ._law import Law
 Numbers: TypeAlias = npt.ArrayLike | float | int
 """A parameter: a number or an array."""
 
+DutyLimits: TypeAlias = tuple[float | tuple[float, ...], float | tuple[float, ...]]
+"""The lowest and the highest duty: each a number, or one for each cell and heater."""
 
 Controller = TypeVar("Controller", bound="AbstractController")
 
@@ -69,7 +71,8 @@ class AbstractController(eqx.Module):
     sample_time_s: eqx.AbstractVar[float]
     """The time between two samples, s."""
 
-    limits: eqx.AbstractVar[tuple[float, float]]
+    # DutyLimits; a class of a user's may have the narrower type of two numbers.
+    limits: eqx.AbstractVar[Any]
     """The lowest and the highest duty that the controller commands, -1 to 1. A reference that no
     duty between them can hold is refused before a loop runs, simulated or on a rig."""
 

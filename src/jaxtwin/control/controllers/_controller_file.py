@@ -37,6 +37,7 @@ from ._controller import AbstractChannelGroupController, AbstractController
 from ._controller_fields import (
     SAMPLE_TIME,
     FileContents,
+    Refuse,
     argument_name,
     channel_groups,
     constructor_arguments,
@@ -159,6 +160,18 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     write_whole_file(Path(path), content, ControlError)
 
 
+def _limits(found: Any, refuse: Refuse) -> list[float | list[float]]:
+    """Reads the lowest and the highest duty, each a number or a list of them."""
+    if not isinstance(found, list) or not any(isinstance(bound, list) for bound in found):
+        return [*numbers(found, "limits", refuse)]
+    return [
+        numbers(bound, "limits", refuse)
+        if isinstance(bound, list)
+        else numbers([bound], "limits", refuse)[0]
+        for bound in found
+    ]
+
+
 def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractController:
     """Makes a controller from the contents of a file.
 
@@ -197,7 +210,7 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
         )
     }
     if "limits" in data:
-        common["limits"] = numbers(data["limits"], "limits", refuse_field)
+        common["limits"] = _limits(data["limits"], refuse_field)
     if "measured" in data:
         common["measured"] = channel_groups(data["measured"], refuse_field)
     try:

@@ -23,13 +23,14 @@ from ..._errors import ControlError
 from ..._jax_settings import own_settings
 from ._controller import (
     AbstractController,
+    DutyLimits,
     Numbers,
     check_non_negative,
     checked_measured,
     checked_sample_time,
 )
 from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents, numbers
-from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
 from ._law import Law, bundled_law, of_cells, parameter_text
 from ._pid import INTEGRAL, PROPORTIONAL, WEIGHT, Parameter, as_parameter, tracking_share
 
@@ -77,7 +78,7 @@ class DecoupledPI(AbstractDutyLimitedController):
     Ki_difference: Parameter
     decoupling: Parameter
     setpoint_weight: Parameter
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] = eqx.field(static=True)
@@ -92,7 +93,7 @@ class DecoupledPI(AbstractDutyLimitedController):
         measured: Sequence[str | Sequence[str]],
         decoupling: Numbers | None = None,
         setpoint_weight: Numbers = 1.0,
-        limits: Sequence[float | int] | None = None,
+        limits: GivenLimits | None = None,
         sample_time_s: float | int = 1.0,
     ):
         self.check_parameters(
@@ -220,7 +221,7 @@ class DecoupledPI(AbstractDutyLimitedController):
         weighted_error = jnp.asarray(self.setpoint_weight) * r - y
         asked = self._gained(weighted_error, self.Kp_mean, self.Kp_difference) + state.integral
         wanted = jnp.asarray(self.decoupling) @ asked
-        duty = jnp.clip(wanted, *self.limits)
+        duty = self.limited(wanted)
         cut = self._undo(duty - wanted)
         integral = (
             state.integral

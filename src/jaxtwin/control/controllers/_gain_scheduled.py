@@ -27,7 +27,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ...rig import Rig
-from ._controller import AbstractChannelGroupController, AbstractController
+from ._controller import AbstractChannelGroupController, AbstractController, DutyLimits
 from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents
 from ._decoupled_pi import DecoupledPI
 from ._file_model import as_celsius, temperatures_of
@@ -85,7 +85,7 @@ class GainScheduled(AbstractChannelGroupController):
     """The controllers as one, whose parameters have a leading axis for the points."""
     at: Float[Array | np.ndarray, " points"]
     by: Literal["measurement", "reference"] = eqx.field(static=True)
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
 

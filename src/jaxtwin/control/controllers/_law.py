@@ -33,7 +33,7 @@ class Law(NamedTuple):
     a sample from the references and the last measurements, `state->seen`; `samples` is the number
     of samples whose references are given, 1 without a horizon. The code may use `MODEL_CELLS`,
     `MODEL_OUTPUTS`, `MODEL_READINGS` (outputs and what is only watched), `MODEL_SAMPLE_TIME_S`,
-    `MODEL_LOWEST` and `MODEL_HIGHEST` (the limits of the duty), `model_limited(duty)`, and, with
+    `model_lowest_duty[cell]` and `model_highest_duty[cell]`, `model_limited(cell, duty)`, and, with
     `integrals`, `model_integrate(state, i, change)`, which adds to `state->integral[i]` without a
     loss of small changes in `float`.
 

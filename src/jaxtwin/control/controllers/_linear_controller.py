@@ -12,7 +12,8 @@ from jaxtyping import Array, Complex, Float
 from ..._compilation import persistent_jit_unoptimised
 from ..._jax_settings import own_settings
 from ..linear._margins import USUAL_PEAK, disk_margin, margins_text, sensitivity_peak
-from ._controller import AbstractController
+from ._controller import AbstractController, DutyLimits
+from ._duty_limits import bounds_of
 from ._lqi import LQI
 from ._mpc import MPC
 
@@ -77,10 +78,10 @@ def frequencies(interval: float) -> Float[np.ndarray, " frequency"]:
 
 
 def inside(
-    duty: Float[Array | np.ndarray, " cells"], limits: tuple[float, float]
+    duty: Float[Array | np.ndarray, " cells"], limits: DutyLimits
 ) -> Float[np.ndarray, " cells"]:
     """A duty so far from the limits that a controller is linear there."""
-    low, high = limits
+    low, high = bounds_of(limits)
     distance = DISTANCE_FROM_LIMITS * (high - low)
     return np.clip(np.asarray(duty), low + distance, high - distance)
 

@@ -25,6 +25,7 @@ from ..linear._discrete_model import DiscreteModel
 from ..linear._riccati import regulator
 from ._controller import (
     AbstractController,
+    DutyLimits,
     Numbers,
     check_non_negative,
     checked_deviations,
@@ -39,7 +40,7 @@ from ._controller_fields import (
     check_cells_of_fields,
     matrix,
 )
-from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
 from ._estimator import AbstractEstimator
 from ._file_model import (
     MODEL_FIELDS,
@@ -141,7 +142,7 @@ class LQI(AbstractDutyLimitedController):
     """Those of its design; None for gains of a file."""
     duty: Float[Array | np.ndarray, " cells"]
     outputs: Float[Array | np.ndarray, " outputs"]
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
@@ -159,7 +160,7 @@ class LQI(AbstractDutyLimitedController):
         drift: Numbers = 0.1,
         reading_noise: Numbers = 1.0,
         setpoint_weight: Numbers = 0.0,
-        limits: Sequence[float | int] | None = None,
+        limits: GivenLimits | None = None,
         observer: TwinObserver | None = None,
     ):
         self.limits = checked_limits("LQI", limits)
@@ -347,7 +348,7 @@ class LQI(AbstractDutyLimitedController):
         estimate = self.estimator.correct(state.states, read)
         states = self.estimator.states(estimate)
         asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.duty_offset
-        duty = jnp.clip(asked, *self.limits)
+        duty = self.limited(asked)
         integral = state.integral + self.sample_time_s * (r - y) + self.Kt @ (duty - asked)
         later = self.estimator.predict(estimate, duty - self.duty)
         return duty, LQIState(later, integral, state.duty_offset)

@@ -49,6 +49,7 @@ from ._condensed_program import (
 )
 from ._controller import (
     AbstractController,
+    DutyLimits,
     Numbers,
     TemperatureLimit,
     checked_deviations,
@@ -61,7 +62,7 @@ from ._controller_fields import (
     ControllerField,
     FileContents,
 )
-from ._duty_limits import checked_limits
+from ._duty_limits import GivenLimits, checked_limits
 from ._estimator import AbstractEstimator
 from ._evenness import AbstractEvennessCost
 from ._file_model import (
@@ -211,7 +212,7 @@ class MPC(AbstractPredictiveController):
     rate_limit: float | None = eqx.field(static=True)
     counts: int | None = eqx.field(static=True, repr=False)
     """Full duty in counts of the driver; None before the controller knows its rig."""
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     preview: bool = eqx.field(static=True)
@@ -231,7 +232,7 @@ class MPC(AbstractPredictiveController):
         duty_change_deviation: Numbers = 0.05,
         drift: Numbers = 0.1,
         reading_noise: Numbers = 0.5,
-        limits: Sequence[float | int] | None = None,
+        limits: GivenLimits | None = None,
         rate_limit: float | int | None = None,
         temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
         excess_deviation: float | int = 0.1,
@@ -407,13 +408,13 @@ class MPC(AbstractPredictiveController):
         """Computes the duty of a sample and the next state."""
         seen, program = self._problem(state, jnp.asarray(reference), measurement)
         now = minimised(program)[: len(self.duty)]
-        low, high = (limit - self.duty for limit in self.limits)
+        low, high = (bound - self.duty for bound in self.duty_bounds(now.dtype))
         if self.reach is not None:
             now = jnp.clip(now, state.duty - self.reach, state.duty + self.reach)
         # Rounding must not violate the hard limits.
         now = jnp.clip(now, low, high)
         later = seen._replace(states=self.estimator.predict(seen.states, now), duty=now)
-        return jnp.clip(now + self.duty, *self.limits), later
+        return self.limited(now + self.duty), later
 
     def _parts(
         self, measurement: Float[ArrayLike, " readings"]
@@ -447,7 +448,8 @@ class MPC(AbstractPredictiveController):
         states = self.estimator.states(estimate)
         missed = self._missed(states, watched) - state.errors
         errors = state.errors + jnp.asarray(self.watched.L) * missed
-        limits = self.limits[0] - self.duty, self.limits[1] - self.duty
+        lowest, highest = self.duty_bounds(jnp.asarray(self.duty).dtype)
+        limits = lowest - self.duty, highest - self.duty
         references = jnp.atleast_2d(reference)
         rest = self._rest(references, states, errors, limits)
         allowance = state.allowance

@@ -41,6 +41,7 @@ from ...simulation import Stepper
 from ..linear._linearize import linearize
 from ._condensed_program import Condensed, SoftLimits
 from ._controller import (
+    DutyLimits,
     Numbers,
     TemperatureLimit,
     checked_deviations,
@@ -48,7 +49,7 @@ from ._controller import (
     checked_sample_time,
     means_of,
 )
-from ._duty_limits import checked_limits
+from ._duty_limits import GivenLimits, bounds_of, checked_limits, limits_of_rig
 from ._kalman import KalmanFilter, error_gain, kalman_filter
 from ._law import Law
 from ._mpc_limits import (
@@ -147,7 +148,7 @@ class NonlinearMPC(AbstractPredictiveController):
     rate_limit: float | None = eqx.field(static=True)
     counts: int | None = eqx.field(static=True)
     """Full duty in counts of the driver; None before the controller knows its rig."""
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True)
     sample_time_s: float = eqx.field(static=True)
     preview: bool = eqx.field(static=True)
@@ -166,7 +167,7 @@ class NonlinearMPC(AbstractPredictiveController):
         duty_change_deviation: Numbers = 0.05,
         drift: Numbers = 0.1,
         reading_noise: Numbers = 0.1,
-        limits: Sequence[float | int] | None = None,
+        limits: GivenLimits | None = None,
         rate_limit: float | int | None = None,
         temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
         excess_deviation: float | int = 0.1,
@@ -198,9 +199,9 @@ class NonlinearMPC(AbstractPredictiveController):
                 f"takes, got {self.horizon} of {self.sample_time_s:g} s"
             )
         # The filter knows no delay and no lag: what it explains is heat, which has neither.
-        lowest, highest = self.limits
+        lowest, highest = bounds_of(limits_of_rig(where, self.limits, twin.rig))
         model = replace(
-            linearize(twin, duty=(highest if highest >= -lowest else lowest) / 2),
+            linearize(twin, duty=np.where(highest >= -lowest, highest, lowest) / 2),
             delay_s=np.zeros(()), lag_s=np.zeros(()), is_delayed=False, is_lagged=False,
         )  # fmt: skip
         limited = tuple(name for name, *_ in self.temperature_limits)
@@ -288,7 +289,7 @@ class NonlinearMPC(AbstractPredictiveController):
             return self._improved(stepper, seen._replace(path=path), references)
 
         path = jax.lax.fori_loop(0, self.iterations, improved, seen.path)
-        low, high = self.limits
+        low, high = self.duty_bounds(dtype)
         now = path.duty[0]
         if self.reach is not None:
             now = jnp.clip(now, state.duty - self.reach, state.duty + self.reach)
@@ -337,7 +338,7 @@ class NonlinearMPC(AbstractPredictiveController):
         shapes = stepper.field.modes.shapes
         now = self._read(stepper, shapes @ as_state(stepper, seen.estimate).amplitudes)[:outputs]
         wanted = jnp.asarray(self.inverse, dtype) @ (references[0] - now)
-        upward = (wanted >= 0) | (self.limits[0] >= 0)
+        upward = (wanted >= 0) | (self.duty_bounds(dtype)[0] >= 0)
         found = condensed_path(
             stepper,
             self.steps,
@@ -391,12 +392,13 @@ class NonlinearMPC(AbstractPredictiveController):
                 jnp.asarray(highest, dtype),
                 rest_gain=none,
             )
+        low, high = self.duty_bounds(dtype)
         return plan_program(
             condensed,
             jnp.ones(1, dtype),  # what is constant in the program stands by this "state"
             seen.duty,
             Rest(jnp.zeros((self.horizon, 0), dtype), off[:0], off[:0]),
-            (jnp.full(cells, self.limits[0], dtype), jnp.full(cells, self.limits[1], dtype)),
+            (jnp.broadcast_to(low, (cells,)), jnp.broadcast_to(high, (cells,))),
             self.reach,
             SoftTemperatures(soft, None, None, jnp.asarray(self.excess_deviation, dtype)),
             seen.errors,

@@ -27,13 +27,14 @@ from ..._errors import ControlError
 from ..._jax_settings import own_settings
 from ._controller import (
     AbstractController,
+    DutyLimits,
     Numbers,
     check_non_negative,
     checked_measured,
     checked_sample_time,
 )
 from ._controller_fields import OWN, ControllerField, FileContents
-from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
 from ._law import Law, bundled_law, of_cells, parameter_text
 
 PROPORTIONAL = ControllerField("a gain", "1/K", "0.1 1/K", "zero", is_required=True)
@@ -82,8 +83,9 @@ class PID(AbstractDutyLimitedController):
     - `anti_windup`: what the integral does at a limit of the duty: `"back-calculation"`, or
       `"clamping"`, with which it stops as long as it would only grow farther beyond the limit.
       Clamping needs no time; back-calculation takes back what has been integrated too far.
-    - `limits`: limits of the duty, within -1 to 1. (0, 1) never cools. None for -1 to 1, and for
-      0 to 1 on a rig with heaters.
+    - `limits`: the lowest and the highest duty, within -1 to 1, each a number or one for each cell
+      and heater. (0, 1) never cools. None for -1 to 1 of a cell and 0 to 1 of a heater; beside
+      cells, a heater's lowest duty is never below 0.
     - `sample_time_s`: the sample time, s.
     - `measured`: the outputs, each a channel or a group of channels that is averaged; None for the
       mean over all channels.
@@ -111,7 +113,7 @@ class PID(AbstractDutyLimitedController):
     setpoint_weight: Parameter
     derivative_weight: Parameter
     tracking_time_s: Parameter | None
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
@@ -127,7 +129,7 @@ class PID(AbstractDutyLimitedController):
         setpoint_weight: Numbers = 1.0,
         derivative_weight: Numbers = 0.0,
         tracking_time_s: Numbers | None = None,
-        limits: Sequence[float | int] | None = None,
+        limits: GivenLimits | None = None,
         sample_time_s: float | int = 1.0,
         measured: Sequence[str | Sequence[str]] | None = None,
         anti_windup: AntiWindup = "back-calculation",
@@ -276,7 +278,7 @@ class PID(AbstractDutyLimitedController):
             self.Tf + h
         )
         asked = self.Kp * (self.setpoint_weight * r - y) + state.integral + derivative
-        duty = jnp.clip(asked, *self.limits)
+        duty = self.limited(asked)
         back = tracking_share(self.Kp, self.Ki, self.tracking_time_s, h)
         change, beyond = self.Ki * h * (r - y), asked - duty
         if self.anti_windup == "clamping":

@@ -19,13 +19,14 @@ from ..._arguments import finite_number
 from ..._errors import ControlError
 from ._controller import (
     AbstractController,
+    DutyLimits,
     Numbers,
     check_non_negative,
     checked_measured,
     checked_sample_time,
 )
 from ._controller_fields import ControllerField, FileContents
-from ._duty_limits import AbstractDutyLimitedController, checked_limits
+from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
 from ._pid import Parameter, as_parameter
 
 
@@ -93,7 +94,7 @@ class Relay(AbstractDutyLimitedController):
     bias: Parameter
     hysteresis: Parameter
     timeout_s: float = eqx.field(static=True)
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
@@ -106,7 +107,7 @@ class Relay(AbstractDutyLimitedController):
         *,
         timeout_s: float | int = 600.0,
         measured: str | Sequence[str] | None = None,
-        limits: Sequence[float | int] | None = None,
+        limits: GivenLimits | None = None,
         sample_time_s: float | int = 1.0,
     ):
         self.check_parameters(amplitude=amplitude, bias=bias, hysteresis=hysteresis)
@@ -185,7 +186,7 @@ class Relay(AbstractDutyLimitedController):
         is_over = state.is_over | (half_s >= self.timeout_s)
         is_up = jnp.where(has_switched, goes_up, state.is_up)
         aim = jnp.where(is_up, 1.0, -1.0).astype(half_s.dtype) + shift
-        duty = jnp.clip(self.bias + self.amplitude * aim, *self.limits)
+        duty = self.limited(self.bias + self.amplitude * aim)
         later = RelayState(
             is_up,
             half_s + self.sample_time_s,

@@ -132,7 +132,8 @@ class Target(eqx.Module):
     """Temperatures for which a duty cycle is searched.
 
     The search minimises the distance of `channels @ readings` from `temperatures` over `duty =
-    directions @ unknowns`, with no duty below its `lowest_duty`.
+    directions @ unknowns`, in which a heater that would cool is off: no duty is below its
+    `lowest_duty`.
     """
 
     channels: Float[np.ndarray, "targets channels"]
@@ -199,22 +200,29 @@ def duty_for(
     Its derivatives with respect to the parameters are exact if the target can be reached.
     """
     directions = jnp.asarray(target.directions, reference.dtype)
-    # One unknown is the duty of all cells, otherwise each is that of one.
-    lowest = jnp.asarray(target.lowest_duty, reference.dtype)
-    lowest = lowest if directions.shape[1] > 1 else lowest.max()
+    # One unknown is the duty of all cells and heaters, otherwise each is that of one.
+    lowest_duty = jnp.asarray(target.lowest_duty, reference.dtype)
+    lowest = lowest_duty if directions.shape[1] > 1 else lowest_duty.min()
     channels = jnp.asarray(target.channels, reference.dtype)
     aim = jnp.asarray(target.temperatures, reference.dtype) + ZERO_CELSIUS - reference
 
+    def duty_of(unknowns: Array) -> Array:
+        wanted = directions @ unknowns
+        # Not `maximum`, whose derivative at the limit is a half.
+        return jnp.where(wanted >= lowest_duty, wanted, lowest_duty)
+
     def readings(unknowns: Array) -> tuple[Array, Array]:
-        duty = directions @ unknowns
+        duty = duty_of(unknowns)
         nodes = system.steady_state(duty, reference)
         return channels @ system.channel_temperatures(nodes), nodes
 
     def change(unknowns: Array) -> Array:
         reached, nodes = readings(unknowns)
-        at = jax.lax.stop_gradient((system, nodes, directions @ unknowns, reference))
+        at = jax.lax.stop_gradient((system, nodes, duty_of(unknowns), reference))
         by_nodes, by_duty = slopes(*at)
-        gain = channels @ at[0].channel_temperatures(solve(-by_nodes, by_duty @ directions).T).T
+        free = jax.lax.stop_gradient(directions @ unknowns >= lowest_duty)
+        by_unknowns = by_duty @ jnp.where(free[:, None], directions, 0.0)
+        gain = channels @ at[0].channel_temperatures(solve(-by_nodes, by_unknowns).T).T
         return solve(gain.T @ gain, gain.T @ (aim - reached))
 
     def newton(_: Int[Array, ""], unknowns: Array) -> Array:
@@ -226,4 +234,4 @@ def duty_for(
     # A last step, through which the derivatives pass.
     found = jnp.clip(found + change(found), lowest, 1.0)
     reached, nodes = readings(found)
-    return directions @ found, reached + reference - ZERO_CELSIUS, nodes
+    return duty_of(found), reached + reference - ZERO_CELSIUS, nodes

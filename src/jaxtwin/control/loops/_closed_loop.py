@@ -19,7 +19,7 @@ from ...simulation._stepper import (
     node_temperatures,
     to_modal,
 )
-from ..controllers._controller import AbstractController
+from ..controllers._controller import AbstractController, DutyLimits
 from ._drawn_power import drawn_in_steps
 from ._loop_signals import ClosedLoop
 from ._references import references_ahead
@@ -241,7 +241,7 @@ def _applied(
 
 
 def _signals(
-    stepper: Stepper, scenario: Scenario, recorded: _Recorded, limits: tuple[float, float]
+    stepper: Stepper, scenario: Scenario, recorded: _Recorded, limits: DutyLimits
 ) -> ClosedLoop:
     """Computes the signals at every step of the plant. Those that the controller does not need are
     computed here for all steps at once, which takes less time than in the loop."""

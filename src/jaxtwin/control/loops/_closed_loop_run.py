@@ -65,7 +65,12 @@ class ClosedLoopRun:
     ) -> "ClosedLoopRun":
         """Adds the names of a twin to the signals of a loop."""
         experiment = Experiment(
-            loop.time, loop.duty, channels=twin.channels, ambient=ambient, name="closed loop"
+            loop.time,
+            loop.duty,
+            cells=twin.rig.driven,
+            channels=twin.channels,
+            ambient=ambient,
+            name="closed loop",
         )
         run = Run(
             experiment=experiment,
@@ -183,8 +188,9 @@ class ClosedLoopRun:
             self.outputs, self.reference.T, self.output.T, strict=True
         ):
             columns |= {f"reference {name}": reference, name: output}
-        for cell, (duty, power) in enumerate(zip(self.duty.T, self.power.T, strict=True)):
-            columns |= {f"duty P{cell + 1}": duty, f"power P{cell + 1}": power}
+        names = self.run.experiment.cell_names
+        for cell, duty, power in zip(names, self.duty.T, self.power.T, strict=True):
+            columns |= {f"duty {cell}": duty, f"power {cell}": power}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
     def plot(self) -> "Figure":

@@ -14,8 +14,8 @@ from ..._errors import ControlError
 from ...physics import System
 from ...rig import Rig
 from ...simulation._modes import network_modes
-from ..controllers._controller import AbstractChannelGroupController, AbstractController
-from ..controllers._duty_limits import check_limits_of_heaters
+from ..controllers._controller import AbstractChannelGroupController, AbstractController, DutyLimits
+from ..controllers._duty_limits import bounds_of, check_limits_of_heaters
 from ..controllers._function_controller import FunctionController
 from ._references import representative_samples
 
@@ -45,7 +45,7 @@ def check_reach(
     reference: Float[np.ndarray, "samples outputs"],
     times: Float[np.ndarray, " samples"],
     ambient: Float[np.ndarray, "rows substeps"],
-    limits: tuple[float, float],
+    limits: DutyLimits,
 ) -> None:
     """Refuses references that the duty cannot hold at rest within the controller's limits.
 
@@ -55,17 +55,19 @@ def check_reach(
 
     **Arguments:**
 
-    - `limits`: the lowest and the highest duty of the controller.
+    - `limits`: the lowest and the highest duty of the controller, for each cell and heater if they
+      differ.
 
     **Raises:** `ControlError` that names the reference, its time, the limits and the reachable
     range.
     """
-    levels = np.linspace(*limits, DUTY_LEVELS)
-    equal = np.maximum(levels[:, None], system.wiring.lowest_duty)
+    low, high = _bounds_of_cells(system, limits)
+    levels = np.linspace(low.min(), high.max(), DUTY_LEVELS)
+    equal = np.clip(levels[:, None], low, high)
     reached = weights @ np.asarray(_steady_rises(system, equal)).T
     lowest = reached.min(axis=1) + float(ambient.min())
     highest = reached.max(axis=1) + float(ambient.max())
-    held_by = f"a duty of {limits[0]:g} to {limits[1]:g}"
+    held_by = f"a duty of {low.min():g} to {high.max():g}"
     wrong = (reference < lowest - REACH_TOLERANCE) | (reference > highest + REACH_TOLERANCE)
     if wrong.any():
         sample, output = np.argwhere(wrong)[0]
@@ -78,8 +80,8 @@ def check_reach(
     middle, ambient_range = (ambient.min() + ambient.max()) / 2, np.ptp(ambient)
     for sample in representative_samples(reference):
         aim = reference[sample] - middle
-        start = levels[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
-        nearest = weights @ _rises(system, _nearest(system, weights, aim, float(start), limits))
+        start = equal[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
+        nearest = weights @ _rises(system, _nearest(system, weights, aim, start, limits))
         if np.abs(nearest - aim).max() > JOINT_TOLERANCE + ambient_range:
             wanted, found = (
                 "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
@@ -157,8 +159,8 @@ def _nearest(
     system: System,
     weights: Float[np.ndarray, "outputs channels"],
     aim: Float[np.ndarray, " outputs"],
-    start: float,
-    limits: tuple[float, float],
+    start: Float[np.ndarray, " cells"],
+    limits: DutyLimits,
 ) -> Float[np.ndarray, " cells"]:
     """Computes the duty whose steady rises of the outputs are nearest to an aim, K.
 
@@ -171,17 +173,26 @@ def _nearest(
 
     from scipy.optimize import least_squares
 
-    low = np.maximum(limits[0], system.wiring.lowest_duty)
-    places = np.quantile([low, np.full_like(low, limits[1])], [0.98, 0.02, 0.75, 0.25], axis=0)
+    low, high = _bounds_of_cells(system, limits)
+    places = np.quantile([low, high], [0.98, 0.02, 0.75, 0.25], axis=0)
     others = islice(product(*places.T), SEARCH_STARTS)
     best, least = low, np.inf
-    for begin in chain([np.maximum(start, low)], others):
-        found = least_squares(off, begin, bounds=(low, limits[1]), diff_step=1e-4)
+    for begin in chain([start], others):
+        found = least_squares(off, begin, bounds=(low, high), diff_step=1e-4)
         if np.abs(found.fun).max() < least:
             best, least = found.x, np.abs(found.fun).max()
         if least <= JOINT_TOLERANCE:
             break
     return best
+
+
+def _bounds_of_cells(
+    system: System, limits: DutyLimits
+) -> tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]:
+    """The lowest and the highest duty of each cell and heater."""
+    lowest, highest = bounds_of(limits)
+    low = np.maximum(lowest, system.wiring.lowest_duty)
+    return low, np.broadcast_to(highest, low.shape)
 
 
 def _rises(system: System, duty: Float[np.ndarray, " cells"]) -> Float[np.ndarray, " channels"]:

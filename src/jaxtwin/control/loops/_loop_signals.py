@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..controllers._controller import DutyLimits
+
 
 @final
 class ClosedLoop(eqx.Module):
@@ -24,7 +26,8 @@ class ClosedLoop(eqx.Module):
     - `power`: the power that each cell's bridge draws from the supply, W.
     - `energy`: the energy that all bridges together have drawn from the supply up to this time, J.
     - `peak_power`: the largest power of all bridges together at any time, also within steps, W.
-    - `limits`: the lowest and the highest duty that the controller commands.
+    - `limits`: the lowest and the highest duty that the controller commands, each a number, or one
+      for each cell and heater.
     - `elements`: the number of elements of the plate, which are the first nodes.
     - `sides`: the nodes that are sides of the cells.
     """
@@ -39,7 +42,7 @@ class ClosedLoop(eqx.Module):
     power: Float[Array | np.ndarray, "*draws times cells"]
     energy: Float[Array | np.ndarray, "*draws times"]
     peak_power: Float[Array | np.ndarray, "*draws"]
-    limits: tuple[float, float] = eqx.field(static=True)
+    limits: DutyLimits = eqx.field(static=True)
     elements: int = eqx.field(static=True)
     sides: tuple[int, ...] = eqx.field(static=True)
 

@@ -6,6 +6,7 @@ from typing import TypeAlias
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..controllers._duty_limits import bounds_of
 from ._loop_signals import ClosedLoop
 
 SETTLING_BAND = 0.5
@@ -87,8 +88,9 @@ def hottest_cell_side(loop: ClosedLoop) -> Float[Array, ""]:
 
 
 def saturation_share(loop: ClosedLoop) -> Float[Array, ""]:
-    """The share of the time in which at least one cell has a duty at a limit of the controller."""
-    duty, (lowest, highest) = jnp.asarray(loop.duty), loop.limits
+    """The share of the time in which at least one cell or heater has a duty at a limit of its own
+    of the controller."""
+    duty, (lowest, highest) = jnp.asarray(loop.duty), bounds_of(loop.limits)
     is_at_limit = (duty <= lowest + HALF_COUNT) | (duty >= highest - HALF_COUNT)
     return _integral(
         loop, jnp.any(is_at_limit, axis=1).astype(jnp.asarray(loop.time).dtype)

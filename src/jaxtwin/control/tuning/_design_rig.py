@@ -22,7 +22,7 @@ from ...physics import Twin
 from ...rig import Placement, Rig
 from ...rig._plate_needed import check_has_plate
 from ...rig._with_places import Place, with_places
-from ..controllers._duty_limits import checked_limits
+from ..controllers._duty_limits import bounds_of, checked_limits
 from ..linear._operating_point import OperatingPoint
 from ._evenness_step import (
     AbstractUnevenness,
@@ -114,7 +114,12 @@ def design_rig(
         raise ControlError(f"{WHERE}: clearance: expected at least 0 m, got {apart:g}")
     searches = whole_number(f"{WHERE}: starts", starts, 1, ControlError)
     random = np.random.default_rng(whole_number(f"{WHERE}: seed", seed, 0, ControlError))
-    low, high = checked_limits(WHERE, limits)
+    low, high = bounds_of(checked_limits(WHERE, limits))
+    if low.ndim or high.ndim:
+        raise ControlError(
+            f"{WHERE}: limits: expected two numbers, which hold for cells that are added too, got "
+            f"{limits!r}"
+        )
 
     def search(twin: Twin, names: Sequence[str], bounds: Mapping[str, Any] | None) -> "_Search":
         lowest = np.maximum(low, twin.wiring.lowest_duty)

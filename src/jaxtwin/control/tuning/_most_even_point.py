@@ -13,7 +13,7 @@ from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
 from ...rig._plate_needed import check_has_plate
-from ..controllers._duty_limits import checked_limits
+from ..controllers._duty_limits import bounds_of, checked_limits, limits_of_rig
 from ..linear._linear_model import LinearModel
 from ..linear._linearize import linearize
 from ..linear._operating_point import OperatingPoint
@@ -66,8 +66,9 @@ def most_even_point(
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
     check_has_plate(where, plant.rig, ControlError)
     mean = finite_number(f"{where}: temperature", temperature, ControlError)
-    low, high = checked_limits(where, limits)
-    low = np.maximum(low, plant.wiring.lowest_duty)
+    cells = len(plant.rig.driven)
+    given = limits_of_rig(where, checked_limits(where, limits), plant.rig)
+    low, high = (np.broadcast_to(bound, (cells,)) for bound in bounds_of(given))
     elements = plant.wiring.elements
 
     def plate_at(duty: Float[np.ndarray, " cells"]) -> _Plate:
@@ -89,7 +90,8 @@ def most_even_point(
     if abs(error) > MEAN_TOLERANCE:
         raise ControlError(
             f"{where}: temperature: expected a mean that duty cycles from {low.min():g} to "
-            f"{high:g} reach, got {mean:g} degC; the nearest found was {mean + error:.4g} degC"
+            f"{high.max():g} reach, got {mean:g} degC; the nearest found was "
+            f"{mean + error:.4g} degC"
         )
     return at.point
 

@@ -31,7 +31,7 @@ static void model_law(model_state *state, const model_real *reference, int sampl
         for (j = 0; j < MODEL_CELLS; ++j) {
             wanted += model_D[i][j] * asked[j];
         }
-        duty[i] = model_limited(wanted);
+        duty[i] = model_limited(i, wanted);
         cut[i] = duty[i] - wanted;
     }
     for (i = 0; i < MODEL_CELLS; ++i) {

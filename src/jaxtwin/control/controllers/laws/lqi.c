@@ -75,7 +75,7 @@ static void model_law(model_state *state, const model_real *reference, int sampl
         for (j = 0; j < MODEL_OUTPUTS; ++j) {
             asked[i] += model_Ki[i][j] * state->integral[j];
         }
-        duty[i] = model_limited(asked[i]);
+        duty[i] = model_limited(i, asked[i]);
     }
     for (i = 0; i < MODEL_OUTPUTS; ++i) {
         change[i] = MODEL_SAMPLE_TIME_S * (reference[i] - state->seen[i]);

@@ -67,8 +67,8 @@ static void model_box(model_state *state, int size)
     int i;
     for (i = 0; i < size; ++i) {
         state->slope[i] = 0;
-        state->lowest[i] = MODEL_LOWEST - model_duty[i % MODEL_CELLS];
-        state->highest[i] = MODEL_HIGHEST - model_duty[i % MODEL_CELLS];
+        state->lowest[i] = model_lowest_duty[i % MODEL_CELLS] - model_duty[i % MODEL_CELLS];
+        state->highest[i] = model_highest_duty[i % MODEL_CELLS] - model_duty[i % MODEL_CELLS];
     }
 }
 
@@ -377,7 +377,7 @@ static void model_law(model_state *state, const model_real *reference, int sampl
             now = state->moved[i] + MODEL_REACH;
         }
 #endif
-        duty[i] = model_limited(now + model_duty[i]);
+        duty[i] = model_limited(i, now + model_duty[i]);
         state->moved[i] = duty[i] - model_duty[i];
     }
     /* The change of the states is added, because slow poles lie near 1. */

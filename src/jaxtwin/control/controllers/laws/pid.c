@@ -36,7 +36,7 @@ static void model_law(model_state *state, const model_real *reference, int sampl
         state->last[i] = d;
         asked += state->derivative[i];
 #endif
-        duty[i] = model_limited(asked);
+        duty[i] = model_limited(i, asked);
         {
             const model_real more = model_Ki_h[i] * (r - y), beyond = asked - duty[i];
 #ifdef MODEL_CLAMPS
