@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from jaxtwin import Twin
 from jaxtwin.cli import app
+from jaxtwin.simulation._exceeded_limits import exceeded_limits
 
 TWIN = Twin("single-cell")
 """Its channel may reach 110 degC; the file states no limit of its cell."""
@@ -42,3 +43,11 @@ def test_the_command_warns_once_and_writes_it_as_json(tmp_path: Path):
     said = CliRunner().invoke(app, arguments).output
     (text, *_) = json.loads(numbers.read_text())["beyond_limits"]
     assert said.count(f"warning: {text}") == 1
+
+
+def test_a_limit_that_the_recording_exceeds_itself_is_left_out() -> None:
+    run = TWIN.simulate("0:0", duration=30, initial=150.0)
+    channel, side = run.beyond_limits
+    assert exceeded_limits(run, TWIN.rig, recorded=100.0) == (channel, side)
+    assert exceeded_limits(run, TWIN.rig, recorded=111.0) == (side,)
+    assert exceeded_limits(run, TWIN.rig, recorded=139.0) == ()

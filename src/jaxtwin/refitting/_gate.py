@@ -20,6 +20,7 @@ from ..matching import Fit
 from ..monitoring import Monitored
 from ..rig._units import unit_scale
 from ..simulation import Run
+from ..simulation._exceeded_limits import exceeded_limits
 from ._held_out import Replay, block_errors
 from ._mistakes import BETTER, POSSIBLE, Mistake
 from ._session_match import SessionMatch
@@ -212,11 +213,22 @@ def check_plausible(match: SessionMatch, last: Fit) -> GateCheck:
 
 def check_limits(runs: list[Run]) -> GateCheck:
     """Whether the new twin stays below the limits of the rig in the recordings: a twin whose cells
-    melt in a session that went well is wrong."""
-    found = [text for run in runs for text in run.beyond_limits]
+    melt in a session that went well is wrong. A limit that the recorded readings exceed themselves
+    says nothing about the twin."""
+    found = [text for run in runs for text in _beyond_limits(run)]
     hottest = max(float(np.max(run.states)) for run in runs)
     text = found[0] if found else f"the hottest node of the new twin reaches {hottest:.1f} degC"
     return GateCheck("limits", not found, hottest, math.nan, text)
+
+
+def _beyond_limits(run: Run) -> tuple[str, ...]:
+    """The limits that a run exceeds and its recording does not."""
+    readings = run.experiment.temperatures
+    if run.twin is None or readings is None:
+        return run.beyond_limits
+    recorded = np.asarray(readings, float)
+    hottest = np.max(recorded, initial=-math.inf, where=np.isfinite(recorded))
+    return exceeded_limits(run, run.twin.rig, float(hottest))
 
 
 def check_likelihood(last: Replay, new: Replay) -> GateCheck:

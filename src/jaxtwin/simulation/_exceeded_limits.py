@@ -1,5 +1,6 @@
 """The limits of a rig that a run exceeds."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,14 +14,22 @@ if TYPE_CHECKING:
     from ._run import Run
 
 
-def exceeded_limits(run: "Run", rig: Rig) -> tuple[str, ...]:
-    """A sentence for each kind of limit that is exceeded, about the hottest channel or cell."""
+def exceeded_limits(run: "Run", rig: Rig, recorded: float = -math.inf) -> tuple[str, ...]:
+    """A sentence for each kind of limit that is exceeded, about the hottest channel or cell.
+
+    **Arguments:**
+
+    - `recorded`: the hottest reading of the rig itself, degC. Limits below it are left out.
+    """
     found = []
     if rig.limits is not None:
         limit = rig.limits.temperature - ZERO_CELSIUS
-        found += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
+        if limit >= recorded:
+            found += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
     given = None if rig.limits is None else rig.limits.cell_temperature
     limit = SOLDER if given is None else given - ZERO_CELSIUS
+    if limit < recorded:
+        return tuple(found)
     sides = [f"{cell.name}.{side}" for cell in rig.cells for side in ("TC", "TH")]
     if given is not None:  # a heater has no solder between two plates
         sides += [heater.node for heater in rig.heaters]

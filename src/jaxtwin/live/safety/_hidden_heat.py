@@ -45,7 +45,8 @@ deviations."""
 
 
 NEAR_SIGMAS = 4.0
-"""The distance from being too probable within which a healthy rig may be stopped."""
+"""The distance from being too probable within which a healthy rig may be stopped: one in four was,
+and none of 560 simulated hours beyond it."""
 
 
 @final
