@@ -83,7 +83,10 @@ CASES = {
         "ControlError",
         "scenario: quantised: expected True or False, got 1",
     ),
-    "diagnose(twin, 3)": ("ObserverError", "diagnose: experiment: expected an Experiment, got 3"),
+    "diagnose(twin, 3)": (
+        "ObserverError",
+        "diagnose: experiment: expected an Experiment, as .*, got 3",
+    ),
     "diagnose(twin, seen, noise=0.1)": (
         "ObserverError",
         "diagnose: noise: expected a ProcessNoise, as jaxtwin.estimate_noise finds it, got 0.1",

@@ -227,7 +227,7 @@ WRONG = {
     ),
     "another rig's recording": (
         ["validate", "single-cell", "synthetic-A", "--split", "500"],
-        "expected the 1 cell of single-cell, got 2",
+        "columns: expected drives of P1, got P1, P2",
     ),
     "unknown command": (["simulat"], "No such command 'simulat'"),
     "unknown option": (["rigs", "--jsn", "x"], "No such option: --jsn"),
@@ -262,7 +262,7 @@ WRONG = {
     ),
     "recording of another rig": (
         ["match", "paper-2024", "other.csv", "--out", "fit.toml"],
-        "expected the 2 cells of paper-2024, got 1",
+        "columns: expected drives of P1, P2, got P1",
     ),
     "parameter unknown": (
         ["match", "paper-2024", "synthetic-A", "--fixed", "R_x", "--out", "fit.toml"],

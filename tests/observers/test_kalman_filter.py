@@ -51,7 +51,7 @@ def irregular_recording(seed: int = 0) -> Experiment:
     steps = random.uniform(0.7, 1.3, 79)
     steps[40] = 6.0
     time = np.append(0.0, np.cumsum(steps))
-    readings = random.normal(26.0, 1.0, (80, 2))
+    readings = random.normal(26.0, 0.5, (80, 2))  # none outside of the gate
     readings[random.uniform(size=readings.shape) < 0.2] = np.nan
     readings[20:30] = np.nan
     readings[0] = 28.0, 24.0

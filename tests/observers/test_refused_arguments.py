@@ -50,7 +50,9 @@ def test_a_recording_without_one_of_the_inputs():
 
 
 def test_a_recording_of_another_rig(recording: Experiment):
-    with pytest.raises(SimulationError, match="bench: channels: expected those of dual-cell"):
+    with pytest.raises(
+        ObserverError, match="bench: duty: expected columns of P1, P2, as dual-cell"
+    ):
         observe(Twin("dual-cell"), recording)
 
 

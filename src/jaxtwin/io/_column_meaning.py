@@ -32,7 +32,7 @@ CELL = re.compile(r"(duty|pwm)_P([1-9]\d{0,3})")
 DRIVE = re.compile(r"(duty|pwm)_(.+)")
 """The name of the drive of a cell or heater."""
 
-_DRIVE_WITHOUT_RIG = re.compile(r"(duty|pwm)_(?!(?:cycle|percent|pct)$)[^\W\d]\w*")
+_DRIVE_WITHOUT_RIG = re.compile(r"(duty|pwm)_(?!(?:cycle|percent|pct)$)[^\W\d][\w.-]*")
 """The same where no rig tells which names there are."""
 
 INPUT = re.compile(r"input_([^\W\d]\w*)")

@@ -155,7 +155,8 @@ def _without_brackets(title: str) -> Iterator[TitleUnit]:
     if slash and (unit := unit_called(slash[2])) is not None:
         yield TitleUnit(slash[1], unit, slash[2], is_explicit=True)
     last = _LAST_WORD.fullmatch(title)
-    if last and (unit := unit_called(last[3])) is not None:
+    # The number behind a name, as of `duty_Cell_A.1`, is no unit.
+    if last and not last[3].isdigit() and (unit := unit_called(last[3])) is not None:
         stem, gap, text = last.groups()
         is_letter = text.lower() in _LETTERS
         is_name_k = gap == "_" and text in ("K", "C")

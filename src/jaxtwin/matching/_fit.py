@@ -85,6 +85,8 @@ class Fit:
     - `uncertainty`: the covariance, correlations and identifiability of the values.
     - `cost`: half the sum of squared weighted residuals and priors.
     - `date`: the end of the match, UTC, ISO 8601. `versions`: the versions of jaxtwin and jax.
+    - `notes`: what should be looked at in the recordings, such as gaps and readings that hold much
+      of the misfit, in sentences.
     - `comparisons`: the comparison of the fitted twin with each recording; None without the
       recordings.
     """
@@ -110,6 +112,7 @@ class Fit:
     cost: float
     date: str
     versions: Mapping[str, str]
+    notes: tuple[str, ...]
     comparisons: tuple[Comparison, ...] | None
     _solution: Solution
 

@@ -248,6 +248,7 @@ def _fit(
         cost=stored.cost,
         date=stored.date,
         versions=stored.versions,
+        notes=stored.notes,
         comparisons=None,
         _solution=solution,
     )

@@ -44,6 +44,7 @@ from ._problem import (
     choose_unknowns,
     make_match_problem,
 )
+from ._recording_notes import influential_readings, recording_notes
 from ._recordings import (
     Span,
     check_distinct,
@@ -285,6 +286,10 @@ def make_fit(
         cost=result.cost,
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         versions={"jaxtwin": __version__, "jax": jax.__version__},
+        notes=(
+            *(note for each in problem.experiments for note in recording_notes(each, twin)),
+            *influential_readings(comparisons),
+        ),
         comparisons=comparisons,
         _solution=Solution(problem, noise_model, result.vector),
     )

@@ -1,5 +1,7 @@
-"""What a match should say of its recordings: gaps, channels at the end of their range, and readings
-that no part of the rig can have."""
+"""What a match should say of its recordings: gaps, channels at the end of their range, readings
+that no part of the rig can have, and readings that hold much of the misfit."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,7 +12,14 @@ from ..io import Experiment
 from ..io._gaps import gap_sentences
 from ..physics import Twin
 from ..simulation import simulate
+from ._camera_error import Comparison
 from ._start import hidden_parameters, plate_parameters
+
+INFLUENTIAL_SHARE = 0.1
+"""A single reading that holds a larger share of the sum of squared residuals is named."""
+
+INFLUENTIAL_MEANS = 20.0
+"""Its square must also be this multiple of the mean one."""
 
 LONGEST_STAY = 10
 """So many samples in a row at the highest or lowest value of all, or more, may be the end of a
@@ -57,6 +66,31 @@ def recording_notes(experiment: Experiment, twin: Twin) -> list[str]:
                     "and not temperatures; make them missing (NaN), or masks=... leaves them out"
                 )
     return notes
+
+
+def influential_readings(comparisons: Sequence[Comparison]) -> list[str]:
+    """A sentence for each reading that holds a large share of the misfit of all recordings."""
+    squares = [
+        (each.run.experiment, np.nan_to_num(each.reading.temperatures - recorded) ** 2)
+        for each in comparisons
+        if (recorded := each.run.experiment.temperatures) is not None
+    ]
+    total = sum(float(square.sum()) for _, square in squares)
+    count = sum(int(experiment.sampled.sum()) for experiment, _ in squares)
+    lines: list[str] = []
+    for experiment, square in squares:
+        shares = square / max(total, 1e-300)
+        # Of a few readings each holds much.
+        for row, column in np.argwhere(shares > max(INFLUENTIAL_SHARE, INFLUENTIAL_MEANS / count)):
+            assert experiment.temperatures is not None
+            lines.append(
+                f"{experiment.name}: one reading of {experiment.channels[column]}, "
+                f"{experiment.temperatures[row, column]:.4g} degC at {experiment.time[row]:g} s, "
+                f"holds {100 * shares[row, column]:.0f} % of the misfit of all readings; if it is "
+                "no temperature of the rig, leave it out (jaxtwin import --mask-glitches, "
+                "Experiment.without_glitches()), or match with loss=Huber()"
+            )
+    return lines
 
 
 def _beyond_reach(experiment: Experiment, twin: Twin) -> list[str]:

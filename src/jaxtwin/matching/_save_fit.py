@@ -146,6 +146,7 @@ class StoredFit:
     rig_text: str | None = None
     loss: dict[str, str | float] | None = None
     initial: Literal["steady"] | float | tuple[float, ...] | dict[str, float] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def save_fit(fit: Fit, path: str | os.PathLike[str]) -> None:
@@ -217,6 +218,7 @@ def _fit_tables(fit: Fit) -> str:
         "initial": _plain_initial(solution.problem.initial),
         "history": fit.history,
         "optima": fit.optima,
+        "notes": fit.notes or None,
     }
     variances = zip(known.labels, np.diag(known.covariance), strict=True)
     unknowns = {

@@ -8,7 +8,6 @@ import numpy as np
 
 from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
-from ._recording_notes import recording_notes
 from ._start import replaced_by_recorded_room, room_parameters
 
 if TYPE_CHECKING:
@@ -39,12 +38,6 @@ NUMBERS = slice(1, 8)
 
 SMALL_SPREAD = 0.05
 """Below this spread of a logarithm a prior is shown with its per cent: its factor is about 1."""
-
-INFLUENTIAL_SHARE = 0.1
-"""A single reading that holds a larger share of the sum of squared residuals is named."""
-
-INFLUENTIAL_MEANS = 20.0
-"""Its square must also be this multiple of the mean one."""
 
 LARGE_GAP = 0.01
 """A larger `Fit.solver_gap` is mentioned, K: a tenth of the RMSE of a good match."""
@@ -125,10 +118,8 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         lines[3:3] = [
             f"steps of the match too long for these values: {fit.solver_gap:.2g} K from `simulate`"
         ]
-    initial = fit.twin.with_values({row.name: row.initial for row in fit.parameters.values()})
-    for comparison in fit.comparisons or ():
-        for sentence in recording_notes(comparison.run.experiment, initial):
-            lines[-1:-1] = wrap(sentence, WIDTH, subsequent_indent="  ")
+    for note in fit.notes:
+        lines[-1:-1] = wrap(note, WIDTH, subsequent_indent="  ")
     for row in table:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
         cells[NUMBERS] = [
@@ -170,7 +161,6 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         ]
         lines.append(f"{name}: {', '.join(channels)}")
     lines += ["", "identifiability:", fit.uncertainty.report(), *_room_beside_losses(fit)]
-    lines += _influential_readings(fit)
     return "\n".join(lines)
 
 
@@ -220,32 +210,6 @@ def prior_text(row: "FittedParameter") -> str:
     if row.is_logarithmic:
         return f"{row.prior_value:.4g} (factor {math.exp(row.prior_spread):.3g})"
     return f"{row.prior_value:.4g} (+- {row.prior_spread:.3g})"
-
-
-def _influential_readings(fit: "Fit") -> list[str]:
-    """The readings each of which holds a large share of the misfit of all recordings; no line for a
-    fit that was loaded without its recordings."""
-    squares = [
-        (each.run.experiment, np.nan_to_num(each.reading.temperatures - recorded) ** 2)
-        for each in fit.comparisons or ()
-        if (recorded := each.run.experiment.temperatures) is not None
-    ]
-    total = sum(float(square.sum()) for _, square in squares)
-    count = sum(int(experiment.sampled.sum()) for experiment, _ in squares)
-    lines: list[str] = []
-    for experiment, square in squares:
-        shares = square / max(total, 1e-300)
-        # Of a few readings each holds much.
-        for row, column in np.argwhere(shares > max(INFLUENTIAL_SHARE, INFLUENTIAL_MEANS / count)):
-            assert experiment.temperatures is not None
-            lines.append(
-                f"{experiment.name}: one reading of {experiment.channels[column]}, "
-                f"{experiment.temperatures[row, column]:.4g} degC at {experiment.time[row]:g} s, "
-                f"holds {100 * shares[row, column]:.0f} % of the misfit of all readings; if it is "
-                "no temperature of the rig, leave it out (jaxtwin import --mask-glitches, "
-                "Experiment.without_glitches()), or match with loss=Huber()"
-            )
-    return lines
 
 
 def _room_beside_losses(fit: "Fit") -> list[str]:
