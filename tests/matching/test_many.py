@@ -105,20 +105,6 @@ def test_masks_and_events_of_a_recording_in_no_set_are_refused(
 
 
 @pytest.mark.slow
-def test_a_set_without_finite_residuals_loses_no_other(
-    benches: list[Experiment], fits: tuple[Fit | None, ...]
-):
-    """Readings whose squares are infinite."""
-    infinite = spoiled(benches[1], 0.0)
-    assert infinite.temperatures is not None
-    # An experiment takes no such reading.
-    object.__setattr__(infinite, "temperatures", infinite.temperatures + 1e200)
-    good, bad = matched(benches[0], infinite)
-    assert bad is None
-    assert value(good) == pytest.approx(value(fits[0]), rel=1e-9)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "error", [SimulationError("the temperatures do not stay finite"), np.linalg.LinAlgError()]
 )

@@ -46,16 +46,18 @@ ROOM = 23.0
 
 
 def irregular_recording(seed: int = 0) -> Experiment:
-    """Readings without meaning at irregular times, of which many are missing, and an ambient."""
+    """Noisy readings at irregular times, of which many are missing, and an ambient."""
     random = np.random.default_rng(seed)
     steps = random.uniform(0.7, 1.3, 79)
     steps[40] = 6.0
     time = np.append(0.0, np.cumsum(steps))
-    readings = random.normal(26.0, 0.5, (80, 2))  # none outside of the gate
+    duty = random.uniform(0, 1, (8, 2)).repeat(10, axis=0)
+    # Near what the twin expects, because what is far from it is rejected.
+    run = simulate(Twin("tclab"), Experiment(time, duty, ambient=24.0), initial=26.0)
+    readings = run.temperatures + random.normal(0.0, 0.5, (80, 2))
     readings[random.uniform(size=readings.shape) < 0.2] = np.nan
     readings[20:30] = np.nan
     readings[0] = 28.0, 24.0
-    duty = random.uniform(0, 1, (8, 2)).repeat(10, axis=0)
     ambient = random.normal(24.0, 0.3, 80)
     return Experiment(
         time, duty, channels=("T1", "T2"), temperatures=readings, ambient=ambient, name="random"
