@@ -38,7 +38,7 @@ START_SECONDS = 120.0
 
 def device(speed: float) -> tuple[subprocess.Popen[str], str]:
     """A virtual rig with 10 frames and 10 samples a second."""
-    command = [sys.executable, "-m", "jaxtwin", "virtual-rig", RIG, "--tcp", "127.0.0.1:7640"]
+    command = [sys.executable, "-m", "jaxtwin", "virtual-rig", RIG, "--port", "7640"]
     command += ["--speed", str(speed), "--camera-rate", "10"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

@@ -172,7 +172,10 @@ CASES = {
     "plate_map(rig, ['a'])": ("ParameterError", "temperatures: expected numb.*, got .* values"),
     "frame_to_channels(None, np.zeros((4, 4)))": ("RigError", "frame_to_channels: " + RIG),
     "frame_to_channels(rig, 3)": ("RigError", "frames: expected .* of shape \\(\\)"),
-    "read_parameters('fit.toml', twin)": ("ParameterError", "read_parameters: " + RIG),
+    "read_parameters('fit.toml', twin)": (
+        "RigError",
+        "load_rig: expected the path of a file.*, got .*",
+    ),
     "write_recording(twin, 'run.csv')": ("RecordingError", EXPERIMENT),
     "load_rig(None)": ("RigError", "load_rig: " + PATH),
     "load_rig(b'paper-2024')": ("RigError", "load_rig: " + PATH),

@@ -1,5 +1,6 @@
 """Quantities in other units than those of jaxtwin: converted, or refused in one sentence."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,9 @@ import pint
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import MatchError, ParameterError, RecordingError
+from jaxtwin import MatchError, ParameterError, RecordingError, load_rig, read_recording
 from jaxtwin._arguments import finite_number
+from jaxtwin._errors import RigError
 
 UNITS: Any = pint.UnitRegistry()
 
@@ -138,3 +140,14 @@ def test_a_match_takes_files_and_goes_on_behind_gaps(tmp_path):
     assert "bench: the duty is held over a gap" in jt.validate(fit, path, warm_up=20).summary()
     split = jt.match(twin, path, free=["R_E"], max_iterations=3, gaps="split")
     assert list(split.runs) == ["bench part 1", "bench part 2"]
+
+
+def test_a_rig_may_be_named(tmp_path: Path):
+    """As for a twin: by its name, by its file, or as it was read."""
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,duty_H1,duty_H2,T1_degC,T2_degC\n0,0,0,20,20\n1,0.5,0,20,20\n")
+    by_name = read_recording(path, rig="tclab")
+    assert by_name.cells == ("H1", "H2")
+    assert by_name.fingerprint == read_recording(path, rig=load_rig("tclab")).fingerprint
+    with pytest.raises(RigError, match="did you mean 'tclab'"):
+        read_recording(path, rig="tclb")

@@ -91,7 +91,7 @@ LINK = ["--link", "socket://127.0.0.1:1"]
     ("arguments", "message"),
     [
         (["export", "missing.db", "run.csv"], "missing.db: no such file"),
-        (["virtual-rig", "dual-cell", "--pty", "--tcp", ":0"], "give one of --tcp, --pty"),
+        (["virtual-rig", "dual-cell", "--pty", "--port", "0"], "give one of --port, --pty"),
         (["virtual-rig", "dual-cell", "--faults", "burn=1"], "fault: expected words like"),
         (["record", "dual-cell", "--link", "x://y", "--out", "s.db"], "expected a serial port"),
         (["record", "dual-cell", *LINK, "--out", "no/s.db"], "there is no folder"),
@@ -273,7 +273,7 @@ def test_a_virtual_rig_says_where_it_listens_and_serves(
             served.extend(deframe(b"", client.recv(1000)).frames)
 
     monkeypatch.setattr("jaxtwin.live.serve", for_a_moment)
-    command = ["virtual-rig", "dual-cell", "--tcp", ":0", "--speed", "5", "--faults", "drop=0.1"]
+    command = ["virtual-rig", "dual-cell", "--port", "0", "--speed", "5", "--faults", "drop=0.1"]
     assert run(command) == 0
     assert "dual-cell at socket://127.0.0.1:" in capsys.readouterr().out
     assert served[0].startswith("hello version=2 rig=dual-cell")

@@ -50,6 +50,14 @@ def test_masks_must_leave_more_samples_than_unknowns(left: float, samples: int):
         match(Twin("single-cell"), recording(WARMING), free=FREE, masks={"x": [(left, 58.0)]})
 
 
+@pytest.mark.parametrize("left", [8.0, 18.0])
+def test_a_few_times_are_not_a_recording(left: float):
+    """Even if they are more samples than unknowns."""
+    words = "x: expected readings at 10 or more times, .* residuals follow each other, got"
+    with pytest.raises(MatchError, match=words):
+        match(Twin("single-cell"), recording(WARMING), free=FREE, masks={"x": [(left, 58.0)]})
+
+
 @pytest.mark.parametrize("name", ["R_E", "C_load"])
 def test_a_parameter_with_several_values_is_refused(name: str):
     """Whether it is held or matched."""

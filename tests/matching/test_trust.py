@@ -1,5 +1,6 @@
 """Priors, the camera as an instrument, uncertainty: on recordings whose truth is known."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -167,12 +168,12 @@ def test_what_the_recordings_leave_open_is_remarked_on(calm: Fit):
     """Half as sharp as before: the prior's value where there is one, else nobody's."""
     row = next(row for row in calm.parameters.values() if row.name == "h_A")
     told, open_ = replace(row, prior_to_data_ratio=2.0), replace(row, prior_to_data_ratio=0.5)
-    assert parameter_warnings(told, calm.uncertainty) == ()
-    assert parameter_warnings(open_, calm.uncertainty) == ("prior only",)
+    assert parameter_warnings(told, calm.uncertainty, is_recorded=False) == ()
+    assert parameter_warnings(open_, calm.uncertainty, is_recorded=False) == ("prior only",)
     without = replace(open_, prior_spread=None)
-    assert parameter_warnings(without, calm.uncertainty) == ("not determined",)
+    assert parameter_warnings(without, calm.uncertainty, is_recorded=False) == ("not determined",)
     endless = replace(told, standard_error=np.inf)
-    assert parameter_warnings(endless, calm.uncertainty) == ("not determined",)
+    assert parameter_warnings(endless, calm.uncertainty, is_recorded=False) == ("not determined",)
 
 
 def test_a_report_says_once_what_the_ratio_means():
@@ -188,6 +189,18 @@ def test_a_report_says_once_what_the_ratio_means():
     single = VectorEntries(("a",), np.eye(1), np.ones(1), np.ones(1), np.ones(1, bool))
     clear = uncertainty(single, 9 * np.eye(1), 9 * np.eye(1))
     assert "ratio" not in clear.report()
+
+
+def test_a_report_does_not_count_what_the_recordings_replace():
+    """Nothing depends on the room, because it was recorded."""
+    seen = np.diag([9.0, 0.0])
+    labels = ("a", "T_amb[monday]")
+    pair = VectorEntries(labels, np.eye(2), np.ones(2), np.ones(2), np.ones(2, bool))
+    known = uncertainty(pair, seen, seen)
+    assert "insensitive: T_amb[monday]" in known.report()
+    first, *others = known.report(["T_amb"]).splitlines()
+    assert re.match("of 1 directions .* determine none less well than the priors", first)
+    assert others == ["replaced by what was recorded: T_amb[monday]"]
 
 
 @pytest.mark.slow

@@ -45,7 +45,8 @@ def test_means_covariances_and_likelihood_are_those_of_cuthbertlib():
         )
         ahead = jax.vmap(kalman.step)(before, samples.duty, samples.dt)
         there = np.isfinite(samples.readings)
-        measured = jax.vmap(kalman.measured)(ahead, samples.readings, there, samples.ambient)
+        seen = jax.vmap(kalman.model.read)(ahead.mean)
+        measured = jax.vmap(kalman.measured)(ahead, seen, samples.readings, there, samples.ambient)
         slopes = jax.vmap(lambda step: step.slope)(steps)
         return found, steps, slopes, before, ahead, measured, jax.vmap(kalman.expected)(ahead.mean)
 

@@ -139,7 +139,7 @@ def test_the_search_does_not_stop_at_a_maximum_that_is_not_the_highest(
         return 6 * np.log(parts.sum()), 6 * slope
 
     monkeypatch.setattr(
-        _estimate_noise, "_scored", lambda *arguments: score(arguments[4], arguments[6])
+        _estimate_noise, "_scored", lambda *arguments: score(arguments[1], arguments[3])
     )
     found = estimate_noise(twin, recording, start=start, horizons=[20.0])
     assert np.log(found.levels()["common"] / 0.2) / SPREADS["common"] == pytest.approx(
@@ -170,3 +170,28 @@ def test_horizons_that_are_no_times_are_refused(twin: Twin, recording: Experimen
 def test_a_parameter_that_does_not_exist_cannot_drift(twin: Twin, recording: Experiment):
     with pytest.raises(ObserverError, match=r"names: expected parameters of .*got 'R_7'"):
         estimate_noise(twin, recording, names=["R_7"])
+
+
+@given(
+    samples=some.integers(1, 50_000),
+    most=some.integers(64, 4_000),
+    longest=some.integers(1, 1_000),
+)
+def test_stretches_have_room_for_a_forecast_and_are_spread_over_a_recording(
+    samples: int, most: int, longest: int
+):
+    rows = _estimate_noise._stretches(samples, most, longest)
+    assert (np.diff(rows, axis=1) == 1).all()
+    assert rows[0, 0] == 0
+    assert len(rows) == 1 or rows[-1, -1] == samples - 1
+    assert rows.shape[1] >= min(2 * longest, samples)
+    assert (np.diff(rows[:, 0]) >= rows.shape[1]).all()
+    if samples <= most:
+        assert len(rows) == 1
+
+
+@given(seconds=some.floats(0.0, 1e6), horizon=some.floats(1.0, 1e4), ratio=some.floats(1.0, 1e3))
+def test_a_longer_horizon_has_fewer_forecasts(seconds: float, horizon: float, ratio: float):
+    shortest = _estimate_noise._forecasts(seconds, horizon, horizon)
+    longer = _estimate_noise._forecasts(seconds, ratio * horizon, horizon)
+    assert 1 <= longer <= shortest <= _estimate_noise.MAX_FORECASTS

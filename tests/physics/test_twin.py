@@ -128,6 +128,8 @@ def test_the_method_takes_the_keywords_of_the_function(twin):
 def test_unknown_parameter_of_a_changed_twin_is_refused(twin):
     with pytest.raises(ParameterError, match="unknown parameter 'R_Tfx'"):
         twin.with_values({"R_Tfx": 2.0})
+    with pytest.raises(ParameterError, match=r"with_values\(\{'R_E': 2.0\}\)"):
+        twin.with_values(R_E=2.0)
 
 
 @pytest.mark.parametrize(

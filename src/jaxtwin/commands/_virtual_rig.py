@@ -12,15 +12,18 @@ from ._sources import open_twin
 if TYPE_CHECKING:
     from ..live import Server
 
-ADDRESS = "127.0.0.1:7000"
+PORT = 7000
 
 
 def virtual_rig(
     rig: RigArgument,
-    tcp: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help=f"Where to listen; {ADDRESS} if nothing is said."),
+    host: Annotated[str, typer.Option(help="The address on which it listens.")] = "127.0.0.1",
+    port: Annotated[
+        int | None,
+        typer.Option(min=0, max=65_535, help=f"{PORT} if nothing is said; 0 takes a free one."),
     ] = None,
+    # The name of these two before they were those of `serve`.
+    tcp: Annotated[str | None, typer.Option(metavar="HOST:PORT", hidden=True)] = None,
     pty: Annotated[bool, typer.Option("--pty", help="As a serial port: a terminal.")] = False,
     mqtt: Annotated[
         str | None, typer.Option(metavar="URL", help="mqtt://HOST:PORT/TOPIC, through a broker.")
@@ -51,8 +54,8 @@ def virtual_rig(
     from ..physics import Faults
     from ..rig import load_rig
 
-    if [tcp is not None, pty, mqtt is not None].count(True) > 1:
-        raise typer.BadParameter("give one of --tcp, --pty and --mqtt")
+    if [tcp is not None, port is not None, pty, mqtt is not None].count(True) > 1:
+        raise typer.BadParameter("give one of --port, --pty and --mqtt")
     with stop_signals() as stop:
         device = VirtualRig(
             open_twin(load_rig(rig), set_name, parameter_file),
@@ -64,7 +67,8 @@ def virtual_rig(
         )
         # The port is opened only when the rig can answer: a port that accepts connections and is
         # silent is worse than none.
-        server = _server(tcp, pty, mqtt)
+        address = tcp or f"{host}:{PORT if port is None else port}"
+        server = _server(address, pty, mqtt)
         try:
             say(f"{rig} at {server.url}; look at it: jaxtwin watch {rig} --link {server.url}")
             serve(device, server, SystemClock(), stop)
@@ -72,9 +76,9 @@ def virtual_rig(
             server.close()
 
 
-def _server(tcp: str | None, pty: bool, mqtt: str | None) -> "Server":
+def _server(address: str, pty: bool, mqtt: str | None) -> "Server":
     from ..live import MqttServer, PtyServer, TcpServer
 
     if mqtt is not None:
         return MqttServer(mqtt)
-    return PtyServer() if pty else TcpServer(tcp or ADDRESS)
+    return PtyServer() if pty else TcpServer(address)

@@ -1,11 +1,12 @@
 """Reads a recording from a file of any known format."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from .._arguments import finite_number, of_kind, path_of, whole_number
+from .._arguments import finite_number, path_of, whole_number
 from .._errors import RecordingError
-from ..rig import Rig
+from ..rig import Rig, load_rig
 from ._column_meaning import Choices
 from ._csv import parse_csv
 from ._delimited import names_of_columns
@@ -31,7 +32,7 @@ TABLES = ("csv", "xlsx", "parquet", "mat", "tdms")
 def read_recording(
     path: str | Path,
     *,
-    rig: Rig | None = None,
+    rig: Rig | str | os.PathLike[str] | None = None,
     columns: Mapping[str, str] | None = None,
     ignore: Sequence[str] = (),
     scale: Mapping[str, str] | None = None,
@@ -70,10 +71,11 @@ def read_recording(
     **Arguments:**
 
     - `path`: the file. Its name without the ending becomes the name of the experiment.
-    - `rig`: the rig, whose driver says how many PWM counts full duty has and their polarity, and
-      whose inputs may be columns of their own names, without `input_`. Columns of duty belong to
-      its cells and heaters by their names, `duty_foil`; `duty_P2` is the second, unless cells of
-      the rig are called by such numbers themselves. The experiment has them in the rig's order.
+    - `rig`: the rig, its name or its file. Its driver says how many PWM counts full duty has and
+      their polarity, and its inputs may be columns of their own names, without `input_`. Columns of
+      duty belong to its cells and heaters by their names, `duty_foil`; `duty_P2` is the second,
+      unless cells of the rig are called by such numbers themselves. The experiment has them in the
+      rig's order.
     - `columns`: names for columns that are called otherwise, by their titles or their numbers from
       1 on: `{"heater_on": "duty_P1", "Temperatur 1": "T1", "4": "ambient", "clock": "time"}`. A
       temperature without a unit in both names is in degC. `"time"` may be a time stamp, hh:mm:ss or
@@ -101,11 +103,12 @@ def read_recording(
 
     **Raises:**
 
-    `RecordingError` that names the file, the problem, and what was expected.
+    `RecordingError` that names the file, the problem, and what was expected; `RigError` for a rig
+    that cannot be read.
     """
     file = path_of("read_recording: path", path, RecordingError)
     if rig is not None:
-        of_kind("read_recording: rig", rig, Rig, "a Rig, as load_rig makes it", RecordingError)
+        rig = load_rig(rig)
         of_driver = rig.driver.counts if rig.driver.states_counts else None
         counts = of_driver if counts is None else counts
         polarity = rig.driver.polarity if polarity is None else polarity

@@ -13,6 +13,7 @@ from .._normal_distribution import QUANTILE_975
 from ..rig._parameter import Scope
 from ._group_values import new_group_values
 from ._problem import MatchProblem
+from ._start import replaced_by_recorded_room
 from ._uncertainty import Uncertainty
 from ._unknowns import Unknowns
 
@@ -117,6 +118,7 @@ def fitted_parameters(
     values = unknowns.to_values(vector)
     expected = _expected_of_groups(unknowns, vector, uncertainty)
     table = FittedParameters()
+    recorded = replaced_by_recorded_room(twin.rig)
     for name, row in twin.rig.parameters.items():
         entries = entries_of.get(name, [])
         matched = unknowns.entry_parameters[entries[0]] if entries else row
@@ -152,7 +154,8 @@ def fitted_parameters(
             interval=interval_95(value, error, is_logarithmic=logarithmic),
             group_spread=matched.group_spread if has_prior else None,
         )
-        table[name] = replace(fitted, warnings=parameter_warnings(fitted, uncertainty))
+        warnings = parameter_warnings(fitted, uncertainty, is_recorded=name in recorded)
+        table[name] = replace(fitted, warnings=warnings)
     return table
 
 
@@ -171,8 +174,11 @@ def _expected_of_groups(
     return {name: (value, error) for (name, value), error in pairs}
 
 
-def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[str, ...]:
-    """Short warnings on one parameter; empty if there are none."""
+def parameter_warnings(
+    row: FittedParameter, uncertainty: Uncertainty, *, is_recorded: bool
+) -> tuple[str, ...]:
+    """Short warnings on one parameter; empty if there are none. `is_recorded`: whether a recorded
+    ambient temperature replaces it."""
     if not row.free:
         return ()
     labels = [
@@ -188,7 +194,7 @@ def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[
     if row.prior_distance is not None and abs(row.prior_distance) > FAR:
         warnings.append(f"{row.prior_distance:+.1f} sd from prior")
     if any(label in uncertainty.insensitive for label in labels):
-        warnings.append("no effect")
+        warnings.append("replaced by the recording" if is_recorded else "no effect")
     elif row.prior_to_data_ratio < 1:
         warnings.append("not determined" if row.prior_spread is None else "prior only")
     elif math.isinf(row.standard_error):

@@ -25,6 +25,9 @@ NARROWEST = 1e-100
 """The smallest spread of a prior, and the reciprocal of the largest: their squares must be finite
 and positive."""
 
+MIN_TIMES = 10
+"""The smallest number of times with readings: of fewer nobody can tell noise from misfit."""
+
 
 @final
 class LinearPrior(eqx.Module):
@@ -310,8 +313,8 @@ def make_match_problem(
     - `options`: the options of the samples' weights.
     - `initial`: the temperatures at the start of each run, checked.
 
-    **Raises:** `MatchError` if there are fewer samples than unknowns, if nothing changes in any
-    recording, or if events, masks or the loss are invalid.
+    **Raises:** `MatchError` if there are fewer samples than unknowns or than `MIN_TIMES` times, if
+    nothing changes in any recording, or if events, masks or the loss are invalid.
     """
     events, masks = options.events, options.masks
     weights = tuple(span_weights(recordings, masks))
@@ -321,6 +324,12 @@ def make_match_problem(
         raise MatchError(
             f"expected more samples than the {unknowns.size} unknowns, because the noise is "
             f"estimated from the residuals, got {samples} samples{masked}"
+        )
+    read_times = sum(int(np.count_nonzero(weight.any(axis=1))) for weight in weights)
+    if read_times < MIN_TIMES:
+        raise MatchError(
+            f"{', '.join(recordings)}: expected readings at {MIN_TIMES} or more times, because the "
+            f"noise is estimated from how residuals follow each other, got {read_times}"
         )
     experiments = tuple(recordings.values())
     if not any(map(_is_excited, experiments, weights)):

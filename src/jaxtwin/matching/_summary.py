@@ -127,6 +127,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         ]
         lines.append("  ".join(cells).rstrip())
     held = [row for row in fit.parameters.values() if not row.free]
+    replaced = frozenset[str]()
     if all(sample.ambient is not None for sample in fit.first_samples):
         replaced = replaced_by_recorded_room(fit.twin.rig)
         without_effect = [row.name for row in held if row.name in replaced]
@@ -160,7 +161,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
             if recording == name
         ]
         lines.append(f"{name}: {', '.join(channels)}")
-    lines += ["", "identifiability:", fit.uncertainty.report(), *_room_beside_losses(fit)]
+    lines += ["", "identifiability:", fit.uncertainty.report(replaced), *_room_beside_losses(fit)]
     return "\n".join(lines)
 
 

@@ -13,7 +13,7 @@ The information of the recordings alone is $J^T J (J^T \Gamma J)^{-1} J^T J$ (Go
 inverse of that covariance without $P$.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -100,18 +100,27 @@ class Uncertainty:
         errors = np.sqrt(np.diag(self.covariance))
         return dict(zip(self.labels, errors.tolist(), strict=True))
 
-    def report(self) -> str:
-        """The directions and parameters that the recordings do not determine, as text."""
-        count, weak = len(self.singular_values), len(self.unidentifiable)
+    def report(self, replaced: Collection[str] = ()) -> str:
+        """The directions and parameters that the recordings do not determine, as text.
+
+        `replaced` are the parameters for which the recordings hold measured values instead.
+        """
+        measured = [label for label in self.insensitive if label.split("[")[0] in replaced]
+        insensitive = [label for label in self.insensitive if label not in measured]
+        weak = [row for row in self.unidentifiable if not row.weights.keys() <= {*measured}]
+        count = len(self.singular_values) - len(self.unidentifiable) + len(weak)
         space = f"of {count} directions in the space of the parameters"
-        lines = [f"{space}, the recordings determine {weak or 'none'} less well than the priors"]
-        if self.unidentifiable:
+        lines = [
+            f"{space}, the recordings determine {len(weak) or 'none'} less well than the priors"
+        ]
+        if weak:
             lines.append(
                 "ratio: the standard deviation of the prior over that of an estimate from the "
                 "recordings alone; below 1 the prior says more"
             )
-        lines += [f"insensitive: {', '.join(self.insensitive)}"] * bool(self.insensitive)
-        lines += [f"unidentifiable: {direction}" for direction in self.unidentifiable]
+        lines += [f"insensitive: {', '.join(insensitive)}"] * bool(insensitive)
+        lines += [f"replaced by what was recorded: {', '.join(measured)}"] * bool(measured)
+        lines += [f"unidentifiable: {direction}" for direction in weak]
         lines += [f"correlated: {a} and {b}, {value:.3f}" for a, b, value in self.collinear]
         return "\n".join(lines)
 

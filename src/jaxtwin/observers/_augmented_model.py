@@ -75,6 +75,12 @@ class Layout:
         return self.of("values").stop
 
     @property
+    def evolved(self) -> int:
+        """The length of the parts that the equations of the twin move: the amplitudes and the
+        duty."""
+        return self.of("duty").stop
+
+    @property
     def fading(self) -> slice:
         """The place of the parts of the common error that begin at a correction of the camera."""
         common = self.of("common")
@@ -119,6 +125,21 @@ class Transition(NamedTuple):
     def slope(self) -> Float[Array, "state state"]:
         """The derivative with respect to the state before."""
         return jax.scipy.linalg.block_diag(self.driven, jnp.diag(self.decay))
+
+
+class Evolution(NamedTuple):
+    """What a step does whatever the levels of the noise are.
+
+    - `end`: the amplitudes of the modes and the duty after it, which are the first entries.
+    - `slope`: their derivatives with respect to the driven parts before it.
+    - `late`, `heated`: what a command that is late by 1 s and random heat of 1 W s^0.5 into each
+      side of the cells leave in the modes.
+    """
+
+    end: Float[Array, " evolved"]
+    slope: Float[Array, "evolved driven"]
+    late: Float[Array, "cells modes"]
+    heated: Float[Array, "sides modes"]
 
 
 class Reading(NamedTuple):
@@ -242,16 +263,35 @@ class AugmentedModel(eqx.Module):
         - `levels`: the rig's other inputs during the step (`simulation._input_levels`); None: those
           of the rig file.
         """
+        evolution, duty = self.evolution(mean, reached, commands, dt, levels)
+        return self.transition(evolution, mean, dt), duty
+
+    def evolution(
+        self,
+        mean: Float[Array, " state"],
+        reached: Float[Array, " cells"],
+        commands: Commands,
+        dt: Float[Array, ""],
+        levels: Float[ArrayLike, " inputs"] | None,
+    ) -> tuple[Evolution, Float[Array, " cells"]]:
+        """What a step of the state does whatever the levels of the noise are, and the duty that
+        reaches the cells at its end. The arguments are those of `step`."""
         parts = self._driven(mean)
         end, duty, path = self._evolve(parts, reached, commands, dt, levels)
+        slope = self._slopes(parts, reached, commands, dt, levels)
+        roots = self._noise_roots(parts[0], reached, path, dt)
+        return Evolution(jnp.concatenate([end, duty]), slope, *roots), path[-1]
+
+    def transition(
+        self, evolution: Evolution, mean: Float[Array, " state"], dt: Float[Array, ""]
+    ) -> Transition:
+        """The step with the levels of the noise, from a mean."""
         decay = self.decay(dt)
         driven, first = self.layout.driven, self.layout.of("room").start
-        slopes = self._slopes(parts, reached, commands, dt, levels)
         kept = jnp.diag(decay[:driven])[first:]
-        after = self._after(mean * decay, end, duty)
-        noise = self._noise(parts[0], reached, path, dt)
-        transition = Transition(after, jnp.concatenate([slopes, kept]), decay[driven:], noise)
-        return transition, path[-1]
+        after = jnp.concatenate([evolution.end, (mean * decay)[first:]])
+        slope = jnp.concatenate([evolution.slope, kept])
+        return Transition(after, slope, decay[driven:], self._noise(evolution, dt))
 
     def exact_step(
         self,
@@ -272,7 +312,8 @@ class AugmentedModel(eqx.Module):
             return after[:driven], (after, path)
 
         slope, (after, path) = jax.jacfwd(moved, has_aux=True)(mean[:driven])
-        noise = self._noise(mean[self.layout.of("modes")], reached, path, dt)
+        roots = self._noise_roots(mean[self.layout.of("modes")], reached, path, dt)
+        noise = self._noise(Evolution(after[: self.layout.evolved], slope, *roots), dt)
         return Transition(after, slope, self.decay(dt)[driven:], noise), path[-1]
 
     def step_of_mean(
@@ -461,16 +502,16 @@ class AugmentedModel(eqx.Module):
             decay = decay.at[layout.of("values")].set(of_values)
         return decay.at[layout.of("channels")].set(jnp.exp(-dt / noise.channel_time))
 
-    def _noise(
+    def _noise_roots(
         self,
         z: Float[Array, " modes"],
         before: Float[Array, " cells"],
         path: Float[Array, "stages cells"],
         dt: Float[Array, ""],
-    ) -> Float[Array, "state state"]:
-        """The covariance of the noise that a step adds."""
-        layout, noise, modes = self.layout, self.noise, self.stepper.field.modes
-        system = self.stepper.system
+    ) -> tuple[Float[Array, "cells modes"], Float[Array, "sides modes"]]:
+        """What a command that is late by 1 s, and random heat of 1 W s^0.5 into each side of the
+        cells, leave in the modes at the end of a step."""
+        modes, system = self.stepper.field.modes, self.stepper.system
         sides = self._faded_sides(dt)
         temperatures = modes.sides @ z + self.stepper.reference
 
@@ -480,11 +521,18 @@ class AugmentedModel(eqx.Module):
 
         _, change = jax.jvp(heat, (path[1],), (path[2] - before,))
         cold, hot = jnp.split(change[:, None] * sides, 2)
-        late = (cold + hot) * noise.command_time
-        heated = sides * noise.heat * jnp.sqrt(dt)
-        roots = jnp.concatenate([late, heated])
-        block = layout.of("modes")
+        return cold + hot, sides * jnp.sqrt(dt)
+
+    def _noise(self, evolution: Evolution, dt: Float[Array, ""]) -> Float[Array, "state state"]:
+        """The covariance of the noise that a step adds."""
+        roots = self.noise_roots(evolution)
+        block = self.layout.of("modes")
         return jnp.diag(self.walks(dt)).at[block, block].set(roots.T @ roots)
+
+    def noise_roots(self, evolution: Evolution) -> Float[Array, "sources modes"]:
+        """What one standard deviation of each source of noise leaves in the modes."""
+        late = evolution.late * self.noise.command_time
+        return jnp.concatenate([late, evolution.heated * self.noise.heat])
 
     def _faded_sides(self, dt: Float[Array, ""]) -> Float[Array, "sides modes"]:
         """What heat into each side of the cells, held during a step, leaves in the modes at its

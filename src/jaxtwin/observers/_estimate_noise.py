@@ -17,6 +17,7 @@ white can still forecast badly, since no twin is exact.
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -35,20 +36,40 @@ from ..io._experiment import as_experiments
 from ..matching import Fit, Huber
 from ..matching._recordings import divided
 from ..physics import Twin
-from ._filter_run import Samples, following, samples_of
-from ._forecast_run import expected_at, starts_of
+from ._filter_run import Samples, filtered, samples_of
+from ._forecast_run import starts_of
 from ._gaussian import LOG_TWO_PI
-from ._kalman_filter import ExtendedKalmanFilter
-from ._observe import filter_for, usual_noise
+from ._kalman_filter import ExtendedKalmanFilter, KalmanState
+from ._linear_filter import Path, filter_path, forecasts_of_path, linearised_path
+from ._observe import filter_for, started, usual_noise
 from ._process_noise import SIGNED, SPREADS, ProcessNoise
 from ._start import first_reading
 
 HORIZONS = (60.0, 300.0)
 """The default horizons of the forecasts, s."""
 
-FORECASTS = 128
-"""The number of forecasts of a recording that are judged at the shortest horizon, evenly spaced;
-those of a longer one are as many fewer as they are longer."""
+PER_HORIZON = 3
+"""The number of forecasts that are judged for each time of a horizon in a recording: those that
+overlap by more tell little more. Rounded up to a power of 2, so that recordings share compiled
+programs."""
+
+MAX_FORECASTS = 128
+"""The largest number of forecasts with the shortest horizon; of those with a longer one as many
+fewer as they are longer."""
+
+COST = 3.6e6
+"""The number of samples that are filtered for each trial of levels, times the square of the number
+of states. Of a longer recording, stretches count that are evenly spread: the levels of a rig's
+noise are the same all day."""
+
+MIN_STATES = 30
+"""A step of fewer states takes no less time."""
+
+STRETCHES = 4
+"""The largest number of stretches: each needs time until it shows the levels that are tried."""
+
+PADDING = 128
+"""Lengths of stretches are multiples of this, so that recordings share compiled programs."""
 
 OUTLYING = 2.5
 """A forecast that is wrong by more than so many standard deviations counts less: a supply that is
@@ -114,13 +135,10 @@ def estimate_noise(
     def objective(point: np.ndarray) -> tuple[float, np.ndarray]:
         nonlocal count
         value, slope = 0.5 * float(point @ point), point.copy()
-        for recording in recordings:
+        for recording in linearised:
             with own_settings():
                 of, gradient = _scored(
-                    recording.kalman,
-                    recording.samples,
-                    recording.first,
-                    recording.leads,
+                    recording,
                     estimated,
                     tuple(int(lead.counts.max()) for lead in recording.leads),
                     centre + spread * point,
@@ -141,15 +159,25 @@ def estimate_noise(
             options={"maxiter": iterations, "ftol": 1e-4},
         )
 
-    first = [descend(start, FIRST_ITERATIONS) for start in _starts(estimated)]
-    found = descend(min(first, key=lambda one: one.fun).x, ITERATIONS)
-    with own_settings():
-        values = np.asarray(_levels_at(centre + spread * found.x, is_signed))
+    def levels_at(point: np.ndarray) -> dict[str, float]:
+        with own_settings():
+            values = np.asarray(_levels_at(centre + spread * point, is_signed))
+        return dict(zip(estimated, values.tolist(), strict=True))
+
+    def linearised_with(noise: ProcessNoise) -> list[_Linearised]:
+        with own_settings():
+            return [recording.linearised(noise) for recording in recordings]
+
+    linearised = linearised_with(start)
+    first = [descend(point, FIRST_ITERATIONS) for point in _starts(estimated)]
+    best = min(first, key=lambda descent: descent.fun).x
+    # The states of the run depend on the levels, where the twin is far from its rig.
+    linearised = linearised_with(dataclasses.replace(start, **levels_at(best)))
+    found = descend(best, ITERATIONS)
     errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
-    found_levels = dict(zip(estimated, values.tolist(), strict=True))
     standard_errors = dict(zip(estimated, errors.tolist(), strict=True))
     return dataclasses.replace(
-        start, **_predictive(found_levels, standard_errors), standard_errors=standard_errors
+        start, **_predictive(levels_at(found.x), standard_errors), standard_errors=standard_errors
     )
 
 
@@ -194,8 +222,8 @@ def _standard_errors(
 
 
 class _Lead(NamedTuple):
-    """The forecasts of a recording with a horizon: the numbers of the samples that are expected,
-    the number of steps of each, and how much all of them count."""
+    """The forecasts of a recording with a horizon: the rows of the samples that are expected, the
+    number of steps of each, and how much all of them count."""
 
     ends: Int[np.ndarray | Array, " forecasts"]
     counts: Int[np.ndarray | Array, " forecasts"]
@@ -204,35 +232,121 @@ class _Lead(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Recording:
-    """What the objective needs of a recording."""
+    """A recording of which stretches of equal length count.
+
+    - `rows`: the numbers of the samples of each stretch; those beyond the last are padding.
+    - `counts`: whether the innovations of a sample count, which they do not where a stretch begins
+      within the recording and still shows the levels that the filter had before it.
+    """
 
     kalman: ExtendedKalmanFilter
     samples: Samples
-    first: Float[Array | np.ndarray, ""]
+    first: Float[np.ndarray, ""]
+    rows: Int[np.ndarray, "stretches samples"]
+    counts: Bool[np.ndarray, "stretches samples"]
     leads: tuple[_Lead, ...]
 
     @classmethod
     def of(
         cls, fit: Twin | Fit, experiment: Experiment, noise: ProcessNoise, horizons: Sequence[float]
     ) -> "_Recording":
-        """Prepares a recording."""
+        """Chooses the stretches and the forecasts."""
         kalman = filter_for(fit, experiment, noise)
         samples, is_sample = samples_of(kalman, experiment)
-        leads = []
-        for horizon in horizons:
-            ends, counts = starts_of(samples, is_sample, horizon)
-            if len(ends):
-                number = round(FORECASTS * horizons[0] / horizon)
-                chosen = np.linspace(0, len(ends) - 1, number).astype(int)
-                weight = np.asarray(experiment.duration / horizon)
-                leads.append(_Lead(ends[chosen], counts[chosen], weight))
-        if not leads:
+        time = np.cumsum(samples.dt)
+        forecasts = [(horizon, *starts_of(samples, is_sample, horizon)) for horizon in horizons]
+        forecasts = [of_horizon for of_horizon in forecasts if len(of_horizon[1])]
+        if not forecasts:
             raise ObserverError(
                 f"{experiment.name or 'experiment'}: expected a recording longer than the horizon "
                 f"of {horizons[0]:g} s, got {experiment.duration:g} s"
             )
+        longest = max(int(steps.max()) for _, _, steps in forecasts)
+        size = max(kalman.model.layout.size, MIN_STATES)
+        rows = _stretches(len(time), round(COST / size**2), longest)
+        last = len(time) - 1
+        is_settled = time[np.minimum(rows, last)] - time[rows[:, :1]] >= horizons[0]
+        counts = (rows <= last) & (is_settled | (rows[:, :1] == 0))
+        place = np.full(len(time), -1)
+        place[rows[rows <= last]] = np.flatnonzero(rows.ravel() <= last)
+        seconds = float(samples.dt[rows[counts]].sum())
+        leads = []
+        for horizon, ends, steps in forecasts:
+            begin = ends - steps
+            # Within one stretch, and from a state of which the innovations count.
+            usable = (place[begin] >= 0) & (place[ends] - place[begin] == steps)
+            usable &= counts.ravel()[place[begin]]
+            number = _forecasts(seconds, horizon, horizons[0])
+            if usable.any():
+                at = np.linspace(0, usable.sum() - 1, number).astype(int)
+                weight = np.asarray(experiment.duration / horizon)
+                leads.append(_Lead(place[ends[usable]][at], steps[usable][at], weight))
         first = np.asarray(first_reading(experiment))
-        return cls(kalman, samples, first, tuple(leads))
+        return cls(kalman, samples, first, rows, counts, tuple(leads))
+
+    def linearised(self, noise: ProcessNoise) -> "_Linearised":
+        """Linearises the stretches along the states that a filter with this noise has."""
+        kalman = eqx.tree_at(lambda k: k.model.noise, self.kalman, noise.as_arrays())
+        start = started(kalman, self.first, np.zeros_like(self.samples.duty[0]))
+        states = filtered(kalman, start, self.samples).states
+        is_padding = self.rows > len(self.samples.dt) - 1
+        kept = np.where(is_padding, len(self.samples.dt) - 1, self.rows)
+        before = jax.tree.map(
+            lambda initial, later: np.concatenate([np.asarray(initial)[None], later])[kept.ravel()],
+            start,
+            states,
+        )
+        chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[kept.ravel()], self.samples)
+        of_padding = is_padding.ravel()
+        chosen = chosen._replace(
+            dt=np.where(of_padding, 0.0, chosen.dt),
+            readings=np.where(of_padding[:, None], np.nan, chosen.readings),
+            ambient=np.where(of_padding, np.nan, chosen.ambient),
+        )
+        path, befores = jax.tree.map(
+            lambda leaf: np.asarray(leaf).reshape(*kept.shape, *leaf.shape[1:]),
+            (linearised_path(kalman, before, chosen), before),
+        )
+        starts = jax.tree.map(lambda leaf: leaf[:, 0], befores)
+        return _Linearised(kalman, path, starts, self.counts, self.leads)
+
+
+class _Linearised(NamedTuple):
+    """The stretches of a recording, linearised.
+
+    - `path`: the first axes of each leaf are the stretches and their samples.
+    - `starts`: the filter's states before the stretches.
+    - `counts`, `leads`: those of the recording.
+    """
+
+    kalman: ExtendedKalmanFilter
+    path: Path
+    starts: KalmanState
+    counts: Bool[Array | np.ndarray, "stretches samples"]
+    leads: tuple[_Lead, ...]
+
+
+def _forecasts(seconds: float, horizon: float, shortest: float) -> int:
+    """The number of forecasts with a horizon that are judged in stretches of this length."""
+    wanted = np.ceil(np.log2(max(PER_HORIZON * seconds / horizon, 1.0)))
+    return int(min(2.0**wanted, np.ceil(MAX_FORECASTS * shortest / horizon)))
+
+
+def _stretches(samples: int, most: int, longest: int) -> Int[np.ndarray, "stretches samples"]:
+    """The numbers of the samples of stretches that are evenly spread over a recording, in a shape
+    that few recordings do not share; those beyond the end of the recording are padding.
+
+    **Arguments:**
+
+    - `samples`: the number of samples of the recording. `most`: the number of all stretches.
+    - `longest`: the number of steps of the longest forecast.
+    """
+    # A forecast needs what is before it, and a stretch some room for more than one.
+    length = max(most // STRETCHES, 2 * longest) if samples > most else samples
+    length = -(-length // PADDING) * PADDING
+    number = max(1, min(most, samples) // length)
+    first = np.linspace(0, max(samples - length, 0), number).astype(int)
+    return first[:, None] + np.arange(length)
 
 
 def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, ...]:
@@ -249,29 +363,31 @@ def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, 
 
 @persistent_jit
 def _scored(
-    kalman: ExtendedKalmanFilter,
-    samples: Samples,
-    first: Float[Array | np.ndarray, ""],
-    leads: tuple[_Lead, ...],
+    recording: _Linearised,
     names: tuple[str, ...],
     longest: tuple[int, ...],
     point: Float[Array | np.ndarray, " levels"],
 ) -> tuple[Float[Array, ""], Float[Array, " levels"]]:
     """The weighted log density of the readings of a recording, one sample and horizons ahead, and
     its derivative with respect to the logarithms of the levels, or themselves (`SIGNED`)."""
+    kalman, path, starts, counted, leads = recording
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), path)
+    readings = kalman.model.from_degC(flat.readings)
+    there = jnp.isfinite(readings)
 
     def of(point: Array) -> Array:
         levels: Any = dict(zip(names, _levels_at(point, np.isin(names, SIGNED)), strict=True))
         noise = dataclasses.replace(kalman.model.noise, **levels)
         changed = eqx.tree_at(lambda k: k.model.noise, kalman, noise)
-        start = changed.init(first, jnp.zeros(samples.duty.shape[1]))
-        found, taken = following(changed, start, samples)
-        there = jnp.isfinite(samples.readings)
-        score = jnp.asarray(leads[0].weight) * found.states.log_likelihood.sum() / there.sum()
-        steps = jax.tree.map(lambda leaf: leaf[1:], taken)
+        begun = _started_with(changed, kalman, starts)
+        run = jax.vmap(partial(filter_path, changed))(path, begun)
+        is_counted = jnp.asarray(counted)[..., None] & jnp.isfinite(path.readings)
+        density = jnp.where(counted, run.states.log_likelihood, 0.0).sum() / is_counted.sum()
+        score = jnp.asarray(leads[0].weight) * density
+        run = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), run)
         for (ends, counts, weight), most in zip(leads, longest, strict=True):
-            expected = expected_at(changed, found.states, samples, steps, ends, counts, most)
-            deviation = (samples.readings[ends] - expected.mean) / expected.spread
+            expected = forecasts_of_path(changed, flat, run, ends, counts, most)
+            deviation = (readings[ends] - expected.mean) / expected.spread
             cost = jax.vmap(jax.vmap(Huber(OUTLYING).cost))(deviation)
             density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
             is_there = there[ends]
@@ -280,6 +396,16 @@ def _scored(
         return score
 
     return jax.value_and_grad(of)(jnp.asarray(point))
+
+
+def _started_with(
+    changed: ExtendedKalmanFilter, kalman: ExtendedKalmanFilter, starts: KalmanState
+) -> KalmanState:
+    """The states before the stretches, of which the first is the start of the recording: there the
+    changed levels are all that is known of the errors."""
+    after, before = changed.model.start_spreads() ** 2, kalman.model.start_spreads() ** 2
+    covariance = jnp.asarray(starts.covariance).at[0].add(jnp.diag(after - before))
+    return eqx.tree_at(lambda state: state.covariance, starts, covariance)
 
 
 def _levels_at(

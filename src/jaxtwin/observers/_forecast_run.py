@@ -102,30 +102,13 @@ def _block(
 
     earlier = jax.tree.map(lambda leaf: leaf[:-1], states)
     later = jax.tree.map(lambda leaf: leaf[1:], samples)
+    # The filter's steps, that from sample k to sample k + 1 in row k.
     taken = jax.lax.map(transition, (earlier, later), batch_size=16)
-    return expected_at(kalman, states, samples, taken, ends, counts, steps)
-
-
-def expected_at(
-    kalman: ExtendedKalmanFilter,
-    states: KalmanState,
-    samples: Samples,
-    taken: Transition,
-    ends: Int[Array | np.ndarray, " forecasts"],
-    counts: Int[Array | np.ndarray, " forecasts"],
-    steps: int,
-) -> Moment:
-    """What was expected of the readings of some samples, as a function that can be differentiated.
-
-    **Arguments:** as for `expected_ahead`; `steps` is the largest number of steps. `taken` are the
-    filter's steps, that from sample k to sample k + 1 in row k.
-    """
     model = kalman.model
     driven = taken.driven.shape[-1]
     following = jax.tree.map(lambda leaf: leaf[1:], samples)
 
     def forecast(end: Array, count: Array) -> tuple[KalmanState, Float[Array, " state"]]:
-        @jax.checkpoint
         def take(
             carry: tuple[KalmanState, Array], number: Array
         ) -> tuple[tuple[KalmanState, Array], None]:
@@ -144,7 +127,6 @@ def expected_at(
     found, of_jumps = jax.vmap(forecast)(jnp.asarray(ends), jnp.asarray(counts))
     seen = jax.vmap(model.read)(found.mean)
 
-    @jax.checkpoint
     def back(carry: tuple[Array, Array], number: Array) -> tuple[tuple[Array, Array], None]:
         rows, variance = carry
         step = jnp.maximum(ends - number - 1, 0)

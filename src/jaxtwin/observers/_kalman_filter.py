@@ -197,9 +197,14 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         which does not contain an expected correction of the camera."""
         commands, dt = self.commands(state, command, dt)
         transition, duty = self.model.step(state.mean, state.duty, commands, dt, levels)
-        after, jump = moved(state.gaussian, *transition), self.expected_jump(state, dt)
-        after = Gaussian(after.mean + jump.mean, after.covariance + jnp.diag(jump.variance))
+        after = self.moved(state, transition, dt)
         return self.stepped(state, after, duty, commands, dt), transition
+
+    def moved(self, state: KalmanState, transition: Transition, dt: Float[Array, ""]) -> Gaussian:
+        """The distribution after a step, with the correction of the camera that is expected in
+        it."""
+        after, jump = moved(state.gaussian, *transition), self.expected_jump(state, dt)
+        return Gaussian(after.mean + jump.mean, after.covariance + jnp.diag(jump.variance))
 
     def step_of_mean(
         self,
@@ -260,8 +265,20 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     ) -> KalmanState:
         """The state that readings and a measured ambient temperature (NaN if there is none)
         leave."""
-        measured = self.measured(state, readings, mask, ambient)
-        found = self._correction_by(state, measured)
+        return self.correct_expected(state, self.model.read(state.mean), readings, mask, ambient)
+
+    def correct_expected(
+        self,
+        state: KalmanState,
+        expected: Reading,
+        readings: Float[ArrayLike, " channels"],
+        mask: Bool[ArrayLike, " channels"],
+        ambient: Float[ArrayLike, ""],
+    ) -> KalmanState:
+        """The same for readings that are expected, with their derivative, by other means than the
+        model."""
+        measured = self.measured(state, expected, readings, mask, ambient)
+        found = self._correction_by(state, expected, measured)
         return self.corrected(state, found.state.mean, found, measured)
 
     def corrected(
@@ -300,14 +317,18 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         ambient: Float[ArrayLike, ""],
     ) -> Correction:
         """What the room, which is first, and the readings say."""
-        return self._correction_by(state, self.measured(state, readings, mask, ambient))
+        expected = self.model.read(state.mean)
+        measured = self.measured(state, expected, readings, mask, ambient)
+        return self._correction_by(state, expected, measured)
 
-    def _correction_by(self, state: KalmanState, measured: Measured) -> Correction:
-        expected = self.expected(state.mean)
+    def _correction_by(
+        self, state: KalmanState, expected: Reading, measured: Measured
+    ) -> Correction:
+        with_room = self._with_room(state.mean, expected)
         return corrected(
             Gaussian(state.mean, state.covariance + jnp.diag(measured.opened)),
-            measured.values - expected.mean,
-            expected.slope,
+            measured.values - with_room.mean,
+            with_room.slope,
             measured.variance,
             measured.mask,
             self.model.layout.of("values"),
@@ -316,6 +337,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     def measured(
         self,
         state: KalmanState,
+        expected: Reading,
         readings: Float[ArrayLike, " channels"],
         mask: Bool[ArrayLike, " channels"],
         ambient: Float[ArrayLike, ""],
@@ -325,7 +347,6 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         model = self.model
         values = model.from_degC(jnp.asarray(readings, state.mean.dtype))
         used = jnp.asarray(mask) & jnp.isfinite(values)
-        expected = model.read(state.mean)
         variance = self.reading_variance(state)
         innovation = values - expected.mean
         opened, is_certain = self.opened(state.gaussian, expected, innovation, variance, used)
@@ -352,12 +373,14 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
 
     def expected(self, mean: Float[Array, " state"]) -> Reading:
         """The room, which is first, and the readings that a mean lets expect."""
+        return self._with_room(mean, self.model.read(mean))
+
+    def _with_room(self, mean: Float[Array, " state"], expected: Reading) -> Reading:
         place = self.model.layout.of("room").start
         of_room = jnp.zeros_like(mean).at[place].set(1.0)
-        seen = self.model.read(mean)
         return Reading(
-            jnp.concatenate([mean[place][None], seen.mean]),
-            jnp.concatenate([of_room[None], seen.slope]),
+            jnp.concatenate([mean[place][None], expected.mean]),
+            jnp.concatenate([of_room[None], expected.slope]),
         )
 
     def reading_variance(self, state: KalmanState) -> Float[Array, " channels"]:

@@ -189,7 +189,9 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         """The state that readings and a measured ambient temperature (NaN if there is none)
         leave."""
         latest = state.latest
-        window = read(state.window, self.kalman.measured(latest, readings, mask, ambient))
+        expected = self.kalman.model.read(latest.mean)
+        at_sample = self.kalman.measured(latest, expected, readings, mask, ambient)
+        window = read(state.window, at_sample)
         measured = window.measured
 
         def improved(path: Float[Array, "samples state"]) -> tuple[Array, KalmanState]:

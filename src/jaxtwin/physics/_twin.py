@@ -68,16 +68,24 @@ class Twin(eqx.Module):
             self.rig = rig_of_stored_twin(address)
             values = f"{address.file}@{address.name}" if values is None else values
         else:
-            self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
+            self.rig = load_rig(rig)
         table = {name: np.asarray(row.value) for name, row in self.rig.parameters.items()}
         self.values = _replaced(self.rig, table, _from_file(self.rig, values))
 
-    def with_values(self, values: Mapping[str, Any] | str | os.PathLike[str]) -> "Twin":
+    def with_values(
+        self, values: Mapping[str, Any] | str | os.PathLike[str] | None = None, **named: Any
+    ) -> "Twin":
         """Returns the twin with other values: name -> value in the unit of the rig's table, or
         those of a parameter file.
 
         **Raises:** `ParameterError` as above.
         """
+        if values is None or named:
+            given = ", ".join(f"{name!r}: {value}" for name, value in named.items())
+            raise ParameterError(
+                "with_values: expected one mapping, because a parameter may have any name: "
+                f"with_values({{{given or 'name: value'}}})"
+            )
         replaced = _replaced(self.rig, self.values, _from_file(self.rig, values))
         return eqx.tree_at(lambda twin: twin.values, self, replaced)
 

@@ -15,6 +15,7 @@ MEANINGS = {
     "prior only": "the recordings say less than the prior",
     "not determined": "the recordings hardly constrain the parameter, and it has no prior",
     "no effect": "no sample of the recordings depends on the parameter",
+    "replaced by the recording": "the recordings hold a measured value instead",
     "correlated": "another parameter can replace it",
 }
 """The meanings of the warnings of a match."""

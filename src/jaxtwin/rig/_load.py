@@ -13,12 +13,13 @@ from ._problems import refuse
 from ._rig import Rig
 
 
-def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
+def load_rig(name_or_path: Rig | str | os.PathLike[str]) -> Rig:
     """Reads a rig file and checks it.
 
     **Arguments:**
 
-    - `name_or_path`: the name of a bundled rig (`bundled_rigs()`), or the path of a rig file.
+    - `name_or_path`: the name of a bundled rig (`bundled_rigs()`), or the path of a rig file; a rig
+      that was read is returned as it is.
 
     **Returns:** the rig, with all values in SI units except those of the parameter table, which
     keeps its units.
@@ -26,6 +27,8 @@ def load_rig(name_or_path: str | os.PathLike[str]) -> Rig:
     **Raises:** `RigError` for the first mistake, naming file, field, what was expected and what
     was found.
     """
+    if isinstance(name_or_path, Rig):
+        return name_or_path
     from ._build import parse_rig  # with pydantic, which only readers of a rig should pay for
 
     if twin_address(name_or_path) is not None:

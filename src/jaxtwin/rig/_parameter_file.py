@@ -19,11 +19,11 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NoReturn
 
-from .._arguments import of_kind
 from .._errors import ParameterError
 from .._name_suggestions import unknown_name
 from .._whole_file import check_ending, write_whole_file
 from ._bundled import read_toml
+from ._load import load_rig
 from ._parameter import Parameter
 from ._problems import refuse
 from ._rig import Rig
@@ -108,7 +108,9 @@ def parameters_toml(parameters: Iterable[Parameter]) -> str:
 
 
 def read_parameters(
-    path: str | os.PathLike[str], rig: Rig, recording: str | None = None
+    path: str | os.PathLike[str],
+    rig: Rig | str | os.PathLike[str],
+    recording: str | None = None,
 ) -> dict[str, float]:
     """Reads the values of a parameter file for a rig.
 
@@ -125,7 +127,7 @@ def read_parameters(
     unit measures something else, or its value is no finite number or outside its bounds: those in
     the file if it has some (matching may have widened them), else those of the rig.
     """
-    of_kind("read_parameters: rig", rig, Rig, "a Rig, as load_rig reads it", ParameterError)
+    rig = load_rig(rig)
     data, source = read_toml(path, ParameterError)
     return parsed_values(data, source, rig, recording)
 

@@ -88,7 +88,9 @@ class TcpServer:
                 raise ValueError(f"expected a port from 0 to 65535, got {port}")
             self._listener = socket.create_server((host or "127.0.0.1", int(port)))
         except (OSError, ValueError) as error:
-            raise LinkError(f"--tcp: expected HOST:PORT, free, got {address!r} ({error})") from None
+            raise LinkError(
+                f"--port: expected HOST:PORT, free, got {address!r} ({error})"
+            ) from None
         self._listener.setblocking(False)
         self.url = "socket://{}:{}".format(*self._listener.getsockname()[:2])
         self._clients: dict[socket.socket, bytearray] = {}
@@ -165,7 +167,7 @@ class PtyServer:
 
     def __init__(self) -> None:
         if sys.platform == "win32":
-            raise LinkError("--pty: expected pseudo-terminals, which Windows lacks; use --tcp")
+            raise LinkError("--pty: expected pseudo-terminals, which Windows lacks; use --port")
         import pty
         import tty
 
