@@ -292,7 +292,7 @@ def loudest_of_hour(
         state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         expected = kalman.readings(state, sample.ambient)
         there = jax.numpy.isfinite(sample.readings)
-        state = kalman.correct(state, sample.readings, there, sample.ambient)
+        state = kalman.update(state, sample.readings, there, sample.ambient)
         what = seen(state, expected, sample.readings, sample.ambient, sample.dt)
         watched, said = monitor.step(watched, what)
         alarms = said._replace(changed=said.sum)

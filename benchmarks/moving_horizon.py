@@ -95,7 +95,7 @@ def observers(twin: jt.Twin) -> dict[str, ExtendedKalmanFilter | MovingHorizonEs
 def sample(observer: Any, state: Any, duty: Array, readings: Array) -> Any:
     """A sample of an observer: state, nodes and heats."""
     state = observer.predict(state, duty, jnp.nan, SAMPLE_TIME)
-    state = observer.correct(state, readings, jnp.ones(len(readings), bool), jnp.nan)
+    state = observer.update(state, readings, jnp.ones(len(readings), bool), jnp.nan)
     latest = state.latest if isinstance(observer, MovingHorizonEstimator) else state
     return state, observer.nodes(state), latest.mean[observer.model.layout.of("heats")]
 

@@ -115,7 +115,7 @@ def _step(
     readings: jax.Array | np.ndarray,
 ) -> KalmanState:
     after = observer.step(state, duty, 1.0)
-    return observer.correct(after, readings, jax.numpy.isfinite(readings), np.nan)
+    return observer.update(after, readings, jax.numpy.isfinite(readings), np.nan)
 
 
 def seconds(work: Callable[[], object]) -> float:

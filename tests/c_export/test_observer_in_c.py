@@ -83,7 +83,7 @@ def python_of(
     def step(state, row):
         u, y, room = row
         state = kalman.predict(state, u, room, kalman.longest_step)
-        state = kalman.correct(state, y, jnp.isfinite(y), room)
+        state = kalman.update(state, y, jnp.isfinite(y), room)
         model = kalman.model
         block = model.layout.of("modes")
         covariance = model.shapes @ state.covariance[block, block] @ model.shapes.T

@@ -98,7 +98,7 @@ def test_the_filter_finds_the_disturbance_that_it_was_made_for():
         x = np.zeros(len(model.A))
         states = jnp.zeros(len(model.A) + 2)
         for _ in range(200):
-            states = lqi.kalman.correct(states, jnp.asarray(model.C @ x))
+            states = lqi.kalman.update(states, jnp.asarray(model.C @ x))
             states = lqi.kalman.predict(states, jnp.zeros(2))
             x = model.A @ x + model.B @ np.full(2, 0.1)
     np.testing.assert_allclose(states[-2:], gain @ np.full(2, 0.1), rtol=1e-6)

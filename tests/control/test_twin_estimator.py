@@ -21,7 +21,7 @@ from jaxtwin.control.controllers._plant import plant_of
 from jaxtwin.control.controllers._twin_estimator import TwinEstimator
 from jaxtwin.live import Moment
 from jaxtwin.observers import ExtendedKalmanFilter, MovingHorizonEstimator, live_observer
-from jaxtwin.observers._gaussian import Gaussian, corrected, moved
+from jaxtwin.observers._gaussian import Gaussian, gaussian_predict, gaussian_update
 
 OUTPUTS = ["TAM", "TCM"]
 
@@ -67,7 +67,7 @@ def known_at_rest(
         state = eqx.tree_at(lambda s: s.mean, state, warmer)
         nothing = jnp.full(len(channels), jnp.nan)
         silent = jnp.concatenate([jnp.zeros(2), nothing, jnp.full(1, measured)])
-        found = eqx.filter_jit(estimator.correct)(start._replace(twin=state), silent)
+        found = eqx.filter_jit(estimator.update)(start._replace(twin=state), silent)
         return np.asarray(found.known)
 
 
@@ -83,11 +83,15 @@ def test_the_gain_of_a_controllers_filter_is_that_of_an_observer_at_rest(model: 
         at, both, variance = jnp.zeros(len(A)), jnp.ones(2, bool), jnp.asarray(noise**2)
 
         def seen(covariance: jax.Array, innovation: jax.Array) -> Gaussian:
-            return corrected(Gaussian(at, covariance), innovation, C, variance, both, slice(0))[0]
+            return gaussian_update(
+                Gaussian(at, covariance), innovation, C, variance, both, slice(0)
+            )[0]
 
         def sample(_: int, covariance: jax.Array) -> jax.Array:
             after = seen(covariance, jnp.zeros(2))
-            return moved(after, after.mean, A, jnp.zeros(0), jnp.asarray(process)).covariance
+            return gaussian_predict(
+                after, after.mean, A, jnp.zeros(0), jnp.asarray(process)
+            ).covariance
 
         rest = jax.lax.fori_loop(0, 20_000, sample, jnp.eye(len(A)))
         gain = [seen(rest, innovation).mean for innovation in jnp.eye(2)]

@@ -59,7 +59,7 @@ def run(kalman: ExtendedKalmanFilter, key: jax.Array) -> tuple[jax.Array, jax.Ar
         spread = jnp.sqrt(kalman.reading_variance(state))
         readings = kalman.readings(truth, jnp.nan)
         readings = readings + spread * jax.random.normal(of_reading, spread.shape)
-        state = kalman.correct(state, readings, jnp.isfinite(readings), jnp.nan)
+        state = kalman.update(state, readings, jnp.isfinite(readings), jnp.nan)
         error = truth.mean - state.mean
         distances = jnp.sum(state.whitened**2), normalised(state.covariance, error)
         return (truth, state), distances

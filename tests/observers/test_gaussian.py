@@ -6,7 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin.observers._gaussian import SURPRISE, Correction, Gaussian, corrected, moved
+from jaxtwin.observers._gaussian import (
+    SURPRISE,
+    Gaussian,
+    GaussianUpdate,
+    gaussian_predict,
+    gaussian_update,
+)
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -29,8 +35,8 @@ class Example:
     def gaussian(self) -> Gaussian:
         return Gaussian(jnp.asarray(self.mean), jnp.asarray(self.covariance))
 
-    def corrected(self, mask: np.ndarray | None = None, cautious: slice = slice(0)) -> Correction:
-        return corrected(
+    def updated(self, mask: np.ndarray | None = None, cautious: slice = slice(0)) -> GaussianUpdate:
+        return gaussian_update(
             self.gaussian,
             jnp.asarray(self.innovation),
             jnp.asarray(self.slope),
@@ -55,7 +61,7 @@ class Example:
 @pytest.mark.parametrize("seed", range(3))
 def test_readings_leave_what_the_textbook_says(seed: int):
     example = Example(seed)
-    found = example.corrected()
+    found = example.updated()
     mean, covariance, _, _ = example.joint()
     np.testing.assert_allclose(found.state.mean, mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.state.covariance, covariance, rtol=0, atol=1e-9)
@@ -63,7 +69,7 @@ def test_readings_leave_what_the_textbook_says(seed: int):
 
 def test_log_densities_add_up_to_that_of_all_readings():
     example = Example(3)
-    found = example.corrected()
+    found = example.updated()
     np.testing.assert_allclose(found.log_densities.sum(), example.joint()[3], rtol=0, atol=1e-9)
 
 
@@ -71,7 +77,7 @@ def test_whitened_innovations_are_those_of_a_cholesky_factor():
     """Each is what those before it do not say, divided by its standard deviation: the solution of
     a triangular system."""
     example = Example(4)
-    found = example.corrected()
+    found = example.updated()
     root = np.linalg.cholesky(example.joint()[2])
     whitened = np.linalg.solve(root, example.innovation)
     np.testing.assert_allclose(found.whitened, whitened, rtol=0, atol=1e-9)
@@ -85,7 +91,7 @@ def test_a_reading_that_is_missing_says_nothing(left_out: int):
     kept = [number for number in range(READINGS) if number != left_out]
     mean, covariance, _, density = example.joint(kept)
     example.innovation[left_out] = np.nan
-    found = example.corrected(np.arange(READINGS) != left_out)
+    found = example.updated(np.arange(READINGS) != left_out)
     np.testing.assert_allclose(found.state.mean, mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.state.covariance, covariance, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.log_densities.sum(), density, rtol=0, atol=1e-9)
@@ -96,7 +102,7 @@ def test_a_reading_that_is_missing_says_nothing(left_out: int):
 def test_without_any_reading_the_state_stays():
     example = Example(6)
     example.innovation[:] = np.nan
-    found = example.corrected(np.zeros(READINGS, bool))
+    found = example.updated(np.zeros(READINGS, bool))
     np.testing.assert_array_equal(found.state.mean, example.mean)
     np.testing.assert_array_equal(found.state.covariance, example.covariance)
 
@@ -108,7 +114,7 @@ def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise(driven: int
     decay = random.uniform(size=STATES - driven)
     noise = np.diag(random.uniform(size=STATES))
     mean = random.normal(size=STATES)
-    found = moved(
+    found = gaussian_predict(
         example.gaussian,
         jnp.asarray(mean),
         jnp.asarray(slope),
@@ -126,10 +132,10 @@ def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise(driven: int
 def test_readings_within_four_standard_deviations_need_no_caution():
     cautious = slice(3, STATES)
     example = Example(8)
-    assert np.abs(np.asarray(example.corrected().whitened)).max() < SURPRISE
-    found = example.corrected(cautious=cautious)
-    np.testing.assert_array_equal(found.state.mean, example.corrected().state.mean)
-    np.testing.assert_array_equal(found.state.covariance, example.corrected().state.covariance)
+    assert np.abs(np.asarray(example.updated().whitened)).max() < SURPRISE
+    found = example.updated(cautious=cautious)
+    np.testing.assert_array_equal(found.state.mean, example.updated().state.mean)
+    np.testing.assert_array_equal(found.state.covariance, example.updated().state.covariance)
 
 
 @pytest.mark.parametrize("size", [5.0, 50.0])
@@ -140,7 +146,7 @@ def test_a_surprise_moves_cautious_entries_as_far_as_one_of_four_standard_deviat
     row, before = example.slope[0], example.covariance
     spread = row @ before @ row + example.variance[0]
     example.innovation[0] = size * np.sqrt(spread)
-    found = example.corrected(np.arange(READINGS) == 0, cautious)
+    found = example.updated(np.arange(READINGS) == 0, cautious)
     change = np.asarray(found.state.mean) - example.mean
     whole = before @ row / spread * example.innovation[0]
     np.testing.assert_allclose(change[:3], whole[:3], rtol=0, atol=1e-9)
@@ -169,4 +175,4 @@ def test_accurate_readings_leave_a_symmetric_and_positive_covariance():
 def _after_accurate_reading(state: Gaussian, row: jax.Array) -> Gaussian:
     all_of_it = jnp.ones(1, bool)
     variance = jnp.full(1, 1e-6)
-    return corrected(state, jnp.zeros(1), row[None], variance, all_of_it, slice(0)).state
+    return gaussian_update(state, jnp.zeros(1), row[None], variance, all_of_it, slice(0)).state

@@ -247,7 +247,7 @@ def test_states_side_by_side_are_those_alone(kalman: ExtendedKalmanFilter):
 
     def run(start: jax.Array, duty: jax.Array, readings: jax.Array) -> tuple[jax.Array, jax.Array]:
         state = kalman.step(kalman.init(start, jnp.zeros(2)), duty, jnp.asarray(1.0))
-        state = kalman.correct(state, readings, jnp.isfinite(readings), jnp.asarray(np.nan))
+        state = kalman.update(state, readings, jnp.isfinite(readings), jnp.asarray(np.nan))
         return state.mean, state.covariance
 
     together = jax.jit(jax.vmap(run))(starts, duty, readings)

@@ -130,7 +130,7 @@ def test_the_way_through_a_window_is_the_minimum_that_scipy_finds(rig: str):
     for name, bound in (("free", None), ("bounded", bounds)):
         estimator = MovingHorizonEstimator(kalman, steps, bound, iterations=4)
         state = estimator.init(24.0, np.zeros(cells))
-        step = jax.jit(lambda s, u, y, o=estimator: o.correct(
+        step = jax.jit(lambda s, u, y, o=estimator: o.update(
             o.predict(s, u, jnp.nan, 5.0), y, jnp.isfinite(y), jnp.nan
         ))  # fmt: skip
         for row, reading in zip(duty, readings, strict=True):

@@ -43,7 +43,7 @@ def test_readings_correct_nothing(observer: OpenLoop):
     with jax.enable_x64(True):
         state = observer.init(20.0, np.zeros(2))
         seen = np.full(15, np.nan)
-        after = observer.correct(state, seen, np.zeros(15, bool), np.asarray(16.0))
+        after = observer.update(state, seen, np.zeros(15, bool), np.asarray(16.0))
     for a, b in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
         np.testing.assert_array_equal(a, b)
 

@@ -19,7 +19,7 @@ from ..observers._augmented_model import Reading
 from ..observers._commands import Commands
 from ..observers._expected_correction import expected_jump
 from ..observers._filter_run import Samples
-from ..observers._gaussian import Gaussian, corrected, symmetric
+from ..observers._gaussian import Gaussian, gaussian_update, symmetric
 from ._signatures import Suspected, is_held, of_readings, of_step
 
 
@@ -208,7 +208,7 @@ def _corrected(
     place = layout.of("room").start
     room = model.from_degC(jnp.asarray(sample.ambient, mean.dtype)) - mean[place]
     of_room = jnp.zeros(size + 1, mean.dtype).at[place].set(1.0)
-    found = corrected(
+    found = gaussian_update(
         Gaussian(state.known.mean, state.known.covariance + jnp.diag(opened)),
         jnp.concatenate([room[None], innovation]),
         jnp.concatenate([of_room[None], slope]),

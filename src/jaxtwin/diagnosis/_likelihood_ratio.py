@@ -30,7 +30,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from .._compilation import persistent_jit
 from ..observers import ExtendedKalmanFilter, KalmanState
 from ..observers._filter_run import Samples
-from ..observers._gaussian import Correction
+from ..observers._gaussian import GaussianUpdate
 from ._signatures import Suspected, is_held, of_readings, of_step
 
 CANDIDATES = 28
@@ -147,7 +147,7 @@ def signature(
     error: Float[Array, "state candidates faults"],
     held: Float[Array, "candidates channels"],
     sample: Samples,
-) -> tuple[Signature, Correction]:
+) -> tuple[Signature, GaussianUpdate]:
     """What faults do to the healthy filter at a sample, and what the sample says to it.
 
     **Arguments:**
@@ -159,7 +159,7 @@ def signature(
     predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
     commands = before.commands.given(jnp.asarray(sample.duty), kalman.spacing)
     used = jnp.isfinite(jnp.asarray(sample.readings))
-    found = kalman.correction(predicted, sample.readings, used, sample.ambient)
+    found = kalman.gaussian_update(predicted, sample.readings, used, sample.ambient)
     added = of_step(
         model, faults, before.mean, before.duty, commands, jnp.asarray(sample.dt), sample.levels
     )
@@ -207,7 +207,7 @@ def advance(
 
 
 def whitening_of(
-    kalman: ExtendedKalmanFilter, found: Correction
+    kalman: ExtendedKalmanFilter, found: GaussianUpdate
 ) -> Float[Array, "readings channels"]:
     """The derivatives of the whitened readings with respect to errors of the channels."""
     layout = kalman.model.layout

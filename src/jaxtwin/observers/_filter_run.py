@@ -99,9 +99,7 @@ def following(
         state, step = kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)
         expected = kalman.readings(state, sample.ambient)
         covariance = kalman.reading_covariance(state)
-        state = kalman.correct(
-            state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
-        )
+        state = kalman.update(state, sample.readings, jnp.isfinite(sample.readings), sample.ambient)
         return state, (Filtered(state, expected, covariance), step)
 
     return jax.lax.scan(take, start, samples)[1]
@@ -127,7 +125,7 @@ def estimated(
         state = estimator.step(state, sample.duty, sample.dt, sample.levels)
         expected = estimator.readings(state, sample.ambient)
         covariance = estimator.kalman.reading_covariance(state.latest)
-        state = estimator.correct(
+        state = estimator.update(
             state, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
         return state, Filtered(state.latest, expected, covariance)

@@ -1,4 +1,4 @@
-r"""The algebra of the Kalman filter: a normal distribution that is moved and corrected by readings.
+r"""The algebra of the Kalman filter: a normal distribution that steps predict and readings update.
 
 The innovations $e$ of the readings $H x$ have the covariance $S = H P H^T + R = L L^T$. They are
 whitened: $w = L^{-1} e$ are independent and of variance 1, each what those before it do not say.
@@ -30,7 +30,7 @@ class Gaussian(NamedTuple):
     covariance: Float[Array, "state state"]
 
 
-class Correction(NamedTuple):
+class GaussianUpdate(NamedTuple):
     """The state after readings, and what they said.
 
     - `state`: the state after them.
@@ -51,7 +51,7 @@ class Correction(NamedTuple):
     log_densities: Float[Array, " readings"]
 
 
-def moved(
+def gaussian_predict(
     state: Gaussian,
     mean: Float[Array, " state"],
     slope: Float[Array, "driven driven"],
@@ -75,14 +75,14 @@ def moved(
     return Gaussian(mean, symmetric(covariance + noise))
 
 
-def corrected(
+def gaussian_update(
     state: Gaussian,
     innovation: Float[Array, " readings"],
     slope: Float[Array, "readings state"],
     variance: Float[Array, " readings"],
     mask: Bool[Array, " readings"],
     cautious: slice,
-) -> Correction:
+) -> GaussianUpdate:
     """The distribution after readings.
 
     A reading that is more than `SURPRISE` standard deviations from what was expected has a cause
@@ -114,7 +114,7 @@ def corrected(
     covariance = covariance.at[cautious, cautious].add(missed @ missed.T)
     spreads = jnp.diagonal(root)
     density = -0.5 * (whitened**2 + LOG_TWO_PI) - jnp.log(spreads)
-    return Correction(
+    return GaussianUpdate(
         state=Gaussian(state.mean + gain @ whitened, symmetric(covariance)),
         whitened=whitened,
         spreads=spreads,

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ._augmented_model import AugmentedModel, Reading, Transition
 from ._commands import Commands
 from ._expected_correction import Jump, expected_jump
-from ._gaussian import LOG_TWO_PI, Correction, Gaussian, corrected, moved
+from ._gaussian import LOG_TWO_PI, Gaussian, GaussianUpdate, gaussian_predict, gaussian_update
 from ._observer import AbstractObserver
 from ._start import start_of
 
@@ -197,13 +197,15 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         which does not contain an expected correction of the camera."""
         commands, dt = self.commands(state, command, dt)
         transition, duty = self.model.step(state.mean, state.duty, commands, dt, levels)
-        after = self.moved(state, transition, dt)
+        after = self.predicted(state, transition, dt)
         return self.stepped(state, after, duty, commands, dt), transition
 
-    def moved(self, state: KalmanState, transition: Transition, dt: Float[Array, ""]) -> Gaussian:
+    def predicted(
+        self, state: KalmanState, transition: Transition, dt: Float[Array, ""]
+    ) -> Gaussian:
         """The distribution after a step, with the correction of the camera that is expected in
         it."""
-        after, jump = moved(state.gaussian, *transition), self.expected_jump(state, dt)
+        after, jump = gaussian_predict(state.gaussian, *transition), self.expected_jump(state, dt)
         return Gaussian(after.mean + jump.mean, after.covariance + jnp.diag(jump.variance))
 
     def step_of_mean(
@@ -256,7 +258,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             slope=self.model.slope_of_readings(before.mean, after.mean, dt, before.slope),
         )
 
-    def correct(
+    def update(
         self,
         state: KalmanState,
         readings: Float[ArrayLike, " channels"],
@@ -265,9 +267,9 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     ) -> KalmanState:
         """The state that readings and a measured ambient temperature (NaN if there is none)
         leave."""
-        return self.correct_expected(state, self.model.read(state.mean), readings, mask, ambient)
+        return self.update_expected(state, self.model.read(state.mean), readings, mask, ambient)
 
-    def correct_expected(
+    def update_expected(
         self,
         state: KalmanState,
         expected: Reading,
@@ -278,14 +280,14 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         """The same for readings that are expected, with their derivative, by other means than the
         model."""
         measured = self.measured(state, expected, readings, mask, ambient)
-        found = self._correction_by(state, expected, measured)
-        return self.corrected(state, found.state.mean, found, measured)
+        found = self._gaussian_update(state, expected, measured)
+        return self.updated(state, found.state.mean, found, measured)
 
-    def corrected(
+    def updated(
         self,
         state: KalmanState,
         mean: Float[Array, " state"],
-        by: Correction,
+        by: GaussianUpdate,
         measured: Measured,
     ) -> KalmanState:
         """The state with a mean, and what else a correction by what was measured leaves."""
@@ -309,23 +311,23 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             log_likelihood=by.log_densities[1:].sum() + measured.log_density,
         )
 
-    def correction(
+    def gaussian_update(
         self,
         state: KalmanState,
         readings: Float[ArrayLike, " channels"],
         mask: Bool[ArrayLike, " channels"],
         ambient: Float[ArrayLike, ""],
-    ) -> Correction:
+    ) -> GaussianUpdate:
         """What the room, which is first, and the readings say."""
         expected = self.model.read(state.mean)
         measured = self.measured(state, expected, readings, mask, ambient)
-        return self._correction_by(state, expected, measured)
+        return self._gaussian_update(state, expected, measured)
 
-    def _correction_by(
+    def _gaussian_update(
         self, state: KalmanState, expected: Reading, measured: Measured
-    ) -> Correction:
+    ) -> GaussianUpdate:
         with_room = self._with_room(state.mean, expected)
-        return corrected(
+        return gaussian_update(
             Gaussian(state.mean, state.covariance + jnp.diag(measured.opened)),
             measured.values - with_room.mean,
             with_room.slope,

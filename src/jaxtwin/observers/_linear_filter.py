@@ -108,7 +108,7 @@ def filter_path(kalman: ExtendedKalmanFilter, path: Path, start: KalmanState) ->
     def take(state: KalmanState, row: Path) -> tuple[KalmanState, LinearRun]:
         driven = (state.mean - row.before)[: model.layout.driven]
         evolution = row.evolution._replace(end=row.evolution.end + row.evolution.slope @ driven)
-        after = kalman.moved(state, model.transition(evolution, state.mean, row.dt), row.dt)
+        after = kalman.predicted(state, model.transition(evolution, state.mean, row.dt), row.dt)
         since = state.since_correction
         predicted = replace(
             state,
@@ -118,7 +118,7 @@ def filter_path(kalman: ExtendedKalmanFilter, path: Path, start: KalmanState) ->
             slope=row.rate,
         )
         expected = row.expected.mean + row.expected.slope @ (after.mean - row.after)
-        updated = kalman.correct_expected(
+        updated = kalman.update_expected(
             predicted,
             Reading(expected, row.expected.slope),
             row.readings,

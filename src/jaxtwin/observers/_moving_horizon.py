@@ -31,7 +31,7 @@ from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._observer import AbstractObserver
 from ._state_bounds import BoundRows, StateBounds, bound_rows
 from ._window import Step, Window, begun, later, linearised, read
-from ._window_smoother import corrected_by, filtered_window, most_likely, moved_by
+from ._window_smoother import filtered_window, most_likely, predicted_by, updated_by
 
 HORIZON = 20
 """The usual number of steps in a window."""
@@ -153,11 +153,11 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         after = jnp.stack([window.path[1], latest.mean])
         steps, duty = linearised(self.kalman, both, before, after)
         first, last = (jax.tree.map(lambda rows, i=i: rows[i], steps) for i in (0, 1))
-        moved = moved_by(window.start, window.path[0], first.step)
+        moved = predicted_by(window.start, window.path[0], first.step)
         read_then = jax.tree.map(lambda rows: rows[0], window.measured)
-        arrived = corrected_by(moved, window.path[1], first.read, read_then).state
+        arrived = updated_by(moved, window.path[1], first.read, read_then).state
         start = Gaussian(window.estimates[1], arrived.covariance)
-        expected = moved_by(latest.gaussian, latest.mean, last.step)
+        expected = predicted_by(latest.gaussian, latest.mean, last.step)
         return MovingHorizonState(
             self.kalman.stepped(latest, expected, duty[1], commands, dt),
             later(window, start, taken, expected.mean),
@@ -179,7 +179,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         """The latest state in a room of this temperature, without doubt; NaN for its own room."""
         return state._replace(latest=self.kalman.in_room(state.latest, ambient))
 
-    def correct(
+    def update(
         self,
         state: MovingHorizonState,
         readings: Float[ArrayLike, " channels"],
@@ -200,7 +200,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
             found = most_likely(passed, self.bounds)
             last = jax.tree.map(lambda rows: rows[-1], passed.corrections)
             now = jax.tree.map(lambda rows: rows[-1], measured)
-            return found, self.kalman.corrected(latest, found[-1], last, now)
+            return found, self.kalman.updated(latest, found[-1], last, now)
 
         start = window.path, latest
         path, latest = jax.lax.fori_loop(

@@ -1,5 +1,6 @@
 """What an observer is."""
 
+import warnings
 from abc import abstractmethod
 from typing import Generic, TypeVar
 
@@ -41,7 +42,7 @@ class AbstractObserver(eqx.Module, Generic[State]):
         is not measured."""
 
     @abstractmethod
-    def correct(
+    def update(
         self,
         state: State,
         readings: Float[ArrayLike, " channels"],
@@ -50,6 +51,17 @@ class AbstractObserver(eqx.Module, Generic[State]):
     ) -> State:
         """The state that readings leave. Those outside of the `mask` say nothing; they may be
         NaN."""
+
+    def correct(
+        self,
+        state: State,
+        readings: Float[ArrayLike, " channels"],
+        mask: Bool[ArrayLike, " channels"],
+        ambient: Float[ArrayLike, ""],
+    ) -> State:
+        """The old name of `update`."""
+        warnings.warn("correct is now called update", DeprecationWarning, stacklevel=2)
+        return self.update(state, readings, mask, ambient)
 
     @abstractmethod
     def readings(self, state: State, ambient: Float[ArrayLike, ""]) -> Float[Array, " channels"]:

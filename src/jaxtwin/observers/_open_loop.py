@@ -75,7 +75,7 @@ class OpenLoop(AbstractObserver[OpenLoopState]):
         twin = self.stepper.step(state.twin, duty, ambient, steps=steps)
         return OpenLoopState(twin, passed - steps * self.step_size)
 
-    def correct(
+    def update(
         self,
         state: OpenLoopState,
         readings: Float[ArrayLike, " channels"],

@@ -49,4 +49,4 @@ def followed(
     one call too."""
     state = observer.predict(state, duty, ambient, dt)
     expected = observer.readings(state, ambient)
-    return observer.correct(state, readings, mask, ambient), expected
+    return observer.update(state, readings, mask, ambient), expected

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit
 from ._filter_run import Samples
-from ._gaussian import Correction, symmetric
+from ._gaussian import GaussianUpdate, symmetric
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
 
@@ -45,7 +45,7 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
         covariance = after.covariance - after.covariance @ matrix @ after.covariance
         found = moments(kalman.model, mean, covariance)
         predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
-        correction = kalman.correction(
+        correction = kalman.gaussian_update(
             predicted, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
         vector, matrix = _before_readings(later, correction)
@@ -60,7 +60,7 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
     return found
 
 
-def _before_readings(after: Adjoint, correction: Correction) -> Adjoint:
+def _before_readings(after: Adjoint, correction: GaussianUpdate) -> Adjoint:
     """The adjoint before the readings of a sample, given that after them."""
     vector, matrix = after
     gain, slope = correction.gain, correction.slope

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from .._quadratic_program import QuadraticProgram, minimised
 from ._augmented_model import Reading, Transition
-from ._gaussian import Correction, Gaussian, corrected, moved, symmetric
+from ._gaussian import Gaussian, GaussianUpdate, gaussian_predict, gaussian_update, symmetric
 from ._kalman_filter import Measured
 from ._state_bounds import BoundRows
 from ._window import Linearised
@@ -39,7 +39,7 @@ class Passed(NamedTuple):
     """
 
     start: Gaussian
-    corrections: Correction
+    corrections: GaussianUpdate
     slopes: Float[Array, "steps state state"]
 
 
@@ -53,27 +53,29 @@ def filtered_window(
 
     def take(state: Gaussian, at: tuple[Array, Array, Linearised, Measured]) -> tuple:
         before, after, step, read = at
-        found = corrected_by(moved_by(state, before, step.step), after, step.read, read)
+        found = updated_by(predicted_by(state, before, step.step), after, step.read, read)
         return found.state, found
 
     _, found = jax.lax.scan(take, start, (path[:-1], path[1:], steps, measured))
     return Passed(start, found, jax.vmap(lambda step: step.slope)(steps.step))
 
 
-def moved_by(state: Gaussian, before: Float[Array, " state"], step: Transition) -> Gaussian:
+def predicted_by(state: Gaussian, before: Float[Array, " state"], step: Transition) -> Gaussian:
     """The state after a step that is linearised at another state."""
     driven, away = len(step.driven), state.mean - before
     by_away = jnp.concatenate([step.driven @ away[:driven], step.decay * away[driven:]])
-    return moved(state, step.mean + by_away, step.driven, step.decay, step.noise)
+    return gaussian_predict(state, step.mean + by_away, step.driven, step.decay, step.noise)
 
 
-def corrected_by(
+def updated_by(
     state: Gaussian, after: Float[Array, " state"], seen: Reading, measured: Measured
-) -> Correction:
+) -> GaussianUpdate:
     """The state after readings that are linearised at another state."""
     innovation = measured.values - seen.mean - seen.slope @ (state.mean - after)
     opened = Gaussian(state.mean, state.covariance + jnp.diag(measured.opened))
-    return corrected(opened, innovation, seen.slope, measured.variance, measured.mask, slice(0))
+    return gaussian_update(
+        opened, innovation, seen.slope, measured.variance, measured.mask, slice(0)
+    )
 
 
 def most_likely(passed: Passed, bounds: BoundRows) -> Float[Array, "samples state"]:
@@ -131,7 +133,7 @@ def _response(
     """How far forces on the states of the samples move the most likely ones: $\\Sigma f$."""
     found = passed.corrections
 
-    def take(change: Array, at: tuple[Array, Correction, Array]) -> tuple:
+    def take(change: Array, at: tuple[Array, GaussianUpdate, Array]) -> tuple:
         slope, one, force = at
         change = slope @ change
         whitened = -one.slope @ change
@@ -152,7 +154,7 @@ def _smoothed(
     """The states given all readings and forces, for those given the ones before."""
     found = passed.corrections
 
-    def take(adjoint: Array, at: tuple[Array, Correction, Array, Array, Array]) -> tuple:
+    def take(adjoint: Array, at: tuple[Array, GaussianUpdate, Array, Array, Array]) -> tuple:
         slope, one, mean, error, force = at
         smoothed = mean - one.state.covariance @ adjoint
         before = adjoint - force

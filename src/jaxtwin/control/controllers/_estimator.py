@@ -18,7 +18,7 @@ class AbstractEstimator(eqx.Module):
         """The estimate at the start, from the duty until then and the first readings."""
 
     @abstractmethod
-    def correct(self, estimate: PyTree, readings: Float[Array, " reading"]) -> PyTree:
+    def update(self, estimate: PyTree, readings: Float[Array, " reading"]) -> PyTree:
         """Corrects a predicted estimate by readings."""
 
     @abstractmethod

@@ -53,7 +53,7 @@ class KalmanFilter(AbstractEstimator):
         at_rest = jnp.asarray(self.by_duty) @ duty
         return at_rest + jnp.asarray(self.by_reading) @ (readings - self.C @ at_rest)
 
-    def correct(
+    def update(
         self, estimate: Float[Array, " state"], readings: Float[Array, " output"]
     ) -> Float[Array, " state"]:
         """Corrects the predicted states by readings."""

@@ -345,7 +345,7 @@ class LQI(AbstractDutyLimitedController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Computes the duty of a sample and the next state."""
         r, (y, read) = jnp.asarray(reference) - self.outputs, self._parts(measurement)
-        estimate = self.estimator.correct(state.states, read)
+        estimate = self.estimator.update(state.states, read)
         states = self.estimator.states(estimate)
         asked = self.duty + self._feedback(states, r) + self.Ki @ state.integral + state.duty_offset
         duty = self.limited(asked)

@@ -444,7 +444,7 @@ class MPC(AbstractPredictiveController):
         read, watched = self._parts(measurement)
         if self.points is not None:
             read = jnp.concatenate([read[: len(watched)] - state.errors, read[len(watched) :]])
-        estimate = self.estimator.correct(state.states, read)
+        estimate = self.estimator.update(state.states, read)
         states = self.estimator.states(estimate)
         missed = self._missed(states, watched) - state.errors
         errors = state.errors + jnp.asarray(self.watched.L) * missed

@@ -317,7 +317,7 @@ class NonlinearMPC(AbstractPredictiveController):
         read = measurement - jnp.asarray(self.at, dtype)
         kalman = in_precision(self.kalman, dtype)
         states = jnp.concatenate([from_design, state.disturbance])
-        corrected = kalman.correct(states, read[:outputs])
+        corrected = kalman.update(states, read[:outputs])
         change = corrected[:nodes] - from_design
         amplitudes = expected.amplitudes + stepper.field.modes.amplitudes(change)
         missed = (measurement - self._read(stepper, deviation + change))[outputs:] - state.errors

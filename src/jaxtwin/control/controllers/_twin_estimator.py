@@ -106,14 +106,14 @@ class TwinEstimator(AbstractEstimator):
         plant = self.kalman.init(duty, read)
         return TwinEstimate(twin, plant, duty, jnp.zeros(self.disturbed.shape[1], plant.dtype))
 
-    def correct(self, estimate: TwinEstimate, readings: Float[Array, " reading"]) -> TwinEstimate:
+    def update(self, estimate: TwinEstimate, readings: Float[Array, " reading"]) -> TwinEstimate:
         """The estimate that the readings leave."""
         read, channels, room = self._parts(readings)
-        twin = self.observer.correct(estimate.twin, channels, jnp.isfinite(channels), room)
+        twin = self.observer.update(estimate.twin, channels, jnp.isfinite(channels), room)
         latest = twin.latest if isinstance(twin, MovingHorizonState) else twin
         # The outputs are means of channels: one that cannot be spoils them.
         spoilt = latest.is_rejected.any()
-        corrected = self.kalman.correct(estimate.plant, read)
+        corrected = self.kalman.update(estimate.plant, read)
         plant = jnp.where(spoilt, estimate.plant, corrected)
         first = self._first(twin)
         # The commands on their way are known to the filter.
