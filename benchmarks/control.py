@@ -173,11 +173,11 @@ def controllers(
         "initial": START,
         "noise": False,
     }
-    equal = jt.tune(PID(0.05, 0.0005, limits=LIMITS), plant, REFERENCE, **settings)
+    equal = jt.tune(plant, PID(0.05, 0.0005, limits=LIMITS), REFERENCE, **settings)
     gain = weights @ np.asarray(model.dcgain)
     start = DecoupledPI(0.05, 0.0005, 0.05, 0.0005, decoupling=decoupling_of(gain), **common)
-    decoupled = jt.tune(start, plant, pair, **settings)
-    over_draws = jt.tune(start, plant, pair, draws=others, tail_weight=TAIL_WEIGHT, **settings)
+    decoupled = jt.tune(plant, start, pair, **settings)
+    over_draws = jt.tune(plant, start, pair, draws=others, tail_weight=TAIL_WEIGHT, **settings)
     print(over_draws, flush=True)
     lqi = LQI(
         small.discretise(1.0),

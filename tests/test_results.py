@@ -72,12 +72,12 @@ def closed_loop() -> ClosedLoopRun:
 
 def tuning() -> Tuning:
     controller = PID(Kp=0.1, Ki=0.001)
-    return jt.tune(controller, fit().twin, 25.0, duration=20, starts=1, rounds=1)
+    return jt.tune(fit().twin, controller, 25.0, duration=20, starts=1, rounds=1)
 
 
 def frontier_of_two() -> Frontier:
     controller = PID(Kp=0.1, Ki=0.001)
-    return frontier(controller, fit().twin, 25.0, duration=20, weights=[0, 1], rounds=1)
+    return frontier(fit().twin, controller, 25.0, duration=20, weights=[0, 1], rounds=1)
 
 
 def even() -> OperatingPoint:

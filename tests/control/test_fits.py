@@ -60,23 +60,23 @@ def test_a_closed_loop_of_a_fit_is_that_of_its_mean_twin():
 
 def test_a_number_of_draws_beside_a_fit_is_that_of_its_posterior():
     known = correlated_fit()
-    found = jt.tune(CONTROLLER, known, 25, draws=4, **SETTINGS)
+    found = jt.tune(known, CONTROLLER, 25, draws=4, **SETTINGS)
     draws = posterior_draws(known, 4, seed=0)
     assert len(set(draws["R_pc"])) == 4
-    expected = jt.tune(CONTROLLER, known.mean_twin, 25, draws=draws, **SETTINGS)
+    expected = jt.tune(known.mean_twin, CONTROLLER, 25, draws=draws, **SETTINGS)
     np.testing.assert_array_equal(found.after.values, expected.after.values)
     np.testing.assert_array_equal(found.before.measures, expected.before.measures)
     np.testing.assert_array_equal(found.after.measures, expected.after.measures)
     assert found.after.sensitivity_peak == expected.after.sensitivity_peak
     error = found.measures.index("integral_absolute_error")
     assert len(set(found.before.measures[:, error])) == 4
-    other = jt.tune(CONTROLLER, known, 25, draws=4, seed=1, **SETTINGS)
+    other = jt.tune(known, CONTROLLER, 25, draws=4, seed=1, **SETTINGS)
     assert np.all(other.before.measures[:, error] != found.before.measures[:, error])
 
 
 def test_a_frontier_of_a_fit_is_that_of_its_mean_twin():
     found, expected = (
-        frontier(CONTROLLER, twin, 25, weights=[0, 1], **SETTINGS)
+        frontier(twin, CONTROLLER, 25, weights=[0, 1], **SETTINGS)
         for twin in (fit(), fit().mean_twin)
     )
     for one, other in zip(found.tunings, expected.tunings, strict=True):

@@ -22,7 +22,7 @@ SETTINGS: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def found(twin: Twin) -> Frontier:
-    return frontier(START, twin, 24, weights=[100, 0, 20], rounds=5, **SETTINGS)
+    return frontier(twin, START, 24, weights=[100, 0, 20], rounds=5, **SETTINGS)
 
 
 @pytest.mark.long
@@ -45,7 +45,7 @@ def test_more_weight_gives_a_more_even_plate_that_is_slower(found: Frontier):
 
 @pytest.mark.slow
 def test_the_first_point_is_a_tuning_for_the_objective_alone(twin: Twin, found: Frontier):
-    alone = jt.tune(START, twin, 24, starts=1, rounds=5, **SETTINGS)
+    alone = jt.tune(twin, START, 24, starts=1, rounds=5, **SETTINGS)
     np.testing.assert_allclose(found.tunings[0].after.values, alone.after.values, rtol=1e-6)
     # The next search starts where this one ended.
     assert found.tunings[1].start is found.tunings[0].controller
@@ -81,4 +81,4 @@ def test_invalid_arguments_of_frontier_are_refused(
 ):
     given: dict[str, Any] = {"duration": 150, "weights": [0, 1]} | settings
     with pytest.raises(ControlError, match=message):
-        frontier(START, twin, 24, **given)
+        frontier(twin, START, 24, **given)

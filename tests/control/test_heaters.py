@@ -98,12 +98,12 @@ def test_limits_that_are_not_given_are_those_of_heaters(rig: Rig, twin: Twin, tm
 def test_tuning_knows_that_heaters_cannot_cool(twin: Twin):
     """Its measures are those of a rig without a plate."""
     pid = PID(Kp=0.1, Ki=0.001, sample_time_s=2.0)
-    found = tune(pid, twin, 40, duration=600, rounds=2, starts=1)
+    found = tune(twin, pid, 40, duration=600, rounds=2, starts=1)
     assert found.controller.limits == (0, 1)
     assert "energy" in found.measures
     assert "largest_plate_range" not in found.measures
     with pytest.raises(ControlError, match="objective: largest_plate_range: expected a rig with"):
-        tune(pid, twin, 40, duration=600, objective={"largest_plate_range": 1.0})
+        tune(twin, pid, 40, duration=600, objective={"largest_plate_range": 1.0})
 
 
 def test_cells_may_cool_without_limits():

@@ -193,25 +193,33 @@ def test_the_box_is_logarithmic_where_it_is_above_0():
 )
 def test_invalid_arguments_of_tune_are_refused(twin: Twin, settings: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
-        jt.tune(START, twin, 24, duration=150, **settings)
+        jt.tune(twin, START, 24, duration=150, **settings)
 
 
 def test_a_draw_that_no_rig_can_have_is_refused_by_its_number(twin: Twin):
     with pytest.raises(ParameterError, match=r"dual-cell: draw 2: .*R_E.* above 0, got -1"):
-        jt.tune(START, twin, 24, duration=150, draws={"R_E": [2.0, 1.9, -1.0]})
+        jt.tune(twin, START, 24, duration=150, draws={"R_E": [2.0, 1.9, -1.0]})
 
 
 def test_gains_of_a_file_have_no_weights_that_could_be_tuned(twin: Twin):
     """A file of an `LQI` has its gains alone."""
     lqi = LQI(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
     with pytest.raises(ControlError, match="expected names of parameters for a LQI"):
-        jt.tune(eqx.tree_at(lambda c: c.weights, lqi, None), twin, 24, duration=150)
+        jt.tune(twin, eqx.tree_at(lambda c: c.weights, lqi, None), 24, duration=150)
 
 
 def test_a_name_that_is_no_weight_beside_one_that_is(twin: Twin):
     lqi = LQI(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
     with pytest.raises(ControlError, match="unknown weight 'Kx'"):
-        jt.tune(lqi, twin, 24, duration=150, tuned=["drift", "Kx"])
+        jt.tune(twin, lqi, 24, duration=150, tuned=["drift", "Kx"])
+
+
+def test_the_old_order_of_arguments_is_taken_with_a_warning(twin):
+    with (
+        pytest.warns(DeprecationWarning, match=r"now tune\(twin, controller, \.\.\.\)"),
+        pytest.raises(ControlError, match="tune: starts"),
+    ):
+        jt.tune(START, twin, 24, duration=150, starts=0)
 
 
 @pytest.fixture(scope="module")
@@ -275,7 +283,7 @@ def test_a_fragile_lqi_becomes_robust_by_its_weights(tclab_model: DiscreteModel)
     start = LQI(tclab_model, reading_noise=0.1, **two)
     assert "fragile" in loop_margins(twin, start, [40.0, 35.0]).summary()
     tuning = jt.tune(
-        start, twin, [40.0, 35.0], duration=200, sensitivity_limit=1.6, starts=1, rounds=14
+        twin, start, [40.0, 35.0], duration=200, sensitivity_limit=1.6, starts=1, rounds=14
     )
     assert tuning.margins is not None
     assert tuning.margins.sensitivity_peak < 1.6 * 1.001

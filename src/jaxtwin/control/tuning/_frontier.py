@@ -21,7 +21,7 @@ from ..controllers._controller import AbstractController
 from ..loops._measures import MEASURES
 from ._objective import STEPWISE, checked_objective
 from ._tuning import Tuning
-from ._tuning_problem import tuning_problem
+from ._tuning_problem import tuning_problem, twin_first
 
 if TYPE_CHECKING:
     import pandas
@@ -129,10 +129,11 @@ class Frontier:
         return html_table(repr(self), (f"weight of {self.against}", *names), rows)
 
 
+@twin_first
 @announced("frontier")
 def frontier(
-    controller: AbstractController,
     twin: Twin | Fit,
+    controller: AbstractController,
     references: float | int | str | ArrayLike,
     *,
     duration: float | int,
@@ -152,7 +153,7 @@ def frontier(
 
     ```python
     found = jaxtwin.control.frontier(
-        pid, twin, 40, duration=900, against="largest_plate_range", weights=[0, 30, 100, 300],
+        twin, pid, 40, duration=900, against="largest_plate_range", weights=[0, 30, 100, 300],
     )
     found.to_dataframe(), found.plot()
     ```

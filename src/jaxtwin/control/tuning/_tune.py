@@ -14,13 +14,14 @@ from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..loops._measures import Measure
 from ._tuning import Tuning
-from ._tuning_problem import tuning_problem
+from ._tuning_problem import tuning_problem, twin_first
 
 
+@twin_first
 @announced("tuning")
 def tune(
-    controller: AbstractController,
     twin: Twin | Fit,
+    controller: AbstractController,
     references: float | int | str | ArrayLike,
     *,
     duration: float | int,
@@ -39,7 +40,7 @@ def tune(
 
     ```python
     pid = jaxtwin.control.PID(Kp=0.05, Ki=0.0005, limits=(0, 1))
-    tuning = jt.tune(pid, twin, 40, duration=900, objective={
+    tuning = jt.tune(twin, pid, 40, duration=900, objective={
         "integral_absolute_error": 1.0, "energy": 1e-3,
     })
     tuning.controller, tuning.plot()

@@ -2,9 +2,11 @@
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, final
+from functools import wraps
+from typing import Any, NamedTuple, ParamSpec, TypeVar, final
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +33,9 @@ from ._objective import Objective, checked_objective
 from ._search_box import SearchBox, search_box
 from ._side_by_side_sqp import Evaluation, Round, descents
 from ._tuning import TunedLoop, Tuning, TuningStep
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 PEAK_TOLERANCE = 1e-3
 """The relative excess of a sensitivity peak over its limit that is accepted."""
@@ -273,3 +278,19 @@ def _plant_draws(
             f"a fit), got {draws!r}"
         )
     return posterior_draws(twin, count, seed=seed)
+
+
+def twin_first(function: Callable[P, T]) -> Callable[P, T]:
+    """Lets a function whose first arguments are a twin and a controller take them in the old order
+    too, with a warning."""
+
+    @wraps(function)
+    def in_order(*args: P.args, **keywords: P.kwargs) -> T:
+        if args and isinstance(args[0], AbstractController):
+            name = function.__name__
+            message = f"{name}(controller, twin, ...) is now {name}(twin, controller, ...)"
+            warnings.warn(message, DeprecationWarning, stacklevel=2)
+            args = (args[1], args[0], *args[2:])  # pyright: ignore[reportAssignmentType]
+        return function(*args, **keywords)
+
+    return in_order
