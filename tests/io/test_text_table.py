@@ -1,6 +1,7 @@
 """Where titles and rows are in text: the same table, whatever stands above it."""
 
 import contextlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -265,3 +266,43 @@ def test_a_note_of_titles_may_be_named_by_its_line(read, gap):
         ",", gap
     )
     assert read(text, header=2) == EXPECTED
+
+
+def test_labview_s_times_follow_from_its_step(tmp_path: Path):
+    """A file of `X_Columns No`: the column of the times is blank."""
+    text = LABVIEW.replace("\t1.0\t1.0", "\t0.5\t0.5").replace("X0\t0.0", "X0\t10.0")
+    for time in ("0.000000", "1.000000", "2.000000"):
+        text = text.replace(f"\n{time}\t", "\n\t")
+    path = tmp_path / "run.lvm"
+    path.write_text(text)
+    run = read_recording(path, columns=NAMES, ignore=["Comment"])
+    np.testing.assert_allclose(run.time, [10.0, 10.5, 11.0])
+
+
+@given(
+    unit=st.sampled_from(["°C", " °C", " degF", " K", "℃", " C"]), gap=st.sampled_from([",", "\t"])
+)
+def test_a_unit_behind_each_number_is_that_of_the_column(unit: str, gap: str):
+    """As behind the title."""
+    numbers = ["20.0", "21.5", "-3"]
+    behind = "\n".join(f"{k}{gap}{number}{unit}" for k, number in enumerate(numbers))
+    table = table_of_text(f"time_s{gap}T1\n{behind}\n")
+    assert [row[1] for _, row in table.rows] == numbers
+    assert table.units == ["", unit.strip()]
+
+
+def test_fields_of_several_units_are_no_numbers(tmp_path: Path):
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,duty_P1,T1\n0,50 %,20 °C\n1,50 %,68 °F\n2,50 %,21 °C\n")
+    with pytest.raises(RecordingError, match="is it a temperature without its unit"):
+        read_recording(path)
+    path.write_text("time_s,duty_P1,T1\n0,50 %,68 °F\n1,50 %,\n2 s,25 %,86 °F\n")
+    with pytest.raises(RecordingError, match="line 4, column time_s"):
+        read_recording(path)
+    path.write_text("time_s,duty_P1,T1\n0,50 %,68 °F\n1,50 %,\n2,25 %,86 °F\n")
+    run = read_recording(path)
+    np.testing.assert_allclose(run.temperatures[:, 0], [20.0, np.nan, 30.0])
+    np.testing.assert_allclose(run.duty[:, 0], [0.5, 0.5, 0.25])
+    path.write_text("time_s,duty_P1,T1_degC\n0,0,68 °F\n1,0,68 °F\n")
+    with pytest.raises(RecordingError, match=r"T1_degC: expected fields in degC, .* got °F"):
+        read_recording(path)

@@ -3,14 +3,16 @@
 The titles are in the first line that is no note and no blank line, if this line names the times or
 what the reader names. Otherwise they are searched: in the note right above the numbers (`# a,b,c`
 of `numpy.savetxt`), or in the line above the longest block of lines of numbers, below a preamble
-(LabVIEW, Keysight). A row of units below the titles (Pico) belongs to them.
+(LabVIEW, Keysight). A row of units below the titles (Pico) belongs to them, and so does a unit
+behind every number of a column (`21.5 °C`). Where LabVIEW writes no times, they follow from its
+`Delta_X`.
 """
 
 import csv
 import io
 import re
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import final
 
@@ -19,7 +21,7 @@ from ._column_meaning import Choices
 from ._named_columns import meanings
 from ._sentinels import is_missing
 from ._timestamps import is_time
-from ._title_units import unit_called
+from ._title_units import unit_called, unit_of_title
 
 EMPTY = "is empty: expected at least 2 samples, got none"
 """The message about a file without samples."""
@@ -47,6 +49,11 @@ class TextTable:
     titles_at: int
 
 
+_WITH_UNIT = re.compile(
+    rf"(?P<number>{_NUMBER.pattern})\s*(?P<unit>[^\W\d_]+|[%°º℃℉Ω]\s*[^\W\d_]*)"
+)
+
+
 def table_of_text(text: str, header: int | None = None, wanted: Collection[str] = ()) -> TextTable:
     """The table in the text of a file.
 
@@ -59,6 +66,13 @@ def table_of_text(text: str, header: int | None = None, wanted: Collection[str] 
     **Raises:** `RecordingError` if there are no rows, and for a row that is none of a .csv file.
     """
     lines = text.splitlines()
+    table = _table_of_lines(text, lines, header, wanted)
+    return _with_units_of_fields(_with_times(table, lines))
+
+
+def _table_of_lines(
+    text: str, lines: Sequence[str], header: int | None, wanted: Collection[str]
+) -> TextTable:
     if header == 0:
         return _without_titles(text, lines)
     if header is not None:
@@ -149,6 +163,65 @@ def _below(text: str, separator: str, line: int) -> TextTable:
     return TextTable(titles, units, rows, separator, at)
 
 
+def _with_times(table: TextTable, lines: Sequence[str]) -> TextTable:
+    """The table with the times that LabVIEW leaves out, its column `X_Value` being blank."""
+    place = table.titles.index("X_Value") if "X_Value" in table.titles else -1
+    if place < 0 or any(row[place] for _, row in table.rows):
+        return table
+    head = [_fields(line, table.separator) for line in lines[: table.titles_at]]
+    stated = {fields[0]: fields[1] for fields in head if len(fields) > 1}
+    step, start = stated.get("Delta_X", ""), stated.get("X0", "")
+    if not _NUMBER.fullmatch(step):
+        return table
+    first, per = (float(number.replace(",", ".")) for number in (start or "0", step))
+    rows = [
+        (line, [*row[:place], f"{first + k * per:.12g}", *row[place + 1 :]])
+        for k, (line, row) in enumerate(table.rows)
+    ]
+    return replace(table, rows=rows)
+
+
+def _with_units_of_fields(table: TextTable) -> TextTable:
+    """The table with the units that stand behind each number of a column beside its title."""
+    titles = table.titles
+    units = list(table.units) or [""] * len(titles)
+    rows = table.rows
+    for place in range(len(titles)):
+        fields = [row[place] for _, row in rows if len(row) > place]
+        filled = [field for field in fields if not is_missing(field)]
+        if not filled or _number_with_unit(filled[0]) is None:
+            continue
+        matches = [match for field in filled if (match := _number_with_unit(field)) is not None]
+        texts = {match["unit"] for match in matches}
+        if len(matches) < len(filled) or len(texts) != 1:
+            continue
+        numbers = iter([match["number"] for match in matches])
+        rows = [
+            (line, [*row[:place], next(numbers), *row[place + 1 :]])
+            if len(row) > place and not is_missing(row[place])
+            else (line, row)
+            for line, row in rows
+        ]
+        (units[place],) = texts
+        _check_unit(titles[place], units[place])
+    return replace(table, rows=rows, units=units if any(units) else [])
+
+
+def _check_unit(title: str, text: str) -> None:
+    """Refuses a column whose title and fields name different units."""
+    of_title, of_fields = unit_of_title(title).unit, unit_called(text)
+    if of_title is not None and of_fields is not None and of_title.symbol != of_fields.symbol:
+        raise RecordingError(
+            f"column {title}: expected fields in {of_title.symbol}, as its title says, got {text}; "
+            "correct the file"
+        )
+
+
+def _number_with_unit(field: str) -> re.Match[str] | None:
+    match = _WITH_UNIT.fullmatch(field)
+    return match if match is not None and unit_called(match["unit"]) else None
+
+
 def _units(fields: Sequence[str]) -> list[str]:
     """The units in a row that holds nothing else; none if it holds anything else."""
     texts = [re.sub(r"^[\[(](.*)[\])]$", r"\1", field).strip() for field in fields]
@@ -217,7 +290,8 @@ def is_data(fields: Sequence[str]) -> bool:
 
 def is_value(text: str) -> bool:
     """Whether a field is a number, a time, or a word for a missing one."""
-    return bool(_NUMBER.fullmatch(text)) or is_time(text) or (bool(text) and is_missing(text))
+    is_number = bool(_NUMBER.fullmatch(text)) or _number_with_unit(text) is not None
+    return is_number or is_time(text) or (bool(text) and is_missing(text))
 
 
 def _names_time(title: str) -> bool:
