@@ -46,7 +46,10 @@ def _section(name: str, command: Any) -> list[str]:
     lines = [f"## `{name}`", "", _plain(command.help), "", "```", f"{name} {usage}", "```", ""]
     lines += ["| argument or option | |", "|---|---|"]
     for parameter in command.get_params(context):
-        names, text = parameter.get_help_record(context)
+        record = parameter.get_help_record(context)
+        if record is None:  # the old name of an option
+            continue
+        names, text = record
         shown = f"`{names}`" if not parameter.required else f"**`{names}`**"
         lines.append(f"| {shown} | {_cell(text)} |")
     examples = [line.strip() for line in _plain(command.epilog).splitlines() if line.strip()]
