@@ -15,7 +15,7 @@ SOURCE = Path(jaxtwin.__file__).parent
 PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
 
 FOUNDATION = "the private modules"
-"""The modules `_*.py` beside the packages, on which every package may stand."""
+"""`errors` and the modules `_*.py` beside the packages, on which every package may stand."""
 
 TOP = "the entry points"
 """`__init__`, `__main__` and `cli`, which import from any package and are imported by none."""
@@ -43,7 +43,7 @@ def room(parts: tuple[str, ...]) -> str:
     """The room of a module, given by its path inside of jaxtwin."""
     if not parts or parts[0] in ("__init__", "__main__", "cli"):
         return TOP
-    return FOUNDATION if parts[0].startswith("_") else parts[0]
+    return FOUNDATION if parts[0].startswith("_") or parts[0] == "errors" else parts[0]
 
 
 @cache

@@ -23,6 +23,7 @@ import optimistix
 from jaxtwin import *
 from jaxtwin import control, live, matching, observers, plots, rig as rigs
 from jaxtwin.data import synthetic_recordings
+from jaxtwin.physics import *
 rig = load_rig("paper-2024")
 twin = Twin(rig)
 drive = Experiment.schedule("0:0.5", duration=50, cells=2)

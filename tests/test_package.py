@@ -9,6 +9,7 @@ from types import ModuleType
 import pytest
 
 import jaxtwin
+from jaxtwin import errors
 
 
 def run_fresh(code: str) -> str:
@@ -90,8 +91,24 @@ def test_no_public_name_is_that_of_a_submodule():
     assert not submodules & set(jaxtwin.__all__)
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in jaxtwin.__all__ if name.endswith("Error") and name != "JaxtwinError"]
-)
-def test_every_error_is_caught_as_a_jaxtwin_error(name):
-    assert issubclass(getattr(jaxtwin, name), jaxtwin.JaxtwinError)
+def test_every_error_is_caught_as_a_jaxtwin_error():
+    raised = [value for value in vars(errors).values() if isinstance(value, type)]
+    assert len(raised) > 10
+    assert all(issubclass(error, jaxtwin.JaxtwinError) for error in raised)
+
+
+def test_the_public_names_fit_on_a_page():
+    assert len(jaxtwin.__all__) <= 50
+
+
+@pytest.mark.parametrize("name", sorted(jaxtwin._MOVED))
+def test_a_name_that_has_moved_works_with_a_warning_that_says_where(name: str):
+    place = f"{jaxtwin._MOVED[name]}.{name}"
+    with pytest.warns(DeprecationWarning, match=rf"jaxtwin\.{name} is now jaxtwin\.{place}$"):
+        moved = getattr(jaxtwin, name)
+    assert moved is getattr(importlib.import_module(f"jaxtwin.{jaxtwin._MOVED[name]}"), name)
+    assert name not in jaxtwin.__all__
+
+
+def test_a_package_is_imported_when_it_is_first_used():
+    assert run_fresh("import jaxtwin as jt; print(jt.control.PID.__name__)") == "PID\n"

@@ -8,9 +8,9 @@ import pint
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import MatchError, ParameterError, RecordingError, load_rig, read_recording
+from jaxtwin import load_rig, read_recording
 from jaxtwin._arguments import finite_number
-from jaxtwin._errors import RigError
+from jaxtwin.errors import MatchError, ParameterError, RecordingError, RigError
 
 UNITS: Any = pint.UnitRegistry()
 

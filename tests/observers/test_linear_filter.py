@@ -13,12 +13,12 @@ import pytest
 from jaxtwin import Experiment, Twin, load_rig, simulate
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.observers import ProcessNoise
-from jaxtwin.observers._filter_run import Filtered, Samples, filtered, samples_of
+from jaxtwin.observers._filter_run import Filtered, FilterSamples, filtered, samples_of
 from jaxtwin.observers._forecast_run import expected_ahead, starts_of
 from jaxtwin.observers._kalman_filter import ExtendedKalmanFilter, KalmanState
 from jaxtwin.observers._linear_filter import (
+    LinearisedPath,
     LinearRun,
-    Path,
     filter_path,
     forecasts_of_path,
     linearised_path,
@@ -37,9 +37,9 @@ class Run:
 
     kalman: ExtendedKalmanFilter
     start: KalmanState
-    samples: Samples
+    samples: FilterSamples
     filtered: Filtered
-    path: Path
+    path: LinearisedPath
 
     def with_levels(self, **levels: Any) -> ExtendedKalmanFilter:
         noise = dataclasses.replace(self.kalman.model.noise, **levels)

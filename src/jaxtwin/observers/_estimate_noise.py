@@ -28,64 +28,64 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._arguments import finite_number
 from .._compilation import persistent_jit
-from .._errors import ObserverError
 from .._jax_settings import own_settings
 from .._waiting import advanced, announced
+from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit, Huber
 from ..matching._recordings import divided
 from ..physics import Twin
-from ._filter_run import Samples, filtered, samples_of
+from ._filter_run import FilterSamples, filtered, samples_of
 from ._forecast_run import starts_of
 from ._gaussian import LOG_TWO_PI
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
-from ._linear_filter import Path, filter_path, forecasts_of_path, linearised_path
+from ._linear_filter import LinearisedPath, filter_path, forecasts_of_path, linearised_path
 from ._observe import filter_for, started, usual_noise
-from ._process_noise import SIGNED, SPREADS, ProcessNoise
+from ._process_noise import SIGNED_LEVELS, SPREADS, ProcessNoise
 from ._start import first_reading
 
+# The default horizons of the forecasts, s.
 HORIZONS = (60.0, 300.0)
-"""The default horizons of the forecasts, s."""
 
-PER_HORIZON = 3
-"""The number of forecasts that are judged for each time of a horizon in a recording: those that
-overlap by more tell little more. Rounded up to a power of 2, so that recordings share compiled
-programs."""
+# The number of forecasts that are judged for each time of a horizon in a recording: those that
+# overlap by more tell little more. Rounded up to a power of 2, so that recordings share compiled
+# programs.
+FORECASTS_PER_HORIZON = 3
 
+# The largest number of forecasts with the shortest horizon; of those with a longer one as many
+# fewer as they are longer.
 MAX_FORECASTS = 128
-"""The largest number of forecasts with the shortest horizon; of those with a longer one as many
-fewer as they are longer."""
 
-COST = 3.6e6
-"""The number of samples that are filtered for each trial of levels, times the square of the number
-of states. Of a longer recording, stretches count that are evenly spread: the levels of a rig's
-noise are the same all day."""
+# The number of samples that are filtered for each trial of levels, times the square of the number
+# of states. Of a longer recording, stretches count that are evenly spread: the levels of a rig's
+# noise are the same all day.
+MAX_WORK = 3.6e6
 
+# A step of fewer states takes no less time.
 MIN_STATES = 30
-"""A step of fewer states takes no less time."""
 
-STRETCHES = 4
-"""The largest number of stretches: each needs time until it shows the levels that are tried."""
+# The largest number of stretches: each needs time until it shows the levels that are tried.
+MAX_STRETCHES = 4
 
-PADDING = 128
-"""Lengths of stretches are multiples of this, so that recordings share compiled programs."""
+# Lengths of stretches are multiples of this, so that recordings share compiled programs.
+LENGTH_MULTIPLE = 128
 
-OUTLYING = 2.5
-"""A forecast that is wrong by more than so many standard deviations counts less: a supply that is
-switched on late must not decide what the noise is."""
+# A forecast that is wrong by more than so many standard deviations counts less: a supply that is
+# switched on late must not decide what the noise is.
+HUBER_SIGMAS = 2.5
 
 ITERATIONS = 20
 
+# The number of iterations from each start; the best goes on. There are several maxima: what the
+# twin does not explain can be taken as heat in the rig or as an error of the readings.
 FIRST_ITERATIONS = 5
-"""The number of iterations from each start; the best goes on. There are several maxima: what the
-twin does not explain can be taken as heat in the rig or as an error of the readings."""
 
 OF_RIG = ("heat", "command_time", "disturbance")
 OF_READINGS = ("common", "channel")
 
-DIFFERENCE = 0.1
-"""The step in which the curvature at the estimate is found, in standard deviations of the prior."""
+# The step in which the curvature at the estimate is found, in standard deviations of the prior.
+CURVATURE_STEP = 0.1
 
 
 @announced("estimation of the noise")
@@ -123,10 +123,10 @@ def estimate_noise(
     leads = _times(horizons)
     if start is None:
         start = usual_noise(fit, several, names)
-    recordings = [_Recording.of(fit, experiment, start, leads) for experiment in several]
+    recordings = [_Stretches.of(fit, experiment, start, leads) for experiment in several]
     estimated = _estimated(recordings[0].kalman, start)
     levels = start.levels()
-    is_signed = np.isin(estimated, SIGNED)
+    is_signed = np.isin(estimated, SIGNED_LEVELS)
     started = np.array([levels[name] for name in estimated])
     centre = np.where(is_signed, started, np.log(np.where(is_signed, 1.0, started)))
     spread = np.array([SPREADS[name] for name in estimated])
@@ -164,7 +164,7 @@ def estimate_noise(
             values = np.asarray(_levels_at(centre + spread * point, is_signed))
         return dict(zip(estimated, values.tolist(), strict=True))
 
-    def linearised_with(noise: ProcessNoise) -> list[_Linearised]:
+    def linearised_with(noise: ProcessNoise) -> list[_LinearisedStretches]:
         with own_settings():
             return [recording.linearised(noise) for recording in recordings]
 
@@ -173,11 +173,11 @@ def estimate_noise(
     best = min(first, key=lambda descent: descent.fun).x
     # The states of the run depend on the levels, where the twin is far from its rig.
     linearised = linearised_with(dataclasses.replace(start, **levels_at(best)))
-    found = descend(best, ITERATIONS)
-    errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
+    optimum = descend(best, ITERATIONS)
+    errors = spread * _standard_errors(lambda point: objective(point)[1], optimum.x, optimum.jac)
     standard_errors = dict(zip(estimated, errors.tolist(), strict=True))
     return dataclasses.replace(
-        start, **_predictive(levels_at(found.x), standard_errors), standard_errors=standard_errors
+        start, **_predictive(levels_at(optimum.x), standard_errors), standard_errors=standard_errors
     )
 
 
@@ -216,7 +216,7 @@ def _standard_errors(
     """The standard errors of a maximum of a posterior, by the curvature there (Laplace). The prior
     has the curvature 1. `here` is the slope there."""
     unit = np.eye(len(at))
-    hessian = np.stack([(slope(at + DIFFERENCE * row) - here) / DIFFERENCE for row in unit])
+    hessian = np.stack([(slope(at + CURVATURE_STEP * row) - here) / CURVATURE_STEP for row in unit])
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2)
     return np.sqrt(np.sum(vectors**2 / np.maximum(values, 1.0), axis=1))
 
@@ -231,7 +231,7 @@ class _Lead(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Recording:
+class _Stretches:
     """A recording of which stretches of equal length count.
 
     - `rows`: the numbers of the samples of each stretch; those beyond the last are padding.
@@ -240,7 +240,7 @@ class _Recording:
     """
 
     kalman: ExtendedKalmanFilter
-    samples: Samples
+    samples: FilterSamples
     first: Float[np.ndarray, ""]
     rows: Int[np.ndarray, "stretches samples"]
     counts: Bool[np.ndarray, "stretches samples"]
@@ -249,7 +249,7 @@ class _Recording:
     @classmethod
     def of(
         cls, fit: Twin | Fit, experiment: Experiment, noise: ProcessNoise, horizons: Sequence[float]
-    ) -> "_Recording":
+    ) -> "_Stretches":
         """Chooses the stretches and the forecasts."""
         kalman = filter_for(fit, experiment, noise)
         samples, is_sample = samples_of(kalman, experiment)
@@ -263,7 +263,7 @@ class _Recording:
             )
         longest = max(int(steps.max()) for _, _, steps in forecasts)
         size = max(kalman.model.layout.size, MIN_STATES)
-        rows = _stretches(len(time), round(COST / size**2), longest)
+        rows = _stretches(len(time), round(MAX_WORK / size**2), longest)
         last = len(time) - 1
         is_settled = time[np.minimum(rows, last)] - time[rows[:, :1]] >= horizons[0]
         counts = (rows <= last) & (is_settled | (rows[:, :1] == 0))
@@ -284,7 +284,7 @@ class _Recording:
         first = np.asarray(first_reading(experiment))
         return cls(kalman, samples, first, rows, counts, tuple(leads))
 
-    def linearised(self, noise: ProcessNoise) -> "_Linearised":
+    def linearised(self, noise: ProcessNoise) -> "_LinearisedStretches":
         """Linearises the stretches along the states that a filter with this noise has."""
         kalman = eqx.tree_at(lambda k: k.model.noise, self.kalman, noise.as_arrays())
         start = started(kalman, self.first, np.zeros_like(self.samples.duty[0]))
@@ -308,10 +308,10 @@ class _Recording:
             (linearised_path(kalman, before, chosen), before),
         )
         starts = jax.tree.map(lambda leaf: leaf[:, 0], befores)
-        return _Linearised(kalman, path, starts, self.counts, self.leads)
+        return _LinearisedStretches(kalman, path, starts, self.counts, self.leads)
 
 
-class _Linearised(NamedTuple):
+class _LinearisedStretches(NamedTuple):
     """The stretches of a recording, linearised.
 
     - `path`: the first axes of each leaf are the stretches and their samples.
@@ -320,7 +320,7 @@ class _Linearised(NamedTuple):
     """
 
     kalman: ExtendedKalmanFilter
-    path: Path
+    path: LinearisedPath
     starts: KalmanState
     counts: Bool[Array | np.ndarray, "stretches samples"]
     leads: tuple[_Lead, ...]
@@ -328,7 +328,7 @@ class _Linearised(NamedTuple):
 
 def _forecasts(seconds: float, horizon: float, shortest: float) -> int:
     """The number of forecasts with a horizon that are judged in stretches of this length."""
-    wanted = np.ceil(np.log2(max(PER_HORIZON * seconds / horizon, 1.0)))
+    wanted = np.ceil(np.log2(max(FORECASTS_PER_HORIZON * seconds / horizon, 1.0)))
     return int(min(2.0**wanted, np.ceil(MAX_FORECASTS * shortest / horizon)))
 
 
@@ -342,8 +342,8 @@ def _stretches(samples: int, most: int, longest: int) -> Int[np.ndarray, "stretc
     - `longest`: the number of steps of the longest forecast.
     """
     # A forecast needs what is before it, and a stretch some room for more than one.
-    length = max(most // STRETCHES, 2 * longest) if samples > most else samples
-    length = -(-length // PADDING) * PADDING
+    length = max(most // MAX_STRETCHES, 2 * longest) if samples > most else samples
+    length = -(-length // LENGTH_MULTIPLE) * LENGTH_MULTIPLE
     number = max(1, min(most, samples) // length)
     first = np.linspace(0, max(samples - length, 0), number).astype(int)
     return first[:, None] + np.arange(length)
@@ -363,20 +363,22 @@ def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, 
 
 @persistent_jit
 def _scored(
-    recording: _Linearised,
+    recording: _LinearisedStretches,
     names: tuple[str, ...],
     longest: tuple[int, ...],
     point: Float[Array | np.ndarray, " levels"],
 ) -> tuple[Float[Array, ""], Float[Array, " levels"]]:
     """The weighted log density of the readings of a recording, one sample and horizons ahead, and
-    its derivative with respect to the logarithms of the levels, or themselves (`SIGNED`)."""
+    its derivative with respect to the logarithms of the levels, or themselves (`SIGNED_LEVELS`)."""
     kalman, path, starts, counted, leads = recording
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), path)
     readings = kalman.model.from_degC(flat.readings)
     there = jnp.isfinite(readings)
 
     def of(point: Array) -> Array:
-        levels: Any = dict(zip(names, _levels_at(point, np.isin(names, SIGNED)), strict=True))
+        levels: Any = dict(
+            zip(names, _levels_at(point, np.isin(names, SIGNED_LEVELS)), strict=True)
+        )
         noise = dataclasses.replace(kalman.model.noise, **levels)
         changed = eqx.tree_at(lambda k: k.model.noise, kalman, noise)
         begun = _started_with(changed, kalman, starts)
@@ -388,7 +390,7 @@ def _scored(
         for (ends, counts, weight), most in zip(leads, longest, strict=True):
             expected = forecasts_of_path(changed, flat, run, ends, counts, most)
             deviation = (readings[ends] - expected.mean) / expected.spread
-            cost = jax.vmap(jax.vmap(Huber(OUTLYING).cost))(deviation)
+            cost = jax.vmap(jax.vmap(Huber(HUBER_SIGMAS).cost))(deviation)
             density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
             is_there = there[ends]
             mean = jnp.where(is_there, density, 0.0).sum() / is_there.sum()

@@ -24,14 +24,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._compilation import persistent_jit_unoptimised
-from ._augmented_model import Evolution, Reading
+from ._augmented_model import Evolution, ExpectedReading
 from ._expected_correction import expected_jump
-from ._filter_run import Samples
+from ._filter_run import FilterSamples
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moment
 
 
-class Path(NamedTuple):
+class LinearisedPath(NamedTuple):
     """The steps of a run and the readings after them, linearised. The first axis of each leaf is
     that of the samples.
 
@@ -46,7 +46,7 @@ class Path(NamedTuple):
     before: Float[Array, "samples state"]
     evolution: Evolution
     after: Float[Array, "samples state"]
-    expected: Reading
+    expected: ExpectedReading
     rate: Float[Array, "samples channels"]
     readings: Float[Array, "samples channels"]
     ambient: Float[Array, " samples"]
@@ -68,7 +68,9 @@ class LinearRun(NamedTuple):
 
 
 @persistent_jit_unoptimised
-def linearised_path(kalman: ExtendedKalmanFilter, before: KalmanState, samples: Samples) -> Path:
+def linearised_path(
+    kalman: ExtendedKalmanFilter, before: KalmanState, samples: FilterSamples
+) -> LinearisedPath:
     """Linearises the steps to some samples and their readings.
 
     **Arguments:**
@@ -78,14 +80,14 @@ def linearised_path(kalman: ExtendedKalmanFilter, before: KalmanState, samples: 
     """
     model = kalman.model
 
-    def of(row: tuple[KalmanState, Samples]) -> Path:
+    def of(row: tuple[KalmanState, FilterSamples]) -> LinearisedPath:
         state, sample = row
         commands, dt = kalman.commands(state, sample.duty, sample.dt)
         evolution, _ = model.evolution(state.mean, state.duty, commands, dt, sample.levels)
         after = model.transition(evolution, state.mean, dt).mean
         after = after + kalman.expected_jump(state, dt).mean
         rate = model.slope_of_readings(state.mean, after, dt, state.slope)
-        return Path(
+        return LinearisedPath(
             dt,
             state.mean,
             evolution,
@@ -99,13 +101,15 @@ def linearised_path(kalman: ExtendedKalmanFilter, before: KalmanState, samples: 
     return jax.lax.map(of, (before, samples), batch_size=16)
 
 
-def filter_path(kalman: ExtendedKalmanFilter, path: Path, start: KalmanState) -> LinearRun:
+def filter_path(
+    kalman: ExtendedKalmanFilter, path: LinearisedPath, start: KalmanState
+) -> LinearRun:
     """Filters a run again, with the filter's own levels of noise, as a function that can be
     differentiated."""
     model = kalman.model
 
     @jax.checkpoint
-    def take(state: KalmanState, row: Path) -> tuple[KalmanState, LinearRun]:
+    def take(state: KalmanState, row: LinearisedPath) -> tuple[KalmanState, LinearRun]:
         driven = (state.mean - row.before)[: model.layout.driven]
         evolution = row.evolution._replace(end=row.evolution.end + row.evolution.slope @ driven)
         after = kalman.predicted(state, model.transition(evolution, state.mean, row.dt), row.dt)
@@ -120,7 +124,7 @@ def filter_path(kalman: ExtendedKalmanFilter, path: Path, start: KalmanState) ->
         expected = row.expected.mean + row.expected.slope @ (after.mean - row.after)
         updated = kalman.update_expected(
             predicted,
-            Reading(expected, row.expected.slope),
+            ExpectedReading(expected, row.expected.slope),
             row.readings,
             jnp.isfinite(row.readings),
             row.ambient,
@@ -132,7 +136,7 @@ def filter_path(kalman: ExtendedKalmanFilter, path: Path, start: KalmanState) ->
 
 def forecasts_of_path(
     kalman: ExtendedKalmanFilter,
-    path: Path,
+    path: LinearisedPath,
     run: LinearRun,
     ends: Int[Array | np.ndarray, " forecasts"],
     counts: Int[Array | np.ndarray, " forecasts"],
@@ -183,7 +187,7 @@ def forecasts_of_path(
 
 def _jumps(
     kalman: ExtendedKalmanFilter,
-    path: Path,
+    path: LinearisedPath,
     run: LinearRun,
     ends: Int[Array, " forecasts"],
     counts: Int[Array, " forecasts"],

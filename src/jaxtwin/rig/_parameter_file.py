@@ -19,9 +19,9 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NoReturn
 
-from .._errors import ParameterError
 from .._name_suggestions import unknown_name
 from .._whole_file import check_ending, write_whole_file
+from ..errors import ParameterError
 from ._bundled import read_toml
 from ._load import load_rig
 from ._parameter import Parameter

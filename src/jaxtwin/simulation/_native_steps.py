@@ -18,18 +18,18 @@ from ..rig import Input
 from ._compressed import CompressedRecording, compress
 from ._time_grid import TimeGrid, build_time_grid, settling_after_reversals
 
+# The steps right after an input change, s: up to a quarter of a second, each ends four times as
+# late as the one before.
 RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
-"""The steps right after an input change, s: up to a quarter of a second, each ends four times as
-late as the one before."""
 
 GROWTH, LARGEST_STEP = 0.36, 256.0
 """The ratio of a step to the time since that change, and the longest step, s."""
 
-WAITING = np.array([1, 1, 2, 4, 8, 16]) / 32
-"""The steps before the first command arrives, as fractions of the driver's delay."""
+# The steps before the first command arrives, as fractions of the driver's delay.
+STEPS_BEFORE_COMMAND = np.array([1, 1, 2, 4, 8, 16]) / 32
 
+# The number of coefficients of a temperature within a step, as in `rodas5p.c`.
 POWERS = 6
-"""The number of coefficients of a temperature within a step, as in `rodas5p.c`."""
 
 
 @lru_cache(maxsize=64)
@@ -99,19 +99,21 @@ class NativeSteps:
         if levels is not None:
             if np.any(levels != levels[0]):
                 return None
-            levels = np.repeat(levels[:1], len(WAITING) + len(size), axis=0)
+            levels = np.repeat(levels[:1], len(STEPS_BEFORE_COMMAND) + len(size), axis=0)
         first = duty[:1] if grid.steady_start else np.zeros_like(duty[:1])
-        duty = np.concatenate([np.repeat(first, len(WAITING), axis=0), duty])
-        whole = np.concatenate([WAITING, size])
+        duty = np.concatenate([np.repeat(first, len(STEPS_BEFORE_COMMAND), axis=0), duty])
+        whole = np.concatenate([STEPS_BEFORE_COMMAND, size])
         changes = at is not None and bool(np.any(at != at[0]))
         if own_delays or delay is None:
             none = np.zeros(len(whole))
-            return None if changes else cls(whole, duty, none, len(WAITING), None, levels)
-        ends = np.cumsum(np.concatenate([WAITING * delay, size]))
+            return (
+                None if changes else cls(whole, duty, none, len(STEPS_BEFORE_COMMAND), None, levels)
+            )
+        ends = np.cumsum(np.concatenate([STEPS_BEFORE_COMMAND * delay, size]))
         ambient = np.zeros(len(whole))
         if changes and at is not None:
             ambient = _means(np.asarray(grid.times), at - at[0], ends)
-        return cls(whole, duty, ambient, len(WAITING), ends, levels)
+        return cls(whole, duty, ambient, len(STEPS_BEFORE_COMMAND), ends, levels)
 
     def compressed(
         self, grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
 from ..rig import Input
@@ -27,28 +27,28 @@ FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
 """Step sizes without refinement: the first one, s; the largest one as a part of the time since the
 last change of an input; the largest one, s."""
 
+# The largest step if the driver has a delay and the rig other inputs, s. The grid moves with the
+# delay, so that these inputs change within a step, which takes their mean.
 DELAYED_STEP = 0.5
-"""The largest step if the driver has a delay and the rig other inputs, s. The grid moves with the
-delay, so that these inputs change within a step, which takes their mean."""
 
-MOST_STEPS = 1_000_000
-"""The largest number of steps without refinement, those of a year. More would fill the memory."""
+# The largest number of steps without refinement, those of a year. More would fill the memory.
+MAX_STEPS = 1_000_000
 
-SETTLING = 6.0
-"""The time after a change for which steps keep their first size if the driver has a lag, s. If the
-command is reversed, the duty passes zero within this time for lags of a few seconds, and the heat
-of an on/off drive has a kink there, which a longer step would miss."""
+# The time after a change for which steps keep their first size if the driver has a lag, s. If the
+# command is reversed, the duty passes zero within this time for lags of a few seconds, and the heat
+# of an on/off drive has a kink there, which a longer step would miss.
+SETTLING_SECONDS = 6.0
 
+# The longest span between two input changes that has equal steps if no sample is inside, s.
 SHORT_SPAN = 1.0
-"""The longest span between two input changes that has equal steps if no sample is inside, s."""
 
-SETTLED = 10.0
-"""The time after a change, s, from which interpolation does without the slope at the end of a
-span: with it, the errors of 1000 draws between all bounds of each of the paper's rigs are the same
-over spans of 500 s."""
+# The time after a change, s, from which interpolation does without the slope at the end of a span:
+# with it, the errors of 1000 draws between all bounds of each of the paper's rigs are the same over
+# spans of 500 s.
+SETTLED_SECONDS = 10.0
 
+# The number of these steps within the settling time of a reversal, elsewhere one.
 REVERSED_PARTS = 4
-"""The number of these steps within the settling time of a reversal, elsewhere one."""
 
 
 @final
@@ -154,21 +154,21 @@ def reference_temperature(system: System, inputs: InputSummary) -> Float[Array, 
     return jnp.asarray(inputs.ambient, system.capacitance.dtype)
 
 
+# The arguments of `build_time_grid` other than the experiment.
 GridOptions: TypeAlias = tuple[float, float, float, float, int, tuple[tuple[Input, bool], ...]]
-"""The arguments of `build_time_grid` other than the experiment."""
 
 
 def settling_after_reversals(experiment: Experiment, lags: bool) -> float:
     """The `settling` for a solver whose steps grow from the start: 0 unless the driver has a lag
     and a command is reversed, because a lagging duty then has a kink where it passes 0."""
     duty = experiment.duty
-    return SETTLING if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
+    return SETTLING_SECONDS if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
 
 
 def twin_steps(twin: Twin | System, refinement: int) -> GridOptions:
     """The arguments of `build_time_grid` other than the experiment."""
     part = 0.5**refinement
-    settling = 0.0 if twin.wiring.lag is None else SETTLING
+    settling = 0.0 if twin.wiring.lag is None else SETTLING_SECONDS
     inputs, longest = twin.wiring.inputs_and_effects, LARGEST_STEP
     if twin.wiring.delay is not None and inputs:
         longest = DELAYED_STEP
@@ -212,10 +212,10 @@ def build_time_grid(
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     duration = float(time[-1])
     least = duration / largest_step
-    if least > MOST_STEPS * parts:
+    if least > MAX_STEPS * parts:
         raise SimulationError(
             f"{experiment.name or 'the experiment'}: expected at most "
-            f"{MOST_STEPS * largest_step * parts:g} s, got {duration:g} s, which takes "
+            f"{MAX_STEPS * largest_step * parts:g} s, got {duration:g} s, which takes "
             f"{least:.2g} steps of at most {largest_step:g} s; simulate it in parts, with "
             "Experiment.between"
         )
@@ -278,7 +278,7 @@ def _span_steps(
         return [*_geometric(duration, ramp, growth, largest, settling), 0.0]
     steps = _graded(duration, min(first, duration), growth, largest, settling)
     contains_samples = time[-2] - time[0] > duration - steps[-1] + 1e-9
-    return [*steps, 0.0] if contains_samples and duration <= SETTLED else steps
+    return [*steps, 0.0] if contains_samples and duration <= SETTLED_SECONDS else steps
 
 
 def _graded(
