@@ -12,6 +12,9 @@ import jaxtwin
 from jaxtwin import errors
 
 
+MOVED: dict[str, str] = vars(jaxtwin)["_MOVED"]
+
+
 def run_fresh(code: str) -> str:
     """Runs code in a Python that has imported nothing yet and returns what it prints."""
     command = [sys.executable, "-W", "error", "-c", code]
@@ -101,12 +104,12 @@ def test_the_public_names_fit_on_a_page():
     assert len(jaxtwin.__all__) <= 50
 
 
-@pytest.mark.parametrize("name", sorted(jaxtwin._MOVED))
+@pytest.mark.parametrize("name", sorted(MOVED))
 def test_a_name_that_has_moved_works_with_a_warning_that_says_where(name: str):
-    place = f"{jaxtwin._MOVED[name]}.{name}"
+    place = f"{MOVED[name]}.{name}"
     with pytest.warns(DeprecationWarning, match=rf"jaxtwin\.{name} is now jaxtwin\.{place}$"):
         moved = getattr(jaxtwin, name)
-    assert moved is getattr(importlib.import_module(f"jaxtwin.{jaxtwin._MOVED[name]}"), name)
+    assert moved is getattr(importlib.import_module(f"jaxtwin.{MOVED[name]}"), name)
     assert name not in jaxtwin.__all__
 
 

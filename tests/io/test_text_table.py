@@ -301,6 +301,7 @@ def test_fields_of_several_units_are_no_numbers(tmp_path: Path):
         read_recording(path)
     path.write_text("time_s,duty_P1,T1\n0,50 %,68 °F\n1,50 %,\n2,25 %,86 °F\n")
     run = read_recording(path)
+    assert run.temperatures is not None
     np.testing.assert_allclose(run.temperatures[:, 0], [20.0, np.nan, 30.0])
     np.testing.assert_allclose(run.duty[:, 0], [0.5, 0.5, 0.25])
     path.write_text("time_s,duty_P1,T1_degC\n0,0,68 °F\n1,0,68 °F\n")
