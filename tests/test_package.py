@@ -11,7 +11,6 @@ import pytest
 import jaxtwin
 from jaxtwin import errors
 
-
 MOVED: dict[str, str] = vars(jaxtwin)["_MOVED"]
 
 
