@@ -104,7 +104,8 @@ DEFAULTS = {
         "duration": 1000.0, "spread": 0.25, "precision": "float64", "chunk": 65_536, "seed": 0,
     },
     "validate": {"warm_up": 60.0},
-    "virtual-rig": {"speed": 1.0, "camera_rate": 9.0, "controller_rate": 10.0, "faults": "",
+    "virtual-rig": {
+        "host": "127.0.0.1","speed": 1.0, "camera_rate": 9.0, "controller_rate": 10.0, "faults": "",
                     "seed": 0},
     "watch": {"speed": 1.0, "baud": 115_200},
 }  # fmt: skip
