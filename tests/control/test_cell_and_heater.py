@@ -225,6 +225,19 @@ def test_a_loop_cools_with_its_cell(twin: Twin):
     is_off, is_full = run.duty[:, 1:].min(axis=1) < 1e-3, run.duty.max(axis=1) > 0.999
     share = np.mean((is_off | is_full)[:-1])
     assert float(saturation_share(run.loop)) == pytest.approx(share, abs=0.02)
+    cell_at_limit = (run.duty[:-1, 0] < -0.998) | (run.duty[:-1, 0] > 0.998)
+    foil_at_limit = (run.duty[:-1, 1] < 0.002) | (run.duty[:-1, 1] > 0.998)
+    assert run.saturation_shares == pytest.approx(
+        {
+            "P1": np.mean(cell_at_limit),
+            "foil": np.mean(foil_at_limit),
+            "wire": np.mean(foil_at_limit),
+        },
+        abs=0.01,
+    )
+    measures = run.measures()["value"]
+    assert measures["saturation_share foil"] == run.saturation_shares["foil"]
+    assert run.saturation_shares["P1"] < run.saturation_shares["foil"]
     with pytest.raises(ControlError, match=r"a duty of -1 to 1 can hold, got -80"):
         simulate_closed_loop(twin, PID(0.2, 0.004), "0:-80", duration=30)
 
