@@ -49,6 +49,9 @@ def controllers(twin: Twin, **settings: Any) -> list[AbstractController]:
     return [
         PID(0.2, 0.004, **settings),
         PID(0.2, 0.004, anti_windup="clamping", **settings),
+        PID(
+            [0.2, 0.1, 0.3], [0.004, 0.0, 0.02], 0.1, 2.0, setpoint_weight=[0.5, 1, 0.8], **settings
+        ),
         LQI(model, **settings),
         MPC(model, horizon=8, **settings),
     ]
@@ -97,10 +100,10 @@ def test_a_rig_of_heaters_alone_still_refuses_limits_below_0():
 @pytest.mark.parametrize(
     ("kinds", "precision", "tolerance"),
     [
-        (slice(3), "double", 1e-12),
-        pytest.param(slice(3), "float", 1e-5, marks=pytest.mark.slow),
-        pytest.param(slice(3, 4), "double", 1e-9, marks=pytest.mark.slow),
-        pytest.param(slice(3, 4), "float", 0.01, marks=pytest.mark.slow),
+        (slice(4), "double", 1e-12),
+        pytest.param(slice(4), "float", 1e-5, marks=pytest.mark.slow),
+        pytest.param(slice(4, 5), "double", 1e-9, marks=pytest.mark.slow),
+        pytest.param(slice(4, 5), "float", 0.01, marks=pytest.mark.slow),
     ],
 )
 def test_files_and_c_have_the_limits_of_each(
@@ -162,20 +165,53 @@ int main(void)
 """
 
 
-def test_the_integral_of_a_heater_does_not_wind_up(rig: Rig):
-    """After a minute far below 0, the heaters answer at once, as with limits of 0 to 1 alone, and
-    the cell as with -1 to 1 alone."""
-    both, cold, warm = (
-        PID(0.1, 0.01, limits=limits).for_rig(on)
-        for limits, on in ((None, rig), ((-1, 1), Twin("dual-cell").rig), ((0, 1), rig))
-    )
-    states = [one.init(np.zeros(3), np.array([20.0])) for one in (both, cold, warm)]
-    for reference in [10.0] * 60 + [25.0] * 20:
-        duties = []
-        for number, one in enumerate((both, cold, warm)):
-            duty, states[number] = one.step(states[number], np.array([reference]), np.array([20.0]))
-            duties.append(np.asarray(duty))
-        np.testing.assert_array_equal(duties[0], [duties[1][0], *duties[2][1:]])
+WITH_INTEGRALS_OF_EACH = {
+    ("back-calculation", 0.004): 0.348,
+    ("back-calculation", 0.02): 2.106,
+    ("clamping", 0.004): 0.03,
+}
+"""The undershoot that a cell and two heaters had with an integral for each, K: they came to rest
+with the cell at -0.13 and the heaters at 0.38. The one of clamping was 0.017."""
+
+
+@pytest.mark.parametrize(("anti_windup", "Ki"), WITH_INTEGRALS_OF_EACH)
+def test_cell_and_heaters_do_not_work_against_each_other(twin: Twin, anti_windup: Any, Ki: float):
+    """All were at their limits, on the way down the cell at -1 and the heaters at 0."""
+    pid = PID(0.2, Ki, anti_windup=anti_windup)
+    run = simulate_closed_loop(twin, pid, "0:60,150:25", duration=600)
+    assert run.duty.max() > 0.999
+    assert run.duty.min(axis=0).tolist() == [-1, 0, 0]
+    rest = run.duty[-60:]
+    np.testing.assert_array_equal(rest, np.broadcast_to(rest[:, :1], rest.shape))
+    assert run.output[-1, 0] == pytest.approx(25, abs=0.01)
+    undershoot = 25 - run.output[run.loop.time > 151, 0].min()
+    assert undershoot <= WITH_INTEGRALS_OF_EACH[anti_windup, Ki]
+
+
+@pytest.mark.parametrize("anti_windup", ["back-calculation", "clamping"])
+@pytest.mark.parametrize(
+    ("Kp", "Ki", "b", "start"),
+    [
+        (0.2, 0.004, 1.0, (0.0, 0.0, 0.0)),
+        (0.2, 0.004, 0.5, (-0.5, 0.7, 0.0)),
+        ([0.2, 0.1, 0.3], [0.004, 0.006, 0.002], [0.2, 0.9, 1.0], (-0.9, 0.1, 1.0)),
+        ([0.2, 0.1, 0.3], [0.004, 0.0, 0.002], 1.0, (0.3, 0.2, 0.0)),
+    ],
+)
+@pytest.mark.usefixtures("float64")
+def test_at_rest_no_duty_has_the_other_sign(rig: Rig, anti_windup, Kp, Ki, b, start):
+    """Whatever gains and set-point weights each has, wherever it started, and after all limits."""
+    pid = PID(Kp, Ki, setpoint_weight=b, anti_windup=anti_windup).for_rig(rig)
+    state = pid.init(np.array(start), np.array([25.0]))
+    first, _ = pid.step(state, np.array([25.0]), np.array([25.0]))
+    np.testing.assert_allclose(first, start, atol=1e-12)
+    step = jax.jit(lambda *args: pid.step(*args))
+    for reference, error in [(25.0, 20.0), (25.0, -20.0), (15.0, -3.0), (25.0, 0.5)]:
+        for _ in range(400):
+            duty, state = step(state, np.array([reference]), np.array([reference - error]))
+        for _ in range(2000):
+            duty, state = step(state, np.array([reference]), np.array([reference]))
+        assert np.min(duty) >= -1e-6 or np.max(duty) <= 1e-6, (reference, duty)
 
 
 def test_a_loop_cools_with_its_cell(twin: Twin):
@@ -190,6 +226,19 @@ def test_a_loop_cools_with_its_cell(twin: Twin):
     is_off, is_full = run.duty[:, 1:].min(axis=1) < 1e-3, run.duty.max(axis=1) > 0.999
     share = np.mean((is_off | is_full)[:-1])
     assert float(saturation_share(run.loop)) == pytest.approx(share, abs=0.02)
+    cell_at_limit = (run.duty[:-1, 0] < -0.998) | (run.duty[:-1, 0] > 0.998)
+    foil_at_limit = (run.duty[:-1, 1] < 0.002) | (run.duty[:-1, 1] > 0.998)
+    assert run.saturation_shares == pytest.approx(
+        {
+            "P1": np.mean(cell_at_limit),
+            "foil": np.mean(foil_at_limit),
+            "wire": np.mean(foil_at_limit),
+        },
+        abs=0.01,
+    )
+    measures = run.measures()["value"]
+    assert measures["saturation_share foil"] == run.saturation_shares["foil"]
+    assert run.saturation_shares["P1"] < run.saturation_shares["foil"]
     with pytest.raises(ControlError, match=r"a duty of -1 to 1 can hold, got -80"):
         simulate_closed_loop(twin, PID(0.2, 0.004), "0:-80", duration=30)
 

@@ -26,6 +26,7 @@ from jaxtwin.live import (
     register_board,
 )
 from jaxtwin.live.protocol._identity import Identity
+from jaxtwin.rig import rig_from_tables
 
 
 class ScriptedPort:
@@ -66,7 +67,43 @@ def clock() -> HandClock:
 
 @pytest.fixture
 def device(rig: Rig, port: ScriptedPort, clock: HandClock) -> BoardDevice:
-    return BoardDevice(TCLab(port, 2), rig, clock)
+    return BoardDevice(TCLab(port, rig), rig, clock)
+
+
+@pytest.mark.parametrize(
+    ("heaters", "channels", "numbers"),
+    [
+        (("H2", "H1"), ("T2", "T1"), ("21", "21")),
+        (("Q2",), ("T1", "T2"), ("2", "12")),
+        (("left", "right"), ("T_left", "T_right"), ("12", "12")),
+        (("H1", "right"), ("T1", "T_1"), ("12", "12")),
+    ],
+)
+def test_names_say_which_heater_and_sensor_of_the_board_they_are(port, heaters, channels, numbers):
+    tables = {
+        "format": 1,
+        "name": "board",
+        "ambient": {"temperature": "20 degC"},
+        "sensors": {"noise": "0.1 K"},
+        "driver": {"counts": 1000},
+        "heaters": [
+            {
+                "name": name,
+                "power": "1 W",
+                "capacitance": "4 J/K",
+                "contacts": {"ambient": "50 K/W"},
+            }
+            for name in heaters
+        ],
+        "channels": [{"name": name, "nodes": [heaters[0]]} for name in channels],
+    }
+    board = TCLab(port, rig_from_tables(tables, "board"))
+    port.replies["T2"] = b"23\r\n"
+    board.apply([0.1, 0.2][: len(heaters)])
+    asked = [f"Q{n} {10 * k:g}" for k, n in enumerate(numbers[0], 1)]
+    assert port.commands == asked
+    expected = {"1": 21.5, "2": 23.0}
+    assert board.temperatures() == [expected[n] for n in numbers[1]]
 
 
 def _messages(device: BoardDevice, reads: int = 1) -> list:

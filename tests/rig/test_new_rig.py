@@ -15,7 +15,14 @@ from jaxtwin import load_rig
 from jaxtwin.cli import run
 from jaxtwin.errors import RigError
 from jaxtwin.physics import build_netlist
-from jaxtwin.rig import CellPlace, bundled_materials, bundled_modules, load_module, new_rig_text
+from jaxtwin.rig import (
+    CellPlace,
+    HeaterPlace,
+    bundled_materials,
+    bundled_modules,
+    load_module,
+    new_rig_text,
+)
 from jaxtwin.rig._example_rig import example_rigs
 
 PLAIN: dict[str, Any] = {
@@ -55,6 +62,39 @@ def test_cells_touch_the_elements_under_them(tmp_path: Path):
     sheet = load_module("TEC1-12706")
     assert rig.parameters["R_E"].value == pytest.approx(sheet.electrical_resistance, rel=1e-3)
     assert [channel.name for channel in rig.channels] == ["T11", "T12", "T13", "T21", "T22", "T23"]
+
+
+FOIL = HeaterPlace("foil", "10 W", "1.5 cm", "0 cm")
+BULB = HeaterPlace("bulb_2", "2.5 kW", "8 cm", "4 cm")
+
+
+def test_heaters_stand_beside_the_cells(tmp_path: Path):
+    """The heat goes into the element under the place; limits are those of a heater."""
+    rig = read(new_rig_text("bench", **PLAIN, heaters=[FOIL, BULB]), tmp_path)
+    assert rig.driven == ("P1", "P2", "foil", "bulb_2")
+    assert [heater.node for heater in rig.heaters] == ["V12", "V48"]
+    assert rig.lowest_duty == (-1, -1, 0, 0)
+    assert rig.parameters["P_foil"].value == 10
+    assert rig.parameters["P_bulb_2"].value == 2500
+    assert rig.title.endswith("2 x TEC1-12706, foil, bulb_2")
+
+
+@pytest.mark.parametrize(
+    ("heater", "message"),
+    [
+        (FOIL._replace(name="P1"), "heater 1: name: expected a name of its own, got 'P1'"),
+        (FOIL._replace(name="V12"), "heater 1: name: expected a name of its own"),
+        (FOIL._replace(name="my foil"), "name: expected letters, digits and _, got 'my foil'"),
+        (FOIL._replace(power="10 K"), "heater 1: power: expected a power above 0 such as"),
+        (FOIL._replace(power="-3 W"), "heater 1: power: expected"),
+        (FOIL._replace(x="9 cm"), "heater 1: x: expected a place on the plate, 0 to 8 cm, got"),
+    ],
+)
+def test_heaters_that_cannot_be_are_refused(heater: HeaterPlace, message: str):
+    with pytest.raises(RigError, match=message):
+        new_rig_text("bench", **PLAIN, heaters=[heater])
+    with pytest.raises(RigError, match="heater 2: name: expected a name of its own, got 'foil'"):
+        new_rig_text("bench", **PLAIN, heaters=[FOIL, FOIL])
 
 
 LENGTHS = st.floats(0.002, 0.12)
@@ -167,6 +207,7 @@ def test_a_person_is_asked_for_what_no_option_gives(
         "width of": ["6 cm"],
         "centres": centres,
         "module": ["CP10-127-05"],
+        "heaters": ["foil, 10 W, 3 cm", "foil, 10 W, 3 cm, 2 cm; bulb, 40 W, 5 cm, 1 cm"],
         "what reads": ["thermometer", "sensors"],
     }
     asked = []
@@ -180,15 +221,16 @@ def test_a_person_is_asked_for_what_no_option_gives(
     monkeypatch.setattr(typer, "prompt", prompt)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     assert run(["new-rig", "bench.toml", "--height", "4 cm"]) == 0
-    both, beside, reader = capsys.readouterr().err.splitlines()
+    both, beside, heater, reader = capsys.readouterr().err.splitlines()
     assert "cells 1 and 2 both on" in both  # the modules are 3 cm wide
     assert "cell 2: x: expected a place on the plate" in beside
+    assert "--heater: expected such as" in heater
     assert "--reader: expected camera or sensors, got 'thermometer'" in reader
     assert sum(question.startswith("width") for question in asked) == 1
     assert not any(question.startswith("height") for question in asked)
     rig = load_rig("bench.toml")
     assert rig.plate.width == pytest.approx(0.06)
-    assert len(rig.cells) == 2
+    assert rig.driven == ("P1", "P2", "foil", "bulb")
     assert rig.camera is None
     assert rig.sensors is not None
 
@@ -240,6 +282,7 @@ def test_a_wrong_answer_is_asked_for_again(
         "material": ["aluminum", "aluminium"],
         "module": ["TEC12706", "TEC1-12706"],
         "centres": ["3 cm 2 cm", "3 cm, 2 cm"],
+        "heaters": ["none"],
         "columns": ["3", "0x2", "3x2"],
         "what": ["camera"],
     }

@@ -13,10 +13,12 @@ from ..errors import JaxtwinError, RigError
 from ._output import check_output, write_json
 
 if TYPE_CHECKING:
-    from ..rig import CellPlace, Rig
+    from ..rig import CellPlace, HeaterPlace, Rig
 
 # The kind of a rig with a plate and cells.
 PLATE = "plate"
+
+NO_HEATERS = "none"
 
 # Option, question and default of the answer; None if there is none.
 Asked = tuple[str, str, str | None]
@@ -40,6 +42,13 @@ def new_rig(
         typer.Option(
             metavar="X,Y",
             help='Centre of a cell from the left and top edge: "2 cm, 2 cm"; for each cell.',
+        ),
+    ] = None,
+    heater: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME,POWER,X,Y",
+            help='A heater beside the cells: "foil, 10 W, 4 cm, 2 cm"; for each heater.',
         ),
     ] = None,
     zones: Annotated[
@@ -78,13 +87,20 @@ def new_rig(
     from ..rig import bundled_materials, bundled_modules, load_module, new_rig_text
     from ..rig._example_rig import example_rig_text
     from ..rig._fields import Fields
-    from ..rig._new_rig import check_zones, covered_elements, divided_plate, misfit, plate_size
+    from ..rig._new_rig import (
+        check_zones,
+        covered_elements,
+        divided_plate,
+        heated_elements,
+        misfit,
+        plate_size,
+    )
 
     fields = Fields("new rig", {}, {})
     fields.constant("supply_voltage", supply_voltage, units.VOLTAGE)
     fields.constant("limit", limit, units.TEMPERATURE)
 
-    on_plate = [width, height, thickness, material, module, at, zones, reader]
+    on_plate = [width, height, thickness, material, module, at, heater, zones, reader]
     kind = _kind(kind, any(option is not None for option in on_plate))
     if kind != PLATE:
         _write(file, example_rig_text(file.stem, kind, _values(kind, value)))
@@ -125,6 +141,11 @@ def new_rig(
         ("--at", asked, None),
         lambda text: covered_elements(fields, _places(text), sheet, plate),
     )
+    heaters = _answer(
+        "; ".join(heater) if heater else None if sys.stdin.isatty() else NO_HEATERS,
+        ("--heater", "heaters beside them, such as foil,10 W,4 cm,2 cm", NO_HEATERS),
+        lambda text: heated_elements(fields, _heaters(text), plate, len(_places(centres))),
+    )
     zones = _answer(
         zones,
         ("--zones", "columns x rows of zones that are read", "3x2"),
@@ -140,6 +161,7 @@ def new_rig(
         material=material,
         module=module,
         places=_places(centres),
+        heaters=_heaters(heaters),
         zones=_zones(zones),
         supply_voltage=supply_voltage,
         limit=limit,
@@ -263,6 +285,22 @@ def _places(text: str) -> list["CellPlace"]:
 
     parts = [part for part in text.split(";") if part.strip()]
     return [CellPlace(*_pair("--at", part, ",", '"2 cm, 2 cm"')) for part in parts]
+
+
+def _heaters(text: str) -> list["HeaterPlace"]:
+    from ..rig import HeaterPlace
+
+    if text.strip() in ("", NO_HEATERS):
+        return []
+    heaters = []
+    for part in text.split(";"):
+        words = [word.strip() for word in part.split(",")]
+        if len(words) != 4 or not all(words):
+            raise typer.BadParameter(
+                f'--heater: expected such as "foil, 10 W, 4 cm, 2 cm", got {part.strip()!r}'
+            )
+        heaters.append(HeaterPlace(*words))
+    return heaters
 
 
 def _pair(option: str, text: str, separator: str, example: str) -> tuple[str, str]:

@@ -25,6 +25,9 @@ from .controllers._mpc import MPC as MPC  # hard limits of duty and rate
 from .controllers._nonlinear_mpc import NonlinearMPC as NonlinearMPC  # the twin is its model
 from .controllers._pid import PID as PID
 from .controllers._relay import Relay as Relay  # an oscillation at the critical frequency
+from .controllers._time_proportional import (
+    TimeProportional as TimeProportional,  # heaters that relays switch
+)
 from .controllers._uniformity_mpc import UniformityMPC as UniformityMPC  # the most even plate
 from .linear._directions import Directions as Directions  # mean and uniformity
 from .linear._discrete_model import DiscreteModel as DiscreteModel  # a linear model step by step

@@ -90,13 +90,13 @@ def learned(several: Sequence[Suspect], healthy: Sequence[Observed]) -> Prior:
         np.asarray(math.inf),
     )
     squares, counts = np.zeros(len(several) + 1), np.zeros(len(several) + 1)
-    for one in healthy:
-        inputs = inputs_of(one, 0)
+    for observed in healthy:
+        inputs = inputs_of(observed, 0)
         is_turn = np.arange(len(inputs.begins)) % STRIDE == 0
         inputs = inputs._replace(begins=np.asarray(inputs.begins) & is_turn)
         with own_settings():
-            own = suspected(one.observer.model, several)
-            result = healthy_squares(one.observer, own, prior, inputs)
+            own = suspected(observed.observer.model, several)
+            result = healthy_squares(observed.observer, own, prior, inputs)
         squares, counts = squares + np.asarray(result[0]), counts + np.asarray(result[1])
     inflation = np.maximum(squares / np.maximum(counts, 1.0), 1.0)
     return prior._replace(inflation=np.where(counts > 0, inflation, 1.0))

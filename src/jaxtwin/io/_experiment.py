@@ -262,6 +262,28 @@ class Experiment:
 
         return of_rig(self, rig, self.name or "the experiment", RecordingError)
 
+    def switched(self, rig: Rig) -> "Experiment":
+        """The experiment as the relays of a rig switch it: where a heater is `time_proportional` in
+        the rig file, its duty is 1 or 0, with a sample at each switch. A simulation of it shows the
+        ripple of the temperatures; without this a twin has the mean duty. Windows begin at the
+        first sample. Temperatures at the additional times are missing.
+
+        ```python
+        drive = Experiment.schedule("0:0.3", duration=600, step=1, cells=len(twin.rig.driven))
+        ripple = twin.simulate(drive.switched(twin.rig))
+        ```
+
+        **Arguments:**
+
+        - `rig`: the rig that it drives.
+
+        **Raises:** `RecordingError` if the rig has other cells and heaters, or for more switches
+        than fit into memory.
+        """
+        from ._switched import switched  # which imports this module
+
+        return switched(self, rig)
+
     @property
     def n_cells(self) -> int:
         """The number of cells and heaters."""

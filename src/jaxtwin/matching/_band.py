@@ -210,7 +210,7 @@ def prediction_band(
                 return prediction_band(
                     first, first.recordings[0], experiment=experiment, level=level
                 )
-            recordings = as_experiments("prediction_band: given", given, MatchError)
+            recordings = as_experiments("prediction_band: given", given, MatchError, fit.twin.rig)
             check_given(fit, [group], recordings)
             fit = match_group(fit, recordings, group)
         start = estimate_initial_conditions(fit, experiment, warm_up, group=group, initial=initial)

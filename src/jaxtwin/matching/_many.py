@@ -91,7 +91,7 @@ def match_many(
     check_executor("match_many: executor", executor, MatchError)
     if isinstance(sets, str | bytes | Experiment) or not isinstance(sets, Iterable):
         raise MatchError(f"sets: expected one or several sets of recordings, got {sets!r}")
-    listed = [as_experiments("match_many: sets", members, MatchError) for members in sets]
+    listed = [as_experiments("match_many: sets", members, MatchError, twin.rig) for members in sets]
     if not listed:
         raise MatchError("sets: expected one or several sets of recordings, got none")
     recordings = [named_recordings(twin, members) for members in listed]

@@ -11,6 +11,7 @@ from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit
+from ..matching._nominal_twin import nominal_twin
 from ..observers import Observed, ProcessNoise, observe
 from ..observers._observe import usual_noise
 from ..physics import Twin
@@ -61,7 +62,8 @@ def calibrate_monitor(
 
     **Raises:** the errors of `jaxtwin.observe`; `ObserverError` if all recordings are too short.
     """
-    several = as_experiments("calibrate_monitor: experiments", experiments, ObserverError)
+    rig = nominal_twin("calibrate_monitor: fit", fit, ObserverError).rig
+    several = as_experiments("calibrate_monitor: experiments", experiments, ObserverError, rig)
     budget = finite_number("calibrate_monitor: hours", hours, ObserverError)
     first = whole_number("calibrate_monitor: seed", seed, 0, ObserverError)
     levels = usual_noise(fit, several) if noise is None else noise

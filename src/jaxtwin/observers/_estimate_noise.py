@@ -34,6 +34,7 @@ from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit, Huber
+from ..matching._nominal_twin import nominal_twin
 from ..matching._recordings import divided
 from ..physics import Twin
 from ._filter_run import FilterSamples, filtered, samples_of
@@ -119,7 +120,10 @@ def estimate_noise(
     """
     from scipy.optimize import minimize
 
-    several, _ = divided(as_experiments("estimate_noise: experiments", experiments, ObserverError))
+    rig = nominal_twin("estimate_noise: fit", fit, ObserverError).rig
+    several, _ = divided(
+        as_experiments("estimate_noise: experiments", experiments, ObserverError, rig)
+    )
     leads = _times(horizons)
     if start is None:
         start = usual_noise(fit, several, names)

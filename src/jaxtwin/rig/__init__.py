@@ -33,7 +33,7 @@ from ._input import Input, Switched
 from ._json_schema import json_schema
 from ._load import load_rig, rig_from_tables
 from ._material import Material, load_material
-from ._new_rig import CellPlace, new_rig_text
+from ._new_rig import CellPlace, HeaterPlace, new_rig_text
 from ._nodes_sensor import NodesSensor
 from ._parameter import Parameter
 from ._parameter_file import read_parameters, write_parameters
@@ -61,6 +61,7 @@ __all__ = [
     "Datasheet",
     "Driver",
     "Heater",
+    "HeaterPlace",
     "Input",
     "Material",
     "NodesSensor",

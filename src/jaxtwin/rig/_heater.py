@@ -1,9 +1,10 @@
 """A resistive heater."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from ._placement import Placement
+from ._relay_window import RelayWindow
 from ._value import Value
 
 
@@ -22,6 +23,7 @@ class Heater:
     - `power`: the power at full duty, to which the heat is proportional, W.
     - `electrical_resistance`: the resistance that the driver connects to its supply, ohm.
     - `placement`: its place on the plate; None if the file lists contacts.
+    - `time_proportional`: the relay that switches it; None where the duty is that of a fast PWM.
     """
 
     name: str
@@ -29,3 +31,6 @@ class Heater:
     power: Value | None = None
     electrical_resistance: Value | None = None
     placement: Placement | None = None
+    # A twin has the mean over a window, so that its temperatures, and the fingerprint of its rig,
+    # which is made of this text, do not depend on it.
+    time_proportional: RelayWindow | None = field(default=None, repr=False)

@@ -11,8 +11,9 @@ from ._heater import Heater
 from ._placement import Placement
 from ._placement_table import build_placement, placed_contacts
 from ._plate import AMBIENT, Plate
-from ._schema import BodyTable, HeaterTable
-from ._units import ELECTRICAL_RESISTANCE, HEATER_POWER
+from ._relay_window import RelayWindow
+from ._schema import BodyTable, HeaterTable, TimeProportionalTable
+from ._units import DURATION, ELECTRICAL_RESISTANCE, HEATER_POWER, SHORTEST
 
 
 def heater_bodies(
@@ -144,7 +145,24 @@ def build_heater(
             f"{at}.electrical_resistance", table.electrical_resistance, ELECTRICAL_RESISTANCE
         ),
         placement=build_placement(at, table, plate, fields),
+        time_proportional=None
+        if table.time_proportional is None
+        else _time_proportional(f"{at}.time_proportional", table.time_proportional, fields),
     )
+
+
+def _time_proportional(at: str, table: TimeProportionalTable, fields: Fields) -> RelayWindow:
+    period = fields.constant(f"{at}.period", table.period, DURATION)
+    shortest = {}
+    for name in ("minimum_on", "minimum_off"):
+        text = getattr(table, name)
+        shortest[name] = fields.constant(f"{at}.{name}", text, SHORTEST)
+        if shortest[name] > period:
+            fields.refuse(
+                f"{at}.{name}",
+                f"expected at most the period of the window, {period:g} s, got {text!r}",
+            )
+    return RelayWindow(period, **shortest)
 
 
 def _heated(table: HeaterTable, plate: Plate, bodies: Sequence[Body], fields: Fields) -> str:

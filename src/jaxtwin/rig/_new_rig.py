@@ -5,6 +5,7 @@ Each uncertain value becomes a free parameter, with a prior as wide as its uncer
 """
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
@@ -41,6 +42,16 @@ class CellPlace(NamedTuple):
     y: str
 
 
+class HeaterPlace(NamedTuple):
+    """A small heater: its name, its power at full duty and its place, from the left and from the
+    top edge: `"foil"`, `"10 W"`, `"2 cm"`, `"1 cm"`."""
+
+    name: str
+    power: str
+    x: str
+    y: str
+
+
 def new_rig_text(
     name: str,
     *,
@@ -50,6 +61,7 @@ def new_rig_text(
     material: str,
     module: str,
     places: Sequence[CellPlace],
+    heaters: Sequence[HeaterPlace] = (),
     zones: tuple[int, int] = (3, 2),
     supply_voltage: str = "12 V",
     limit: str = "80 degC",
@@ -65,6 +77,7 @@ def new_rig_text(
     - `module`: the datasheet of its cells, one of `bundled_modules()`.
     - `places`: the positions of the cells' centres on the plate. A comment in the file says where
       the edges of a module do not lie on those of elements.
+    - `heaters`: heaters beside the cells. The heat of each goes into the element under its place.
     - `zones`: columns and rows of zones into which the plate is divided; each is a channel.
     - `supply_voltage`: the supply voltage of the driver.
     - `limit`: the temperature at which `jaxtwin drive` switches the cells off.
@@ -73,7 +86,8 @@ def new_rig_text(
     **Returns:** the text of the file, which `load_rig` reads.
 
     **Raises:** `RigError` that names the argument if a size has no unit, a name is not known, a
-    cell is beside the plate, or two cells cover each other.
+    cell or heater is beside the plate, two cells cover each other, or a heater has no name of its
+    own.
     """
     fields = Fields("new rig", {}, {})
     plain = name.strip()
@@ -94,12 +108,13 @@ def new_rig_text(
     columns, rows = ((len(sides), sides[0]) for sides in (plate.columns, plate.rows))
     sheet = load_module(module)
     cells = covered_elements(fields, places, sheet, plate)
-    solid = load_material(material)
+    heated = heated_elements(fields, heaters, plate, len(places))
+    solid, names = load_material(material), [heater.name for heater in heaters]
     face = math.prod(_face(sheet))
     areas = [min(face, sum(map(plate.area, cell))) for cell in cells]
     values = {
         "name": _quoted(plain),
-        "title": _quoted(f"{solid.title} plate, {len(places)} x {module}"),
+        "title": _quoted(", ".join([f"{solid.title} plate", f"{len(places)} x {module}", *names])),
         "columns": ", ".join([f'"{_mm(columns[1])}"'] * columns[0]),
         "rows": ", ".join([f'"{_mm(rows[1])}"'] * rows[0]),
         "thickness": f"{1e3 * sizes['thickness']:.9g} mm",
@@ -125,6 +140,9 @@ def new_rig_text(
             _cell_table(number, cell, area, misfit(plate, cell, sheet))
             for number, (cell, area) in enumerate(zip(cells, areas, strict=True), 1)
         ),
+        "heaters": _heater_tables(heaters, heated),
+        "polarity": OF_HEATERS if heaters else OF_CELLS,
+        "powers": "".join(_power_parameter(fields, heater) for heater in heaters),
         "channels": "\n".join(_channel_tables(reader, zones, columns, rows)),
         "contacts": "\n".join(
             # All elements together have the contact of the face, also where they are larger.
@@ -245,6 +263,64 @@ def covered_elements(
     return cells
 
 
+def heated_elements(
+    fields: Fields, heaters: Sequence[HeaterPlace], plate: Plate, cells: int
+) -> list[str]:
+    """Returns the element that each heater heats, the one under its place.
+
+    **Raises:** `RigError` if one is beside the plate, has no power, or no name of its own.
+    """
+    taken = {f"P{number}" for number in range(1, cells + 1)}
+    heated = []
+    for number, heater in enumerate(heaters, start=1):
+        at = f"heater {number}"
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", heater.name):
+            fields.refuse(f"{at}: name", f"expected letters, digits and _, got {heater.name!r}")
+        if heater.name in taken or heater.name in plate.element_names:
+            fields.refuse(
+                f"{at}: name",
+                f"expected a name of its own, got {heater.name!r}, which a cell, an element or a "
+                "heater before it has",
+            )
+        taken.add(heater.name)
+        fields.constant(f"{at}: power", heater.power, units.HEATER_POWER)
+        place = []
+        for text, sides, axis in (
+            (heater.x, plate.columns, "x"),
+            (heater.y, plate.rows, "y"),
+        ):
+            where = fields.constant(f"{at}: {axis}", text, units.COORDINATE)
+            length = len(sides) * sides[0]
+            if where > length * (1 + 1e-6):
+                fields.refuse(
+                    f"{at}: {axis}",
+                    f"expected a place on the plate, 0 to {100 * length:g} cm, got {text!r}",
+                )
+            place.append(min(len(sides) - 1, int(where / sides[0])))
+        heated.append(plate.element_names[place[1] * len(plate.columns) + place[0]])
+    return heated
+
+
+def _heater_tables(heaters: Sequence[HeaterPlace], elements: Sequence[str]) -> str:
+    if not heaters:
+        return ""
+    tables = [
+        f'[[heaters]]\nname = "{heater.name}"\n'
+        f'power = "P_{heater.name}"\ncontacts = ["{element}"]\n'
+        for heater, element in zip(heaters, elements, strict=True)
+    ]
+    return "\n".join([ABOUT_HEATERS, *tables])
+
+
+def _power_parameter(fields: Fields, heater: HeaterPlace) -> str:
+    power = fields.constant(f"heater {heater.name}: power", heater.power, units.HEATER_POWER)
+    return (
+        f'P_{heater.name} = {{ value = {power:.9g}, unit = "W", bounds = [{power / 10:.4g}, '
+        f"{power * 10:.4g}], prior = {{ spread = 0.1 }}, free = true, "
+        f'description = "power of {heater.name} at full duty" }}\n'
+    )
+
+
 def _reader(reader: str, width: float, height: float) -> str:
     if reader == "sensors":
         return '# Point sensors, such as thermocouples.\n[sensors]\nnoise = "0.1 K"'
@@ -307,6 +383,16 @@ def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+ABOUT_HEATERS = """\
+# Heaters, with a duty of 0 to 1, and the element that each of them heats. One that is larger, or
+# stores heat, has capacitance, at, size and contact_resistance in place of contacts. One behind a
+# relay has a window: time_proportional = { period = "20 s", minimum_on = "2 s" }."""
+
+OF_CELLS = "# Where positive commands cool the plate, set polarity = -1."
+OF_HEATERS = (
+    "\n# Positive counts heat: where they cool with the cells, let the device reverse those."
+)
+
 TEMPLATE = """\
 # A rig file made by 'jaxtwin new-rig'. It is a start: sizes are yours, all else is from handbooks and
 # datasheets, or a guess with a prior as wide as the ignorance. 'jaxtwin check' checks it after every
@@ -332,7 +418,7 @@ film_exponent = "0.25"
 # The cells, the elements that each of them touches, and the area that it covers.
 # {module}: {module_source}.
 {cells}
-# Where positive commands cool the plate, set polarity = -1.
+{heaters}{polarity}
 [driver]
 supply_voltage = "{supply_voltage}"
 supply_resistance = "R_supply"
@@ -372,6 +458,6 @@ C_side = {{ value = {C_side}, unit = "J/K", bounds = [0.01, 1000.0], prior = {{ 
 {contacts}
 # A finned sink with a fan has 0.1 to 0.5 K/W, without a fan 1 to 5 K/W.
 R_sink = {{ value = 0.5, unit = "K/W", bounds = [0.01, 20.0], prior = {{ spread = 1.0 }}, free = true, description = "far side of a cell to the air" }}
-R_supply = {{ value = 0.2, unit = "ohm", bounds = [0.005, 5.0], prior = {{ spread = 1.0 }}, free = true, description = "in series with a cell while it is on" }}
+{powers}R_supply = {{ value = 0.2, unit = "ohm", bounds = [0.005, 5.0], prior = {{ spread = 1.0 }}, free = true, description = "in series with a cell while it is on" }}
 T_amb = {{ value = 20.0, unit = "degC", bounds = [-10.0, 45.0], prior = {{ spread = 5.0 }}, free = true, scope = "recording", description = "room" }}
 """  # noqa: E501 (lines of the file)

@@ -216,6 +216,12 @@ class CellTable(Table):
     sink_initial_temperature: Quantity | None = None
 
 
+class TimeProportionalTable(Table):
+    period: Quantity
+    minimum_on: Quantity = "0 s"
+    minimum_off: Quantity = "0 s"
+
+
 class HeaterTable(Table):
     name: Text
     power: Quantity | None = None
@@ -227,6 +233,7 @@ class HeaterTable(Table):
     contact_resistance: Quantity | None = None
     capacitance: Quantity | None = None
     initial_temperature: Quantity | None = None
+    time_proportional: TimeProportionalTable | None = None
 
 
 class DriverTable(Table):

@@ -8,6 +8,7 @@ from ..io._experiment import as_experiments
 from ..matching import Fit
 from ..physics import Twin
 from ..physics._twin import check_twin
+from ..simulation._simulate import ordered
 
 
 def paired_twins(
@@ -53,7 +54,7 @@ def paired_twins(
         )
     if any(twin.rig != twins[0].rig for twin in twins):
         raise SimulationError(f"{study}: expected twins of the same rig, got twins of several rigs")
-    return twins, recordings
+    return twins, [ordered(recording, twins[0]) for recording in recordings]
 
 
 def distinct_names(names: Iterable[str]) -> list[str]:

@@ -93,8 +93,7 @@ def simulate(
     """
     method = chosen_method(solver, stepsize_controller, dt0)
     twin = twin_of_experiment(twin, experiment)
-    label = experiment.name or "the experiment"
-    experiment = of_rig(experiment, twin.rig, label, SimulationError)
+    experiment = ordered(experiment, twin)
     channels = checked_channels(twin, experiment)
     check_values(twin)
     start = checked_initial(twin, initial)
@@ -209,6 +208,7 @@ def response(
     """
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
     twin = twin_of_experiment(twin, experiment)
+    experiment = ordered(experiment, twin)
     names = checked_channels(twin, experiment)
     columns = np.array([twin.channels.index(name) for name in names])
     start = checked_initial(twin, initial)
@@ -222,6 +222,16 @@ def response(
             _, readings, result = diffrax_run(twin, start, experiment, method)
             readings = jnp.where(is_successful(result), readings, jnp.nan)
         return readings[: len(experiment.time), columns] - ZERO_CELSIUS
+
+
+def ordered(experiment: Experiment, twin: Twin) -> Experiment:
+    """Returns an experiment with its columns of duty in the order of a twin's rig.
+
+    **Raises:** `SimulationError` if the rig has other cells and heaters.
+    """
+    check_twin("twin", twin, SimulationError)
+    of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
+    return of_rig(experiment, twin.rig, experiment.name or "the experiment", SimulationError)
 
 
 def checked_channels(twin: Twin, experiment: Experiment) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from ._draw_units import solve_draws
 from ._initial import Initial, checked_initial
 from ._reductions import ReductionChoice, Reductions, checked_reductions
 from ._refinement import Results, solve_refined
-from ._simulate import checked_channels, chosen_method
+from ._simulate import checked_channels, chosen_method, ordered
 from ._twin_of_experiment import FittedTwins, twin_of_experiment
 
 if TYPE_CHECKING:
@@ -191,6 +191,7 @@ def _solve_batch(
     temperatures if there are none."""
     method = chosen_method(solver, stepsize_controller, dt0, adjoint)
     twin = twin_of_experiment(twin, experiment)
+    experiment = ordered(experiment, twin)
     names = checked_channels(twin, experiment)
     start = checked_initial(twin, initial)
     arrays = checked_draws(twin, draws)

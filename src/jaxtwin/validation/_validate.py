@@ -135,7 +135,7 @@ def validate(
                 "which its group follows"
             )
         else:
-            recordings = as_experiments("validate: given", given, MatchError)
+            recordings = as_experiments("validate: given", given, MatchError, rig)
             fitted = match_group(check_given(known, groups, recordings), recordings, groups[0])
             kind += f", given {', '.join(fitted.recordings)}"
     predictions = []
@@ -183,7 +183,9 @@ def validate_split(
     """
     twin = nominal_twin("twin", twin, MatchError)
     at = finite_number("validate_split: at", at, MatchError)
-    several, _ = divided(as_experiments("validate_split: experiments", experiments, MatchError))
+    several, _ = divided(
+        as_experiments("validate_split: experiments", experiments, MatchError, twin.rig)
+    )
     names = named_recordings(twin, several)
     check_callable("validate_split: on_progress", on_progress, MatchError)
     for name, recording in zip(names, several, strict=True):
@@ -242,7 +244,7 @@ def leave_one_out(
     """
     twin = nominal_twin("twin", twin, MatchError)
     several, of_each = divided(
-        as_experiments("leave_one_out: experiments", experiments, MatchError),
+        as_experiments("leave_one_out: experiments", experiments, MatchError, twin.rig),
         options.pop("groups", None),
     )
     warm_up = finite_number("leave_one_out: warm_up", warm_up, MatchError)

@@ -84,6 +84,12 @@ class AbstractController(eqx.Module):
         cannot tell."""
 
     @property
+    def averaged(self) -> "AbstractController":
+        """The controller whose duty this one commands in the mean over time, by which a loop is
+        checked; itself unless it switches between other duties."""
+        return self
+
+    @property
     def preview_samples(self) -> int:
         """The number of samples, from the present one on, whose references `step` takes:
         `(preview_samples, outputs)`. With 0 it takes only those of the present sample."""

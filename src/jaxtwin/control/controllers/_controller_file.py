@@ -51,6 +51,7 @@ from ._lqi import LQI
 from ._mpc import MPC
 from ._pid import PID
 from ._relay import Relay
+from ._time_proportional import TimeProportional
 
 log = logging.getLogger("jaxtwin")
 
@@ -89,7 +90,15 @@ def _register(controller: object) -> None:
     add_kind(_KINDS, controller, where, "files, such as 'pid'", ControlError)
 
 
-for _controller_class in (PID, DecoupledPI, GainScheduled, LQI, MPC, Relay):
+for _controller_class in (
+    PID,
+    DecoupledPI,
+    GainScheduled,
+    LQI,
+    MPC,
+    Relay,
+    TimeProportional,
+):
     register_controller(_controller_class)
 
 
@@ -101,8 +110,8 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     - `path`: the .toml file.
     - `rig`: the rig that the file must name.
 
-    **Returns:** a `PID`, a `DecoupledPI`, a `GainScheduled`, an `LQI`, an `MPC`, a `Relay`, or a
-    controller of a class that `register_controller` has added.
+    **Returns:** a `PID`, a `DecoupledPI`, a `GainScheduled`, an `LQI`, an `MPC`, a `Relay`, a
+    `TimeProportional`, or a controller of a class that `register_controller` has added.
 
     **Raises:** `ControlError` if the file cannot be read, is for another rig, or has a field or a
     value that is not allowed. The message names the file and the field.
@@ -189,6 +198,18 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
         refuse_field(
             "rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}"
         )
+    return controller_of_tables(data, rig, refuse_field)
+
+
+def controller_of_tables(
+    data: Mapping[str, Any], rig: Rig, refuse_field: Refuse
+) -> AbstractController:
+    """Makes a controller from the tables of a file.
+
+    **Arguments:**
+
+    - `refuse_field`: raises the error of a field.
+    """
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in _KINDS:
         hint = did_you_mean([str(kind)], _KINDS)

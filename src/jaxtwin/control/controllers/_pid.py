@@ -12,6 +12,14 @@ I_{k+1} = I_k + K_i h\,e_k + \frac{h}{T_t} (u_k - v_k)$$
 differences, which is stable for every sample time). With clamping the last term is left out, and
 $K_i h e_k$ too where $v_k$ is beyond a limit and it would take it farther (conditional
 integration).
+
+Cells and heaters that follow one output have one integral, of the demand, in which each has a share
+$w_i = K_{i,i} / \max K_i$: $v_i = P_i + w_i I + D_i + o_i$. If each had its own, those that reached
+a limit first would be left with another integral, and at rest a cell would cool against a heater.
+The demand is beyond the limits only where it is beyond those of each: while the heaters wait at 0,
+the cell still cools. The mean of $(v_i - u_i) / w_i$ is taken back then, but no more than leads to
+the limit. The offset $o_i$ with which a duty goes on where it was decays with $T_t$, and set-point
+weights act through the demand.
 """
 
 import json
@@ -32,6 +40,7 @@ from ._controller import (
     check_non_negative,
     checked_measured,
     checked_sample_time,
+    parameter_names,
 )
 from ._controller_fields import OWN, ControllerField, FileContents
 from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
@@ -52,9 +61,11 @@ ANTI_WINDUPS = ("back-calculation", "clamping")
 
 
 class PIDState(NamedTuple):
-    """The state of a `PID`: integral and derivative part of each cell, and d of each output."""
+    """The state of a `PID`: the integral of each output, the offset and the derivative part of each
+    cell, and d of each output."""
 
-    integral: Float[Array, " cells"]
+    integral: Float[Array, " outputs"]
+    offset: Float[Array, " cells"]
     derivative: Float[Array, " cells"]
     last: Float[Array, " outputs"]
 
@@ -67,8 +78,9 @@ class PID(AbstractDutyLimitedController):
     PID(Kp=0.1, Ki=0.002, measured=[["T11", "T21", "TAM"], ["T16", "T26", "TCM"]])
     ```
 
-    If there is a single output, all cells follow it with the same gains; their duty cycles are
-    equal unless they differed at the start.
+    If there is a single output, all cells and heaters follow it. They have one integral, so that
+    none works against another: below 0 the cells cool and the heaters are off. With the same gains
+    their duty cycles are equal within the limits of each; a difference at the start decays.
 
     **Arguments:** gains are single numbers or one for each cell.
 
@@ -197,26 +209,28 @@ class PID(AbstractDutyLimitedController):
     def law(self, cells: int) -> Law:
         """The law, with the factors of a sample multiplied beforehand, and without the derivative
         if Kd is 0."""
-        Kp, Ki, Kd, Tf = (
-            of_cells(name, getattr(self, name), cells) for name in ("Kp", "Ki", "Kd", "Tf")
-        )
-        b = of_cells("setpoint_weight", self.setpoint_weight, cells)
-        c = of_cells("derivative_weight", self.derivative_weight, cells)
         h, tracking = self.sample_time_s, self.tracking_time_s
-        if tracking is not None:
-            tracking = of_cells("tracking_time_s", tracking, cells)
-        with own_settings():
-            back = np.asarray(tracking_share(Kp, Ki, tracking, h), float)
-        constants = {"HAS_DERIVATIVE": 1} if Kd.any() else {}
-        tables = {
-            "Kp": (Kp, "1/K"),
-            "b": (b, "set-point weight"),
-            "Ki_h": (Ki * h, "Ki times the sample time, 1/K"),
+        each = {
+            name: of_cells(name, value, cells)
+            for name in parameter_names(self)
+            if (value := getattr(self, name)) is not None
         }
+        Kp, Kd, Tf, c = (each[name] for name in ("Kp", "Kd", "Tf", "derivative_weight"))
+        outputs = 1 if self.measured is None else len(self.measured)
+        with own_settings():
+            numbers = [np.asarray(part, float) for part in self._split(outputs, cells)]
+        share, lift, rate, back = (np.broadcast_to(part, (cells,)) for part in numbers)
+        constants = {"HAS_DERIVATIVE": 1} if Kd.any() else {}
         if self.anti_windup == "clamping":
             constants["CLAMPS"] = 1
-        else:
-            tables["back"] = np.broadcast_to(back, (cells,)), "sample time / tracking time"
+        tables = {
+            "Kp": (Kp, "1/K"),
+            "lift": (lift, "of the reference, by the set-point weight, 1/K"),
+            "Ki_h": (rate * h, "Ki times the sample time, 1/K"),
+            "back": (back, "sample time / tracking time"),
+        }
+        if outputs < cells:
+            tables["share"] = share, "share of each in the demand"
         if Kd.any():
             tables |= {
                 "c": (c, "set-point weight of the derivative"),
@@ -236,14 +250,17 @@ class PID(AbstractDutyLimitedController):
             if tracking is None
             else parameter_text("tracking time", self.tracking_time_s, "s"),
         ]
+        state = {"offset": cells} if outputs < cells else {}
+        if Kd.any():
+            state |= {"derivative": cells, "last": cells}
         return Law(
             bundled_law("pid.c"),
             "a PID for each cell",
             tables,
-            {"derivative": cells, "last": cells} if Kd.any() else {},
+            state,
             parameters,
             constants,
-            integrals=cells,
+            integrals=outputs,
         )
 
     def init(
@@ -252,9 +269,21 @@ class PID(AbstractDutyLimitedController):
         """The state with which the duty stays where it is while the reference equals the
         measurement and the plate is at rest."""
         duty, y = jnp.asarray(duty), jnp.asarray(measurement)
-        integral = duty - self.Kp * (self.setpoint_weight - 1) * y
+        parts = self._split(y.size, duty.size)
+        rest = duty - parts.lift * y
+        offset = jnp.zeros_like(rest)
+        integral = rest
+        if y.size < duty.size:
+            # A heater at 0 says nothing about a demand below 0.
+            lowest, highest = self.duty_bounds(duty.dtype)
+            is_free = (duty > lowest) & (duty < highest)
+            counted = (is_free | ~jnp.any(is_free)) * parts.share
+            integral = _projected(rest, counted, parts.share)
+            asked = parts.lift * y + parts.share * integral
+            # Where the demand gives this duty by the limits, nothing is to decay.
+            offset = jnp.where(self.limited(asked) == duty, 0.0, duty - asked)
         last = (jnp.asarray(self.derivative_weight) - 1) * y
-        return PIDState(integral, jnp.zeros_like(integral), last + jnp.zeros_like(y))
+        return PIDState(integral, offset, jnp.zeros_like(rest), last + jnp.zeros_like(y))
 
     def taken_over(
         self, before: "PID", state: PyTree, measurement: Float[ArrayLike, " outputs"]
@@ -262,8 +291,14 @@ class PID(AbstractDutyLimitedController):
         """The state with which this controller asks for the duty that another one asks for from its
         state, if the reference equals the measurement."""
         y = jnp.asarray(measurement)
-        was, now = (one.Kp * (one.setpoint_weight - 1) * y for one in (before, self))
-        return state._replace(integral=state.integral + was - now)
+        outputs, cells = y.size, state.offset.size
+        was, now = before._split(outputs, cells), self._split(outputs, cells)
+        rest = (was.lift - now.lift) * y + was.share * state.integral
+        if outputs == cells:
+            return state._replace(integral=rest)
+        integral = _projected(rest, now.share, now.share)
+        offset = state.offset + rest - now.share * integral
+        return state._replace(integral=integral, offset=offset)
 
     def step(
         self,
@@ -273,20 +308,83 @@ class PID(AbstractDutyLimitedController):
     ) -> tuple[Float[Array, " cells"], PyTree]:
         """Computes the duty of a sample and the next state."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
+        outputs, cells = y.size, state.offset.size
+        share, lift, rate, back = self._split(outputs, cells)
         weighted = jnp.asarray(self.derivative_weight) * r - y
         derivative = (self.Tf * state.derivative + self.Kd * (weighted - state.last)) / (
             self.Tf + h
         )
-        asked = self.Kp * (self.setpoint_weight * r - y) + state.integral + derivative
+        proportional = self.Kp * (r - y) + lift * r
+        asked = proportional + share * state.integral + state.offset + derivative
         duty = self.limited(asked)
-        back = tracking_share(self.Kp, self.Ki, self.tracking_time_s, h)
-        change, beyond = self.Ki * h * (r - y), asked - duty
+        excess, offset = back * (asked - duty), state.offset
+        if outputs < cells:
+            excess, offset = _excess_of_all(asked - duty, share, back), offset - back * offset
+        change = rate * h * (r - y)
         if self.anti_windup == "clamping":
-            change = jnp.where(change * beyond > 0, 0.0, change)
+            change = jnp.where(change * excess > 0, 0.0, change)
         else:
-            change = change - back * beyond
+            change = change - excess
         integral = state.integral + change
-        return duty, PIDState(integral, derivative, weighted)
+        return duty, PIDState(integral, offset, derivative, weighted)
+
+    def _split(self, outputs: int, cells: int) -> "_Split":
+        """How the cells share the integrals of the outputs."""
+        Kp, Ki = jnp.asarray(self.Kp), jnp.asarray(self.Ki)
+        lift = Kp * (jnp.asarray(self.setpoint_weight) - 1)
+        back = tracking_share(Kp, Ki, self.tracking_time_s, self.sample_time_s)
+        if outputs == cells:
+            return _Split(jnp.ones(()), lift, Ki, back)
+        rate = Ki.max()
+        share = jnp.where(rate > 0, Ki / jnp.where(rate > 0, rate, 1.0), 1.0)
+        share, lift = (jnp.broadcast_to(part, (cells,)) for part in (share, lift))
+        # Without an integral nothing takes the place of a lift.
+        lift = jnp.where(rate > 0, share * _projected(lift, share, share), lift)
+        return _Split(share, lift, rate, back.max())
+
+
+class _Split(NamedTuple):
+    """How cells share the integrals of the outputs.
+
+    - `share`: the share of each in the integral of its output.
+    - `lift`: the part of the duty that is proportional to the reference because of the set-point
+      weights, 1/K.
+    - `rate`: the integral gain of each integral, 1/(K s).
+    - `back`: the part of what is beyond the limits that is taken back in a sample, and of an offset
+      that decays.
+    """
+
+    share: Float[Array, "*cells"]
+    lift: Float[Array, "*cells"]
+    rate: Float[Array, "*outputs"]
+    back: Float[Array, "*outputs"]
+
+
+def _projected(
+    duty: Float[Array, " cells"], counted: Float[Array, " cells"], share: Float[Array, " cells"]
+) -> Float[Array, " 1"]:
+    """The demand whose shares are nearest to some duty, by least squares over those counted."""
+    size = (counted * share).sum()
+    return ((counted * duty).sum() / jnp.where(size > 0, size, 1.0))[None]
+
+
+def _excess_of_all(
+    beyond: Float[Array, " cells"], share: Float[Array, " cells"], back: Float[Array, ""]
+) -> Float[Array, " 1"]:
+    """What a sample takes back from the demand that cells share.
+
+    It is nothing while one of them follows the demand: the integral of a cell that cools would
+    otherwise be pulled towards the heaters' 0, with a lasting error. Where none follows, the mean
+    excess counts, as if each had its own integral, but never more than leads back to the limit.
+    """
+    counted = share > 0
+    excess = beyond / jnp.where(counted, share, 1.0)
+    mean = jnp.where(counted, excess, 0.0).sum() / jnp.maximum(counted.sum(), 1)
+    smallest = jnp.where(counted, excess, jnp.inf).min()
+    largest = jnp.where(counted, excess, -jnp.inf).max()
+    above = jnp.maximum(jnp.minimum(back * mean, smallest), 0.0)
+    below = jnp.minimum(jnp.maximum(back * mean, largest), 0.0)
+    return (above + below)[None]
 
 
 def tracking_share(

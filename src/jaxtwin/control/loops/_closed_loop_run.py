@@ -18,7 +18,7 @@ from ...physics import Twin
 from ...simulation import Run
 from ..controllers._controller import TemperatureLimit
 from ._loop_signals import ClosedLoop
-from ._measures import measures_of
+from ._measures import measures_of, saturation_shares
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
 from ._unsettled import unsettled
 
@@ -151,8 +151,17 @@ class ClosedLoopRun:
         time as long as the run, to more than 1 K."""
         return unsettled(self.loop, self.outputs)
 
+    @property
+    def saturation_shares(self) -> dict[str, float]:
+        """The share of the time in which each cell and heater has a duty at a limit of its own, by
+        its name: a heater that is off is at its 0, a cell in full cooling at its -1."""
+        with own_settings():
+            shares = np.asarray(saturation_shares(self.loop)).tolist()
+        return dict(zip(self.run.experiment.cell_names, shares, strict=True))
+
     def measures(self) -> "pandas.DataFrame":
-        """A table with a row for each measure: its name as index, value and unit."""
+        """A table with a row for each measure: its name as index, value and unit. With several
+        cells and heaters, each has a row of its `saturation_shares`."""
         import pandas
 
         with own_settings():
@@ -160,6 +169,9 @@ class ClosedLoopRun:
                 (name, float(function(self.loop)), unit)
                 for name, (function, unit) in measures_of(self.loop.elements).items()
             ]
+        if len(self.saturation_shares) > 1:
+            for name, share in self.saturation_shares.items():
+                rows.append((f"saturation_share {name}", share, ""))
         return pandas.DataFrame(rows, columns=["measure", "value", "unit"]).set_index("measure")
 
     def to_xarray(self) -> "xarray.Dataset":

@@ -106,7 +106,7 @@ def loop_margins(
     """
     where = "loop_margins"
     plant = nominal_twin(f"{where}: twin", twin, ControlError)
-    controller = controller.for_rig(plant.rig)
+    controller = controller.for_rig(plant.rig).averaged
     if not controller.is_linear:
         raise ControlError(
             f"{where}: controller: expected one that is linear within its limits, got a "

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..controllers._duty_limits import bounds_of
 from ._loop_signals import ClosedLoop
@@ -90,11 +90,13 @@ def hottest_cell_side(loop: ClosedLoop) -> Float[Array, ""]:
 def saturation_share(loop: ClosedLoop) -> Float[Array, ""]:
     """The share of the time in which at least one cell or heater has a duty at a limit of its own
     of the controller."""
-    duty, (lowest, highest) = jnp.asarray(loop.duty), bounds_of(loop.limits)
-    is_at_limit = (duty <= lowest + HALF_COUNT) | (duty >= highest - HALF_COUNT)
-    return _integral(
-        loop, jnp.any(is_at_limit, axis=1).astype(jnp.asarray(loop.time).dtype)
-    ) / _duration(loop)
+    return _share_of_time(loop, jnp.any(_is_at_limit(loop), axis=1))
+
+
+def saturation_shares(loop: ClosedLoop) -> Float[Array, " cells"]:
+    """The share of the time in which each cell and heater has a duty at a limit of its own."""
+    shares = [_share_of_time(loop, column) for column in _is_at_limit(loop).T]
+    return jnp.stack(shares)
 
 
 def total_variation(loop: ClosedLoop) -> Float[Array, ""]:
@@ -137,6 +139,15 @@ def units_of(measures: Mapping[str, Measure]) -> dict[str, str]:
         for known, unit in MEASURES.values()
         if function is known
     }
+
+
+def _is_at_limit(loop: ClosedLoop) -> Bool[Array, "times cells"]:
+    duty, (lowest, highest) = jnp.asarray(loop.duty), bounds_of(loop.limits)
+    return (duty <= lowest + HALF_COUNT) | (duty >= highest - HALF_COUNT)
+
+
+def _share_of_time(loop: ClosedLoop, holds: Bool[Array, " times"]) -> Float[Array, ""]:
+    return _integral(loop, holds.astype(jnp.asarray(loop.time).dtype)) / _duration(loop)
 
 
 def _error(loop: ClosedLoop) -> Float[Array, "times outputs"]:

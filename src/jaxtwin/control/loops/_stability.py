@@ -28,6 +28,7 @@ def check_stability(
 
     **Raises:** `ControlError` that names the reference and the growth of deviations there.
     """
+    controller = controller.averaged
     if not controller.is_linear:
         return
     delay = assembled(twin).delay

@@ -3,6 +3,7 @@ by the text protocol of its firmware: a command in a line, a reply in a line."""
 
 import contextlib
 import io
+import re
 import time
 from collections.abc import Sequence
 from typing import Any, final
@@ -34,7 +35,8 @@ class TCLab(AbstractBoard):
     """A TCLab on a serial port, `tclab://PORT`, or the simulated board of the package `tclab`,
     `tclab://model`, at the speed of `tclab://model?speed=10`.
 
-    The rig's first one or two heaters are Q1 and Q2, and its first one or two channels T1 and T2.
+    A rig has one or two heaters and channels. Names that end with 1 and 2 say which of Q1 and Q2,
+    T1 and T2 they are, in any order; others are the first and the second, in the order of the rig.
 
     The firmware has no lease: it switches its heaters off after a command that it does not know,
     and in most versions does not notice that the host is gone.
@@ -42,8 +44,10 @@ class TCLab(AbstractBoard):
 
     kind = "tclab"
 
-    def __init__(self, port: Any, channels: int, rate: float = 1.0):
-        self._port, self._channels, self.rate = port, channels, rate
+    def __init__(self, port: Any, rig: Rig, rate: float = 1.0):
+        self._port, self.rate = port, rate
+        self._heaters = _numbers(rig.driven)
+        self._channels = _numbers([channel.name for channel in rig.channels])
 
     @classmethod
     def open(cls, address: str, rig: Rig) -> AbstractBoard:
@@ -62,14 +66,14 @@ class TCLab(AbstractBoard):
         where, _, query = address.partition("?")
         if where == MODEL:
             speed = _speed(query)
-            return cls(SimulatedPort(speed), channels, speed)
+            return cls(SimulatedPort(speed), rig, speed)
         if not where or query:
             raise LinkError(
                 "tclab: expected tclab://PORT, such as tclab:///dev/ttyACM0 or tclab://COM3, "
                 f"tclab://model or tclab://model?speed=10, got tclab://{address}"
             )
         port = serial.Serial(where, BAUD, timeout=REPLY_SECONDS, write_timeout=REPLY_SECONDS)
-        board = cls(port, channels)
+        board = cls(port, rig)
         try:
             time.sleep(RESET_SECONDS)
             port.reset_input_buffer()
@@ -82,15 +86,15 @@ class TCLab(AbstractBoard):
         return board
 
     def temperatures(self) -> Sequence[float]:
-        """T1 and T2, degC."""
-        return [self._number(f"T{number}") for number in range(1, self._channels + 1)]
+        """T1 and T2, degC, in the order of the rig's channels."""
+        return [self._number(f"T{number}") for number in self._channels]
 
     def apply(self, duty: Sequence[float]) -> None:
-        """Sets Q1 and Q2 and compares the replies.
+        """Sets Q1 and Q2, from the duty in the order of the rig, and compares the replies.
 
         **Raises:** `OSError` if the board has set something else.
         """
-        for number, part in enumerate(duty, 1):
+        for number, part in zip(self._heaters, duty, strict=True):
             percent = round(100 * part, 2)
             result = self._number(f"Q{number} {percent:g}")
             # Firmware before 1.4 sets whole numbers.
@@ -128,6 +132,14 @@ class TCLab(AbstractBoard):
                 f"TCLab: expected a reply to {command} within {REPLY_SECONDS:g} s, got none"
             )
         return reply.decode("ascii", "replace").strip()
+
+
+def _numbers(names: Sequence[str]) -> list[int]:
+    """Which of the board's two heaters, or sensors, the names of a rig are."""
+    result = [re.fullmatch(r"\D*([12])", name) for name in names]
+    numbers = [int(name[1]) for name in result if name is not None]
+    usual = list(range(1, len(names) + 1))
+    return numbers if len(numbers) == len(names) == len(set(numbers)) else usual
 
 
 def _speed(query: str) -> float:

@@ -33,6 +33,7 @@ from ..protocol._messages import (
 from ..protocol._output_stage import Answer, OutputStage
 from ._picture import VirtualPicture
 from ._plant import Plant
+from ._relays import Relays
 
 # The device trips by itself if a channel is this far above the rig file's limit, K.
 OVER_LIMIT = 10.0
@@ -104,6 +105,7 @@ class VirtualRig:
         self._seq = {"data": 0, "image": 0, "event": 0}
         self._start: int | None = None
         self._driven = self.stage.pwm
+        self._relays, self._applied = Relays(rig), np.zeros(len(rig.driven))
         self._hottest = (
             math.inf
             if rig.maximum_temperature is None
@@ -204,7 +206,11 @@ class VirtualRig:
 
     def _advance(self, time: float) -> list[bytes]:
         """Advances physics, watchdog and slow faults to a time."""
+        while (switch := self._relays.next_switch(self.twin.time)) < time:
+            self.twin.advance(switch)
+            self._switch()
         self.twin.advance(time)
+        self._switch()
         for begin, fault in list(self._to_come):
             if time >= begin:
                 self._to_come.remove((begin, fault))
@@ -234,7 +240,16 @@ class VirtualRig:
         """Applies the counts of the output stage to the cells."""
         if self.supplied != self._driven:
             self._driven = self.supplied
-            self.twin.drive(self._driver.duty(self._driven))
+            self._switch()
+
+    def _switch(self) -> None:
+        """Drives the plant by the counts and by what the relays make of them now."""
+        duty = self._driver.duty(self._driven)
+        is_off = not (self.stage.owner and self.stage.supplied)
+        applied = self._relays.applied(duty, self.twin.time, is_off=is_off)
+        if not np.array_equal(applied, self._applied):
+            self._applied = applied
+            self.twin.drive(applied)
 
     def _message(self, stream: str, time: float) -> bytes:
         seq = self._count(stream)
