@@ -18,11 +18,6 @@ DEFAULTS = {
         "Experiment.schedule": {"step": 1.0, "cells": 1},
         "Fit.report": {"draws": 0},
         "Fit.summary": {"style": "text"},
-        "LinearModel": {"delay_s": 0.0, "lag_s": 0.0},
-        "SafetyStop": {"kind": "not-ready"},
-        "Sensitivity.ranking": {"channel": "mean"},
-        "Sensitivity.significant": {"channel": "mean"},
-        "Sensitivity.tornado": {"channel": "mean"},
         "Stepper": {"step_size": 1.0},
         "Stepper.step": {"steps": 1},
         "design_experiment": {
@@ -48,7 +43,6 @@ DEFAULTS = {
         "leave_one_out": {"by": "recording", "warm_up": 60.0},
         "match": {"starts": 1, "seed": 0, "max_iterations": 200},
         "match_many": {"max_iterations": 200},
-        "plate_map": {"points": 120},
         "prediction_band": {"level": 0.95, "warm_up": 60.0},
         "profile": {"points": 9},
         "read_recording": {"counts": None, "polarity": None, "ignore": ()},
@@ -67,6 +61,7 @@ DEFAULTS = {
         "validate": {"warm_up": 60.0},
     },
     "jaxtwin.control": {
+        "LinearModel": {"delay_s": 0.0, "lag_s": 0.0},
         "DecoupledPI": {"setpoint_weight": 1.0, "limits": None, "sample_time_s": 1.0},
         "FunctionController": {"sample_time_s": 1.0},
         "LQI": {
@@ -113,6 +108,12 @@ DEFAULTS = {
         "scenario": {"faults": "", "seed": 0, "sensor_delay": 0.0, "silence": 3.0},
         "ultimate_point": {"cycles": 3},
     },
+    "jaxtwin.errors": {
+        "SafetyStop": {"kind": "not-ready"},
+    },
+    "jaxtwin.physics": {
+        "plate_map": {"points": 120},
+    },
     "jaxtwin.io": {"Session.experiment": {"step": 1.0}},
     "jaxtwin.live": {
         "RigConnection": {"stale_after": 2.0},
@@ -158,6 +159,9 @@ DEFAULTS = {
         "VirtualLink": {"speed": 1.0, "seed": 0},
     },
     "jaxtwin.sensitivity_analysis": {
+        "Sensitivity.tornado": {"channel": "mean"},
+        "Sensitivity.significant": {"channel": "mean"},
+        "Sensitivity.ranking": {"channel": "mean"},
         "Morris": {"levels": 4},
         "indices_of": {"seed": 0},
         "normal_draws": {"start": 0},

@@ -22,6 +22,7 @@ TABLES = {
     "`[[cells]]`": schema.CellTable,
     "`fan` of a cell or a link": schema.FanTable,
     "`[[heaters]]`": schema.HeaterTable,
+    "`time_proportional` of a heater": schema.TimeProportionalTable,
     "`[[bodies]]`": schema.BodyTable,
     "`[[links]]`": schema.BodyLinkTable,
     "`[driver]`": schema.DriverTable,
