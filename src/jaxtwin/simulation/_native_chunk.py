@@ -20,11 +20,12 @@ from ..physics import Twin
 from ..physics._wiring import wiring_of
 from ._compressed import CompressedRecording
 from ._initial import CheckedInitial, keeps_symmetry
+from ._input_rates import input_rates
 from ._native_library import native_library
 from ._native_network import Outputs, native_network, pack_draws
 from ._native_steps import POWERS, NativeSteps, commanded_steps, shared_delay
 from ._resolution import LARGEST_SPAN
-from ._time_grid import TimeGrid
+from ._time_grid import TimeGrid, longest_lateness
 
 ERROR_TOLERANCE = 4.5e-4
 """The largest error estimate of a solution that is accepted, K. Around the bundled rigs all are
@@ -282,7 +283,8 @@ def native_run(
     if len(wiring.netlist.nodes) > MOST_NODES:
         return None
     lags, inputs = wiring.lag is not None, wiring.inputs_and_effects
-    grid = commanded_steps(experiment, lags, refinement, inputs)
+    rates, lateness = input_rates(twin.rig), longest_lateness(twin)
+    grid = commanded_steps(experiment, lags, refinement, inputs, rates, lateness)
     grid = replace(grid, steady_start=isinstance(initial, str))
     delay = None if own_delays else shared_delay(twin)
     steps = NativeSteps.of(grid, delay, own_delays=own_delays)

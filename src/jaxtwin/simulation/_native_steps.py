@@ -16,7 +16,8 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Input
 from ._compressed import CompressedRecording, compress
-from ._time_grid import TimeGrid, build_time_grid, settling_after_reversals
+from ._held_inputs import held_quadratics
+from ._time_grid import StepRule, TimeGrid, build_time_grid, settling_after_reversals
 
 RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
 """The steps right after an input change, s: up to a quarter of a second, each ends four times as
@@ -24,6 +25,9 @@ late as the one before."""
 
 GROWTH, LARGEST_STEP = 0.36, 256.0
 """The ratio of a step to the time since that change, and the longest step, s."""
+
+REACH, LEAST_REACH = 0.75, 1.2
+"""As those of `_time_grid`, s."""
 
 WAITING = np.array([1, 1, 2, 4, 8, 16]) / 32
 """The steps before the first command arrives, as fractions of the driver's delay."""
@@ -37,26 +41,31 @@ def commanded_steps(
     experiment: Experiment,
     lags: bool,
     refinement: int,
-    inputs: tuple[tuple[Input, bool], ...] = (),
+    inputs: tuple[tuple[Input, bool], ...],
+    rates: tuple[float, ...],
+    lateness: float,
 ) -> TimeGrid:
     """The steps before any delay.
 
     **Arguments:**
 
     - `lags`: whether the driver has a lag.
-    - `inputs`: as in `build_time_grid`.
+    - `inputs`, `rates`, `lateness`: as in `build_time_grid`.
     - `refinement`: the number of times that steps are halved.
     """
     part = 0.5**refinement
-    return build_time_grid(
-        experiment,
+    rule = StepRule(
+        ramp=tuple(part * step for step in RAMP),
         growth=part * GROWTH,
-        largest_step=part * LARGEST_STEP,
+        largest=part * LARGEST_STEP,
+        first=part * RAMP[-1],
+        doubles=False,
         settling=settling_after_reversals(experiment, lags),
         parts=2**refinement,
-        ramp=tuple(part * step for step in RAMP),
-        inputs=inputs,
+        reach=part * REACH,
+        least_reach=part * LEAST_REACH,
     )
+    return build_time_grid(experiment, rule, inputs, rates, lateness)
 
 
 @final
@@ -66,14 +75,15 @@ class NativeSteps:
 
     - `size`: of each step, s; of the first `waiting`, as fractions of the delay.
     - `duty`: the command that is held during each, -1 to 1.
-    - `ambient`: the ambient's deviation from the reference during each, K.
+    - `ambient`: the ambient's deviation from the reference during each, K: the coefficients of a
+      quadratic of the part of the step that has passed.
     - `ends`: when each step ends, s; None if that depends on the draw.
     - `levels`: the rig's other inputs during each step, see `input_levels`; None without any.
     """
 
     size: Float[np.ndarray, " steps"]
     duty: Float[np.ndarray, "steps cells"]
-    ambient: Float[np.ndarray, " steps"]
+    ambient: Float[np.ndarray, "steps 3"]
     waiting: int
     ends: Float[np.ndarray, " steps"] | None
     levels: Float[np.ndarray, "steps inputs"] | None
@@ -92,7 +102,9 @@ class NativeSteps:
         moves = lengths > 0
         size, duty = lengths[moves], np.asarray(grid.duty)[moves]
         at = None if grid.ambient_at is None else np.asarray(grid.ambient_at)
-        ambient = np.zeros(len(size)) if at is None else np.asarray(grid.ambient)[moves] - at[0]
+        ambient = np.zeros((len(size), 3))
+        if at is not None:
+            ambient = _coefficients(np.asarray(grid.ambient)[moves] - at[0])
         levels = None if grid.levels is None else np.asarray(grid.levels)[moves]
         if delay is None and not own_delays:
             return cls(size, duty, ambient, 0, np.cumsum(size), levels)
@@ -105,12 +117,13 @@ class NativeSteps:
         whole = np.concatenate([WAITING, size])
         changes = at is not None and bool(np.any(at != at[0]))
         if own_delays or delay is None:
-            none = np.zeros(len(whole))
+            none = np.zeros((len(whole), 3))
             return None if changes else cls(whole, duty, none, len(WAITING), None, levels)
         ends = np.cumsum(np.concatenate([WAITING * delay, size]))
-        ambient = np.zeros(len(whole))
+        ambient = np.zeros((len(whole), 3))
         if changes and at is not None:
-            ambient = _means(np.asarray(grid.times), at - at[0], ends)
+            sizes = np.diff(ends, prepend=0.0)
+            ambient = _coefficients(held_quadratics(np.asarray(grid.times), at - at[0], sizes))
         return cls(whole, duty, ambient, len(WAITING), ends, levels)
 
     def compressed(
@@ -142,14 +155,8 @@ def shared_delay(twin: Twin) -> float | None:
         return float(delay(twin.values_si)[0])
 
 
-def _means(
-    times: Float[np.ndarray, " times"],
-    held: Float[np.ndarray, " times"],
-    ends: Float[np.ndarray, " steps"],
-) -> Float[np.ndarray, " steps"]:
-    """The mean over each step of an input that is held between samples."""
-    summed = np.append(0.0, np.cumsum(held[:-1] * np.diff(times)))
-    begins = np.append(0.0, ends[:-1])
-    total = np.interp(ends, times, summed) - np.interp(begins, times, summed)
-    # The last steps end behind the last sample.
-    return np.where(ends > times[-1], held[-1], total / (ends - begins))
+def _coefficients(values: Float[np.ndarray, "steps 3"]) -> Float[np.ndarray, "steps 3"]:
+    """The coefficients of quadratics from their values at the start, in the middle and at the end
+    of a step."""
+    start, middle, end = values.T
+    return np.stack([start, 4 * middle - 3 * start - end, 2 * (start + end) - 4 * middle], axis=1)

@@ -1,14 +1,18 @@
 """The time grid of the exponential solver for an experiment: its steps and its samples.
 
-Inputs are held between samples. Between two input changes there is therefore little but relaxation
-(the driver may have a lag, the ambient may drift): steps are short after each change and grow with
-the time since then. If the samples allow it, all step sizes are a single size times a power of two,
-so that a run needs the exponentials of few sizes.
+Inputs are held between samples. After each change of an input there is little but relaxation (the
+driver may have a lag): steps are as short as the transient needs that the change starts, and grow
+with the time since then. After a large change, such as that of a duty, they begin with
+milliseconds; after a small one, such as that of a room, with seconds (`StepRule`). Steps go on
+across changes of inputs that a quadratic describes well enough (`_merged_changes`). If the samples
+allow it, all step sizes are a single size times a power of two, so that a run needs the
+exponentials of few sizes.
 """
 
+import math
 from functools import lru_cache
 from itertools import pairwise
-from typing import TypeAlias, final
+from typing import NamedTuple, TypeAlias, final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,12 +24,34 @@ from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
 from ..rig import Input
+from ._held_inputs import held_means, held_quadratics
 from ._input_levels import input_changes, input_levels, regimes
+from ._input_rates import input_rates
 from ._interpolation import sample_weights, step_polynomials
+from ._merged_changes import ROUGHNESS, merged_changes
 
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
 """Step sizes without refinement: the first one, s; the largest one as a part of the time since the
 last change of an input; the largest one, s."""
+
+FINE = np.array([1, 1, 2, 4, 8, 16, 32, 64, 128]) / 256
+"""The parts of the first step after a large change. Right after it the sides of a cell may settle
+within milliseconds, which hardly affects temperatures elsewhere, but does affect derivatives with
+respect to the resistances of the cell."""
+
+REACH = 1.5
+"""The longest step after a change that moves channels by 1 K/s, s, if no sample is inside. It is
+longer for a smaller change by the fourth root of its rate, and shorter by the factor `INSIDE` where
+samples are inside, between which temperatures are interpolated."""
+
+INSIDE = 1 / 3
+
+LEAST_REACH = 2.4
+"""Where that step is at least so long, s, the change is a small one: steps begin with this size. A
+large change starts with the short steps of `FINE`."""
+
+SLOPE_WEIGHT = 0.15
+"""The largest weight of a slope within a step, as a multiple of the step size."""
 
 DELAYED_STEP = 0.5
 """The largest step if the driver has a delay and the rig other inputs, s. The grid moves with the
@@ -82,8 +108,8 @@ class TimeGrid(eqx.Module):
     - `sizes`: the distinct step sizes, s; 0 for steps that fill the grid up, or end a span.
     - `size`: the index of each step's size.
     - `duty`: the duty that is held during each step, -1 to 1.
-    - `ambient`: the recorded ambient temperature that is held during each step, K; None if it is
-      not recorded.
+    - `ambient`: the recorded ambient temperature at the start, in the middle and at the end of each
+      step, K, see `held_quadratics`; None if it is not recorded.
     - `polynomials`: the interpolation within each step.
     - `step_of`: the index of the step that contains each sample of the experiment.
     - `weights`: the weights of the values and slopes around that step in the sample's temperature,
@@ -103,7 +129,7 @@ class TimeGrid(eqx.Module):
     sizes: Float[Array | np.ndarray, " sizes"]
     size: Int[Array | np.ndarray, " steps"]
     duty: Float[Array | np.ndarray, "steps cells"]
-    ambient: Float[Array | np.ndarray, " steps"] | None
+    ambient: Float[Array | np.ndarray, "steps 3"] | None
     polynomials: Float[Array | np.ndarray, "steps data powers"]
     step_of: Int[Array | np.ndarray, " times"]
     weights: Float[Array | np.ndarray, "times data"]
@@ -154,7 +180,54 @@ def reference_temperature(system: System, inputs: InputSummary) -> Float[Array, 
     return jnp.asarray(inputs.ambient, system.capacitance.dtype)
 
 
-GridOptions: TypeAlias = tuple[float, float, float, float, int, tuple[tuple[Input, bool], ...]]
+class StepRule(NamedTuple):
+    """The sizes of steps after changes of inputs.
+
+    - `ramp`: the first steps after a large change, s.
+    - `growth`: the largest ratio of a step to the time since the last change.
+    - `largest`: the largest step, s.
+    - `first`: the step behind the ramp, s. `doubles`: whether all later steps are this one times a
+      power of two, so that a run needs the exponentials of few sizes; otherwise each longer span
+      ends with a step of no length.
+    - `settling`: the time after a large change during which steps do not grow, s.
+    - `parts`: the number of steps of a span that is too short for growing steps.
+    - `reach`, `least_reach`: see `REACH`.
+    """
+
+    ramp: tuple[float, ...]
+    growth: float
+    largest: float
+    first: float
+    doubles: bool = True
+    settling: float = 0.0
+    parts: int = 1
+    reach: float = REACH
+    least_reach: float = LEAST_REACH
+
+    def after(self, elapsed: float, small: float) -> float:
+        """The longest step some time after a change.
+
+        **Arguments:**
+
+        - `small`: the first step if the change is a small one, s; 0 for a large one.
+        """
+        if elapsed >= self.first - 1e-9:
+            step = max(self.first, self.growth * elapsed if elapsed >= self.settling else 0.0)
+        else:
+            done = 0.0
+            step = self.first
+            for step in self.ramp:
+                done += step
+                if done > elapsed + 1e-9:
+                    break
+            else:
+                step = self.first
+        return min(max(step, small), self.largest)
+
+
+GridOptions: TypeAlias = tuple[
+    StepRule, tuple[tuple[Input, bool], ...], tuple[float, ...], float
+]
 """The arguments of `build_time_grid` other than the experiment."""
 
 
@@ -172,65 +245,89 @@ def twin_steps(twin: Twin | System, refinement: int) -> GridOptions:
     inputs, longest = twin.wiring.inputs_and_effects, LARGEST_STEP
     if twin.wiring.delay is not None and inputs:
         longest = DELAYED_STEP
-    largest = part * longest
-    return part * FIRST_STEP, part * GROWTH, largest, settling, 2**refinement, inputs
+    rule = step_rule(part, longest, settling)
+    if isinstance(twin, System):
+        return rule, inputs, (), 0.0
+    return rule, inputs, input_rates(twin.rig), longest_lateness(twin)
+
+
+def step_rule(part: float = 1.0, largest: float | None = None, settling: float = 0.0) -> StepRule:
+    """The steps of the default solver, shorter by a factor."""
+    first = part * FIRST_STEP
+    return StepRule(
+        ramp=tuple((first * FINE).tolist()),
+        growth=part * GROWTH,
+        largest=part * (LARGEST_STEP if largest is None else largest),
+        first=first,
+        settling=settling,
+        parts=round(1 / part),
+        reach=part * REACH,
+        least_reach=part * LEAST_REACH,
+    )
+
+
+def longest_lateness(twin: Twin) -> float:
+    """The longest time by which the driver's delay is taken to shift the steps, s: twice that of
+    the rig's file."""
+    delay = twin.wiring.delay
+    return 0.0 if delay is None else 2 * float(delay.numbers(Twin(twin.rig).numbers_si)[0])
 
 
 @lru_cache(maxsize=64)
 def build_time_grid(
     experiment: Experiment,
-    first_step: float = FIRST_STEP,
-    growth: float = GROWTH,
-    largest_step: float = LARGEST_STEP,
-    settling: float = 0.0,
-    parts: int = 1,
+    rule: StepRule | None = None,
     inputs: tuple[tuple[Input, bool], ...] = (),
-    ramp: tuple[float, ...] = (),
+    rates: tuple[float, ...] = (),
+    lateness: float = 0.0,
 ) -> TimeGrid:
     """Builds the time grid of an experiment.
 
     **Arguments:**
 
     - `experiment`: the times, the inputs and the ambient temperature.
-    - `first_step`: the first step after an input change, s.
-    - `growth`: the largest ratio of a step to the time since the last change.
-    - `largest_step`: the largest step, s.
-    - `settling`: the time after an input change during which steps do not grow, s.
-    - `parts`: the number of steps of a span that is too short for growing steps.
+    - `rule`: the sizes of steps; None for those of the default solver.
     - `inputs`: the inputs of the rig besides the duty, each with whether it changes a resistance.
-    - `ramp`: the first steps after an input change, s, for a solver that does without the
-      exponentials of few sizes: the others grow by their ratio to the time since the change, and
-      each longer span ends with a step of no length. `first_step` then has no effect.
+    - `rates`: how fast channels answer to each input, see `input_rates`; empty if that is not
+      known. Every change then counts as a large one.
+    - `lateness`: the longest time by which steps may be shifted against all inputs but the duty, s.
 
     **Raises:** `SimulationError` if a run has more steps than fit into memory, or if a recording
     lacks an input.
     """
+    rule = step_rule() if rule is None else rule
     time, duty = experiment.elapsed, experiment.duty
     ambient = experiment.ambient
     levels = input_levels(experiment, tuple(one for one, _ in inputs))
-    switches = input_changes(experiment, levels)
-    marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
     duration = float(time[-1])
-    least = duration / largest_step
-    if least > MOST_STEPS * parts:
+    least = duration / rule.largest
+    if least > MOST_STEPS * rule.parts:
         raise SimulationError(
             f"{experiment.name or 'the experiment'}: expected at most "
-            f"{MOST_STEPS * largest_step * parts:g} s, got {duration:g} s, which takes "
-            f"{least:.2g} steps of at most {largest_step:g} s; simulate it in parts, with "
+            f"{MOST_STEPS * rule.largest * rule.parts:g} s, got {duration:g} s, which takes "
+            f"{least:.2g} steps of at most {rule.largest:g} s; simulate it in parts, with "
             "Experiment.between"
         )
+    celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + ZERO_CELSIUS
+    marks, sizes_of_changes = _span_starts(experiment, levels, rates, lateness)
+    with np.errstate(divide="ignore"):
+        reaches = rule.reach * sizes_of_changes ** (-1 / 4)
     reversals = time[1:][np.any(duty[1:] * duty[:-1] < 0, axis=1)]
     starts = time[marks[:-1]]
     last = np.searchsorted(reversals, starts, "right")
     since = starts - np.append(-np.inf, reversals)[last]
-    few = parts * np.where(since < settling, REVERSED_PARTS, 1)
-    spans = [
-        _span_steps(
-            time[start : stop + 1], first_step, growth, largest_step, settling, int(n), ramp
-        )
-        for (start, stop), n in zip(pairwise(marks), few, strict=True)
-    ]
-    held = np.repeat(marks[:-1], [len(span) for span in spans])
+    few = rule.parts * np.where(since < rule.settling, REVERSED_PARTS, 1)
+    spans: list[list[float]] = []
+    changes: list[tuple[float, float]] = []
+    for (start, stop), n, reach in zip(
+        pairwise(marks), few.tolist(), reaches.tolist(), strict=True
+    ):
+        # Later changes with shorter steps make the earlier ones irrelevant.
+        while changes and changes[-1][1] >= reach:
+            changes.pop()
+        changes.append((float(time[start]), reach))
+        spans.append(_span_steps(time[start : stop + 1], rule, changes, n))
+    spans, held = _joined(time, rule, marks, sizes_of_changes, spans)
     # Sums of steps and sample times differ by rounding errors, so sizes are rounded and merged.
     sizes, size = np.unique(np.round(np.concatenate(spans), 9), return_inverse=True)
     lengths = sizes[size]
@@ -238,83 +335,155 @@ def build_time_grid(
     step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
     part = np.clip((time - edges[step_of]) / lengths[step_of], 0.0, 1.0)
     polynomials = step_polynomials([np.asarray(span) for span in spans])
-    celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + ZERO_CELSIUS
     return TimeGrid(
         times=time,
         sizes=sizes,
         size=size.astype(np.int32),
         duty=duty[held],
-        ambient=None if celsius is None else celsius[held],
+        ambient=None if celsius is None else held_quadratics(time, celsius, lengths),
         polynomials=polynomials,
         step_of=step_of.astype(np.int32),
         weights=sample_weights(polynomials, step_of, part),
         ambient_at=celsius,
-        levels=None if levels is None else levels[held],
+        levels=None if levels is None else held_means(time, levels, lengths),
         levels_at=levels,
         regimes=None if levels is None else regimes(levels, np.array([x for _, x in inputs])),
     )
 
 
+def _span_starts(
+    experiment: Experiment,
+    levels: Float[np.ndarray, "times inputs"] | None,
+    rates: tuple[float, ...],
+    lateness: float,
+) -> tuple[Int[np.ndarray, " marks"], Float[np.ndarray, " spans"]]:
+    """The samples at which a span begins, and the last one; and the size of the change at the start
+    of each span, K/s."""
+    time, duty = experiment.elapsed, experiment.duty
+    switches = input_changes(experiment, levels)
+    marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
+    if not rates:
+        return marks, np.full(len(marks) - 1, np.inf)
+    slow, speeds, cells = _slow_inputs(experiment, levels), np.array(rates), duty.shape[1]
+    has_states = np.isinf(speeds[cells:])
+    speeds[np.isinf(speeds)] = 0.0
+    answers = slow * speeds[cells:]
+    is_switched, stays = np.zeros((2, len(time)), bool)
+    is_switched[1:] = np.any(np.diff(slow[:, has_states], axis=0) != 0, axis=1)
+    stays[1:] = is_switched[1:] | np.any(np.diff(duty, axis=0) != 0, axis=1)
+    marks = marks[merged_changes(time[marks], answers[marks], stays[marks], lateness)]
+    moved = _jumps(time, answers, marks)
+    if lateness > 0:
+        # Steps that are late may begin before a change and end behind it. They are short there.
+        changes = time[marks[1:-1][moved * lateness > ROUGHNESS]]
+        following = np.append(changes, np.inf)[np.searchsorted(changes, time)]
+        marks = np.union1d(marks, np.flatnonzero(following - time <= lateness))
+        moved = _jumps(time, answers, marks)
+    starts = marks[1:-1]
+    driven = (np.abs(duty[starts] - duty[starts - 1]) * speeds[:cells]).max(axis=1)
+    # The first span has no change at its start, but a rig that may be far from rest.
+    sizes = np.where(is_switched[starts], np.inf, np.maximum(moved, driven))
+    return marks, np.append(np.inf, sizes)
+
+
+def _jumps(
+    time: Float[np.ndarray, " times"],
+    answers: Float[np.ndarray, "times inputs"],
+    marks: Int[np.ndarray, " marks"],
+) -> Float[np.ndarray, " inner"]:
+    """The largest jump of the inputs between spans, as steps over whole spans would take them."""
+    lengths = np.diff(time[marks])
+    during = np.stack([held_quadratics(time, of_input, lengths) for of_input in answers.T])
+    return np.abs(during[:, 1:, 0] - during[:, :-1, 2]).max(axis=0)
+
+
+def _slow_inputs(
+    experiment: Experiment, levels: Float[np.ndarray, "times inputs"] | None
+) -> Float[np.ndarray, "times slow"]:
+    """All inputs but the duty: the ambient temperature, degC (0 if it is not recorded), and the
+    others."""
+    room = np.zeros(len(experiment.time)) + (0.0 if experiment.ambient is None else experiment.ambient)
+    return room[:, None] if levels is None else np.column_stack([room, levels])
+
+
+def _joined(
+    time: Float[np.ndarray, " times"],
+    rule: StepRule,
+    marks: Int[np.ndarray, " marks"],
+    sizes: Float[np.ndarray, " spans"],
+    spans: list[list[float]],
+) -> tuple[list[list[float]], Int[np.ndarray, " steps"]]:
+    """Joins spans between which no slope changes noticeably, so that samples are interpolated
+    across their ends. If the last step of a span contains samples, a step of no length follows it
+    (see `step_polynomials`), unless the sides have settled.
+
+    **Arguments:**
+
+    - `sizes`: the sizes of the changes at the starts of spans, K/s.
+
+    **Returns:** the spans, and for each step the sample that holds its duty.
+    """
+    ends, joins = time[marks], np.zeros(len(spans) + 1, bool)
+    around = np.maximum([span[-1] for span in spans[:-1]], [span[0] for span in spans[1:]])
+    joins[1:-1] = SLOPE_WEIGHT * around * sizes[1:] <= ROUGHNESS
+    whole: list[list[float]] = []
+    held_by: list[int] = []
+    for number, span in enumerate(spans):
+        if joins[number]:
+            whole[-1] += span
+        else:
+            whole.append(list(span))
+            begin = ends[number]
+        held_by += [int(marks[number])] * len(span)
+        if joins[number + 1]:
+            continue
+        end = ends[number + 1]
+        is_inside = (time > end - span[-1] + 1e-9) & (time < end - 1e-9)
+        is_early = not rule.doubles or end - begin <= SETTLED or len(whole[-1]) == 1
+        if is_early and is_inside.any():
+            whole[-1].append(0.0)
+            held_by.append(held_by[-1])
+    return whole, np.array(held_by)
+
+
 def _span_steps(
     time: Float[np.ndarray, " samples"],
-    first: float,
-    growth: float,
-    largest: float,
-    settling: float,
+    rule: StepRule,
+    changes: list[tuple[float, float]],
     parts: int,
-    ramp: tuple[float, ...],
 ) -> list[float]:
     """The steps of a span between two input changes, whose samples include both ends.
 
     A drive that changes at every sample never comes to rest. A single step for each sample, or some
     equal steps (`parts`), are sufficient for it. Samples inside a span see how the sides of the
-    cells settle, and need steps that grow. If the last step contains samples, a step of no length
-    follows it (see `step_polynomials`), unless the sides have settled.
+    cells settle, and need steps that grow.
+
+    **Arguments:**
+
+    - `changes`: the times of earlier changes of inputs and of this one, s, and how long a step each
+      of them allows, s.
     """
-    duration = float(time[-1] - time[0])
+    start, duration = float(time[0]), float(time[-1] - time[0])
+    part = 1.0 if len(time) == 2 else INSIDE
     if duration <= SHORT_SPAN and len(time) == 2:
+        parts = max(parts, math.ceil(duration / max(changes[-1][1], rule.first) - 1e-9))
         return [duration / parts] * parts
-    if ramp:
-        return [*_geometric(duration, ramp, growth, largest, settling), 0.0]
-    steps = _graded(duration, min(first, duration), growth, largest, settling)
-    contains_samples = time[-2] - time[0] > duration - steps[-1] + 1e-9
-    return [*steps, 0.0] if contains_samples and duration <= SETTLED else steps
-
-
-def _graded(
-    duration: float, first: float, growth: float, largest: float, settling: float
-) -> list[float]:
-    """Steps which grow with the time since an input change by doubling.
-
-    The first step is divided into nine parts, which also grow by doubling. Right after a change the
-    sides of a cell may settle within milliseconds, which hardly affects temperatures elsewhere, but
-    does affect derivatives with respect to the resistances of the cell.
-    """
-    steps, elapsed = [first / 2**8] + [first / 2**k for k in range(8, 0, -1)], first
-    while duration - elapsed > 1e-9:
-        grown = max(first, growth * elapsed) if elapsed >= settling else first
-        wanted = min(grown, largest, duration - elapsed)
-        size = first * 2.0 ** np.floor(np.log2(wanted / first) + 1e-9)
-        size = min(size, duration - elapsed) if size >= first else duration - elapsed
-        steps.append(float(size))
-        elapsed += size
-    return steps
-
-
-def _geometric(
-    duration: float, ramp: tuple[float, ...], growth: float, largest: float, settling: float
-) -> list[float]:
-    """Steps which grow in proportion to the time since an input change, after those of the ramp.
-    The last two share what is left, because a last step much shorter than the one before it is as
-    much work."""
+    small = [
+        (at, part * reach if reach >= rule.least_reach else 0.0) for at, reach in changes
+    ]
     steps, elapsed = [], 0.0
     while duration - elapsed > 1e-9:
-        left = duration - elapsed
-        grown = max(ramp[-1], growth * elapsed) if elapsed >= settling else ramp[-1]
-        wanted = ramp[len(steps)] if len(steps) < len(ramp) else grown
-        size = min(wanted, largest, left)
-        if size < left < 1.5 * size:
+        left, now = duration - elapsed, start + elapsed
+        size = min(rule.after(now - at, first) for at, first in small)
+        if size >= duration * (1 - 1e-9):
+            return [duration]
+        if rule.doubles and size >= rule.first:
+            size = rule.first * 2.0 ** np.floor(np.log2(min(size, left) / rule.first) + 1e-9)
+            size = size if size >= rule.first else left
+        elif not rule.doubles and size < left < 1.5 * size:
+            # The last two share what is left, because a last step much shorter than the one before
+            # it is as much work.
             size = left / 2
-        steps.append(float(size))
-        elapsed += size
+        steps.append(float(min(size, left)))
+        elapsed += steps[-1]
     return steps
