@@ -19,7 +19,7 @@ from .._arguments import finite_number
 from .._errors import JaxtwinError
 from .._jax_settings import is_traced
 from ..physics import Twin
-from ._held_inputs import held_means, held_quadratics
+from ._held_inputs import held_quadratics, mean_of
 from ._interpolation import sample_weights, step_polynomials
 from ._time_grid import TimeGrid
 
@@ -98,6 +98,9 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     weights = sample_weights(jnp.concatenate([wait, polynomials]), step_of, part)
     waiting = (step_of < before)[:, None]
 
+    def during(held: Float[Array | np.ndarray, " times"]) -> Float[Array, "steps 3"]:
+        return held_quadratics(times, jnp.asarray(held, dtype), steps, jnp)
+
     levels_at = grid.levels_at
     return TimeGrid(
         times=grid.times,
@@ -106,14 +109,14 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
         duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
         ambient=grid.ambient
         if grid.ambient_at is None
-        else held_quadratics(times, jnp.asarray(grid.ambient_at, dtype), steps, jnp),
+        else during(grid.ambient_at),
         polynomials=jnp.concatenate([wait * scale[:, None], polynomials]),
         step_of=step_of.astype(np.int32),
         weights=weights * jnp.where(waiting, scale, 1.0),
         ambient_at=grid.ambient_at,
         levels=None
         if levels_at is None
-        else held_means(times, jnp.asarray(levels_at, dtype), steps, jnp),
+        else jnp.stack([mean_of(during(level)) for level in levels_at.T], axis=1),
         levels_at=levels_at,
         regimes=grid.regimes,
         steady_start=grid.steady_start,

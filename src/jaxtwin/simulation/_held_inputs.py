@@ -58,13 +58,17 @@ def held_quadratics(
     return xp.where((sizes > 0)[:, None], values, values[before, 2:])
 
 
-def held_means(
-    times: Float[Array | np.ndarray, " times"],
-    levels: Float[Array | np.ndarray, "times inputs"],
-    sizes: Float[Array | np.ndarray, " steps"],
-    xp: Any = np,
-) -> Float[Any, "steps inputs"]:
-    """The means of several inputs over each step; for the arguments see `held_quadratics`."""
-    columns = [held_quadratics(times, held, sizes, xp) for held in levels.T]
-    # An input that is held during a step is itself its mean, without a rounding error.
-    return xp.stack([q[:, 0] + (q - q[:, :1]) @ np.array([0, 4, 1]) / 6 for q in columns], axis=1)
+def quadratic_at(
+    values: Float[np.ndarray, "*steps 3"], parts: Float[np.ndarray, "*steps stages"]
+) -> Float[np.ndarray, "*steps stages"]:
+    """Quadratics of given values at the start, in the middle and at the end of steps, after some
+    parts of these, 0 to 1."""
+    start, middle, end = np.moveaxis(values, -1, 0)[..., None]
+    slope, bend = 4 * (middle - start) - (end - start), 2 * (end - start) - 4 * (middle - start)
+    return start + parts * (slope + parts * bend)
+
+
+def mean_of(values: Float[Any, "steps 3"]) -> Float[Any, " steps"]:
+    """The means of quadratics over their steps."""
+    # What is held during a step is itself its mean, without a rounding error.
+    return values[:, 0] + (values - values[:, :1]) @ np.array([0, 4, 1]) / 6

@@ -11,7 +11,7 @@ exponentials of few sizes.
 
 import math
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import NamedTuple, TypeAlias, final
 
 import equinox as eqx
@@ -24,7 +24,7 @@ from .._errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
 from ..rig import Input
-from ._held_inputs import held_means, held_quadratics
+from ._held_inputs import held_quadratics, mean_of, quadratic_at
 from ._input_levels import input_changes, input_levels, regimes
 from ._input_rates import input_rates
 from ._interpolation import sample_weights, step_polynomials
@@ -204,25 +204,28 @@ class StepRule(NamedTuple):
     reach: float = REACH
     least_reach: float = LEAST_REACH
 
-    def after(self, elapsed: float, small: float) -> float:
+    def after(self, elapsed: float, change: float, has_samples: bool) -> float:
         """The longest step some time after a change.
 
         **Arguments:**
 
-        - `small`: the first step if the change is a small one, s; 0 for a large one.
+        - `elapsed`: that time, s.
+        - `change`: the size of the change, K/s.
+        - `has_samples`: whether samples are inside of the span.
         """
-        if elapsed >= self.first - 1e-9:
-            step = max(self.first, self.growth * elapsed if elapsed >= self.settling else 0.0)
-        else:
-            done = 0.0
-            step = self.first
-            for step in self.ramp:
-                done += step
-                if done > elapsed + 1e-9:
-                    break
-            else:
-                step = self.first
-        return min(max(step, small), self.largest)
+        step = self.first
+        if elapsed < self.first - 1e-9:
+            ends = zip(self.ramp, accumulate(self.ramp), strict=True)
+            step = next((step for step, end in ends if end > elapsed + 1e-9), step)
+        elif elapsed >= self.settling:
+            step = max(step, self.growth * elapsed)
+        if change == 0:
+            return self.largest
+        reach = self.reach * change ** (-1 / 4)
+        if reach >= self.least_reach:
+            step = max(step, reach * INSIDE if has_samples else reach)
+        # A transient that stays below the tolerance needs no steps.
+        return min(max(step, ROUGHNESS / change), self.largest)
 
 
 GridOptions: TypeAlias = tuple[
@@ -308,10 +311,7 @@ def build_time_grid(
             f"{least:.2g} steps of at most {rule.largest:g} s; simulate it in parts, with "
             "Experiment.between"
         )
-    celsius = None if ambient is None else np.broadcast_to(ambient, time.shape) + ZERO_CELSIUS
-    marks, sizes_of_changes = _span_starts(experiment, levels, rates, lateness)
-    with np.errstate(divide="ignore"):
-        reaches = rule.reach * sizes_of_changes ** (-1 / 4)
+    marks, changed, slow = _span_starts(experiment, levels, rates, lateness)
     reversals = time[1:][np.any(duty[1:] * duty[:-1] < 0, axis=1)]
     starts = time[marks[:-1]]
     last = np.searchsorted(reversals, starts, "right")
@@ -319,15 +319,15 @@ def build_time_grid(
     few = rule.parts * np.where(since < rule.settling, REVERSED_PARTS, 1)
     spans: list[list[float]] = []
     changes: list[tuple[float, float]] = []
-    for (start, stop), n, reach in zip(
-        pairwise(marks), few.tolist(), reaches.tolist(), strict=True
+    for (start, stop), n, change in zip(
+        pairwise(marks), few.tolist(), changed.tolist(), strict=True
     ):
-        # Later changes with shorter steps make the earlier ones irrelevant.
-        while changes and changes[-1][1] >= reach:
+        # A later change that is as large makes the earlier ones irrelevant.
+        while changes and changes[-1][1] <= change:
             changes.pop()
-        changes.append((float(time[start]), reach))
+        changes.append((float(time[start]), change))
         spans.append(_span_steps(time[start : stop + 1], rule, changes, n))
-    spans, held = _joined(time, rule, marks, sizes_of_changes, spans)
+    spans, span_of = _joined(time, rule, marks, changed, spans)
     # Sums of steps and sample times differ by rounding errors, so sizes are rounded and merged.
     sizes, size = np.unique(np.round(np.concatenate(spans), 9), return_inverse=True)
     lengths = sizes[size]
@@ -335,17 +335,20 @@ def build_time_grid(
     step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
     part = np.clip((time - edges[step_of]) / lengths[step_of], 0.0, 1.0)
     polynomials = step_polynomials([np.asarray(span) for span in spans])
+    begins = (edges[:-1] - time[marks[span_of]]) / np.diff(time[marks])[span_of]
+    stages = begins[:, None] + (lengths / np.diff(time[marks])[span_of])[:, None] * [0.0, 0.5, 1.0]
+    room, *others = (quadratic_at(of_input[span_of], stages) for of_input in slow)
     return TimeGrid(
         times=time,
         sizes=sizes,
         size=size.astype(np.int32),
-        duty=duty[held],
-        ambient=None if celsius is None else held_quadratics(time, celsius, lengths),
+        duty=duty[marks[span_of]],
+        ambient=None if ambient is None else room + ZERO_CELSIUS,
         polynomials=polynomials,
         step_of=step_of.astype(np.int32),
         weights=sample_weights(polynomials, step_of, part),
-        ambient_at=celsius,
-        levels=None if levels is None else held_means(time, levels, lengths),
+        ambient_at=None if ambient is None else np.broadcast_to(ambient, time.shape) + ZERO_CELSIUS,
+        levels=None if levels is None else np.stack([mean_of(rows) for rows in others], axis=1),
         levels_at=levels,
         regimes=None if levels is None else regimes(levels, np.array([x for _, x in inputs])),
     )
@@ -356,45 +359,43 @@ def _span_starts(
     levels: Float[np.ndarray, "times inputs"] | None,
     rates: tuple[float, ...],
     lateness: float,
-) -> tuple[Int[np.ndarray, " marks"], Float[np.ndarray, " spans"]]:
-    """The samples at which a span begins, and the last one; and the size of the change at the start
-    of each span, K/s."""
+) -> tuple[
+    Int[np.ndarray, " marks"], Float[np.ndarray, " spans"], Float[np.ndarray, "slow spans 3"]
+]:
+    """The samples at which a span begins, and the last one; the size of the change at the start of
+    each span, K/s; and the inputs but the duty during the span."""
     time, duty = experiment.elapsed, experiment.duty
-    switches = input_changes(experiment, levels)
+    slow, switches = _slow_inputs(experiment, levels), input_changes(experiment, levels)
     marks = np.unique(np.concatenate([[0], switches, [len(time) - 1]]))
+
+    def during() -> Float[np.ndarray, "slow spans 3"]:
+        lengths = np.diff(time[marks])
+        return np.stack([held_quadratics(time, held, lengths) for held in slow.T])
+
     if not rates:
-        return marks, np.full(len(marks) - 1, np.inf)
-    slow, speeds, cells = _slow_inputs(experiment, levels), np.array(rates), duty.shape[1]
-    has_states = np.isinf(speeds[cells:])
-    speeds[np.isinf(speeds)] = 0.0
-    answers = slow * speeds[cells:]
+        return marks, np.full(len(marks) - 1, np.inf), during()
+    of_duty, speeds = np.array(rates[: duty.shape[1]]), np.array(rates[duty.shape[1] :])
+    has_states = np.isinf(speeds)
+    speeds[has_states] = 0.0
     is_switched, stays = np.zeros((2, len(time)), bool)
     is_switched[1:] = np.any(np.diff(slow[:, has_states], axis=0) != 0, axis=1)
     stays[1:] = is_switched[1:] | np.any(np.diff(duty, axis=0) != 0, axis=1)
-    marks = marks[merged_changes(time[marks], answers[marks], stays[marks], lateness)]
-    moved = _jumps(time, answers, marks)
+    marks = marks[merged_changes(time[marks], slow[marks] * speeds, stays[marks], lateness)]
+
+    def jumps() -> Float[np.ndarray, " inner"]:
+        known = during()
+        return (speeds[:, None] * np.abs(known[:, 1:, 0] - known[:, :-1, 2])).max(axis=0)
+
     if lateness > 0:
         # Steps that are late may begin before a change and end behind it. They are short there.
-        changes = time[marks[1:-1][moved * lateness > ROUGHNESS]]
+        changes = time[marks[1:-1][jumps() * lateness > ROUGHNESS]]
         following = np.append(changes, np.inf)[np.searchsorted(changes, time)]
         marks = np.union1d(marks, np.flatnonzero(following - time <= lateness))
-        moved = _jumps(time, answers, marks)
     starts = marks[1:-1]
-    driven = (np.abs(duty[starts] - duty[starts - 1]) * speeds[:cells]).max(axis=1)
+    driven = (np.abs(duty[starts] - duty[starts - 1]) * of_duty).max(axis=1)
     # The first span has no change at its start, but a rig that may be far from rest.
-    sizes = np.where(is_switched[starts], np.inf, np.maximum(moved, driven))
-    return marks, np.append(np.inf, sizes)
-
-
-def _jumps(
-    time: Float[np.ndarray, " times"],
-    answers: Float[np.ndarray, "times inputs"],
-    marks: Int[np.ndarray, " marks"],
-) -> Float[np.ndarray, " inner"]:
-    """The largest jump of the inputs between spans, as steps over whole spans would take them."""
-    lengths = np.diff(time[marks])
-    during = np.stack([held_quadratics(time, of_input, lengths) for of_input in answers.T])
-    return np.abs(during[:, 1:, 0] - during[:, :-1, 2]).max(axis=0)
+    sizes = np.where(is_switched[starts], np.inf, np.maximum(jumps(), driven))
+    return marks, np.append(np.inf, sizes), during()
 
 
 def _slow_inputs(
@@ -421,20 +422,20 @@ def _joined(
 
     - `sizes`: the sizes of the changes at the starts of spans, K/s.
 
-    **Returns:** the spans, and for each step the sample that holds its duty.
+    **Returns:** the spans, and for each step the number of its span before they are joined.
     """
     ends, joins = time[marks], np.zeros(len(spans) + 1, bool)
     around = np.maximum([span[-1] for span in spans[:-1]], [span[0] for span in spans[1:]])
     joins[1:-1] = SLOPE_WEIGHT * around * sizes[1:] <= ROUGHNESS
     whole: list[list[float]] = []
-    held_by: list[int] = []
+    span_of: list[int] = []
     for number, span in enumerate(spans):
         if joins[number]:
             whole[-1] += span
         else:
             whole.append(list(span))
             begin = ends[number]
-        held_by += [int(marks[number])] * len(span)
+        span_of += [number] * len(span)
         if joins[number + 1]:
             continue
         end = ends[number + 1]
@@ -442,8 +443,8 @@ def _joined(
         is_early = not rule.doubles or end - begin <= SETTLED or len(whole[-1]) == 1
         if is_early and is_inside.any():
             whole[-1].append(0.0)
-            held_by.append(held_by[-1])
-    return whole, np.array(held_by)
+            span_of.append(number)
+    return whole, np.array(span_of)
 
 
 def _span_steps(
@@ -460,21 +461,17 @@ def _span_steps(
 
     **Arguments:**
 
-    - `changes`: the times of earlier changes of inputs and of this one, s, and how long a step each
-      of them allows, s.
+    - `changes`: the times of earlier changes of inputs and of this one, s, and their sizes, K/s.
     """
-    start, duration = float(time[0]), float(time[-1] - time[0])
-    part = 1.0 if len(time) == 2 else INSIDE
-    if duration <= SHORT_SPAN and len(time) == 2:
-        parts = max(parts, math.ceil(duration / max(changes[-1][1], rule.first) - 1e-9))
+    start, duration, has_samples = float(time[0]), float(time[-1] - time[0]), len(time) > 2
+    if duration <= SHORT_SPAN and not has_samples:
+        whole = max(rule.reach * changes[-1][1] ** (-1 / 4), rule.first) if changes[-1][1] else 1.0
+        parts = max(parts, math.ceil(duration / whole - 1e-9))
         return [duration / parts] * parts
-    small = [
-        (at, part * reach if reach >= rule.least_reach else 0.0) for at, reach in changes
-    ]
     steps, elapsed = [], 0.0
     while duration - elapsed > 1e-9:
         left, now = duration - elapsed, start + elapsed
-        size = min(rule.after(now - at, first) for at, first in small)
+        size = min(rule.after(now - at, change, has_samples) for at, change in changes)
         if size >= duration * (1 - 1e-9):
             return [duration]
         if rule.doubles and size >= rule.first:
