@@ -26,7 +26,7 @@ late as the one before."""
 GROWTH, LARGEST_STEP = 0.36, 256.0
 """The ratio of a step to the time since that change, and the longest step, s."""
 
-REACH, LEAST_REACH = 0.75, 1.2
+REACH, LEAST_REACH = 1.0, 1.6
 """As those of `_time_grid`, s."""
 
 WAITING = np.array([1, 1, 2, 4, 8, 16]) / 32

@@ -579,18 +579,23 @@ static void add_power(const struct run *run, struct workspace *w, const double *
     }
 }
 
-/* The polynomials of the outputs within a step. */
-static void interpolate(const struct run *run, const struct workspace *w)
+/* The polynomials of the outputs within a step; where only its end is read, the values there. */
+static void interpolate(const struct run *run, const struct workspace *w, int is_end_alone)
 {
+    const int powers = is_end_alone ? 1 : POWERS;
     lanes *of_node = w->of_node;
     for (int i = 0; i < NODES; ++i) {
-        interpolate_node(w, i, of_node + i * POWERS);
+        if (is_end_alone) {
+            of_node[i * POWERS] = w->at_stage[i];
+        } else {
+            interpolate_node(w, i, of_node + i * POWERS);
+        }
     }
     for (int o = 0; o < run->outputs; ++o) {
         lanes sum[POWERS] = {{0}};
         for (int p = w->output_row[o]; p < w->output_row[o + 1]; ++p) {
             of_node = w->of_node + w->output_node[p] * POWERS;
-            for (int k = 0; k < POWERS; ++k) {
+            for (int k = 0; k < powers; ++k) {
                 sum[k] += w->of.weight[p] * of_node[k];
             }
         }
@@ -821,7 +826,12 @@ static void read(const struct run *run, struct workspace *w, const struct place 
     if (*row == first_row && last <= run->first_read) {
         return;
     }
-    interpolate(run, w);
+    int is_end_alone = 1;
+    for (int l = 0; l < count; ++l) {
+        is_end_alone &= at->stop[l] == at->first[l] ||
+                        run->time[at->first[l]] >= begin[l] + size[l] - ROUNDING;
+    }
+    interpolate(run, w, is_end_alone);
     for (int l = 0; l < count; ++l) {
         const int first = at->first[l] > run->first_written ? at->first[l] : run->first_written;
         read_step(run, w, l);
