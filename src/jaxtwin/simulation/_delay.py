@@ -107,9 +107,7 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
         sizes=sizes,
         size=size.astype(np.int32),
         duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
-        ambient=grid.ambient
-        if grid.ambient_at is None
-        else during(grid.ambient_at),
+        ambient=grid.ambient if grid.ambient_at is None else during(grid.ambient_at),
         polynomials=jnp.concatenate([wait * scale[:, None], polynomials]),
         step_of=step_of.astype(np.int32),
         weights=weights * jnp.where(waiting, scale, 1.0),

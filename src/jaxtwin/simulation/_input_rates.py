@@ -54,9 +54,9 @@ def _slow_rates(wiring: Wiring, values: dict[str, float]) -> Float[np.ndarray, "
     for number, source in enumerate(wiring.inputs, 1):
         if source.states:
             rates[number] = np.inf
-        elif source.name in wiring.input_wiring.supply_voltage.names:
-            rates[number] += 2 * OF_DUTY / voltage
-    return rates
+        elif wiring.input_wiring and source.name in wiring.input_wiring.supply_voltage.names:
+            rates[number] += 2 * OF_DUTY / max(float(voltage), 1.0)
+    return np.where(np.isfinite(rates), rates, np.inf)
 
 
 def _solved(

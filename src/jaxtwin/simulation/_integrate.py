@@ -14,8 +14,8 @@ from ._exponential import ModalField, decay_functions, exponential_step
 from ._interpolation import SLOPE_AT_END
 from ._modes import Modes, run_modes
 from ._regimes import integrate_in_regimes
-from ._step_readings import FAST, StepReadings, largest
-from ._time_grid import SLOPE_WEIGHT, TimeGrid
+from ._step_readings import FAST, SLOPE_WEIGHT, StepReadings, largest
+from ._time_grid import TimeGrid
 
 
 def solve_network(

@@ -90,9 +90,7 @@ def with_padding(grid: TimeGrid, least: int) -> TimeGrid:
     )
 
 
-def _standing(
-    ambient: Float[np.ndarray, "steps 3"], least: int
-) -> Float[np.ndarray, "filled 3"]:
+def _standing(ambient: Float[np.ndarray, "steps 3"], least: int) -> Float[np.ndarray, "filled 3"]:
     """Pads the ambient with its last value, at the end of the last step."""
     filled = padded(ambient, least=least)
     filled[len(ambient) :] = ambient[-1, 2]

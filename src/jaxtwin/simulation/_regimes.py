@@ -19,8 +19,8 @@ from ._drive import Drive
 from ._exponential import ModalField, decay_functions, exponential_step
 from ._interpolation import SLOPE_AT_END
 from ._modes import Modes
-from ._step_readings import FAST, StepReadings, largest
-from ._time_grid import SLOPE_WEIGHT, TimeGrid
+from ._step_readings import FAST, SLOPE_WEIGHT, StepReadings, largest
+from ._time_grid import TimeGrid
 
 
 def integrate_in_regimes(

@@ -50,9 +50,6 @@ LEAST_REACH = 2.4
 """Where that step is at least so long, s, the change is a small one: steps begin with this size. A
 large change starts with the short steps of `FINE`."""
 
-SLOPE_WEIGHT = 0.15
-"""The largest weight of a slope within a step, as a multiple of the step size."""
-
 DELAYED_STEP = 0.5
 """The largest step if the driver has a delay and the rig other inputs, s. The grid moves with the
 delay, so that these inputs change within a step, which takes their mean."""
@@ -228,9 +225,7 @@ class StepRule(NamedTuple):
         return min(max(step, ROUGHNESS / change), self.largest)
 
 
-GridOptions: TypeAlias = tuple[
-    StepRule, tuple[tuple[Input, bool], ...], tuple[float, ...], float
-]
+GridOptions: TypeAlias = tuple[StepRule, tuple[tuple[Input, bool], ...], tuple[float, ...], float]
 """The arguments of `build_time_grid` other than the experiment."""
 
 
@@ -327,13 +322,14 @@ def build_time_grid(
             changes.pop()
         changes.append((float(time[start]), change))
         spans.append(_span_steps(time[start : stop + 1], rule, changes, n))
-    spans, span_of = _joined(time, rule, marks, changed, spans)
+    span_of = np.repeat(np.arange(len(spans)), [len(span) for span in spans])
     # Sums of steps and sample times differ by rounding errors, so sizes are rounded and merged.
     sizes, size = np.unique(np.round(np.concatenate(spans), 9), return_inverse=True)
     lengths = sizes[size]
     edges = np.concatenate([[0.0], np.cumsum(lengths)])
     step_of = np.clip(np.searchsorted(edges, time - 1e-7) - 1, 0, len(size) - 1)
-    part = np.clip((time - edges[step_of]) / lengths[step_of], 0.0, 1.0)
+    longer = np.where(lengths > 0, lengths, 1.0)
+    part = np.clip((time - edges[step_of]) / longer[step_of], 0.0, 1.0)
     polynomials = step_polynomials([np.asarray(span) for span in spans])
     begins = (edges[:-1] - time[marks[span_of]]) / np.diff(time[marks])[span_of]
     stages = begins[:, None] + (lengths / np.diff(time[marks])[span_of])[:, None] * [0.0, 0.5, 1.0]
@@ -403,48 +399,9 @@ def _slow_inputs(
 ) -> Float[np.ndarray, "times slow"]:
     """All inputs but the duty: the ambient temperature, degC (0 if it is not recorded), and the
     others."""
-    room = np.zeros(len(experiment.time)) + (0.0 if experiment.ambient is None else experiment.ambient)
+    ambient = 0.0 if experiment.ambient is None else experiment.ambient
+    room = np.broadcast_to(ambient, experiment.time.shape)
     return room[:, None] if levels is None else np.column_stack([room, levels])
-
-
-def _joined(
-    time: Float[np.ndarray, " times"],
-    rule: StepRule,
-    marks: Int[np.ndarray, " marks"],
-    sizes: Float[np.ndarray, " spans"],
-    spans: list[list[float]],
-) -> tuple[list[list[float]], Int[np.ndarray, " steps"]]:
-    """Joins spans between which no slope changes noticeably, so that samples are interpolated
-    across their ends. If the last step of a span contains samples, a step of no length follows it
-    (see `step_polynomials`), unless the sides have settled.
-
-    **Arguments:**
-
-    - `sizes`: the sizes of the changes at the starts of spans, K/s.
-
-    **Returns:** the spans, and for each step the number of its span before they are joined.
-    """
-    ends, joins = time[marks], np.zeros(len(spans) + 1, bool)
-    around = np.maximum([span[-1] for span in spans[:-1]], [span[0] for span in spans[1:]])
-    joins[1:-1] = SLOPE_WEIGHT * around * sizes[1:] <= ROUGHNESS
-    whole: list[list[float]] = []
-    span_of: list[int] = []
-    for number, span in enumerate(spans):
-        if joins[number]:
-            whole[-1] += span
-        else:
-            whole.append(list(span))
-            begin = ends[number]
-        span_of += [number] * len(span)
-        if joins[number + 1]:
-            continue
-        end = ends[number + 1]
-        is_inside = (time > end - span[-1] + 1e-9) & (time < end - 1e-9)
-        is_early = not rule.doubles or end - begin <= SETTLED or len(whole[-1]) == 1
-        if is_early and is_inside.any():
-            whole[-1].append(0.0)
-            span_of.append(number)
-    return whole, np.array(span_of)
 
 
 def _span_steps(
@@ -457,7 +414,8 @@ def _span_steps(
 
     A drive that changes at every sample never comes to rest. A single step for each sample, or some
     equal steps (`parts`), are sufficient for it. Samples inside a span see how the sides of the
-    cells settle, and need steps that grow.
+    cells settle, and need steps that grow. If the last step contains samples, a step of no length
+    follows it (see `step_polynomials`), unless the sides have settled.
 
     **Arguments:**
 
@@ -473,8 +431,8 @@ def _span_steps(
         left, now = duration - elapsed, start + elapsed
         size = min(rule.after(now - at, change, has_samples) for at, change in changes)
         if size >= duration * (1 - 1e-9):
-            return [duration]
-        if rule.doubles and size >= rule.first:
+            size = left
+        elif rule.doubles and size >= rule.first:
             size = rule.first * 2.0 ** np.floor(np.log2(min(size, left) / rule.first) + 1e-9)
             size = size if size >= rule.first else left
         elif not rule.doubles and size < left < 1.5 * size:
@@ -483,4 +441,6 @@ def _span_steps(
             size = left / 2
         steps.append(float(min(size, left)))
         elapsed += steps[-1]
-    return steps
+    contains_samples = time[-2] - time[0] > duration - steps[-1] + 1e-9
+    is_early = not rule.doubles or duration <= SETTLED or len(steps) == 1
+    return [*steps, 0.0] if contains_samples and is_early else steps
