@@ -287,7 +287,8 @@ def native_run(
     grid = commanded_steps(experiment, lags, refinement, inputs, rates, lateness)
     grid = replace(grid, steady_start=isinstance(initial, str))
     delay = None if own_delays else shared_delay(twin)
-    steps = NativeSteps.of(grid, delay, own_delays=own_delays)
+    of_room = rates[len(wiring.cold)]
+    steps = NativeSteps.of(grid, delay, own_delays=own_delays, of_room=of_room)
     if steps is None:
         return None
     library = native_library(native_network(wiring).header)

@@ -29,6 +29,10 @@ GROWTH, LARGEST_STEP = 0.36, 256.0
 REACH, LEAST_REACH = 1.0, 1.6
 """As those of `_time_grid`, s."""
 
+LATE_ROUGHNESS = 2e-4
+"""The integral of a jump within a step, times the rate at which channels answer, above which the
+step is cut there, K."""
+
 WAITING = np.array([1, 1, 2, 4, 8, 16]) / 32
 """The steps before the first command arrives, as fractions of the driver's delay."""
 
@@ -89,7 +93,9 @@ class NativeSteps:
     levels: Float[np.ndarray, "steps inputs"] | None
 
     @classmethod
-    def of(cls, grid: TimeGrid, delay: float | None, *, own_delays: bool) -> "NativeSteps | None":
+    def of(
+        cls, grid: TimeGrid, delay: float | None, *, own_delays: bool, of_room: float
+    ) -> "NativeSteps | None":
         """Applies a delay to commanded steps; None if the rig's other inputs change, or if a
         recorded ambient temperature changes and the draws differ in the delay.
 
@@ -97,6 +103,7 @@ class NativeSteps:
 
         - `delay`: that of all draws, s; None without one.
         - `own_delays`: whether the draws differ in it.
+        - `of_room`: how fast channels answer to the ambient temperature, 1/s (`input_rates`).
         """
         lengths = np.asarray(grid.sizes)[np.asarray(grid.size)]
         moves = lengths > 0
@@ -122,7 +129,17 @@ class NativeSteps:
         ends = np.cumsum(np.concatenate([WAITING * delay, size]))
         ambient = np.zeros((len(whole), 3))
         if changes and at is not None:
+            # The delay moves steps across jumps of the room. Long ones are cut there.
+            jumps, times = np.abs(np.diff(at)), np.asarray(grid.times)[1:]
+            cut = np.minimum(np.searchsorted(ends, times), len(ends) - 1)
+            rough = of_room * jumps * np.diff(ends, prepend=0.0)[cut] / 8
+            cuts = times[(rough > LATE_ROUGHNESS) & (cut >= len(WAITING))]
+            cuts = cuts[np.abs(ends[:, None] - cuts).min(axis=0, initial=np.inf) > 1e-6]
+            ends, before = np.union1d(ends, cuts), ends
+            cut = np.minimum(np.searchsorted(before, ends - 1e-9), len(before) - 1)
+            duty, levels = duty[cut], None if levels is None else levels[cut]
             sizes = np.diff(ends, prepend=0.0)
+            whole = np.concatenate([WAITING, sizes[len(WAITING) :]])
             ambient = _coefficients(held_quadratics(np.asarray(grid.times), at - at[0], sizes))
         return cls(whole, duty, ambient, len(WAITING), ends, levels)
 

@@ -62,6 +62,9 @@ SETTLING = 6.0
 command is reversed, the duty passes zero within this time for lags of a few seconds, and the heat
 of an on/off drive has a kink there, which a longer step would miss."""
 
+UNKNOWN_CHANGE = 1.0
+"""The size of a change if it is not known how fast channels answer: that of a large one, K/s."""
+
 SHORT_SPAN = 1.0
 """The longest span between two input changes that has equal steps if no sample is inside, s."""
 
@@ -331,9 +334,10 @@ def build_time_grid(
     longer = np.where(lengths > 0, lengths, 1.0)
     part = np.clip((time - edges[step_of]) / longer[step_of], 0.0, 1.0)
     polynomials = step_polynomials([np.asarray(span) for span in spans])
-    begins = (edges[:-1] - time[marks[span_of]]) / np.diff(time[marks])[span_of]
-    stages = begins[:, None] + (lengths / np.diff(time[marks])[span_of])[:, None] * [0.0, 0.5, 1.0]
-    room, *others = (quadratic_at(of_input[span_of], stages) for of_input in slow)
+    # The parts of its span that have passed at the start, in the middle and at the end of a step.
+    stages = edges[:-1, None] + lengths[:, None] * [0.0, 0.5, 1.0] - time[marks[span_of], None]
+    passed = stages / np.diff(time[marks])[span_of, None]
+    room, *others = (quadratic_at(of_input[span_of], passed) for of_input in slow)
     return TimeGrid(
         times=time,
         sizes=sizes,
@@ -369,7 +373,7 @@ def _span_starts(
         return np.stack([held_quadratics(time, held, lengths) for held in slow.T])
 
     if not rates:
-        return marks, np.full(len(marks) - 1, np.inf), during()
+        return marks, np.full(len(marks) - 1, UNKNOWN_CHANGE), during()
     of_duty, speeds = np.array(rates[: duty.shape[1]]), np.array(rates[duty.shape[1] :])
     has_states = np.isinf(speeds)
     speeds[has_states] = 0.0
@@ -423,8 +427,9 @@ def _span_steps(
     """
     start, duration, has_samples = float(time[0]), float(time[-1] - time[0]), len(time) > 2
     if duration <= SHORT_SPAN and not has_samples:
-        whole = max(rule.reach * changes[-1][1] ** (-1 / 4), rule.first) if changes[-1][1] else 1.0
-        parts = max(parts, math.ceil(duration / whole - 1e-9))
+        # The inverse of how long a step the change allows.
+        steepness = min(changes[-1][1] ** (1 / 4) / rule.reach, 1 / rule.first)
+        parts = max(parts, math.ceil(duration * steepness - 1e-9))
         return [duration / parts] * parts
     steps, elapsed = [], 0.0
     while duration - elapsed > 1e-9:
