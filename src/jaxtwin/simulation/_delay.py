@@ -114,7 +114,11 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
         ambient_at=grid.ambient_at,
         levels=None
         if levels_at is None
-        else jnp.stack([mean_of(during(level)) for level in levels_at.T], axis=1),
+        else jnp.clip(
+            jnp.stack([mean_of(during(level)) for level in levels_at.T], axis=1),
+            levels_at.min(axis=0),
+            levels_at.max(axis=0),
+        ),
         levels_at=levels_at,
         regimes=grid.regimes,
         steady_start=grid.steady_start,

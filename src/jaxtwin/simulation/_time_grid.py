@@ -348,7 +348,14 @@ def build_time_grid(
         step_of=step_of.astype(np.int32),
         weights=sample_weights(polynomials, step_of, part),
         ambient_at=None if ambient is None else np.broadcast_to(ambient, time.shape) + ZERO_CELSIUS,
-        levels=None if levels is None else np.stack([mean_of(rows) for rows in others], axis=1),
+        # A quadratic may leave the range of the input, such as speeds that are never negative.
+        levels=None
+        if levels is None
+        else np.clip(
+            np.stack([mean_of(rows) for rows in others], axis=1),
+            levels.min(axis=0),
+            levels.max(axis=0),
+        ),
         levels_at=levels,
         regimes=None if levels is None else regimes(levels, np.array([x for _, x in inputs])),
     )
