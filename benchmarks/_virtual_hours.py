@@ -15,7 +15,7 @@ import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.matching import posterior_draws
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, Observed
-from jaxtwin.observers._filter_run import Samples, filtered, samples_of
+from jaxtwin.observers._filter_run import FilterSamples, filtered, samples_of
 from jaxtwin.observers._programs import started
 from jaxtwin.observers._start import first_reading
 from jaxtwin.physics import FAULT_MODELS
@@ -140,13 +140,13 @@ def _errors(
 
 @jax.jit
 def _path(
-    stepper: jt.Stepper, state: jt.StepperState, duty: np.ndarray, room: float
-) -> tuple[jt.StepperState, jax.Array]:
+    stepper: jt.Stepper, state: jt.simulation.StepperState, duty: np.ndarray, room: float
+) -> tuple[jt.simulation.StepperState, jax.Array]:
     """The states and the readings after each command."""
 
     def take(
-        now: jt.StepperState, command: jax.Array
-    ) -> tuple[jt.StepperState, tuple[jt.StepperState, jax.Array]]:
+        now: jt.simulation.StepperState, command: jax.Array
+    ) -> tuple[jt.simulation.StepperState, tuple[jt.simulation.StepperState, jax.Array]]:
         after = stepper.step(now, command, room)
         return after, (after, stepper.channels(after, room))
 
@@ -155,7 +155,7 @@ def _path(
 
 def begun(
     kalman: ExtendedKalmanFilter, experiment: jt.Experiment
-) -> tuple[KalmanState, Samples, np.ndarray]:
+) -> tuple[KalmanState, FilterSamples, np.ndarray]:
     """The state of a filter before a recording, the samples of it, and which of them it has."""
     samples, is_sample = samples_of(kalman, experiment)
     with own_settings():

@@ -20,7 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin import ControlError
 from jaxtwin.control import (
     LQI,
     MEASURES,
@@ -33,6 +32,7 @@ from jaxtwin.control import (
     decoupling_of,
     most_even_point,
 )
+from jaxtwin.errors import ControlError
 from jaxtwin.matching import posterior_draws
 
 from ._machine import machine

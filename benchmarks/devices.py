@@ -71,7 +71,7 @@ def heater(recording: Path) -> dict[str, Any]:
     }
 
 
-def judged(found: jt.Validation) -> dict[str, float]:
+def judged(found: jt.validation.Validation) -> dict[str, float]:
     """How near a prediction was, and its band."""
     return {
         "fit_percent": found.mean_fit_percent,

@@ -59,7 +59,7 @@ from jaxtwin.monitoring._response import response_of
 from jaxtwin.monitoring._run import evidences_of
 from jaxtwin.monitoring._thresholds import DAY
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, Observed, ProcessNoise
-from jaxtwin.observers._filter_run import Samples
+from jaxtwin.observers._filter_run import FilterSamples
 from jaxtwin.observers._observe import filter_for
 
 FAULTS = {
@@ -283,11 +283,11 @@ def last_of(observed: Observed) -> Observed:
 
 @jax.jit
 def loudest_of_hour(
-    kalman: ExtendedKalmanFilter, monitor: Monitor, start: KalmanState, samples: Samples
+    kalman: ExtendedKalmanFilter, monitor: Monitor, start: KalmanState, samples: FilterSamples
 ) -> jax.Array:
     """The largest score of all tests but that of changed parameters, which is a notice."""
 
-    def take(at: tuple[Any, Any], sample: Samples) -> tuple[tuple[Any, Any], jax.Array]:
+    def take(at: tuple[Any, Any], sample: FilterSamples) -> tuple[tuple[Any, Any], jax.Array]:
         state, watched = at
         state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         expected = kalman.readings(state, sample.ambient)

@@ -45,7 +45,7 @@ def names() -> list[str]:
     return [name for name in TASK.twin.values if name not in HELD]
 
 
-def analyse(base: int) -> jt.GlobalSensitivity:
+def analyse(base: int) -> jt.sensitivity_analysis.GlobalSensitivity:
     """Sobol's indices of the cost."""
     return jt.global_sensitivity(
         TASK.twin, TASK.experiment, method="sobol", draws=base, names=names()
@@ -73,7 +73,9 @@ def measure(base: int, by_scipy: int) -> dict[str, Any]:
     }
 
 
-def peers(found: jt.GlobalSensitivity, base: int, by_scipy: int) -> dict[str, float]:
+def peers(
+    found: jt.sensitivity_analysis.GlobalSensitivity, base: int, by_scipy: int
+) -> dict[str, float]:
     """Seconds of CPU by SALib and SciPy, and by how much their costs differ, K^2."""
     from SALib.analyze import sobol as analyser
     from SALib.sample import sobol as sampler
@@ -125,7 +127,7 @@ def lsoda_costs(samples: Float[np.ndarray, "runs parameters"]) -> Float[np.ndarr
     return np.array(costs)
 
 
-def convergence(found: jt.GlobalSensitivity) -> list[dict[str, Any]]:
+def convergence(found: jt.sensitivity_analysis.GlobalSensitivity) -> list[dict[str, Any]]:
     """The first base samples of the analysis, as Sobol's sequence begins alike: how wide the
     intervals of the mean cost's indices are, and how far its indices are from those of all."""
     row, blocks, rows = found.row(), found.design.blocks, []

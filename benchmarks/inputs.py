@@ -22,7 +22,7 @@ import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.simulation import build_time_grid
 from jaxtwin.simulation._simulate import _run_exponential
-from jaxtwin.simulation._time_grid import SETTLING, step_rule
+from jaxtwin.simulation._time_grid import SETTLING_SECONDS, step_rule
 
 from ._machine import machine
 from ._one_lane import one_lane_compiler
@@ -122,7 +122,7 @@ def _solve(
 
 
 def _finest(twin: jt.Twin, experiment: jt.Experiment) -> Float[np.ndarray, "times channels"]:
-    rule = step_rule(1 / 8, settling=0.0 if twin.wiring.lag is None else SETTLING)
+    rule = step_rule(1 / 8, settling=0.0 if twin.wiring.lag is None else SETTLING_SECONDS)
     grid = build_time_grid(experiment, rule, twin.wiring.inputs_and_effects)
     with own_settings():
         return np.asarray(_run_exponential(twin, grid, None)[1]) - 273.15

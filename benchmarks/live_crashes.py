@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Session
 from jaxtwin.live import Greeting, Hello, Reading, Recorder, Sample
 from jaxtwin.rig import Rig

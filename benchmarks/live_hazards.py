@@ -50,8 +50,8 @@ from hazards import (
 )
 
 import jaxtwin as jt
-from jaxtwin._errors import SafetyStop
 from jaxtwin.control import LiveLoop, control, read_controller
+from jaxtwin.errors import SafetyStop
 from jaxtwin.live import Ending, Guard, InProcess, OperatingLimits, VirtualRig
 from jaxtwin.matching import posterior_draws
 from jaxtwin.rig import Sensors

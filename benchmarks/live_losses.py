@@ -102,7 +102,9 @@ class Tally:
 def disconnects(times: int) -> dict[str, int]:
     """Part 1. The device goes on counting while nobody is connected, and repeats a little."""
     rig = jt.load_rig("dual-cell")
-    _link.LASTING = 0.0  # else a device that hangs up so soon would be asked less and less often
+    _link.STABLE_SECONDS = (
+        0.0  # else a device that hangs up so soon would be asked less and less often
+    )
     chance = random.Random(1)
     server = socket.create_server(("127.0.0.1", 0))
     done = threading.Event()

@@ -58,7 +58,7 @@ def main() -> None:
     speed(jt.observe(dual, steps[0], of_halves))
 
 
-def judge(name: str, several: Sequence[jt.Observed], after: float = 0.0) -> None:
+def judge(name: str, several: Sequence[jt.observers.Observed], after: float = 0.0) -> None:
     """Prints the errors of the forecasts."""
     for lead in LEADS:
         forecasts = [one.ahead(lead).after(after) for one in several]
@@ -77,7 +77,7 @@ def rms(several: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate([one.ravel() for one in several]) ** 2)))
 
 
-def speed(observed: jt.Observed) -> None:
+def speed(observed: jt.observers.Observed) -> None:
     """Prints how long a step, a batch of steps, and a recording take."""
     observer = observed.observer
     with own_settings():

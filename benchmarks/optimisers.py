@@ -28,7 +28,7 @@ from jaxtwin.matching import BoundedLevenbergMarquardt
 from jaxtwin.matching._descent import descend
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._jacobian import residual_jacobian
-from jaxtwin.matching._objective import Objective, make_objective
+from jaxtwin.matching._objective import MatchObjective, make_objective
 from jaxtwin.matching._problem import MatchProblem
 from jaxtwin.matching._residuals import residuals
 
@@ -43,7 +43,7 @@ _jacobian = eqx.filter_jit(residual_jacobian)
 class Counted:
     """Residuals and Jacobian for solvers that call Python."""
 
-    def __init__(self, objective: Objective):
+    def __init__(self, objective: MatchObjective):
         self.objective, self.residuals, self.jacobians = objective, 0, 0
 
     def fn(self, vector: Any) -> np.ndarray:
@@ -59,7 +59,7 @@ Result = tuple[np.ndarray, int | str, int | str]
 """Vector, residuals, Jacobians."""
 
 
-def ours(objective: Objective, problem: MatchProblem) -> Result:
+def ours(objective: MatchObjective, problem: MatchProblem) -> Result:
     solver = BoundedLevenbergMarquardt(rtol=RTOL)
     start = problem.unknowns.start()
     (end,) = descend([objective], solver, [start], problem.unknowns.search_space(), LIMIT)
@@ -67,14 +67,14 @@ def ours(objective: Objective, problem: MatchProblem) -> Result:
     return end.vector, int(end.optimiser.num_residuals), int(end.optimiser.num_jacobians)
 
 
-def optimistix_own(objective: Objective, problem: MatchProblem) -> Result:
+def optimistix_own(objective: MatchObjective, problem: MatchProblem) -> Result:
     end = _optimistix(jnp.asarray(problem.unknowns.start()), objective)
     steps = int(end.stats["num_steps"])
     return np.asarray(end.value), steps, steps
 
 
 @eqx.filter_jit
-def _optimistix(start: Any, objective: Objective) -> optx.Solution:
+def _optimistix(start: Any, objective: MatchObjective) -> optx.Solution:
     def fn(vector: Any, objective: Any) -> Any:
         return ravel_pytree(residuals(vector, objective)[0])[0]
 
@@ -89,7 +89,7 @@ def _optimistix(start: Any, objective: Objective) -> optx.Solution:
     )
 
 
-def scipy_trf(objective: Objective, problem: MatchProblem) -> Result:
+def scipy_trf(objective: MatchObjective, problem: MatchProblem) -> Result:
     counted = Counted(objective)
     lower, upper = problem.unknowns.lower(), problem.unknowns.upper()
     end = scipy.optimize.least_squares(
@@ -104,7 +104,7 @@ def scipy_trf(objective: Objective, problem: MatchProblem) -> Result:
     return end.x, counted.residuals, counted.jacobians
 
 
-def lmfit_leastsq(objective: Objective, problem: MatchProblem) -> Result:
+def lmfit_leastsq(objective: MatchObjective, problem: MatchProblem) -> Result:
     """MINPACK behind lmfit's bounds (a sine), with our Jacobian in those bounds' variables."""
     counted = Counted(objective)
     names = [f"p{number}" for number in range(problem.unknowns.size)]
@@ -129,7 +129,7 @@ def lmfit_leastsq(objective: Objective, problem: MatchProblem) -> Result:
     return vector(found.params), counted.residuals, counted.jacobians
 
 
-WAYS: dict[str, Callable[[Objective, MatchProblem], Result]] = {
+WAYS: dict[str, Callable[[MatchObjective, MatchProblem], Result]] = {
     "ours": ours,
     "optimistix LevenbergMarquardt": optimistix_own,
     "SciPy TRF": scipy_trf,

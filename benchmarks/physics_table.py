@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxtwin import Experiment, Fit, Run, Twin, match, read_recording
+from jaxtwin import Experiment, Fit, Twin, match, read_recording
 from jaxtwin.data import data_folder
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.rig import rig_from_tables
-from jaxtwin.simulation import fit_percent
+from jaxtwin.simulation import Run, fit_percent
 
 HALF = 500.0
 CORRELATED = 58.0

@@ -19,16 +19,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from jaxtwin import (
-    Experiment,
-    RecordingError,
-    Twin,
-    find_recordings,
-    load_rig,
-    read_recording,
-    reduce_batch,
-)
+from jaxtwin import Experiment, Twin, find_recordings, load_rig, read_recording, reduce_batch
 from jaxtwin.data import synthetic_recordings
+from jaxtwin.errors import RecordingError
 from jaxtwin.sensitivity_analysis import (
     normal_draws,
     pearson,

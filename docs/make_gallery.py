@@ -135,7 +135,7 @@ def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
     return runs, best
 
 
-def shortened(runs: dict[str, ClosedLoopRun]) -> dict[str, jt.Run]:
+def shortened(runs: dict[str, ClosedLoopRun]) -> dict[str, jt.simulation.Run]:
     """The first 200 s, in which the plates differ."""
     cut = {}
     for name, loop in runs.items():
@@ -147,7 +147,7 @@ def shortened(runs: dict[str, ClosedLoopRun]) -> dict[str, jt.Run]:
     return cut
 
 
-def placed_better() -> jt.RigDesign:
+def placed_better() -> jt.control.RigDesign:
     """The cells of `dual-cell` as squares, and a third one, where the plate is most even."""
     sys.path.append(str(Path(__file__).parents[1]))
     from benchmarks.placed_cells import placed
@@ -156,7 +156,7 @@ def placed_better() -> jt.RigDesign:
     return jt.design_rig(twin, 40, limits=(0, 1), further_cells=1, clearance=0.005)
 
 
-def followed() -> jt.Observed:
+def followed() -> jt.observers.Observed:
     """An observation of a Temperature Control Lab that stands in a draught: its twin was matched to
     another recording of it."""
     twin = jt.Twin("tclab")
@@ -171,7 +171,7 @@ def followed() -> jt.Observed:
     return jt.observe(jt.match(twin, recordings[0]), recordings[1])
 
 
-def watched() -> jt.Monitored:
+def watched() -> jt.monitoring.Monitored:
     """A Temperature Control Lab of which a sensor comes loose after eight minutes, and is pressed
     on again four minutes later."""
     rig = jt.Twin("tclab")
@@ -189,7 +189,7 @@ def watched() -> jt.Monitored:
     )  # fmt: skip
 
 
-def diagnosed() -> jt.Diagnosis:
+def diagnosed() -> jt.diagnosis.Diagnosis:
     """A Temperature Control Lab of which a heater ages after eight minutes: its resistance grows by
     a fifth."""
     rig = jt.Twin("tclab")
@@ -210,7 +210,7 @@ def diagnosed() -> jt.Diagnosis:
     )
 
 
-def separated() -> jt.DiagnosisDesign:
+def separated() -> jt.experiment_design.DiagnosisDesign:
     """A test of a Temperature Control Lab: which of four faults has its first heater?"""
     faults = ["gain T1", "offset T1", "age H1", "leak H1"]
     return jt.design_experiment(
@@ -218,7 +218,7 @@ def separated() -> jt.DiagnosisDesign:
     )
 
 
-def aged() -> jt.Health:
+def aged() -> jt.prognostics.Health:
     """Eight weekly sessions of a Temperature Control Lab whose second heater loses half a per cent
     of its power in a day, and one per cent more or less from session to session."""
     twin, random = jt.Twin("tclab"), np.random.default_rng(2)

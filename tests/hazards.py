@@ -15,8 +15,8 @@ import jax
 import numpy as np
 from hand_clock import START, HandClock, stepped_bench
 
-from jaxtwin._errors import JaxtwinError, SafetyStop
 from jaxtwin.control import PID, LiveLoop, control, read_controller, save_controller
+from jaxtwin.errors import JaxtwinError, SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Data,

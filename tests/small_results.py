@@ -8,8 +8,6 @@ import numpy as np
 from jaxtwin import (
     Experiment,
     Fit,
-    GlobalSensitivity,
-    Sensitivity,
     Twin,
     global_sensitivity,
     load_rig,
@@ -18,6 +16,7 @@ from jaxtwin import (
     sensitivity,
 )
 from jaxtwin.data import synthetic_recordings
+from jaxtwin.sensitivity_analysis import GlobalSensitivity, Sensitivity
 
 
 @cache

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from jaxtwin import SimulationError
 from jaxtwin._executor import check_executor, work_in_units
+from jaxtwin.errors import SimulationError
 
 SPAWN = multiprocessing.get_context("spawn")
 

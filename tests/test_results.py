@@ -57,11 +57,11 @@ def shifted() -> jt.Fit:
 
 
 def dc_sweep() -> DCSweep:
-    module = jt.ThermoelectricModule.from_datasheet("CP10-127-05")
+    module = jt.physics.ThermoelectricModule.from_datasheet("CP10-127-05")
     return module.dc_sweep(np.linspace(0.0, 3.0, 20), [0.0, 20.0], 300.0)
 
 
-def swept(folder: Path) -> jt.Sweep:
+def swept(folder: Path) -> jt.sweeps.Sweep:
     return jt.sweep(fit(), None, folder, draws=4, names=["R_E"], reductions=["final"])
 
 
@@ -94,27 +94,27 @@ def two_grids() -> GridConvergence:
     return GridConvergence((Grid(0.02, 8, math.nan, 0.3), Grid(0.01, 32, 0.3, 0.0)), 0.1, "rig")
 
 
-def refitted() -> jt.Refit:
+def refitted() -> jt.refitting.Refit:
     check = GateCheck("readings", True, 0.0, 0.0, "every channel is alive")
-    return jt.Refit("unchanged", "nothing has changed", fit(), fit(), (check,), ())
+    return jt.refitting.Refit("unchanged", "nothing has changed", fit(), fit(), (check,), ())
 
 
-def aged() -> jt.Health:
+def aged() -> jt.prognostics.Health:
     sessions = [session(value) for value in (2.0, 2.1, 2.05, 2.2)]
     return jt.health(sessions, limits={"R_E": 3.0})
 
 
-def design() -> jt.ExperimentDesign:
+def design() -> jt.experiment_design.ExperimentDesign:
     return jt.design_experiment(jt.Twin("single-cell"), duration=20, hold=10, levels=2)
 
 
-def moved(folder: Path) -> jt.RigDesign:
+def moved(folder: Path) -> jt.control.RigDesign:
     file = folder / "plate.toml"
     file.write_text(placed_text(grid=GRID.replace('"1 cm"', '"4 cm"')))
     return jt.design_rig(jt.Twin(file), 30, limits=(0, 1), starts=1)
 
 
-def separating() -> jt.DiagnosisDesign:
+def separating() -> jt.experiment_design.DiagnosisDesign:
     return jt.design_experiment(
         bench(), purpose="diagnosis", faults=["age H1", "leak H1"], duration=40, hold=40, levels=2
     )
@@ -293,7 +293,7 @@ def test_the_table_of_an_operating_point_holds_its_numbers_by_name():
     assert table.loc[("channel", "TAM"), "value"] == point.outputs[twin.channels.index("TAM")]
     assert table.loc[("node", "P1.TC"), "value"] == point.nodes[twin.netlist.index["P1.TC"]]
     assert len(table) == 2 + len(point.nodes) + len(point.outputs) + 1
-    at_rest = jt.LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point
+    at_rest = jt.control.LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point
     assert at_rest.to_dataframe().index.tolist() == [
         ("duty", "u1"), ("node", "x1"), ("channel", "y1"), ("ambient", "")
     ]  # fmt: skip
@@ -309,7 +309,9 @@ def test_the_dataset_of_an_operating_point_holds_its_numbers_by_name():
     assert float(data.ambient) == point.ambient
     units = {name: values.attrs["units"] for name, values in data.items()}
     assert units == {"duty": "1", "state": "degC", "temperature": "degC", "ambient": "degC"}
-    at_rest = jt.LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point.to_xarray()
+    at_rest = jt.control.LinearModel(
+        [[-1.0]], [[1.0]], [[1.0]], [[0.0]]
+    ).operating_point.to_xarray()
     labels = [at_rest[dimension].item() for dimension in ("cell", "node", "channel")]
     assert labels == ["u1", "x1", "y1"]
 
@@ -355,9 +357,11 @@ def test_a_long_table_says_how_many_rows_it_leaves_out():
 def test_a_recording_that_there_is_not_is_answered_with_those_that_there_are():
     checked = jt.validate(fit(), recordings()[0], warm_up=20)
     for found in (fit().runs, fit().camera, fit().weights, fit().twins):
-        with pytest.raises(jt.RecordingError, match="one of synthetic-A, synthetic-B; got 'C'"):
+        with pytest.raises(
+            jt.errors.RecordingError, match="one of synthetic-A, synthetic-B; got 'C'"
+        ):
             found["C"]
-    with pytest.raises(jt.RecordingError, match="one of synthetic-A; got 'synthetic-B'"):
+    with pytest.raises(jt.errors.RecordingError, match="one of synthetic-A; got 'synthetic-B'"):
         checked.runs["synthetic-B"]
     assert "C" not in fit().runs
     assert fit().runs.get("C") is None
@@ -409,7 +413,7 @@ def test_quantiles_of_infinite_results_are_those_of_draws():
 def test_the_table_of_a_validation_is_named_by_it():
     run = fit().runs["synthetic-A"]
     made = Prediction("synthetic-A", run, fit().twin, {}, (), fit())
-    html = jt.Validation("made", "predicted", (made,))._repr_html_()
+    html = jt.validation.Validation("made", "predicted", (made,))._repr_html_()
     assert html.startswith("<table><caption>&lt;Validation")
 
 
@@ -418,7 +422,9 @@ def test_the_autocorrelation_time_of_a_validation_is_in_seconds():
     run = fit().runs["synthetic-A"]
     slow = replace(run, experiment=replace(run.experiment, time=2 * run.experiment.time))
     times = [
-        jt.Validation("made", "predicted", (Prediction("A", part, fit().twin, {}, (), fit()),))
+        jt.validation.Validation(
+            "made", "predicted", (Prediction("A", part, fit().twin, {}, (), fit()),)
+        )
         .to_dataframe()
         .autocorrelation_time
         for part in (run, slow)

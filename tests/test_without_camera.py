@@ -8,19 +8,9 @@ import pytest
 from hand_clock import HandClock, virtual_bench
 from typer.testing import CliRunner
 
-from jaxtwin import (
-    Experiment,
-    LinkError,
-    RigError,
-    Twin,
-    load_rig,
-    match,
-    plots,
-    read_recording,
-    simulate,
-    validate,
-)
+from jaxtwin import Experiment, Twin, load_rig, match, plots, read_recording, simulate, validate
 from jaxtwin.cli import app
+from jaxtwin.errors import LinkError, RigError
 from jaxtwin.io import write_recording
 from jaxtwin.live import Reading, Recorder, Replay, Sample, VirtualRig
 from jaxtwin.physics import Faults, frame_to_channels

@@ -1,8 +1,13 @@
 """Digital twins of thermal rigs: simulate, match to recordings, analyse, run beside the rig.
 
 The public names are listed in `__init__.pyi`, one line each. A name is imported when it is first
-used, so that `import jaxtwin` itself takes very little time. Importing changes no setting of JAX.
+used, so that `import jaxtwin` itself takes very little time; so is a package, such as
+`jaxtwin.control`. Importing changes no setting of JAX.
 """
+
+import importlib
+import importlib.util
+import warnings
 
 import lazy_loader
 
@@ -11,13 +16,57 @@ __version__ = "0.1.0"
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
+# Names that were here before, and the packages that have them now. They go with the next version.
+_MOVED = {
+    "ControlError": "errors",
+    "LinkError": "errors",
+    "MatchError": "errors",
+    "ObserverError": "errors",
+    "ParameterError": "errors",
+    "RecordingError": "errors",
+    "RigError": "errors",
+    "SafetyStop": "errors",
+    "SimulationError": "errors",
+    "StoreError": "errors",
+    "LinearModel": "control",
+    "RigDesign": "control",
+    "Diagnosis": "diagnosis",
+    "Isolability": "diagnosis",
+    "DiagnosisDesign": "experiment_design",
+    "ExperimentDesign": "experiment_design",
+    "Monitored": "monitoring",
+    "Forecast": "observers",
+    "Observed": "observers",
+    "Netlist": "physics",
+    "ThermoelectricModule": "physics",
+    "build_netlist": "physics",
+    "frame_to_channels": "physics",
+    "plate_map": "physics",
+    "Health": "prognostics",
+    "Refit": "refitting",
+    "GlobalSensitivity": "sensitivity_analysis",
+    "Sensitivity": "sensitivity_analysis",
+    "Run": "simulation",
+    "StepperState": "simulation",
+    "Sweep": "sweeps",
+    "Validation": "validation",
+}
+
+
 def __getattr__(name: str) -> object:
     try:
         return _load(name)
     except AttributeError:
         if name in __all__:  # an error of the module behind it
             raise
-        from ._name_suggestions import did_you_mean
+    if name in _MOVED:
+        warnings.warn(
+            f"jaxtwin.{name} is now jaxtwin.{_MOVED[name]}.{name}", DeprecationWarning, stacklevel=2
+        )
+        return getattr(importlib.import_module(f"{__name__}.{_MOVED[name]}"), name)
+    if not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}") is not None:
+        return importlib.import_module(f"{__name__}.{name}")
+    from ._name_suggestions import did_you_mean
 
-        hint = did_you_mean([name], __all__)
-        raise AttributeError(f"module 'jaxtwin' has no attribute {name!r}{hint}") from None
+    hint = did_you_mean([name], __all__)
+    raise AttributeError(f"module 'jaxtwin' has no attribute {name!r}{hint}") from None

@@ -1,31 +1,18 @@
-# The public names of jaxtwin, one line each. `__init__.py` reads this file at run time and imports
-# a name when it is first used; type checkers and editors read it as it stands.
+# The public names of jaxtwin, one line each, in the order of the five steps. `__init__.py` reads
+# this
+# file at run time and imports a name when it is first used; type checkers and editors read it as it
+# stands. Errors are in `jaxtwin.errors`, the types of results in their packages.
 
-from ._errors import ControlError as ControlError
-from ._errors import JaxtwinError as JaxtwinError  # the base class of all errors
-from ._errors import LinkError as LinkError
-from ._errors import MatchError as MatchError
-from ._errors import ObserverError as ObserverError
-from ._errors import ParameterError as ParameterError
-from ._errors import RecordingError as RecordingError
-from ._errors import RigError as RigError
-from ._errors import SafetyStop as SafetyStop
-from ._errors import SimulationError as SimulationError
-from ._errors import StoreError as StoreError
+# 1. Define and document: a rig, and what was recorded of it
 from .c_export import export_c as export_c  # a model, a twin or a controller as C
-from .control import LinearModel as LinearModel  # a twin near an operating point
-from .control import RigDesign as RigDesign  # where cells make a plate most even
 from .control import design_rig as design_rig  # and how to find it
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
 from .control import simulate_closed_loops as simulate_closed_loops  # for many draws
 from .control import tune as tune  # a controller's gains, through the closed loop
-from .diagnosis import Diagnosis as Diagnosis  # why something changed in a recording
-from .diagnosis import Isolability as Isolability  # which faults can be told apart
 from .diagnosis import diagnose as diagnose  # which fault, since when, how large
 from .diagnosis import isolability as isolability  # and what it could say, before the fact
-from .experiment_design import DiagnosisDesign as DiagnosisDesign  # which test tells faults apart
-from .experiment_design import ExperimentDesign as ExperimentDesign  # what to record next
+from .errors import JaxtwinError as JaxtwinError  # the base class of all errors
 from .experiment_design import design_experiment as design_experiment  # and how to find it
 from .fmu import export_fmu as export_fmu  # a twin as an FMU, for other simulators
 from .io import Experiment as Experiment  # inputs and recorded outputs of one run
@@ -35,50 +22,42 @@ from .io import read_recording as read_recording  # .mat, .csv or .nc -> Experim
 from .io import write_recording as write_recording  # Experiment -> .csv or .nc
 from .matching import Fit as Fit  # the result of a match
 from .matching import compare_fits as compare_fits  # the differences in standard errors
+
+# 3. Match, and validate
 from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
 from .matching import prediction_band as prediction_band  # where readings are expected
 from .matching import profile as profile  # the cost of a match over one parameter
-from .monitoring import Monitored as Monitored  # what a monitor found in a recording
 from .monitoring import calibrate_monitor as calibrate_monitor  # what is healthy
 from .monitoring import monitor as monitor  # what has changed in a rig, and since when
-from .observers import Forecast as Forecast  # expected readings with bands
-from .observers import Observed as Observed  # a recording that an observer followed
 from .observers import ProcessNoise as ProcessNoise  # what a twin does not know of its rig
 from .observers import estimate_noise as estimate_noise  # and how to find it
 from .observers import match_innovations as match_innovations  # values by an observer's likelihood
+
+# 5. Deploy: the twin beside its rig
 from .observers import observe as observe  # what a rig is doing, from its readings
-from .physics import Netlist as Netlist  # nodes, links, cells: the common form of every rig
-from .physics import ThermoelectricModule as ThermoelectricModule  # a Peltier cell; DC sweeps
+
+# 2. Simulate
 from .physics import Twin as Twin  # a rig with values for its parameters
-from .physics import build_netlist as build_netlist  # Rig -> Netlist
-from .physics import frame_to_channels as frame_to_channels  # camera frame -> zone means
-from .physics import plate_map as plate_map  # element temperatures -> the plate as a picture
-from .prognostics import Health as Health  # parameters of a rig over sessions
 from .prognostics import health as health  # trends, and when limits are passed
-from .refitting import Refit as Refit  # a new twin, and whether it replaces the last
 from .refitting import refit as refit  # a twin from new recordings, through a gate
 from .rig import Rig as Rig  # a rig file, read and checked
 from .rig import bundled_rigs as bundled_rigs  # names of the bundled rigs
 from .rig import load_rig as load_rig  # a bundled rig, or a .toml file of yours
 from .rig import read_parameters as read_parameters  # values that a fit saved
-from .sensitivity_analysis import GlobalSensitivity as GlobalSensitivity  # by a global method
-from .sensitivity_analysis import Sensitivity as Sensitivity  # the result of a sensitivity analysis
 from .sensitivity_analysis import global_sensitivity as global_sensitivity  # for any outputs
+
+# 4. Analyse: what matters, and what to record next
 from .sensitivity_analysis import sensitivity as sensitivity  # which parameters matter
-from .simulation import Run as Run  # the result of a simulation
 from .simulation import Stepper as Stepper  # a twin step by step
-from .simulation import StepperState as StepperState  # where it is between two steps
 from .simulation import grid_convergence as grid_convergence  # the grid by the accuracy wanted
 from .simulation import reduce_batch as reduce_batch  # numbers of many draws
 from .simulation import response as response  # the same as a pure JAX function
 from .simulation import simulate as simulate  # one run
 from .simulation import simulate_batch as simulate_batch  # many draws
-from .sweeps import Sweep as Sweep  # the state of a long sweep
 from .sweeps import open_sweep as open_sweep  # its results, as an xarray data set
 from .sweeps import sweep as sweep  # millions of draws written to a folder
 from .twin_store import TwinStore as TwinStore  # a memory of twins: versions and aliases
-from .validation import Validation as Validation  # predictions, and how good they are
 from .validation import leave_one_out as leave_one_out  # each recording from a match to the others
 from .validation import validate as validate  # recordings that the match has not seen
 from .validation import validate_split as validate_split  # the rest from a match to the first part

@@ -13,8 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from ._errors import JaxtwinError
 from ._pint_quantities import is_pint
+from .errors import JaxtwinError
 
 Kind = TypeVar("Kind")
 Failure = type[JaxtwinError]

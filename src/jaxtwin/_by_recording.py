@@ -2,8 +2,8 @@
 
 from typing import TypeVar
 
-from ._errors import RecordingError
 from ._name_suggestions import did_you_mean
+from .errors import RecordingError
 
 T = TypeVar("T")
 

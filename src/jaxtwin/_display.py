@@ -7,8 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-LONGEST = 40
-"""The largest number of rows of a table in a notebook; a last row says how many more there are."""
+# The largest number of rows of a table in a notebook; a last row says how many more there are.
+MAX_ROWS = 40
 
 
 def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -23,10 +23,10 @@ def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]])
     several = list(rows)
     lines = [
         f"<tr><th>{escape(first)}</th>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
-        for first, *cells in several[:LONGEST]
+        for first, *cells in several[:MAX_ROWS]
     ]
-    if len(several) > LONGEST:
-        more = f"{len(several) - LONGEST} more rows"
+    if len(several) > MAX_ROWS:
+        more = f"{len(several) - MAX_ROWS} more rows"
         lines.append(f"<tr><th></th><td colspan={len(head) - 1}>{more}</td></tr>")
     names = "".join(f"<th>{escape(name)}</th>" for name in head)
     return (

@@ -11,15 +11,15 @@ from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from ._errors import JaxtwinError
+from .errors import JaxtwinError
 
 Result = TypeVar("Result")
 
+# The number of times that a unit is submitted before its failure is raised.
 ATTEMPTS = 3
-"""The number of times that a unit is submitted before its failure is raised."""
 
+# The interval at which jobs that are not futures are polled, s.
 POLL = 0.2
-"""The interval at which jobs that are not futures are polled, s."""
 
 
 @runtime_checkable

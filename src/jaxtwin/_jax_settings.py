@@ -16,12 +16,12 @@ from jax.core import Tracer
 from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
-from ._errors import JaxtwinError
+from .errors import JaxtwinError
 
 Tree = TypeVar("Tree")
 
+# The process that has used JAX first, of which this one may be a fork.
 _first_process: int | None = None
-"""The process that has used JAX first, of which this one may be a fork."""
 
 
 @contextmanager

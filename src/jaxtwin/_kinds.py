@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from ._errors import JaxtwinError
+from .errors import JaxtwinError
 
 Class = TypeVar("Class", bound=type)
 

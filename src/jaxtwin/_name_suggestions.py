@@ -17,5 +17,5 @@ def did_you_mean(names: Iterable[str], known: Iterable[str]) -> str:
     name of each, or nothing if there is none."""
     choices = list(known)
     near = [difflib.get_close_matches(name, choices, n=1) for name in names]
-    found = list(dict.fromkeys(repr(first[0]) for first in near if first))
-    return f"; did you mean {' and '.join(found)}?" if found else ""
+    result = list(dict.fromkeys(repr(first[0]) for first in near if first))
+    return f"; did you mean {' and '.join(result)}?" if result else ""

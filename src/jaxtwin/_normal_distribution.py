@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+# The 0.975 quantile: the number of standard deviations on each side of a 95 % interval.
 QUANTILE_975 = 1.959963984540054
-"""The 0.975 quantile: the number of standard deviations on each side of a 95 % interval."""
 
 
 def normal_quantiles(count: int) -> Float[np.ndarray, " count"]:

@@ -2,8 +2,8 @@
 
 import math
 
+# Numbers below this are written out, without a power of ten.
 LARGE = 1e6
-"""Numbers below this are written out, without a power of ten."""
 
 
 def interval_text(interval: tuple[float, float]) -> str:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ._errors import JaxtwinError
+from .errors import JaxtwinError
 
 
 def is_pint(value: Any) -> bool:

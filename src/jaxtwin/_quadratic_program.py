@@ -26,14 +26,14 @@ from jaxtyping import Array, Bool, Float
 
 from ._lapack import solve, solve_definite
 
+# The largest number of steps.
 STEPS = 30
-"""The largest number of steps."""
 
+# The factor by which a step aims to reduce the product of slack and multiplier.
 CENTERING = 0.05
-"""The factor by which a step aims to reduce the product of slack and multiplier."""
 
+# The largest part of the way to the nearest limit that a step takes.
 TO_BOUNDARY = 0.99
-"""The largest part of the way to the nearest limit that a step takes."""
 
 
 class QuadraticProgram(NamedTuple):
@@ -82,8 +82,8 @@ def minimised(program: QuadraticProgram) -> Float[Array, " n"]:
     def further(state: tuple[Array, _Point]) -> tuple[Array, _Point]:
         return state[0] + 1, _step(held, held, state[1])
 
-    _, found = jax.lax.while_loop(is_open, further, (jnp.zeros((), int), _start(held)))
-    last = _step(held, program, jax.lax.stop_gradient(found), is_last=True)
+    _, result = jax.lax.while_loop(is_open, further, (jnp.zeros((), int), _start(held)))
+    last = _step(held, program, jax.lax.stop_gradient(result), is_last=True)
     return last.z[: len(program.slope)]
 
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+# The number of lags in Ljung and Box's test; short series have fewer.
 LAGS = 20
-"""The number of lags in Ljung and Box's test; short series have fewer."""
 
 
 class LjungBox(NamedTuple):
@@ -91,12 +91,12 @@ def partial_autocorrelation(
     """Sample partial autocorrelations at the lags 0 to `lags`: the part of each autocorrelation
     that those at smaller lags do not explain (Durbin and Levinson's recursion)."""
     rho = autocorrelation(residuals, lags)
-    found = np.zeros(lags + 1)
-    found[0] = rho[0]
+    result = np.zeros(lags + 1)
+    result[0] = rho[0]
     weights = np.zeros(0)
     for lag in range(1, lags + 1):
         left = 1 - weights @ rho[1:lag]
         last = (rho[lag] - weights @ rho[lag - 1 : 0 : -1]) / left if left > 0 else 0.0
         weights = np.append(weights - last * weights[::-1], last)
-        found[lag] = last
-    return found
+        result[lag] = last
+    return result

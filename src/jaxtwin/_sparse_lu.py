@@ -14,11 +14,11 @@ from typing import TypeAlias, final
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+# Row and column of an entry of a matrix.
 Entry: TypeAlias = tuple[int, int]
-"""Row and column of an entry of a matrix."""
 
+# The entries of a matrix that may differ from 0.
 Entries: TypeAlias = Mapping[Entry, Float[Array, "*batch"]]
-"""The entries of a matrix that may differ from 0."""
 
 
 @final

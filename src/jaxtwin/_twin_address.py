@@ -11,23 +11,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, final
 
-from ._errors import JaxtwinError
 from ._name_suggestions import did_you_mean
+from .errors import JaxtwinError
 
 if TYPE_CHECKING:
     import sqlite3
 
+# SQLite's `application_id` of a store, "jts1", which `file` and SQLite tools show.
 APPLICATION = 0x6A747331
-"""SQLite's `application_id` of a store, "jts1", which `file` and SQLite tools show."""
 
+# The version of the tables.
 FORMAT = 1
-"""The version of the tables."""
 
+# How long a transaction waits for that of another process, s.
 BUSY_SECONDS = 30.0
-"""How long a transaction waits for that of another process, s."""
 
+# What an alias may be; a version is a number.
 ALIAS = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
-"""What an alias may be; a version is a number."""
 
 _ADDRESS = re.compile(rf"(.+\.db)@({ALIAS.pattern}|\d+)")
 
@@ -43,10 +43,10 @@ class TwinAddress(NamedTuple):
 def twin_address(path: object) -> TwinAddress | None:
     """The address that a path is; None for the path of a file, and for anything else."""
     text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
-    found = _ADDRESS.fullmatch(text) if isinstance(text, str) else None
-    if found is None or Path(found[0]).exists():
+    result = _ADDRESS.fullmatch(text) if isinstance(text, str) else None
+    if result is None or Path(result[0]).exists():
         return None
-    return TwinAddress(Path(found[1]).expanduser(), found[2])
+    return TwinAddress(Path(result[1]).expanduser(), result[2])
 
 
 def read_stored_fit(address: TwinAddress, error: type[JaxtwinError]) -> bytes:

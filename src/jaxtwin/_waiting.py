@@ -13,11 +13,11 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import final
 
+# The time after which a message is printed, s.
 PRINTED_AFTER = 2.0
-"""The time after which a message is printed, s."""
 
+# The shortest time between two messages on the progress of the same work, s.
 PAUSE = 10.0
-"""The shortest time between two messages on the progress of the same work, s."""
 
 log = logging.getLogger("jaxtwin")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO
 
 from ._arguments import path_of
-from ._errors import JaxtwinError
+from .errors import JaxtwinError
 
 
 def check_ending(

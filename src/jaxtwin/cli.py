@@ -18,7 +18,6 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from ._errors import JaxtwinError, SafetyStop
 from .commands import (
     _backup,
     _conform,
@@ -55,10 +54,11 @@ from .commands import (
     _warm_up,
     _watch,
 )
-from .commands._exit_codes import ALARMED, HEATS, STOPPED, TRIPPED, WRONG
+from .commands._exit_codes import ALARMED, HEATS, STOPPED, TRIPPED, USAGE_ERROR
 from .commands._output import printable
 from .commands._signals import lasting_interrupt
 from .commands._unblocked_output import unblocked_output
+from .errors import JaxtwinError, SafetyStop
 
 # Releases of typer contain click under different names.
 UsageProblem: Any = typer.BadParameter.__mro__[1]
@@ -390,7 +390,7 @@ def _at_home(word: str) -> str:
     return f"{option}{equals}{value}"
 
 
-def _fail(message: str, code: int = WRONG) -> int:
+def _fail(message: str, code: int = USAGE_ERROR) -> int:
     with unblocked_output():  # the exit code must come, whether or not anybody reads this
         print(f"jaxtwin: {printable(' '.join(message.split()))}", file=sys.stderr)
     return code

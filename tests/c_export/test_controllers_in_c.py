@@ -12,7 +12,7 @@ import pytest
 from compiled_c import compiled, ran
 from exported_controllers import CONTROLLERS, COSTS, KEYS, LEFT, RIGHT, c_of, controller_of
 
-from jaxtwin import ControlError, Twin, simulate_closed_loop
+from jaxtwin import Twin, simulate_closed_loop
 from jaxtwin.c_export import CSources, export_c
 from jaxtwin.control import (
     LQI,
@@ -22,6 +22,7 @@ from jaxtwin.control import (
     LinearModel,
     Relay,
 )
+from jaxtwin.errors import ControlError
 
 MAIN = """
 #include <stdio.h>

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from compiled_c import compiled, ran
 
-from jaxtwin import ControlError, LinearModel, Twin, linearize
+from jaxtwin import Twin, linearize
 from jaxtwin.c_export import export_c
-from jaxtwin.control import DiscreteModel
+from jaxtwin.control import DiscreteModel, LinearModel
+from jaxtwin.errors import ControlError
 
 MAIN = """
 #include <stdio.h>

@@ -10,7 +10,8 @@ import pytest
 from compiled_c import compiled, ran
 from heated_box import cell_and_heater
 
-from jaxtwin import ControlError, Experiment, Stepper, Twin, export_c, simulate
+from jaxtwin import Experiment, Stepper, Twin, export_c, simulate
+from jaxtwin.errors import ControlError
 from jaxtwin.observers import ExtendedKalmanFilter, ProcessNoise, live_observer
 from jaxtwin.simulation import reduce_stepper
 

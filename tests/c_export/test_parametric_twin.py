@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxtwin import SimulationError, Stepper, Twin
+from jaxtwin import Stepper, Twin
 from jaxtwin.c_export._parameter_tables import settable_parameters
 from jaxtwin.c_export._parametric_twin_c import parametric_twin_c
+from jaxtwin.errors import SimulationError
 from jaxtwin.rig import Parameter
 
 pytestmark = [pytest.mark.c_compiler, pytest.mark.usefixtures("float64")]

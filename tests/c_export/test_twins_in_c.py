@@ -13,8 +13,9 @@ from compiled_c import compiled, ran
 from hand_rig import rig_of_many_parts
 from heated_box import cell_and_heater, heated_box
 
-from jaxtwin import ControlError, Experiment, Stepper, Twin, simulate
+from jaxtwin import Experiment, Stepper, Twin, simulate
 from jaxtwin.c_export import export_c
+from jaxtwin.errors import ControlError
 from jaxtwin.rig import Rig, rig_from_tables
 from jaxtwin.simulation import reduce_stepper
 

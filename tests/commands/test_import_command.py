@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import jaxtwin as jt
 from jaxtwin.cli import run
 from jaxtwin.commands._file_overview import overview
-from jaxtwin.commands._import_recording import Reading
+from jaxtwin.commands._import_recording import ReadingOptions
 
 LOGGED = """clock,t,room,heater_on,fan_on,elapsed
 1611326938720290000,21.312,20.5,False,True,2.6
@@ -210,8 +210,8 @@ def test_commands_say_what_was_done_to_a_recording(tmp_path, capsys, block):
 def test_no_file_is_answered_with_a_traceback(tmp_path_factory, rows, gap):
     file = tmp_path_factory.mktemp("files") / "log.csv"
     file.write_text("\n".join(gap.join(row) for row in rows))
-    with contextlib.suppress(jt.RecordingError):
-        assert "jaxtwin import" in overview(file, None, None, Reading())
+    with contextlib.suppress(jt.errors.RecordingError):
+        assert "jaxtwin import" in overview(file, None, None, ReadingOptions())
 
 
 def test_glitches_are_named_and_left_out_where_asked(tmp_path, capsys):

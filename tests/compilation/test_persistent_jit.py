@@ -215,7 +215,7 @@ def test_a_program_that_was_prepared_is_not_compiled_again():
 
 def test_few_programs_stay_in_memory(monkeypatch):
     """Linux ends a process that maps memory too often, which each program does."""
-    monkeypatch.setattr(_persistent_jit, "MOST_PROGRAMS", 2)
+    monkeypatch.setattr(_persistent_jit, "MAX_PROGRAMS", 2)
     call = another_process()
     for size in (1, 2, 3, 1):
         call(Line(jnp.array(3.0), "a"), jnp.ones(size))

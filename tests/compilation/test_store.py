@@ -76,7 +76,7 @@ def test_a_link_to_a_program_is_not_followed(folder):
 
 
 def test_files_of_others_in_the_folder_are_neither_counted_nor_deleted(folder, monkeypatch):
-    monkeypatch.setattr(_store, "LARGEST_CACHE", 200)
+    monkeypatch.setattr(_store, "MAX_CACHE", 200)
     folder.mkdir(mode=0o700)
     (folder / "archive.tar").write_bytes(bytes(10_000))
     save(folder, "one", bytes(100))
@@ -95,7 +95,7 @@ def test_a_damaged_program_is_not_loaded(folder, damage):
 
 
 def test_a_full_folder_loses_what_was_not_used_for_longest(folder, monkeypatch):
-    monkeypatch.setattr(_store, "LARGEST_CACHE", 3 * (32 + 100))
+    monkeypatch.setattr(_store, "MAX_CACHE", 3 * (32 + 100))
     for number, name in enumerate(("old", "older", "new")):
         save(folder, name, bytes(100))
         os.utime(folder / (name + ENDING), (number, number))
@@ -106,7 +106,7 @@ def test_a_full_folder_loses_what_was_not_used_for_longest(folder, monkeypatch):
 
 def test_a_program_is_saved_although_another_process_deletes_the_same_old_ones(folder, monkeypatch):
     """What was there when the folder was read is gone when it is its turn to go."""
-    monkeypatch.setattr(_store, "LARGEST_CACHE", 200)
+    monkeypatch.setattr(_store, "MAX_CACHE", 200)
     monkeypatch.setattr(_store, "_programs", lambda _: [(0.0, folder / "gone", 100)])
     save(folder, "new", bytes(100))
     assert load(folder, "new") == bytes(100)

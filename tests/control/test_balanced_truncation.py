@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, LinearModel, Twin, linearize
+from jaxtwin import Twin, linearize
+from jaxtwin.control import LinearModel
+from jaxtwin.errors import ControlError
 
 OMEGA = np.geomspace(1e-6, 1e3, 300)
 

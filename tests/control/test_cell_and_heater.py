@@ -10,7 +10,7 @@ import pytest
 from compiled_c import compiled, ran
 from heated_box import cell_and_heater, heated_box
 
-from jaxtwin import ControlError, Twin, linearize
+from jaxtwin import Twin, linearize
 from jaxtwin.c_export import export_c
 from jaxtwin.control import (
     LQI,
@@ -27,6 +27,7 @@ from jaxtwin.control import (
     simulate_closed_loop,
 )
 from jaxtwin.control.loops._measures import saturation_share
+from jaxtwin.errors import ControlError
 from jaxtwin.rig import Rig
 
 EACH = ((-1.0, 0.0, 0.0), 1.0)

@@ -10,7 +10,7 @@ import pytest
 from small_rigs import bundled
 
 import jaxtwin as jt
-from jaxtwin import ControlError, ParameterError, SimulationError, Stepper, Twin
+from jaxtwin import Stepper, Twin
 from jaxtwin.control import (
     MEASURES,
     PID,
@@ -23,6 +23,7 @@ from jaxtwin.control import (
 )
 from jaxtwin.control.loops._many_loops import twin_at_medians
 from jaxtwin.control.loops._measures import units_of
+from jaxtwin.errors import ControlError, ParameterError, SimulationError
 
 DURATION = 120.0
 """Of all loops, s: the same shapes compile nothing anew."""

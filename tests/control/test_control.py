@@ -15,7 +15,7 @@ from hand_clock import HandClock, virtual_bench
 from patient_clock import PatientClock
 
 import jaxtwin as jt
-from jaxtwin import ControlError, SafetyStop, Twin, linearize
+from jaxtwin import Twin, linearize
 from jaxtwin.cli import run as run_command
 from jaxtwin.control import (
     LQI,
@@ -33,6 +33,7 @@ from jaxtwin.control import (
     ultimate_point,
 )
 from jaxtwin.control.loops._stability import check_stability
+from jaxtwin.errors import ControlError, SafetyStop
 from jaxtwin.io import Session
 from jaxtwin.live import (
     Clock,

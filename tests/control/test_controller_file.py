@@ -13,7 +13,7 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import ControlError, JaxtwinError, Twin, linearize
+from jaxtwin import JaxtwinError, Twin, linearize
 from jaxtwin.control import (
     LQI,
     MPC,
@@ -30,6 +30,7 @@ from jaxtwin.control import (
     save_controller,
 )
 from jaxtwin.control.controllers._controller import with_values
+from jaxtwin.errors import ControlError
 
 PID_FILE = """
 format = 1

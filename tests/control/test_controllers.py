@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError
 from jaxtwin.control import (
     PID,
     AbstractController,
@@ -19,6 +18,7 @@ from jaxtwin.control import (
 )
 from jaxtwin.control.controllers._controller import checked_measured
 from jaxtwin.control.controllers._decoupled_pi import inverse
+from jaxtwin.errors import ControlError
 
 GROUPS = (("T11",), ("T16",))
 

@@ -10,9 +10,10 @@ from placed_rig import AT, MOVING, placed_text
 from scipy.optimize import brute
 
 import jaxtwin as jt
-from jaxtwin import ControlError, RigError, Twin
+from jaxtwin import Twin
 from jaxtwin.control import design_rig, most_even_point
 from jaxtwin.control.tuning._placed_plate import PlacedPlate
+from jaxtwin.errors import ControlError, RigError
 
 COARSE = 'width = "16 cm"\nheight = "8 cm"\nresolution = "2 cm"'
 MEAN, LIMITS = 30.0, (0.0, 1.0)

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from jaxtwin import ControlError, LinearModel, Twin, linearize
-from jaxtwin.control import disk_margin, margins, sensitivity_peak
+from jaxtwin import Twin, linearize
+from jaxtwin.control import LinearModel, disk_margin, margins, sensitivity_peak
+from jaxtwin.errors import ControlError
 
 OMEGA = np.geomspace(1e-4, 10.0, 60)
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import ControlError, Twin
+from jaxtwin import Twin
 from jaxtwin.control import PID, Frontier, frontier
+from jaxtwin.errors import ControlError
 from jaxtwin.plots import plot_frontier
 
 START = PID(Kp=0.03, Ki=0.0004, limits=(0, 1))

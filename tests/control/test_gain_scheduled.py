@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Twin, export_c, simulate_closed_loop
+from jaxtwin import Twin, export_c, simulate_closed_loop
 from jaxtwin.control import (
     PID,
     DecoupledPI,
@@ -18,6 +18,7 @@ from jaxtwin.control import (
     read_controller,
     save_controller,
 )
+from jaxtwin.errors import ControlError
 
 LIMITS = {"limits": (0, 1), "sample_time_s": 5.0}
 COLD = PID(0.03, 3e-4, measured=["T1", "T2"], setpoint_weight=0.5, **LIMITS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from heated_box import AMBIENT, heated_box
 
-from jaxtwin import ControlError, ParameterError, SimulationError, Twin, reduce_batch, simulate
+from jaxtwin import Twin, reduce_batch, simulate
 from jaxtwin.c_export import export_c
 from jaxtwin.control import (
     LQI,
@@ -22,6 +22,7 @@ from jaxtwin.control import (
     simulate_closed_loops,
     tune,
 )
+from jaxtwin.errors import ControlError, ParameterError, SimulationError
 from jaxtwin.io import Experiment
 from jaxtwin.physics import plate_map
 from jaxtwin.plots import animate_plate, plot_closed_loop, plot_netlist, plot_plate_map

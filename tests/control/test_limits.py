@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from limits import Limit, check_limit
 
-from jaxtwin import LinearModel, Twin
-from jaxtwin.control import PID
+from jaxtwin import Twin
+from jaxtwin.control import PID, LinearModel
 from jaxtwin.control.controllers._controller import check_non_negative, checked_deviations
 from jaxtwin.control.loops._disturbances import Draught, HeatInput, disturbance_tables
 

@@ -6,16 +6,9 @@ import pytest
 from central_differences import differences
 from scipy.signal import cont2discrete
 
-from jaxtwin import (
-    ControlError,
-    Experiment,
-    LinearModel,
-    ParameterError,
-    Twin,
-    linearize,
-    simulate,
-)
-from jaxtwin.control import DiscreteModel
+from jaxtwin import Experiment, Twin, linearize, simulate
+from jaxtwin.control import DiscreteModel, LinearModel
+from jaxtwin.errors import ControlError, ParameterError
 
 POINTS = [
     ("dual-cell", [0.4, 0.3]),

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from boxes import box, box_table
 
-from jaxtwin import ControlError, Experiment, LinearModel, Twin, linearize, simulate
+from jaxtwin import Experiment, Twin, linearize, simulate
+from jaxtwin.control import LinearModel
+from jaxtwin.errors import ControlError
 from jaxtwin.rig import rig_from_tables
 
 OTHER = {"lid": "open", "fan": 0.4, "V_supply": 11.0, "T_water": 28.0}

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from central_differences import differences
 
-from jaxtwin import ControlError, Experiment, Twin, export_c, linearize, simulate
+from jaxtwin import Experiment, Twin, export_c, linearize, simulate
 from jaxtwin.control import LQI
+from jaxtwin.errors import ControlError
 from jaxtwin.simulation import Run
 
 WARM_UP = 60.0

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Twin, simulate_closed_loop
+from jaxtwin import Twin, simulate_closed_loop
 from jaxtwin.control import PID, DecoupledPI, FunctionController, HeatInput
 from jaxtwin.control.loops._control import checked_loop
 from jaxtwin.control.loops._loop_checks import check_reach
+from jaxtwin.errors import ControlError
 
 
 @pytest.mark.slow

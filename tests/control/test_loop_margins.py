@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import ControlError, Twin
+from jaxtwin import Twin
 from jaxtwin.control import LQI, PID, DecoupledPI, FunctionController, decoupling_of, loop_margins
+from jaxtwin.errors import ControlError
 
 
 @pytest.fixture(scope="module")

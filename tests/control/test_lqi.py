@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Twin, export_c, linearize, simulate_closed_loop
+from jaxtwin import Twin, export_c, linearize, simulate_closed_loop
 from jaxtwin.control import (
     LQI,
     MPC,
@@ -21,6 +21,7 @@ from jaxtwin.control import (
 )
 from jaxtwin.control.controllers._plant import plant_of
 from jaxtwin.control.linear._riccati import filter_gain, regulator
+from jaxtwin.errors import ControlError
 
 GOLDEN = (1 + 5**0.5) / 2
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import ControlError, Twin
+from jaxtwin import Twin
 from jaxtwin.control import most_even_point
+from jaxtwin.errors import ControlError
 
 
 @pytest.fixture(scope="module")

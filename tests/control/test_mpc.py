@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
+from jaxtwin import Twin, linearize, simulate_closed_loop
 from jaxtwin.control import MPC, DiscreteModel, HeatInput, LinearModel
 from jaxtwin.control.controllers._mpc import MPCState
 from jaxtwin.control.linear._riccati import regulator
+from jaxtwin.errors import ControlError
 
 BOTH = ("left", "right")
 

@@ -9,15 +9,7 @@ import pytest
 from jax import Array
 from scipy.optimize import least_squares
 
-from jaxtwin import (
-    ControlError,
-    Stepper,
-    Twin,
-    export_c,
-    linearize,
-    simulate_closed_loop,
-    simulate_closed_loops,
-)
+from jaxtwin import Stepper, Twin, export_c, linearize, simulate_closed_loop, simulate_closed_loops
 from jaxtwin.control import (
     MPC,
     HeatInput,
@@ -26,6 +18,7 @@ from jaxtwin.control import (
     loop_margins,
     save_controller,
 )
+from jaxtwin.errors import ControlError
 
 BOTH = ("TAM", "TCM")
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from compiled_c import compiled, ran
 
-from jaxtwin import ControlError, Twin, simulate_closed_loop
+from jaxtwin import Twin, simulate_closed_loop
 from jaxtwin.c_export import export_c
 from jaxtwin.control import (
     PID,
@@ -27,6 +27,7 @@ from jaxtwin.control.controllers._controller import (
     AbstractController,
 )
 from jaxtwin.control.loops._stability import check_stability
+from jaxtwin.errors import ControlError
 
 LAW = """
 static void model_law_init(model_state *state, const model_real *duty,

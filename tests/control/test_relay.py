@@ -8,8 +8,9 @@ import pytest
 from scipy.optimize import brentq
 
 import jaxtwin as jt
-from jaxtwin import ControlError, Twin
+from jaxtwin import Twin
 from jaxtwin.control import ClosedLoopRun, Relay, UltimatePoint, ultimate_point
+from jaxtwin.errors import ControlError
 
 AMPLITUDE, HYSTERESIS, REFERENCE = 0.08, 0.03, 40.0
 

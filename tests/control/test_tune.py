@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import ControlError, ParameterError, Twin
+from jaxtwin import Twin
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.control import (
     LQI,
@@ -22,8 +22,9 @@ from jaxtwin.control import (
 )
 from jaxtwin.control.tuning._objective import checked_objective
 from jaxtwin.control.tuning._search_box import SearchBox
-from jaxtwin.control.tuning._side_by_side_sqp import Evaluation, descents
+from jaxtwin.control.tuning._side_by_side_sqp import CandidateEvaluation, descents
 from jaxtwin.control.tuning._tuning_problem import TuningProblem, tuning_problem
+from jaxtwin.errors import ControlError, ParameterError
 
 DRAWS = {"R_E": np.array([1.8, 2.1]), "t_delay": np.array([1.5, 2.5])}
 START = PID(Kp=0.03, Ki=0.0004, limits=(0, 1))
@@ -130,12 +131,12 @@ def test_the_search_finds_a_minimum_on_a_curved_limit():
     def c(z: Any) -> float:
         return float(z[0] ** 2 + z[1] ** 2 - 0.3)
 
-    def evaluate(points: Any) -> list[Evaluation]:
+    def evaluate(points: Any) -> list[CandidateEvaluation]:
         results = []
         for z in points:
             x, y = 2 * z
             g = 2 * np.array([-2 * (1 - x) - 40 * x * (y - x**2), 20 * (y - x**2)])
-            results.append(Evaluation(f(z), g, c(z), 2 * z))
+            results.append(CandidateEvaluation(f(z), g, c(z), 2 * z))
         return results
 
     starts = [np.array([0.1, 0.8]), np.array([0.9, 0.1])]

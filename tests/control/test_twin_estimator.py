@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Twin, export_c, linearize, simulate_closed_loop
+from jaxtwin import Twin, export_c, linearize, simulate_closed_loop
 from jaxtwin.control import (
     LQI,
     MPC,
@@ -19,6 +19,7 @@ from jaxtwin.control import (
 from jaxtwin.control.controllers._kalman import kalman_filter
 from jaxtwin.control.controllers._plant import plant_of
 from jaxtwin.control.controllers._twin_estimator import TwinEstimator
+from jaxtwin.errors import ControlError
 from jaxtwin.live import Moment
 from jaxtwin.observers import ExtendedKalmanFilter, MovingHorizonEstimator, live_observer
 from jaxtwin.observers._gaussian import Gaussian, corrected, moved

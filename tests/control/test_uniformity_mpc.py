@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
-from jaxtwin import ControlError, Twin, linearize, simulate_closed_loop
+from jaxtwin import Twin, linearize, simulate_closed_loop
 from jaxtwin._quadratic_program import QuadraticProgram, minimised
 from jaxtwin.control import (
     MPC,
@@ -28,6 +28,7 @@ from jaxtwin.control import (
     most_even_point,
 )
 from jaxtwin.control.controllers._mpc import MPCState
+from jaxtwin.errors import ControlError
 
 ROOM, ELEMENTS = 16.0, 6
 CHANNELS = ("a", "b", "c")

@@ -7,9 +7,9 @@ import pytest
 from faulty_runs import ONSET, SIZE, bench, clean, recording, with_readings
 
 import jaxtwin as jt
-from jaxtwin._errors import ObserverError
 from jaxtwin.diagnosis import Diagnosis, suspects
 from jaxtwin.diagnosis._diagnose import learned
+from jaxtwin.errors import ObserverError
 from jaxtwin.physics import FAULT_MODELS
 
 
@@ -235,5 +235,5 @@ def test_what_cannot_be_diagnosed_is_refused_in_a_sentence(
 def test_a_short_recording_and_one_of_another_rig_are_refused():
     with pytest.raises(ObserverError, match="at least 240 s, in which an observer settles"):
         jt.diagnose(bench(), recording().between(0, 100))
-    with pytest.raises(jt.SimulationError):
+    with pytest.raises(jt.errors.SimulationError):
         jt.diagnose(jt.Twin("single-cell"), recording())

@@ -8,8 +8,8 @@ import pytest
 from faulty_runs import bench, clean, recording
 
 import jaxtwin as jt
-from jaxtwin._errors import ObserverError
 from jaxtwin.diagnosis import Isolability
+from jaxtwin.errors import ObserverError
 
 NAMES = ("age H1", "weaken H1", "gain T1", "leak H1", "load H1", "loosen H1")
 

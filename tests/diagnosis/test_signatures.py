@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from faulty_runs import ONSET, bench, clean, with_readings
 
-from jaxtwin import Experiment, Observed, Stepper, Twin, observe, simulate
-from jaxtwin._errors import ObserverError
+from jaxtwin import Experiment, Stepper, Twin, observe, simulate
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.diagnosis import Suspect, suspects
 from jaxtwin.diagnosis._causes import diagnosed
@@ -24,6 +23,8 @@ from jaxtwin.diagnosis._likelihood_ratio import (
 )
 from jaxtwin.diagnosis._recorded import inputs_of
 from jaxtwin.diagnosis._signatures import suspected
+from jaxtwin.errors import ObserverError
+from jaxtwin.observers import Observed
 from jaxtwin.physics import FAULT_MODELS
 
 SMALL = 0.02

@@ -19,9 +19,7 @@ from small_results import fit
 
 from jaxtwin import (
     Experiment,
-    ExperimentDesign,
     Fit,
-    MatchError,
     Rig,
     Twin,
     design_experiment,
@@ -35,6 +33,8 @@ from jaxtwin import (
 from jaxtwin._compilation import compiling_seconds
 from jaxtwin.cli import run
 from jaxtwin.data import data_folder
+from jaxtwin.errors import MatchError
+from jaxtwin.experiment_design import ExperimentDesign
 from jaxtwin.experiment_design._design_experiment import _Search
 from jaxtwin.experiment_design._exchange import random_schedules
 from jaxtwin.experiment_design._experiment_design import PlannedSchedule

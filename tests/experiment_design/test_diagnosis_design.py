@@ -9,7 +9,7 @@ from faulty_runs import bench
 
 import jaxtwin as jt
 from jaxtwin.experiment_design import DiagnosisDesign
-from jaxtwin.experiment_design._evidence import Evidence, EvidenceProblem, _crossing
+from jaxtwin.experiment_design._evidence import EvidenceProblem, SeparationEvidence, _crossing
 from jaxtwin.experiment_design._schedules import make_schedules
 
 PAIR = ["loosen H1", "age H1"]
@@ -66,9 +66,10 @@ def test_faults_that_look_alike_are_told_apart_by_nothing():
 def test_what_is_known_at_the_end_counts_where_nothing_is_told_apart():
     time = np.array([10.0, 20.0])
     little, more = (
-        Evidence(time, np.array([0.0, odds]), math.inf, ("a", "b"), 0.0, 0.0) for odds in (0.1, 1.0)
+        SeparationEvidence(time, np.array([0.0, odds]), math.inf, ("a", "b"), 0.0, 0.0)
+        for odds in (0.1, 1.0)
     )
-    told = Evidence(time, np.array([1.0, 9.0]), 15.0, ("a", "b"), 0.0, 0.0)
+    told = SeparationEvidence(time, np.array([1.0, 9.0]), 15.0, ("a", "b"), 0.0, 0.0)
     assert told.objective == 15.0
     assert told.objective < 20.0 < more.objective < little.objective
 
@@ -90,7 +91,7 @@ def test_a_schedule_that_gets_too_hot_is_left_out():
     )
     assert design.best.is_allowed
     assert design.best.highest_reading <= 40.0
-    with pytest.raises(jt.MatchError, match="expected a schedule whose readings stay below"):
+    with pytest.raises(jt.errors.MatchError, match="expected a schedule whose readings stay below"):
         jt.design_experiment(
             bench(), purpose="diagnosis", faults=PAIR, duration=60, hold=60, margin=80
         )
@@ -107,7 +108,7 @@ def test_a_schedule_that_gets_too_hot_is_left_out():
     ],
 )
 def test_what_cannot_be_done_is_refused_in_one_sentence(options: dict, message: str):
-    with pytest.raises((jt.MatchError, jt.ObserverError)) as problem:
+    with pytest.raises((jt.errors.MatchError, jt.errors.ObserverError)) as problem:
         jt.design_experiment(bench(), duration=60, hold=60, **options)
     assert message in str(problem.value)
 

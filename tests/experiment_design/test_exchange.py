@@ -13,7 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from jaxtwin import Experiment, ExperimentDesign, MatchError, Twin
+from jaxtwin import Experiment, Twin
+from jaxtwin.errors import MatchError
+from jaxtwin.experiment_design import ExperimentDesign
 from jaxtwin.experiment_design._design_experiment import (
     _expected_events,
     _recorded_bounds,
@@ -21,7 +23,7 @@ from jaxtwin.experiment_design._design_experiment import (
     _Search,
 )
 from jaxtwin.experiment_design._exchange import (
-    MOST_PASSES,
+    MAX_PASSES,
     Candidate,
     a_objective,
     d_objective,
@@ -30,10 +32,10 @@ from jaxtwin.experiment_design._exchange import (
 )
 from jaxtwin.experiment_design._experiment_design import DesignStep, PlannedSchedule
 from jaxtwin.experiment_design._hottest import Hottest
-from jaxtwin.experiment_design._information import Evaluated
+from jaxtwin.experiment_design._information import EvaluatedSchedule
 from jaxtwin.experiment_design._schedules import Counts, Schedules, make_schedules
 
-COOL = Evaluated(np.eye(1), np.eye(1), 40.0, 60.0)
+COOL = EvaluatedSchedule(np.eye(1), np.eye(1), 40.0, 60.0)
 
 
 def schedules(**changes: Any) -> Schedules:
@@ -79,7 +81,7 @@ def test_no_other_level_of_a_single_step_is_better_than_the_end(table: np.ndarra
     best, passes = searched(objective, start, found, seed)
     assert best.objective == objective(best.counts) <= objective(start)
     assert passes == list(range(1, len(passes) + 1))
-    assert len(passes) <= MOST_PASSES
+    assert len(passes) <= MAX_PASSES
     for place, level in itertools.product(range(3), found.levels[0]):
         changed = best.counts.copy()
         changed[place, 0] = level
@@ -99,8 +101,8 @@ def test_a_search_that_always_gains_ends_after_ten_passes():
     """An objective that falls by 1 with each evaluation, whatever the schedule."""
     falling = itertools.count(0, -1)
     _, passes = searched(lambda counts: float(next(falling)), np.zeros((3, 1), int), schedules())
-    assert passes == list(range(1, MOST_PASSES + 1))
-    assert MOST_PASSES == 10
+    assert passes == list(range(1, MAX_PASSES + 1))
+    assert MAX_PASSES == 10
 
 
 def test_criteria_are_means_of_standard_errors():

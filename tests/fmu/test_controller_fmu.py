@@ -7,8 +7,9 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxtwin import ControlError, Twin, export_fmu, linearize
+from jaxtwin import Twin, export_fmu, linearize
 from jaxtwin.control import MPC, PID, AbstractController, GainScheduled
+from jaxtwin.errors import ControlError
 
 pytestmark = [pytest.mark.c_compiler, pytest.mark.fmpy, pytest.mark.usefixtures("float64")]
 

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from heated_box import by_hand, cell_and_heater, heated_box
 
-from jaxtwin import ControlError, Experiment, Stepper, Twin, export_fmu, simulate
+from jaxtwin import Experiment, Stepper, Twin, export_fmu, simulate
 from jaxtwin.c_export import _sources
+from jaxtwin.errors import ControlError
 from jaxtwin.fmu import FMU, _export_fmu
 from jaxtwin.fmu._variables import variables_of
 

@@ -15,8 +15,9 @@ import pytest
 from heated_box import cell_and_heater, heated_box
 from placed_rig import MOVING, placed_rig
 
-from jaxtwin import SimulationError, Stepper, Twin, export_fmu
+from jaxtwin import Stepper, Twin, export_fmu
 from jaxtwin._celsius import ZERO_CELSIUS
+from jaxtwin.errors import SimulationError
 from jaxtwin.fmu import FMU
 
 VERSIONS: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")

@@ -11,8 +11,9 @@ from heated_box import heated_box
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import MatchError, RecordingError, SimulationError, Twin
+from jaxtwin import Twin
 from jaxtwin.data import data_folder
+from jaxtwin.errors import MatchError, RecordingError, SimulationError
 from jaxtwin.io import Experiment, read_recording, write_recording
 from jaxtwin.io._experiment import as_experiments
 from jaxtwin.rig import Rig, rig_from_tables

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as hst
 
 import jaxtwin as jt
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Experiment, read_recording, write_recording
 from jaxtwin.io._timestamps import times_of_fields
 

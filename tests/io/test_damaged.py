@@ -12,7 +12,7 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Experiment, read_recording, write_recording
 
 FORMATS = ["packed SecA.mat", "plain SecA.mat", "run.csv", "run.nc"]

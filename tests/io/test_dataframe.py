@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import Experiment, RecordingError, read_recording
+from jaxtwin import Experiment, read_recording
+from jaxtwin.errors import RecordingError
 
 TIMES = [0.0, 1.0, 2.5]
 START = pandas.Timestamp("2024-03-05 14:03:21")

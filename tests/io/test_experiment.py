@@ -7,7 +7,7 @@ import numpy as np
 import pandas
 import pytest
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Experiment
 
 TIME = np.array([0.0, 1.0, 2.0, 3.0])

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Experiment, read_recording, write_recording
 
 channel_names = st.from_regex(r"\w([\w .-]{0,6}\w)?", fullmatch=True).filter(

@@ -7,7 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import SINGLE_CELL, TWO_CELL, PublishedRecording, fetch_recordings
 
 FILES = {"/a.mat": b"zone A", "/b.mat": b"one cell"}

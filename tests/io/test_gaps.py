@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from jaxtwin import Experiment, RecordingError
+from jaxtwin import Experiment
+from jaxtwin.errors import RecordingError
 from jaxtwin.io._gaps import gap_sentences, separate_recordings
 
 TIME = np.arange(600.0)

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxtwin as jt
-from jaxtwin import Experiment, RecordingError
+from jaxtwin import Experiment
 from jaxtwin.cli import run
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import read_recording, write_recording
 
 NAMES = st.text("abcdefgh_", min_size=1, max_size=6)
@@ -86,7 +87,7 @@ def test_a_wrong_schedule_of_an_input_is_refused(text, message):
     ],
 )
 def test_wrong_inputs_of_an_experiment_are_refused(inputs, message):
-    with pytest.raises(jt.RecordingError, match=re.escape(message)):
+    with pytest.raises(jt.errors.RecordingError, match=re.escape(message)):
         Experiment([0, 1, 2], [0, 0, 0], inputs=inputs)
 
 

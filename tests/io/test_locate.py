@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import TWO_CELL, find_recordings
 from jaxtwin.io._locate import cache_folder
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import read_recording
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import SINGLE_CELL, TWO_CELL, PublishedRecording, find_recordings, read_recording
 
 # degC: mean of the first 5 s, of 450 to 499 s (duty 128/255) and of 951 to 1000 s (duty 200/255)

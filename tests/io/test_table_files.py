@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import Experiment, RecordingError, read_recording
+from jaxtwin import Experiment, read_recording
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import column_names
 
 START = datetime(2024, 3, 5, 14, 3, 20)

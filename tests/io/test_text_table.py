@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Experiment, column_names, read_recording
 from jaxtwin.io._text_table import table_of_text
 

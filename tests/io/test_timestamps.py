@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import read_recording
 from jaxtwin.io._timestamps import times_of_fields
 

@@ -7,7 +7,8 @@ from heated_block import heated_block
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import Experiment, RecordingError, read_recording
+from jaxtwin import Experiment, read_recording
+from jaxtwin.errors import RecordingError
 from jaxtwin.io._title_units import unit_of_title
 
 FORMS = ("{} [{}]", "{} ({})", "{}({})", "{}/{}", "{} / {}", "{}_{}", "{} {}", "{} in {}")

@@ -7,8 +7,8 @@ import pint
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import MatchError, ParameterError, RecordingError
 from jaxtwin._arguments import finite_number
+from jaxtwin.errors import MatchError, ParameterError, RecordingError
 
 UNITS: Any = pint.UnitRegistry()
 

@@ -9,8 +9,8 @@ from findings import ALARM, NOTICE
 from hand_clock import HandClock, virtual_bench
 
 from jaxtwin import Experiment, JaxtwinError, load_rig
-from jaxtwin._errors import SafetyStop
 from jaxtwin.data import data_folder
+from jaxtwin.errors import SafetyStop
 from jaxtwin.live import (
     AlarmInterlock,
     Finding,

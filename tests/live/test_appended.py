@@ -14,7 +14,8 @@ import pytest
 from hand_clock import START, HandClock, ScriptedTransport, stepped_bench, virtual_bench
 from hypothesis import HealthCheck, given, settings
 
-from jaxtwin import JaxtwinError, RecordingError
+from jaxtwin import JaxtwinError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Session, backup_session, read_recording, write_recording
 from jaxtwin.live import (
     Command,

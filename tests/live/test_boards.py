@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from hand_clock import HandClock
 
-from jaxtwin import LinkError, Rig, load_rig
+from jaxtwin import Rig, load_rig
+from jaxtwin.errors import LinkError
 from jaxtwin.live import (
     AbstractBoard,
     BoardDevice,

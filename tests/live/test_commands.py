@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hand_clock import START, HandClock
 
-from jaxtwin import LinkError, RecordingError
 from jaxtwin.cli import run
+from jaxtwin.errors import LinkError, RecordingError
 from jaxtwin.io import Session, read_recording
 from jaxtwin.live import (
     Event,

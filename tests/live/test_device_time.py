@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hand_clock import START
 
-from jaxtwin import LinkError
+from jaxtwin.errors import LinkError
 from jaxtwin.live import (
     Data,
     Event,

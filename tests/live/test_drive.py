@@ -15,8 +15,8 @@ from hand_clock import HandClock, stepped_bench, virtual_bench
 
 import jaxtwin as jt
 from jaxtwin import JaxtwinError
-from jaxtwin._errors import SafetyStop
 from jaxtwin.data import data_folder
+from jaxtwin.errors import SafetyStop
 from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Ask,
@@ -239,7 +239,7 @@ def test_a_limit_in_a_rig_file_is_a_temperature(tmp_path: Path, rig: Rig) -> Non
     text = (data_folder() / "rigs" / "dual-cell.toml").read_text()
     file = tmp_path / "rig.toml"
     file.write_text(text.replace('temperature = "90 degC"', 'temperature = "90 cm"'))
-    with pytest.raises(jt.RigError, match=r"limits.temperature: expected .* got '90 cm'"):
+    with pytest.raises(jt.errors.RigError, match=r"limits.temperature: expected .* got '90 cm'"):
         jt.load_rig(file)
 
 

@@ -7,7 +7,7 @@ from hand_clock import HandClock, virtual_bench
 from heated_box import heated_box
 
 from jaxtwin import JaxtwinError, Twin
-from jaxtwin._errors import SafetyStop
+from jaxtwin.errors import SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import Duty, Guard, Hello, InProcess, Screen, VirtualRig, conform, drive, operate
 from jaxtwin.live.protocol._codec import encode, parse

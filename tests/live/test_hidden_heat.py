@@ -9,9 +9,9 @@ from folded import Watched
 from hand_clock import START, HandClock, virtual_bench
 
 from jaxtwin import JaxtwinError
-from jaxtwin._errors import SafetyStop
 from jaxtwin.cli import run
 from jaxtwin.control import PID, LiveLoop, control
+from jaxtwin.errors import SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import Finding, Guard, OperatingLimits, Plant, Reading, Sample, VirtualRig, drive
 from jaxtwin.live.safety._twin_watch import TwinWatch

@@ -11,7 +11,7 @@ import pytest
 from folded import Watched, feed
 from hand_clock import START
 
-from jaxtwin._errors import JaxtwinError
+from jaxtwin.errors import JaxtwinError
 from jaxtwin.live import (
     AbstractInterlock,
     Command,

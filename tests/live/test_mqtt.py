@@ -34,7 +34,7 @@ from jaxtwin.live import (
     serve,
 )
 from jaxtwin.live.protocol._mqtt_address import MqttAddress, without_password
-from jaxtwin.live.protocol._mqtt_transport import LARGEST, MqttTransport
+from jaxtwin.live.protocol._mqtt_transport import MAX_MESSAGE_BYTES, MqttTransport
 from jaxtwin.live.virtual_rig._serve import MqttServer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig
@@ -130,7 +130,7 @@ def test_a_retained_command_and_an_oversized_message_do_not_reach_a_device(broke
     command = encode(Duty(1, (255, 255), "me"))
     host._client.publish("rig/down", command, qos=1, retain=True).wait_for_publish()
     device = MqttTransport(address, reads="down", writes="up")
-    host._client.publish("rig/down", b"x" * (LARGEST + 1), qos=1).wait_for_publish()
+    host._client.publish("rig/down", b"x" * (MAX_MESSAGE_BYTES + 1), qos=1).wait_for_publish()
     host.write(b"beat t=1")
     received = b""
     while not received:

@@ -9,8 +9,8 @@ import pytest
 from hand_clock import HandClock, virtual_bench
 from hazards import AFTER_STOP, AfterStop, run_after_stop
 
-from jaxtwin._errors import SafetyStop
 from jaxtwin.cli import run
+from jaxtwin.errors import SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Ending,

@@ -11,8 +11,8 @@ import pytest
 from folded import feed
 from hand_clock import START
 
-from jaxtwin import RecordingError
 from jaxtwin.cli import run
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Session, backup_session
 from jaxtwin.live import (
     Alarms,

@@ -25,7 +25,7 @@ from jaxtwin.live.protocol import _receiver
 from jaxtwin.live.protocol._identity import Identity
 from jaxtwin.live.protocol._link import Arrived
 from jaxtwin.live.protocol._messages import Message
-from jaxtwin.live.protocol._receiver import MOST_GARBAGE, Receiver
+from jaxtwin.live.protocol._receiver import MAX_GARBAGE, Receiver
 from jaxtwin.rig import Rig, load_rig
 
 HELLO = Hello(2, "dual-cell", "b1", cells=("P1", "P2"), camera=(80, 60), watchdog=2.0)
@@ -198,7 +198,7 @@ def test_silence_makes_a_link_stale_and_then_not_worth_waiting_for(receiver: Rec
 def test_a_peer_that_speaks_nonsense_is_given_up(receiver: Receiver) -> None:
     for _ in range(4):
         assert receiver.verdict is None
-        heard(receiver, b"G" * (MOST_GARBAGE // 3))
+        heard(receiver, b"G" * (MAX_GARBAGE // 3))
     assert receiver.verdict is not None
     assert "without a valid message" in receiver.verdict
 
@@ -206,8 +206,8 @@ def test_a_peer_that_speaks_nonsense_is_given_up(receiver: Receiver) -> None:
 def test_a_peer_that_floods_is_given_up(
     receiver: Receiver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert _receiver.MOST_MESSAGES == 20_000
-    monkeypatch.setattr(_receiver, "MOST_MESSAGES", 50)
+    assert _receiver.MAX_MESSAGES == 20_000
+    monkeypatch.setattr(_receiver, "MAX_MESSAGES", 50)
     heard(receiver, HELLO, *[data(seq) for seq in range(49)], at=0.9)
     heard(receiver, *[data(seq) for seq in range(49, 98)], at=1.1)
     assert receiver.verdict is None

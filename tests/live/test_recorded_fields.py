@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxtwin as jt
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Session
 from jaxtwin.live import Hello, Reading, Recorder, Replay, Sample, encode, encode_line
 from jaxtwin.rig import load_rig

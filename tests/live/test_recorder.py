@@ -17,7 +17,7 @@ import pytest
 from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 
 import jaxtwin as jt
-from jaxtwin import RecordingError
+from jaxtwin.errors import RecordingError
 from jaxtwin.io import Session, _open_session, _session, _session_rows
 from jaxtwin.live import (
     Data,
@@ -282,8 +282,8 @@ def test_an_experiment_needs_no_more_memory_than_its_grid(
     with Recorder(file, rig) as recorder:
         records = [part for k in range(20_000) for part in (sample(k), reading(k))]
         recorder.write([GREETING, *records])
-    monkeypatch.setattr(_session_rows, "BLOCK", 500)
-    monkeypatch.setattr(_session, "MOST_STAMPS", 1000)
+    monkeypatch.setattr(_session_rows, "ROWS_IN_MEMORY", 500)
+    monkeypatch.setattr(_session, "MAX_STAMPS", 1000)
     with Session(file) as session:
         tracemalloc.start()
         found = session.experiment(step=100.0)

@@ -7,8 +7,8 @@ import pytest
 from hand_clock import HandClock, stepped_bench, virtual_bench
 
 import jaxtwin as jt
-from jaxtwin._errors import SafetyStop
 from jaxtwin.data import data_folder
+from jaxtwin.errors import SafetyStop
 from jaxtwin.io import Experiment, Session
 from jaxtwin.live import (
     Data,
@@ -238,5 +238,5 @@ def test_the_relay_of_a_rig_file_has_a_name(tmp_path: Path) -> None:
     assert limits is not None
     assert limits.relay == NAME
     file.write_text(text.replace(limit, f'{limit}\nrelay = "{"x" * 33}"'))
-    with pytest.raises(jt.RigError, match=r"limits\.relay: expected 1 to 32 printable char"):
+    with pytest.raises(jt.errors.RigError, match=r"limits\.relay: expected 1 to 32 printable char"):
         jt.load_rig(file)

@@ -7,7 +7,7 @@ import pytest
 
 from jaxtwin.live import Ask, Duty, TcpServer, VirtualRig, encode
 from jaxtwin.live.protocol._framing import delines
-from jaxtwin.live.virtual_rig._serve import MOST_CLIENTS
+from jaxtwin.live.virtual_rig._serve import MAX_CLIENTS
 from jaxtwin.physics import Twin
 
 
@@ -49,7 +49,7 @@ def test_noise_from_one_host_does_not_hide_commands_of_another(
 
 def test_idle_hosts_make_room_for_one_that_speaks(twin: Twin, server: TcpServer) -> None:
     device = VirtualRig(twin)
-    idle = [connected(server) for _ in range(MOST_CLIENTS)]
+    idle = [connected(server) for _ in range(MAX_CLIENTS)]
     ticks(server, device)
     idle[0].sendall(encode(Ask(2)))
     ticks(server, device)

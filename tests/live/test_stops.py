@@ -11,8 +11,8 @@ import pytest
 from hand_clock import HandClock, virtual_bench
 
 from jaxtwin import JaxtwinError
-from jaxtwin._errors import SafetyStop
 from jaxtwin.cli import run
+from jaxtwin.errors import SafetyStop
 from jaxtwin.io import Experiment
 from jaxtwin.live import (
     Ask,

@@ -11,7 +11,8 @@ from folded import feed
 from hand_clock import START, HandClock, virtual_bench
 
 import jaxtwin as jt
-from jaxtwin import JaxtwinError, LinkError
+from jaxtwin import JaxtwinError
+from jaxtwin.errors import LinkError
 from jaxtwin.io import Experiment, Session, read_recording
 from jaxtwin.live import (
     Duty,
@@ -33,7 +34,7 @@ from jaxtwin.live import (
     parse,
     report,
 )
-from jaxtwin.live.virtual_rig._picture import Picture
+from jaxtwin.live.virtual_rig._picture import VirtualPicture
 from jaxtwin.physics import Faults, Twin, frame_to_channels
 from jaxtwin.rig import Rig
 
@@ -76,7 +77,7 @@ def test_a_frame_shows_each_channel_what_the_twin_says_it_reads(rig: Rig, twin: 
     live.drive(np.array([0.78, 0.3]))
     live.advance(400.0)
     assert rig.camera is not None
-    picture = Picture(twin, rig.camera, live.system)
+    picture = VirtualPicture(twin, rig.camera, live.system)
     frame = picture.frame(live.nodes, live.ambient)
     assert frame.shape == (60, 80)
     # Pixels are rounded to 0.01 K.

@@ -6,7 +6,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from jaxtwin.matching._autocovariance import Series, apply_autocorrelation, fit_noise
+from jaxtwin.matching._autocovariance import ResidualSeries, apply_autocorrelation, fit_noise
 from jaxtwin.matching._noise_model import estimate_noise
 from jaxtwin.matching._uncertainty import VectorEntries, uncertainty
 
@@ -29,7 +29,7 @@ def first_order(rng: np.random.Generator, rho: float) -> np.ndarray:
 
 def residuals_of(
     noise: np.ndarray, slopes: np.ndarray, roots: np.ndarray | None = None
-) -> tuple[Series, np.ndarray]:
+) -> tuple[ResidualSeries, np.ndarray]:
     """What least squares leave of the noise, and the inverse of their normal equations."""
     roots = np.ones(noise.shape) if roots is None else roots
     slopes = slopes * roots[..., None]
@@ -40,7 +40,7 @@ def residuals_of(
     size = float(CHANNELS)
     entries = np.arange(slopes.shape[-1])
     every = np.ones(noise.shape)
-    return Series(0, 0, left, slopes, entries, every, roots, size, size), inverse
+    return ResidualSeries(0, 0, left, slopes, entries, every, roots, size, size), inverse
 
 
 def test_apply_autocorrelation_is_the_product_with_the_toeplitz_matrix():
@@ -110,7 +110,7 @@ def test_standard_errors_with_hubers_loss_are_the_scatter_of_its_estimates(outli
         for _ in range(50):
             b += np.linalg.solve(normal, flat.T @ left)
             left, inlying, normal = hubers(noise - flat @ b)
-        series = Series(
+        series = ResidualSeries(
             kind=0,
             recording=0,
             residuals=left[:, None],

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, MatchError, ParameterError, Twin, match
+from jaxtwin import Experiment, Twin, match
+from jaxtwin.errors import MatchError, ParameterError
 from jaxtwin.matching import named_recordings
 
 FREE = ["C_load", "T_amb", "T_start"]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Fit, MatchError, Twin, match, prediction_band, simulate
+from jaxtwin import Experiment, Fit, Twin, match, prediction_band, simulate
+from jaxtwin.errors import MatchError
 from jaxtwin.matching import estimate_initial_conditions
 
 FREE = ["C_load", "R_loss", "R_ph", "T_amb", "T_start", "T_sink"]

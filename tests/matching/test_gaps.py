@@ -84,13 +84,15 @@ def test_a_group_is_that_of_all_its_parts():
 def test_a_part_beside_the_whole_is_refused(part):
     of = whole()
     for pair in ({"a": of, "p": part(of)}, {"p": part(of), "a": of}):
-        with pytest.raises(jt.MatchError, match=r"experiments: \d+ samples of \w are those of \w"):
+        with pytest.raises(
+            jt.errors.MatchError, match=r"experiments: \d+ samples of \w are those of \w"
+        ):
             check_distinct(pair)
 
 
 def test_parts_that_overlap_are_refused():
     of = whole()
-    with pytest.raises(jt.MatchError, match="experiments: 100 samples of b are those of a"):
+    with pytest.raises(jt.errors.MatchError, match="experiments: 100 samples of b are those of a"):
         check_distinct({"a": of.between(None, 500), "b": of.between(400, None)})
 
 
@@ -154,7 +156,9 @@ def test_a_body_with_its_own_start_may_begin_hot(tmp_path):
     hot = jt.simulate(twin.with_values({"T_start": 150.0}), plan).to_recording(seed=1)
     fit = jt.match(twin, hot)
     assert fit.mean_fit_percent > 99
-    with pytest.raises(jt.MatchError, match="start within the bounds of T_start, 0 to 40 degC"):
+    with pytest.raises(
+        jt.errors.MatchError, match="start within the bounds of T_start, 0 to 40 degC"
+    ):
         jt.match(twin, hot, bounds={"T_start": (0.0, 40.0)})
 
 

@@ -13,9 +13,6 @@ from small_rigs import CAMERA, small_rig_file, zone
 from jaxtwin import (
     Experiment,
     Fit,
-    MatchError,
-    ParameterError,
-    RigError,
     Twin,
     load_rig,
     match,
@@ -25,6 +22,7 @@ from jaxtwin import (
     simulate,
     validate,
 )
+from jaxtwin.errors import MatchError, ParameterError, RigError
 from jaxtwin.matching import prediction_band
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._group_values import new_group_values

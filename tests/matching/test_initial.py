@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match, simulate, validate
+from jaxtwin import Experiment, Fit, Twin, match, simulate, validate
+from jaxtwin.errors import MatchError, SimulationError
 
 TRUTH = Twin("single-cell", {"C_load": 24.0, "T_amb": 20.0, "T_start": 16.0, "T_sink": 16.0})
 WARM = 45.0

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, MatchError, SimulationError, Twin, simulate
+from jaxtwin import Experiment, Twin, simulate
+from jaxtwin.errors import MatchError, SimulationError
 from jaxtwin.matching import estimate_initial_conditions
 
 CHANNELS = ("T11", "T12", "TAM")

@@ -10,9 +10,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import least_squares
 
-from jaxtwin import Experiment, Fit, MatchError, ParameterError, Twin, match, response, simulate
+from jaxtwin import Experiment, Fit, Twin, match, response, simulate
+from jaxtwin.errors import MatchError, ParameterError
 from jaxtwin.matching import AbstractLoss, Cauchy, Huber, register_loss
-from jaxtwin.matching._autocovariance import Series, fit_noise
+from jaxtwin.matching._autocovariance import ResidualSeries, fit_noise
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._loss import (
     checked_loss,
@@ -125,7 +126,7 @@ def test_standard_errors_with_cauchys_loss_are_the_scatter_of_its_estimates(outl
         # The robust standard deviation that `loss_weights` divides by is multiplied back.
         scale = 1.4826 * np.median(np.abs(found.fun))
         weights, curvature = loss_weights(Cauchy(limit / scale), found.fun, every(found.fun))
-        series = Series(
+        series = ResidualSeries(
             kind=0,
             recording=0,
             residuals=(weights * found.fun)[:, None],

@@ -8,7 +8,8 @@ import jax
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Fit, MatchError, SimulationError, Twin, match, match_many, simulate
+from jaxtwin import Experiment, Fit, Twin, match, match_many, simulate
+from jaxtwin.errors import MatchError, SimulationError
 from jaxtwin.matching import Huber, _descent, _match
 
 FREE = ["C_load", "T_amb", "T_start"]

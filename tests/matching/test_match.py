@@ -7,16 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from jaxtwin import (
-    Experiment,
-    MatchError,
-    ParameterError,
-    SimulationError,
-    Twin,
-    match,
-    read_parameters,
-    simulate,
-)
+from jaxtwin import Experiment, Twin, match, read_parameters, simulate
+from jaxtwin.errors import MatchError, ParameterError, SimulationError
 from jaxtwin.matching import Iteration
 
 FREE = ["R_E", "R_pc", "R_Tez"]

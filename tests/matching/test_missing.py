@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from jaxtwin import Experiment, MatchError, Twin, match, simulate
+from jaxtwin import Experiment, Twin, match, simulate
+from jaxtwin.errors import MatchError
 from jaxtwin.io import read_recording, write_recording
 from jaxtwin.matching import Fit, Huber, estimate_initial_conditions
 from jaxtwin.matching._fit import solution_of

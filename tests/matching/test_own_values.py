@@ -12,7 +12,6 @@ import pytest
 from jaxtwin import (
     Experiment,
     Fit,
-    MatchError,
     Twin,
     match,
     prediction_band,
@@ -20,6 +19,7 @@ from jaxtwin import (
     simulate,
     simulate_batch,
 )
+from jaxtwin.errors import MatchError
 from jaxtwin.matching import estimate_initial_conditions
 from jaxtwin.validation import validate_split
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from small_results import fit, recordings
 
-from jaxtwin import MatchError, match
+from jaxtwin import match
+from jaxtwin.errors import MatchError
 from jaxtwin.matching import posterior_draws
 
 

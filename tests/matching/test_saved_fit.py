@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from jaxtwin import (
     Experiment,
     Fit,
-    MatchError,
-    ParameterError,
     Twin,
     load_rig,
     match,
@@ -23,6 +21,7 @@ from jaxtwin import (
     simulate,
     validate,
 )
+from jaxtwin.errors import MatchError, ParameterError
 from jaxtwin.matching import FittedParameters, Huber, Noise
 from jaxtwin.matching._fit import solution_of
 

@@ -13,7 +13,6 @@ from matplotlib import pyplot
 from jaxtwin import (
     Experiment,
     Fit,
-    MatchError,
     Twin,
     match,
     match_many,
@@ -22,6 +21,7 @@ from jaxtwin import (
     profile,
     simulate,
 )
+from jaxtwin.errors import MatchError
 from jaxtwin.matching import FittedParameters, Huber, _noise_model, named_recordings
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.matching._fitted_parameters import near_bound, parameter_warnings

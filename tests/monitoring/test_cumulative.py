@@ -8,9 +8,9 @@ import scipy.stats
 from jaxtwin.monitoring._cumulative import (
     ENERGY_SAMPLES,
     REFERENCE,
-    WINDOW,
+    WINDOW_SAMPLES,
     CumulativeSums,
-    Window,
+    LikelihoodWindow,
     energy_after,
     joint_ratio,
 )
@@ -53,15 +53,15 @@ def test_a_sum_does_not_pass_its_ceiling():
 
 
 def test_the_ratio_is_the_largest_over_all_onsets():
-    x, used = series(WINDOW + 70, seed=1)
-    window = Window.zero(CHANNELS)
+    x, used = series(WINDOW_SAMPLES + 70, seed=1)
+    window = LikelihoodWindow.zero(CHANNELS)
     for row, there in zip(x, used, strict=True):
         window = window.after(
             jnp.asarray(row), jnp.asarray(row), jnp.asarray(there), jnp.asarray(1.0)
         )
     ratio, _, size = window.ratio()
     for channel in range(CHANNELS):
-        last = x[used[:, channel], channel][::-1][:WINDOW]
+        last = x[used[:, channel], channel][::-1][:WINDOW_SAMPLES]
         means = np.cumsum(last) / np.arange(1, len(last) + 1)
         ratios = means**2 * np.arange(1, len(last) + 1) / 2
         assert ratio[channel] == pytest.approx(ratios.max())
@@ -70,7 +70,7 @@ def test_the_ratio_is_the_largest_over_all_onsets():
 
 def test_the_onset_and_the_size_of_a_step_are_found():
     x = np.concatenate([np.zeros(50), np.full(20, 1.5)])
-    window = Window.zero(1)
+    window = LikelihoodWindow.zero(1)
     for value in x:
         window = window.after(
             jnp.full(1, value), jnp.full(1, 0.1 * value), jnp.ones(1, bool), jnp.asarray(3.0)
@@ -87,7 +87,7 @@ def test_the_joint_ratio_is_as_unlikely_as_that_of_one_channel():
     for channels, share in ((2, 0.08), (5, 0.04), (15, 0.02)):
         for chance in (1e-3, 1e-5, 1e-8):
             square = scipy.stats.chi2.isf(chance, channels)
-            window = Window.zero(channels)
+            window = LikelihoodWindow.zero(channels)
             x = jnp.full(channels, np.sqrt(square / channels))
             window = window.after(x, x, jnp.ones(channels, bool), jnp.asarray(1.0))
             ratio, _, size = joint_ratio(window)

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from jaxtwin.monitoring import Evidence, Seen
-from jaxtwin.monitoring._innovation_tests import ENOUGH, HELD, InnovationTests
+from jaxtwin.monitoring._innovation_tests import (
+    MASK_SECONDS_AFTER_JUMP,
+    RESET_SCORE,
+    InnovationTests,
+)
 
 pytestmark = pytest.mark.usefixtures("float64")
 LIMITS = np.array([16.0, 20.0, 20.0, 3.6])
@@ -21,7 +25,7 @@ def said_of(
         scales=np.ones(z.shape[1]),
         memory=np.full(z.shape[1], memory),
         thresholds=LIMITS,
-        enough=np.array(ENOUGH),
+        enough=np.array(RESET_SCORE),
         interval=100.0,
     )
     none = np.zeros(len(z))
@@ -72,7 +76,7 @@ def test_a_change_that_lasts_counts_from_its_first_sample():
     z[200:] += 5.0
     of_sum = said_of(z)[0]
     found = int(np.argmax(np.asarray(of_sum.score[:, 0]) >= 1))
-    assert 200 < found <= 200 + HELD
+    assert 200 < found <= 200 + MASK_SECONDS_AFTER_JUMP
     assert found - float(of_sum.age[found, 0]) == pytest.approx(199, abs=2)
     assert float(of_sum.size[found, 0]) == pytest.approx(0.5, abs=0.1)
 

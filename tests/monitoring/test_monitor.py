@@ -9,7 +9,7 @@ import pytest
 from faulty_runs import LENGTH, ONSET, SIZE, bench, clean, recording, with_readings
 
 from jaxtwin import Experiment, ProcessNoise, calibrate_monitor, monitor
-from jaxtwin._errors import ObserverError
+from jaxtwin.errors import ObserverError
 from jaxtwin.live import Finding
 from jaxtwin.monitoring import FindingLog, MonitorCalibration, Monitored, Seen
 from jaxtwin.monitoring._evidence import seen

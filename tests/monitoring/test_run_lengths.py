@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
-from jaxtwin.monitoring._tails import BLOCK, block_maxima, tail_of
+from jaxtwin.monitoring._tails import BLOCK_SECONDS, block_maxima, tail_of
 
 
 @pytest.mark.parametrize(("limit", "published"), [(4.0, 168.0), (5.0, 465.0)])
@@ -39,11 +39,11 @@ def test_the_threshold_for_a_time_is_passed_once_in_it():
     maxima = [np.random.default_rng(2).exponential(2.0, 5000)]
     tail = tail_of(maxima, "recordings")
     assert tail is not None
-    assert tail.hours == pytest.approx(5000 * BLOCK / 3600)
+    assert tail.hours == pytest.approx(5000 * BLOCK_SECONDS / 3600)
     assert tail.scale == pytest.approx(2.0, rel=0.1)
-    limit = tail.threshold(500 * BLOCK)
+    limit = tail.threshold(500 * BLOCK_SECONDS)
     assert np.sum(maxima[0] > limit) == pytest.approx(10, abs=6)
-    assert tail.seconds(limit) == pytest.approx(500 * BLOCK)
+    assert tail.seconds(limit) == pytest.approx(500 * BLOCK_SECONDS)
 
 
 def test_the_tail_is_that_of_the_rigs_that_differ_most():
@@ -54,7 +54,7 @@ def test_the_tail_is_that_of_the_rigs_that_differ_most():
     tail = tail_of([scale * random.exponential(1.0, 10_000)], "recordings")
     assert tail is not None
     assert tail.scale == pytest.approx(3.0, rel=0.25)
-    once = 20 * 10_000 * BLOCK
+    once = 20 * 10_000 * BLOCK_SECONDS
     assert tail.threshold(once) == pytest.approx(3.0 * np.log(500 * 20), rel=0.15)
 
 

@@ -10,7 +10,7 @@ import scipy.stats
 from faulty_runs import bench
 
 from jaxtwin.monitoring import Reference, Seen
-from jaxtwin.monitoring._shift_test import AVERAGED, LEVEL, PERSISTENT, ShiftTest
+from jaxtwin.monitoring._shift_test import AVERAGING_SECONDS, LEVEL, PERSISTENT, ShiftTest
 from jaxtwin.observers import ProcessNoise, live_observer
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -67,4 +67,4 @@ def test_a_change_counts_when_it_has_lasted(model: Any):
 
 def test_a_parameter_as_in_the_match_is_not_changed(model: Any):
     test = ShiftTest(model, {"P_1": KNOWN})
-    assert float(stepped(test, model, 0.05, int(AVERAGED + PERSISTENT)).score[0]) == 0
+    assert float(stepped(test, model, 0.05, int(AVERAGING_SECONDS + PERSISTENT)).score[0]) == 0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
-from jaxtwin._errors import ObserverError
+from jaxtwin.errors import ObserverError
 from jaxtwin.monitoring import MonitorCalibration, Reference, Tail
 from jaxtwin.monitoring._thresholds import FAMILIES, nominal_calibration
 

@@ -11,7 +11,7 @@ from cuthbertlib.kalman.filtering import predict, update
 from jaxtwin import Experiment, Twin, simulate
 from jaxtwin.observers import ProcessNoise
 from jaxtwin.observers._filter_run import following, samples_of
-from jaxtwin.observers._gaussian import SURPRISE
+from jaxtwin.observers._gaussian import CAUTION_SIGMAS
 from jaxtwin.observers._observe import filter_for
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -51,7 +51,7 @@ def test_means_covariances_and_likelihood_are_those_of_cuthbertlib():
 
     found, steps, slopes, before, ahead, measured, expected = jax.tree.map(np.asarray, run())
     assert not measured.opened.any()
-    assert np.abs(found.states.whitened).max() < SURPRISE
+    assert np.abs(found.states.whitened).max() < CAUTION_SIGMAS
     to_next, corrected = jax.jit(predict), jax.jit(update)
     mean, root = np.asarray(start.mean), root_of(np.asarray(start.covariance))
     for k, F in enumerate(slopes):

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from small_rigs import CAMERA, small_rig_file
 
-from jaxtwin import Experiment, RigError, Twin, observe, simulate
+from jaxtwin import Experiment, Twin, observe, simulate
+from jaxtwin.errors import RigError
 from jaxtwin.observers import ExtendedKalmanFilter, Observed, ProcessNoise, live_observer
 from jaxtwin.observers._expected_correction import expected_jump
 from jaxtwin.rig import load_rig

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin.observers._gaussian import SURPRISE, Correction, Gaussian, corrected, moved
+from jaxtwin.observers._gaussian import CAUTION_SIGMAS, Correction, Gaussian, corrected, moved
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -126,7 +126,7 @@ def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise(driven: int
 def test_readings_within_four_standard_deviations_need_no_caution():
     cautious = slice(3, STATES)
     example = Example(8)
-    assert np.abs(np.asarray(example.corrected().whitened)).max() < SURPRISE
+    assert np.abs(np.asarray(example.corrected().whitened)).max() < CAUTION_SIGMAS
     found = example.corrected(cautious=cautious)
     np.testing.assert_array_equal(found.state.mean, example.corrected().state.mean)
     np.testing.assert_array_equal(found.state.covariance, example.corrected().state.covariance)
@@ -144,9 +144,9 @@ def test_a_surprise_moves_cautious_entries_as_far_as_one_of_four_standard_deviat
     change = np.asarray(found.state.mean) - example.mean
     whole = before @ row / spread * example.innovation[0]
     np.testing.assert_allclose(change[:3], whole[:3], rtol=0, atol=1e-9)
-    limited = whole[cautious] * SURPRISE / size
+    limited = whole[cautious] * CAUTION_SIGMAS / size
     np.testing.assert_allclose(change[cautious], limited, rtol=0, atol=1e-9)
-    gain = before @ row / spread * np.where(np.arange(STATES) >= 3, SURPRISE / size, 1.0)
+    gain = before @ row / spread * np.where(np.arange(STATES) >= 3, CAUTION_SIGMAS / size, 1.0)
     left = np.eye(STATES) - np.outer(gain, row)
     joseph = left @ before @ left.T + example.variance[0] * np.outer(gain, gain)
     np.testing.assert_allclose(found.state.covariance, joseph, rtol=0, atol=1e-9)

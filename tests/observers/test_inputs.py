@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Observed, Run, Twin, observe, simulate
+from jaxtwin import Experiment, Twin, observe, simulate
+from jaxtwin.observers import Observed
 from jaxtwin.observers._observe import usual_noise
+from jaxtwin.simulation import Run
 
 INPUTS = {"lid": "0:closed,200:open,260:closed"}
 

@@ -18,7 +18,7 @@ from jaxtwin import Experiment, Twin, simulate
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, ProcessNoise, live_observer
 from jaxtwin.observers._augmented_model import DRIVEN
 from jaxtwin.observers._commands import Commands
-from jaxtwin.observers._filter_run import Filtered, Samples, filtered, samples_of
+from jaxtwin.observers._filter_run import Filtered, FilterSamples, filtered, samples_of
 from jaxtwin.observers._observe import filter_for
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -85,7 +85,7 @@ class Textbook:
         self.H = np.hstack([self.C, 1 - self.C.sum(axis=1, keepdims=True), np.zeros((2, 2))])
         self.H = np.hstack([self.H, np.ones((2, 1)), np.eye(2)])
 
-    def run(self, samples: Samples, room_spread: float) -> dict[str, list]:
+    def run(self, samples: FilterSamples, room_spread: float) -> dict[str, list]:
         """Means and covariances after each time, and the log likelihood."""
         mean = np.concatenate([START - ROOM, np.zeros(6)])
         spread = [0.1] * 4 + [room_spread] + [NOISE.disturbance] * 2

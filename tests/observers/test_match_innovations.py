@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from small_rigs import bundled
 
-from jaxtwin import Experiment, Fit, ObserverError, ProcessNoise, Twin, match, simulate
+from jaxtwin import Experiment, Fit, ProcessNoise, Twin, match, simulate
+from jaxtwin.errors import ObserverError
 from jaxtwin.matching._fit import solution_of
 from jaxtwin.observers import match_innovations
 from jaxtwin.observers._match_innovations import _Score

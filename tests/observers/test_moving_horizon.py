@@ -12,7 +12,8 @@ import pytest
 from jaxtyping import Array, Float
 from scipy.optimize import minimize
 
-from jaxtwin import Experiment, ObserverError, Twin, observe
+from jaxtwin import Experiment, Twin, observe
+from jaxtwin.errors import ObserverError
 from jaxtwin.observers import (
     ExtendedKalmanFilter,
     MovingHorizonEstimator,

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from jaxtwin import Experiment, Twin, simulate
-from jaxtwin._errors import ObserverError
+from jaxtwin.errors import ObserverError
 from jaxtwin.observers import ProcessNoise, _estimate_noise, estimate_noise
-from jaxtwin.observers._process_noise import SIGNED, SPREADS
+from jaxtwin.observers._process_noise import SIGNED_LEVELS, SPREADS
 
 LEVELS = tuple(ProcessNoise().levels())
 POSITIVE = some.floats(min_value=1e-300, max_value=1e300, allow_subnormal=False)
@@ -74,7 +74,7 @@ def test_a_file_that_is_missing_is_refused_by_name(tmp_path: Path):
         ProcessNoise.load(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize("name", [name for name in LEVELS if name not in SIGNED])
+@pytest.mark.parametrize("name", [name for name in LEVELS if name not in SIGNED_LEVELS])
 @pytest.mark.parametrize("level", [-0.1, 0.0, float("nan"), float("inf")])
 def test_each_level_has_to_be_a_number_above_zero(name: str, level: float):
     noise = dataclasses.replace(ProcessNoise(), **{name: level})

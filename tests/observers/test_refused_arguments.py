@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, SimulationError, Twin, simulate
-from jaxtwin._errors import ObserverError
+from jaxtwin import Experiment, Twin, simulate
+from jaxtwin.errors import ObserverError, SimulationError
 from jaxtwin.observers import Observed, ProcessNoise, observe
 
 

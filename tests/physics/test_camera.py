@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_rigs import MakeRig
 
-from jaxtwin import RigError, load_rig, plate_map
-from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights
+from jaxtwin import load_rig
+from jaxtwin.errors import RigError
+from jaxtwin.physics import channel_weights, frame_to_channels, pixel_weights, plate_map
 from jaxtwin.rig import Rig, bundled_rigs
 
 RIGS = [name for name in bundled_rigs() if load_rig(name).has_plate]

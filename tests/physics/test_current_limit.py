@@ -10,7 +10,8 @@ from hand_rig import AMBIENT, CAPACITANCE, LINKS, SINK, TO_AIR, after, hand_rig,
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import Experiment, ParameterError, RigError, Twin, simulate, simulate_batch
+from jaxtwin import Experiment, Twin, simulate, simulate_batch
+from jaxtwin.errors import ParameterError, RigError
 from jaxtwin.physics import Bridge, ThermoelectricModule
 
 LIMIT = 3.0

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hand_rig import AMBIENT, hand_rig, heater_power
 
-from jaxtwin import Experiment, ParameterError, RigError, Twin, linearize, simulate, simulate_batch
+from jaxtwin import Experiment, Twin, linearize, simulate, simulate_batch
+from jaxtwin.errors import ParameterError, RigError
 
 SPEED = '[parameters]\nn_fan = { value = 1.0, unit = "", bounds = [0.2, 2.0], free = true }'
 SINK = 'sink_capacitance = "50 J/K"\nsink_air_resistance = "0.4 K/W"\n'

@@ -11,7 +11,8 @@ import pytest
 from hand_rig import hand_rig
 from heated_box import heated_box
 
-from jaxtwin import SimulationError, Twin
+from jaxtwin import Twin
+from jaxtwin.errors import SimulationError
 from jaxtwin.physics import FAULT_MODELS, Fault, System, TimedFault
 from jaxtwin.rig import Value
 from jaxtwin.simulation import Stepper

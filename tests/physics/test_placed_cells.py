@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from placed_rig import AT, GRID, MOVING, PLACES, placed_rig, placed_text
 
-from jaxtwin import Experiment, ParameterError, Twin, response, simulate, simulate_batch
+from jaxtwin import Experiment, Twin, response, simulate, simulate_batch
+from jaxtwin.errors import ParameterError
 from jaxtwin.physics import System, build_netlist
 from jaxtwin.spice import to_spice
 

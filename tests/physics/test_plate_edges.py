@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxtwin import RigError, load_rig
+from jaxtwin import load_rig
+from jaxtwin.errors import RigError
 from jaxtwin.physics import measure_registration
 from jaxtwin.rig import Rig
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxtwin import ParameterError, frame_to_channels, load_rig, plate_map
+from jaxtwin import load_rig
+from jaxtwin.errors import ParameterError
+from jaxtwin.physics import frame_to_channels, plate_map
 
 RIG = load_rig("dual-cell")
 PLATE = RIG.plate

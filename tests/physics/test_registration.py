@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import quad
 from small_rigs import CAMERA, small_rig_file, zone
 
-from jaxtwin import Experiment, RigError, Twin, load_rig, response, simulate, simulate_batch
+from jaxtwin import Experiment, Twin, load_rig, response, simulate, simulate_batch
+from jaxtwin.errors import RigError
 from jaxtwin.physics import channel_weights
 from jaxtwin.rig import Rig, ZoneSensor
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from small_rigs import CAMERA, small_rig_file
 
-from jaxtwin import Experiment, RigError, Twin, load_rig, simulate
+from jaxtwin import Experiment, Twin, load_rig, simulate
+from jaxtwin.errors import RigError
 from jaxtwin.physics import channel_weights, frame_to_channels
 from jaxtwin.rig import (
     COORDINATE,

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import ParameterError, RigError
 from jaxtwin.data import table
+from jaxtwin.errors import ParameterError, RigError
 from jaxtwin.physics import DCSweep, ThermoelectricModule
 
 MODULES = ("TEC1-12706", "CP10-127-05")

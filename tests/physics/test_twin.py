@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import jaxtwin
-from jaxtwin import Experiment, ParameterError, RigError, SimulationError, load_rig
+from jaxtwin import Experiment, load_rig
+from jaxtwin.errors import ParameterError, RigError, SimulationError
 from jaxtwin.physics import Twin
 from jaxtwin.physics._wiring import wiring_of
 from jaxtwin.rig import Channel, ZoneSensor

@@ -12,8 +12,10 @@ from matplotlib import pyplot
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from jaxtwin import Experiment, ParameterError, Run, load_rig
+from jaxtwin import Experiment, load_rig
+from jaxtwin.errors import ParameterError
 from jaxtwin.plots import animate_plate
+from jaxtwin.simulation import Run
 
 RIG = load_rig("dual-cell")
 ELEMENTS = RIG.plate.element_names

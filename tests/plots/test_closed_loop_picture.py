@@ -9,8 +9,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from small_results import fit
 
-from jaxtwin import ControlError, ParameterError, Twin, linearize, plots, simulate_closed_loop
+from jaxtwin import Twin, linearize, plots, simulate_closed_loop
 from jaxtwin.control import PID, DecoupledPI, LoopMargins, loop_margins
+from jaxtwin.errors import ControlError, ParameterError
 
 
 @pytest.fixture(autouse=True)

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 from matplotlib.text import Text
 
-from jaxtwin import ParameterError, load_rig
+from jaxtwin import load_rig
+from jaxtwin.errors import ParameterError
 from jaxtwin.physics import Twin
 from jaxtwin.plots import plot_netlist
 from jaxtwin.plots._netlist_layout import WIDEST, netlist_layout

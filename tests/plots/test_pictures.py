@@ -19,21 +19,17 @@ from matplotlib.patches import Rectangle
 from scipy.stats import norm
 from small_results import analysis, fit, recordings
 
-from jaxtwin import (
-    ControlError,
-    Experiment,
-    LinearModel,
-    Run,
-    SimulationError,
-    ThermoelectricModule,
-    plots,
-)
+from jaxtwin import Experiment, plots
 from jaxtwin._number_text import interval_text, short_number
+from jaxtwin.control import LinearModel
+from jaxtwin.errors import ControlError, SimulationError
 from jaxtwin.matching import FitDifference, FittedParameters, ParameterDifference
+from jaxtwin.physics import ThermoelectricModule
 from jaxtwin.plots._labels import space_apart
 from jaxtwin.plots._parameters import _position
 from jaxtwin.plots._style import symbol
 from jaxtwin.rig import load_module
+from jaxtwin.simulation import Run
 
 
 @pytest.fixture(autouse=True)

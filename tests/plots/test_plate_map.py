@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
-from jaxtwin import ParameterError, load_rig
+from jaxtwin import load_rig
+from jaxtwin.errors import ParameterError
 from jaxtwin.plots import plot_plate_map
 from jaxtwin.rig import Rig
 

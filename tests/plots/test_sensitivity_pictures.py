@@ -7,10 +7,11 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from jaxtwin import GlobalSensitivity, ParameterError
+from jaxtwin.errors import ParameterError
 from jaxtwin.plots._convergence import _limits
 from jaxtwin.sensitivity_analysis import (
     METHODS,
+    GlobalSensitivity,
     Inputs,
     MethodName,
     Normal,

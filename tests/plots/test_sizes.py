@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from small_results import analysis, correlated_fit, fit, recordings
 
-from jaxtwin import Fit, LinearModel, plots
+from jaxtwin import Fit, plots
+from jaxtwin.control import LinearModel
 from jaxtwin.matching import FitDifference, ParameterDifference
 
 

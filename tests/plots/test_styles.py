@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
-from jaxtwin import Experiment, ParameterError, ThermoelectricModule, Twin, load_rig, plots
+from jaxtwin import Experiment, Twin, load_rig, plots
+from jaxtwin.errors import ParameterError
+from jaxtwin.physics import ThermoelectricModule
 from jaxtwin.plots import (
     plot_dc_sweep,
     plot_netlist,

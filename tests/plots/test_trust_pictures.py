@@ -13,10 +13,12 @@ from matplotlib.patches import Rectangle
 from scipy.stats import norm
 from small_results import fit
 
-from jaxtwin import Experiment, Fit, SimulationError, plate_map, plots
+from jaxtwin import Experiment, Fit, plots
 from jaxtwin._residual_statistics import autocorrelation
+from jaxtwin.errors import SimulationError
 from jaxtwin.matching import CameraError, Comparison
 from jaxtwin.matching._fit import solution_of
+from jaxtwin.physics import plate_map
 
 
 @pytest.fixture(autouse=True)

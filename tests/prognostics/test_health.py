@@ -16,7 +16,7 @@ from jaxtwin.prognostics._assess import _by_change
 from jaxtwin.prognostics._session_estimates import session_of
 
 
-def aged(values: Sequence[float] | np.ndarray, **options: object) -> jt.Health:
+def aged(values: Sequence[float] | np.ndarray, **options: object) -> jt.prognostics.Health:
     fits = {f"day {number}": session(value) for number, value in enumerate(values)}
     return jt.health(fits, list(range(len(values))), names=[NAME], **options)  # pyright: ignore
 
@@ -155,11 +155,11 @@ def test_the_picture_has_sessions_trend_and_limit():
     ],
 )  # fmt: skip
 def test_what_cannot_be_done_is_refused_in_one_sentence(arguments, options, message: str):
-    with pytest.raises((jt.MatchError, jt.ParameterError)) as problem:
+    with pytest.raises((jt.errors.MatchError, jt.errors.ParameterError)) as problem:
         jt.health(*arguments(), **options)
     assert message in str(problem.value)
 
 
 def test_a_parameter_that_is_not_there_is_answered_with_those_that_are():
-    with pytest.raises(jt.ParameterError, match="Known: R_E"):
+    with pytest.raises(jt.errors.ParameterError, match="Known: R_E"):
         aged([2.0, 2.0, 2.1])["R_e"]

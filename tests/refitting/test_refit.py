@@ -16,9 +16,9 @@ import pytest
 import jaxtwin as jt
 from jaxtwin.cli import run
 from jaxtwin.control import PID
-from jaxtwin.refitting._forgetting import LEAST_DRIFT, session_prior
+from jaxtwin.refitting._forgetting import MIN_DRIFT, session_prior
 from jaxtwin.refitting._gate import check_likelihood
-from jaxtwin.refitting._held_out import Replay, split
+from jaxtwin.refitting._held_out import HeldOutReplay, split
 from jaxtwin.refitting._sensor_errors import SENSOR_ERRORS, smallest
 
 LENGTH, NOISE = 600, 0.15
@@ -44,7 +44,7 @@ def last() -> jt.Fit:
 
 
 @cache
-def changed() -> jt.Refit:
+def changed() -> jt.refitting.Refit:
     """After heater 1 lost much of its contact with the room."""
     return jt.refit(last(), session(4, R_1=85.0))
 
@@ -60,7 +60,7 @@ def test_the_prior_of_a_session_is_the_posterior_and_what_is_forgotten():
     for factor in (0.0, 1.0, 2.0):
         prior = session_prior(fit, "", factor)
         np.testing.assert_allclose(prior.covariance, posterior + factor**2 * step, rtol=1e-12)
-        least = LEAST_DRIFT**2 * np.eye(size)
+        least = MIN_DRIFT**2 * np.eye(size)
         np.testing.assert_allclose(prior.drift, factor**2 * step + least, rtol=1e-12)
     assert [row.name for row in prior.rows] == list(fit.uncertainty.labels[:size])
     values = [row.from_entry(mean) for row, mean in zip(prior.rows, prior.mean, strict=True)]
@@ -77,7 +77,7 @@ def test_the_last_of_several_recordings_is_held_out_or_the_last_third_of_one():
     assert several.seen == (one,)
     assert several.held_out == (other,)
     assert several.since == (0.0,)
-    with pytest.raises(jt.MatchError, match="at least 120 s that are held out, got 67 s"):
+    with pytest.raises(jt.errors.MatchError, match="at least 120 s that are held out, got 67 s"):
         split([one.between(0, 201)], 60.0, both)
 
 
@@ -88,7 +88,7 @@ def test_readings_are_counted_and_not_the_time_that_is_held_out(kept: int, got: 
     readings = np.array(one.temperatures)
     readings[400 + kept :] = np.nan
     words = f"at least 30 readings of most of the 2 channels .* got them of {got}"
-    with pytest.raises(jt.MatchError, match=words):
+    with pytest.raises(jt.errors.MatchError, match=words):
         split([with_readings(one, readings)], 60.0, frozenset(one.channels))
 
 
@@ -96,14 +96,14 @@ def test_one_channel_of_two_does_not_show_that_a_twin_predicts_the_rig():
     one = session(3)
     readings = np.array(one.temperatures)
     readings[401:, 1] = np.nan
-    with pytest.raises(jt.MatchError, match=r"most of the 2 channels .* got them of 1"):
+    with pytest.raises(jt.errors.MatchError, match=r"most of the 2 channels .* got them of 1"):
         split([with_readings(one, readings)], 60.0, frozenset(one.channels))
 
 
-def held_out(log_likelihood: float, correlation: float = 1.0) -> Replay:
+def held_out(log_likelihood: float, correlation: float = 1.0) -> HeldOutReplay:
     """A replay of 400 readings of which only the likelihood is known."""
     nothing = cast(Any, None)
-    return Replay(nothing, nothing, log_likelihood, 400, correlation)
+    return HeldOutReplay(nothing, nothing, log_likelihood, 400, correlation)
 
 
 def test_a_promotion_takes_a_ratio_of_probabilities_of_20():
@@ -285,11 +285,13 @@ def test_a_loop_that_the_new_twin_does_not_bear_is_asked_about():
 
 @pytest.mark.slow
 def test_recordings_that_a_fit_has_seen_are_refused():
-    with pytest.raises(jt.MatchError, match="has not seen, got 's1', which it was matched to"):
+    with pytest.raises(
+        jt.errors.MatchError, match="has not seen, got 's1', which it was matched to"
+    ):
         jt.refit(last(), session(1))
-    with pytest.raises(jt.MatchError, match="forgetting: expected a number above 0, got -1"):
+    with pytest.raises(jt.errors.MatchError, match="forgetting: expected a number above 0, got -1"):
         jt.refit(last(), session(3), forgetting=-1)
-    with pytest.raises(jt.MatchError, match="window: expected a number of seconds above 0"):
+    with pytest.raises(jt.errors.MatchError, match="window: expected a number of seconds above 0"):
         jt.refit(last(), session(3), window=0)
 
 

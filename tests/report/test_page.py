@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin.report._blocks import Numbers, Picture, Section, Table, Text
+from jaxtwin.report._blocks import KeyNumbers, ReportPicture, ReportTable, Section, Text
 from jaxtwin.report._page import GENERATOR, page_html
 
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 1800, 750) + b" and so on"
@@ -44,7 +44,7 @@ def page(*blocks, title: str = "A title") -> str:
 
 
 def test_nothing_is_loaded_from_elsewhere():
-    html = page(Picture("p", PNG, "a picture"), Text("words"))
+    html = page(ReportPicture("p", PNG, "a picture"), Text("words"))
     addresses = [
         value
         for _, attributes in Page(html).seen
@@ -59,12 +59,12 @@ def test_nothing_is_loaded_from_elsewhere():
 
 
 def test_pictures_are_inside_once():
-    assert page(Picture("p", PNG, "a picture")).count(base64.b64encode(PNG).decode()) == 1
+    assert page(ReportPicture("p", PNG, "a picture")).count(base64.b64encode(PNG).decode()) == 1
 
 
 def test_a_picture_is_enlarged_and_put_back_by_links():
     """Targets that the style shows over the whole window; its width in pixels is the PNG's own."""
-    html = page(Picture("p", PNG, "a picture"))
+    html = page(ReportPicture("p", PNG, "a picture"))
     seen = Page(html).seen
     links = [attributes["href"] for tag, attributes in seen if tag == "a"]
     assert {"#p", "#at-p"} <= set(links)
@@ -86,8 +86,12 @@ def test_the_contents_lead_to_the_parts():
 
 
 def test_columns_of_numbers_are_set_to_the_right_and_marks_lose_their_sign():
-    html = page(Table("t", ("name", "value"), [("a", "-1.5e-5"), ("b", "!10 000"), ("c", "-")]))
-    ranges = page(Table("t", ("interval",), [("3.1e-7 to 0.84",), ("-0.5 to 0.3",), ("unknown",)]))
+    html = page(
+        ReportTable("t", ("name", "value"), [("a", "-1.5e-5"), ("b", "!10 000"), ("c", "-")])
+    )
+    ranges = page(
+        ReportTable("t", ("interval",), [("3.1e-7 to 0.84",), ("-0.5 to 0.3",), ("unknown",)])
+    )
     assert ranges.count("<td class=n>") == 3
     assert "<td class=n>-1.5e-5</td>" in html
     assert "<td class=n><mark>10 000</mark></td>" in html
@@ -102,7 +106,10 @@ def test_words_between_backticks_are_code():
 def test_any_text_comes_out_as_it_went_in(text):
     """Nothing that a file name or an error holds can become markup."""
     html = page(
-        Text(text), Numbers(((text, text),)), Table(text, (text,), [(text,)]), title=f"a{text}"
+        Text(text),
+        KeyNumbers(((text, text),)),
+        ReportTable(text, (text,), [(text,)]),
+        title=f"a{text}",
     )
     parsed = Page(html)
     shown = re.sub("`([^`]+)`", r"\1", text)

@@ -10,16 +10,18 @@ from small_results import fit, recordings
 from small_rigs import small_rig_file
 from typer.testing import CliRunner
 
-from jaxtwin import Experiment, Fit, JaxtwinError, MatchError, Run, Twin, load_rig, match, simulate
+from jaxtwin import Experiment, Fit, JaxtwinError, Twin, load_rig, match, simulate
 from jaxtwin.cli import app
+from jaxtwin.errors import MatchError
 from jaxtwin.io import write_recording
 from jaxtwin.report._agreement import residuals_section
-from jaxtwin.report._blocks import Picture, Table, Text
+from jaxtwin.report._blocks import ReportPicture, ReportTable, Text
 from jaxtwin.report._demo_match import _deviation
 from jaxtwin.report._parameters import own_values_table, parameter_table
 from jaxtwin.report._recordings import _row
 from jaxtwin.report._rig import rig_section
 from jaxtwin.report._uniformity import _map_times, _seen_together, uniformity_section
+from jaxtwin.simulation import Run
 
 SECTIONS = (
     "The rig",
@@ -93,7 +95,9 @@ def test_own_values_stand_beside_their_standard_errors():
 
 @pytest.mark.slow
 def test_the_tests_of_residuals_are_those_of_the_runs():
-    (table,) = [b for b in residuals_section(fit(), "Residuals").blocks if isinstance(b, Table)]
+    (table,) = [
+        b for b in residuals_section(fit(), "Residuals").blocks if isinstance(b, ReportTable)
+    ]
     run = fit().runs["synthetic-A"]
     residual = np.asarray(run.experiment.temperatures)[:, 0] - run.temperatures[:, 0]
     assert table.rows[0][:4] == (
@@ -106,7 +110,7 @@ def test_the_tests_of_residuals_are_those_of_the_runs():
 
 def test_uniformity_is_shown_over_time_and_over_the_plate():
     section, numbers = uniformity_section(fit(), level=2)
-    pictures = [block for block in section.blocks if isinstance(block, Picture)]
+    pictures = [block for block in section.blocks if isinstance(block, ReportPicture)]
     assert [picture.name for picture in pictures] == ["uniformity", "plate-beside"]
     assert all(picture.png.startswith(b"\x89PNG") for picture in pictures)
     assert numbers.keys() == fit().runs.keys()

@@ -8,8 +8,8 @@ from heated_box import TEXT, heated_box
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import RigError
 from jaxtwin.data import data_folder
+from jaxtwin.errors import RigError
 from jaxtwin.physics import build_netlist
 from jaxtwin.rig import Heater, Rig, Value, json_schema, rig_from_tables
 

@@ -6,7 +6,7 @@ import re
 import pytest
 from boxes import box, box_table
 
-from jaxtwin import RigError
+from jaxtwin.errors import RigError
 from jaxtwin.rig import rig_from_tables
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxtwin import RigError
+from jaxtwin.errors import RigError
 from jaxtwin.rig import bundled_materials, bundled_modules, load_material, load_module
 
 

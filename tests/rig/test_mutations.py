@@ -13,8 +13,8 @@ from heated_box import TEXT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import RigError
 from jaxtwin.data import data_folder
+from jaxtwin.errors import RigError
 from jaxtwin.rig import Rig, load_rig, rig_from_tables
 
 TEXTS = {

@@ -11,8 +11,10 @@ import typer
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import RigError, build_netlist, load_rig
+from jaxtwin import load_rig
 from jaxtwin.cli import run
+from jaxtwin.errors import RigError
+from jaxtwin.physics import build_netlist
 from jaxtwin.rig import CellPlace, bundled_materials, bundled_modules, load_module, new_rig_text
 from jaxtwin.rig._example_rig import example_rigs
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import ParameterError
+from jaxtwin.errors import ParameterError
 from jaxtwin.rig import Rig, load_rig, read_parameters, write_parameters
 from jaxtwin.rig._parameter_file import parameters_toml
 

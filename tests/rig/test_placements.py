@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from placed_rig import AT, GRID, MOVING, PLACES, placed_rig, placed_text
 
-from jaxtwin import RigError
+from jaxtwin.errors import RigError
 from jaxtwin.rig import load_rig, rig_from_tables
 from jaxtwin.rig._overlap import corners, overlap_areas
 

@@ -6,8 +6,8 @@ Each case takes a bundled file, replaces one text in it and loads the result.
 
 import pytest
 
-from jaxtwin import RigError
 from jaxtwin.data import data_folder
+from jaxtwin.errors import RigError
 from jaxtwin.rig import load_rig
 
 # id: (bundled rig, text that stands in it, text in its place, field, what else the message says)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from placed_rig import AT, MOVING, placed_text
 
-from jaxtwin import RigError
+from jaxtwin.errors import RigError
 from jaxtwin.rig import Rig
 from jaxtwin.rig._build import parse_rig
 from jaxtwin.rig._with_places import with_places

@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 from small_results import fit, recordings
 
-from jaxtwin import Experiment, SimulationError, Twin, read_recording, sensitivity, validate
+from jaxtwin import Experiment, Twin, read_recording, sensitivity, validate
 from jaxtwin.data import synthetic_recordings
+from jaxtwin.errors import SimulationError
 from jaxtwin.sensitivity_analysis._paired_twins import paired_twins
 
 

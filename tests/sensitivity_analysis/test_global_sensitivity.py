@@ -9,8 +9,16 @@ from jaxtyping import Array
 from small_results import COVARIANCE, correlated_fit, fit, recordings
 
 import jaxtwin as jt
-from jaxtwin import Experiment, GlobalSensitivity, ParameterError, SimulationError, Twin
-from jaxtwin.sensitivity_analysis import LogNormal, Normal, Sobol, StandardisedRegression, Uniform
+from jaxtwin import Experiment, Twin
+from jaxtwin.errors import ParameterError, SimulationError
+from jaxtwin.sensitivity_analysis import (
+    GlobalSensitivity,
+    LogNormal,
+    Normal,
+    Sobol,
+    StandardisedRegression,
+    Uniform,
+)
 from jaxtwin.sensitivity_analysis._input_choices import resolve_inputs
 
 NAMES = ["R_E", "R_pc", "R_Tez"]

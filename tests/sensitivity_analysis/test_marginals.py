@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.stats import lognorm, norm, truncnorm, uniform
 
-from jaxtwin import ParameterError
+from jaxtwin.errors import ParameterError
 from jaxtwin.sensitivity_analysis import AbstractMarginal, LogNormal, Normal, Uniform, normal_draws
 from jaxtwin.sensitivity_analysis._sampling import uniform_draws
 

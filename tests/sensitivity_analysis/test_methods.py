@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import rankdata
 
-from jaxtwin import ParameterError, SimulationError
+from jaxtwin.errors import ParameterError, SimulationError
 from jaxtwin.sensitivity_analysis import (
     AbstractMethod,
     DerivativeBased,

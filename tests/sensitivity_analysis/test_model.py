@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import SimulationError, Twin
+from jaxtwin import Twin
 from jaxtwin.control import PID
+from jaxtwin.errors import SimulationError
 from jaxtwin.sensitivity_analysis import Uniform
 from jaxtwin.simulation import Reductions
 

@@ -8,15 +8,8 @@ from matplotlib import pyplot
 from scipy.stats import kstest, pearsonr, truncnorm
 
 import jaxtwin as jt
-from jaxtwin import (
-    Experiment,
-    ParameterError,
-    RecordingError,
-    SimulationError,
-    Twin,
-    sensitivity,
-    simulate,
-)
+from jaxtwin import Experiment, Twin, sensitivity, simulate
+from jaxtwin.errors import ParameterError, RecordingError, SimulationError
 
 NAMES = ["R_E", "R_pc", "R_Tez"]
 
@@ -36,13 +29,13 @@ def recording(twin: Twin) -> Experiment:
 
 
 @pytest.fixture(scope="module")
-def result(twin: Twin, recording: Experiment) -> jt.Sensitivity:
+def result(twin: Twin, recording: Experiment) -> jt.sensitivity_analysis.Sensitivity:
     return sensitivity(twin, recording, draws=60, seed=5, names=NAMES)
 
 
 @pytest.mark.slow
 def test_costs_are_the_mean_squared_errors_of_single_runs(
-    twin: Twin, recording: Experiment, result: jt.Sensitivity
+    twin: Twin, recording: Experiment, result: jt.sensitivity_analysis.Sensitivity
 ):
     assert recording.temperatures is not None
     for draw in (0, 59):
@@ -53,7 +46,7 @@ def test_costs_are_the_mean_squared_errors_of_single_runs(
         assert result.cost[draw, 2] == pytest.approx(cost.mean(), rel=1e-5)
 
 
-def test_correlation_is_that_of_costs_and_samples(result: jt.Sensitivity):
+def test_correlation_is_that_of_costs_and_samples(result: jt.sensitivity_analysis.Sensitivity):
     assert result.channels == ("T11", "TAM", "mean")
     for row in range(3):
         for column in range(len(NAMES)):
@@ -63,7 +56,7 @@ def test_correlation_is_that_of_costs_and_samples(result: jt.Sensitivity):
 
 
 def test_the_drive_matters_and_the_same_seed_gives_the_same_numbers(
-    twin: Twin, recording: Experiment, result: jt.Sensitivity
+    twin: Twin, recording: Experiment, result: jt.sensitivity_analysis.Sensitivity
 ):
     # The recording was made with another R_E, which scales the heat: it must lead.
     assert result.ranking()[0] == "R_E"
@@ -72,7 +65,7 @@ def test_the_drive_matters_and_the_same_seed_gives_the_same_numbers(
     np.testing.assert_array_equal(again.cost, result.cost)
 
 
-def test_labels_and_saved_file(result: jt.Sensitivity, tmp_path):
+def test_labels_and_saved_file(result: jt.sensitivity_analysis.Sensitivity, tmp_path):
     import xarray
 
     data = result.to_xarray()
@@ -83,7 +76,9 @@ def test_labels_and_saved_file(result: jt.Sensitivity, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["sens.csv", "sens.xlsx", "sens"])
-def test_an_ending_of_another_format_is_refused(result: jt.Sensitivity, tmp_path, name):
+def test_an_ending_of_another_format_is_refused(
+    result: jt.sensitivity_analysis.Sensitivity, tmp_path, name
+):
     with pytest.raises(RecordingError, match=r"ending: expected \.nc.*, got '.*'"):
         result.save(tmp_path / name)
     assert not list(tmp_path.iterdir())
@@ -106,7 +101,7 @@ def test_salibs_problem_has_the_distribution_of_the_draws(twin: Twin):
 
 
 @pytest.mark.salib
-def test_salib_samples_the_problem_within_its_limits(result: jt.Sensitivity):
+def test_salib_samples_the_problem_within_its_limits(result: jt.sensitivity_analysis.Sensitivity):
     """Total indices of x1 + x2 / 10 + 0 x3 in relative values: near 1, 0.01 and 0."""
     from SALib.analyze import sobol as analyser
     from SALib.sample import sobol as sampler
@@ -124,7 +119,9 @@ def test_salib_samples_the_problem_within_its_limits(result: jt.Sensitivity):
     np.testing.assert_allclose(total, [1 / 1.01, 0.01 / 1.01, 0.0], atol=0.02)
 
 
-def test_the_table_has_a_row_for_each_channel_and_parameter(result: jt.Sensitivity):
+def test_the_table_has_a_row_for_each_channel_and_parameter(
+    result: jt.sensitivity_analysis.Sensitivity,
+):
     table = result.to_dataframe()
     assert table.shape == (9, 6)
     row = table.loc["TAM", "R_pc"]
@@ -134,7 +131,9 @@ def test_the_table_has_a_row_for_each_channel_and_parameter(result: jt.Sensitivi
     assert (row["rank_lower"], row["rank_upper"]) == tuple(result.rank_interval[place])
 
 
-def test_a_parameter_is_significant_where_its_interval_excludes_zero(result: jt.Sensitivity):
+def test_a_parameter_is_significant_where_its_interval_excludes_zero(
+    result: jt.sensitivity_analysis.Sensitivity,
+):
     for ranks, interval in ((False, result.interval), (True, result.rank_interval)):
         low, high = interval[2].T
         signs = np.where(low > 0, 1, np.where(high < 0, -1, 0))
@@ -144,7 +143,7 @@ def test_a_parameter_is_significant_where_its_interval_excludes_zero(result: jt.
     assert result.significant(ranks=True)["R_E"] == 1
 
 
-def test_the_plot_has_a_column_for_each_parameter(result: jt.Sensitivity):
+def test_the_plot_has_a_column_for_each_parameter(result: jt.sensitivity_analysis.Sensitivity):
     axes = result.plot()
     assert len(axes.get_xticks()) == 3
     pyplot.close("all")

@@ -20,7 +20,7 @@ from jaxtwin.live import Finding, Reading, RigState
 from jaxtwin.observers import ProcessNoise
 from jaxtwin.serve import FrameRing, Page, TwinBeside
 from jaxtwin.serve._metrics import Metric, metrics_text
-from jaxtwin.serve._stream import QUIET, stream
+from jaxtwin.serve._stream import KEEPALIVE_SECONDS, stream
 
 ASSETS = files("jaxtwin.serve") / "assets"
 SCRIPTS = [entry.name for entry in ASSETS.iterdir() if entry.name.endswith(".js")]
@@ -179,7 +179,10 @@ def test_a_quiet_stream_is_kept_open_and_ends_with_the_server() -> None:
 
     async def read_all() -> list[bytes]:
         return [
-            part async for part in stream(ring, "ring-0", wait, lambda: waited[0] > 2.5 * QUIET)
+            part
+            async for part in stream(
+                ring, "ring-0", wait, lambda: waited[0] > 2.5 * KEEPALIVE_SECONDS
+            )
         ]
 
     parts = asyncio.run(read_all())

@@ -13,7 +13,7 @@ from jaxtwin.serve._live_demo import (
     REFIT_AFTER,
     REFIT_LENGTH,
     RIG,
-    STEP,
+    STEP_SECONDS,
     DemoScript,
     demo_faults,
 )
@@ -47,13 +47,15 @@ def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
     end = int(LOOSE_AT + REFIT_AFTER) + 120
     orders, lines = told(end)
     drives = [(at, one) for at, one in orders if isinstance(one, DriveOrder)]
-    assert [at for at, _ in drives] == [int(STEP) * k for k in range(len(drives))]
+    assert [at for at, _ in drives] == [int(STEP_SECONDS) * k for k in range(len(drives))]
     assert len({one.duty for _, one in drives}) > len(drives) / 2
     assert [one.reset for _, one in drives[:3]] == [False, True, True]
     refits = [(at, one) for at, one in orders if isinstance(one, RefitOrder)]
     assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_LENGTH))]
     begin = LOOSE_AT + REFIT_AFTER - REFIT_LENGTH
-    assert begin > LOOSE_AT + STEP  # a contact that comes loose meanwhile looks like another rig
+    assert (
+        begin > LOOSE_AT + STEP_SECONDS
+    )  # a contact that comes loose meanwhile looks like another rig
     assert next(one.duty for at, one in reversed(drives) if at <= begin) == (0.0,)
     assert ["comes loose" in line for line in lines] == [True, False]
 

@@ -18,8 +18,9 @@ from hand_clock import START, HandClock, virtual_bench
 from small_page import TOKEN, twin
 from small_results import fit
 
-from jaxtwin import RecordingError, Twin, TwinStore
+from jaxtwin import Twin, TwinStore
 from jaxtwin.control import DecoupledPI
+from jaxtwin.errors import RecordingError
 from jaxtwin.live import (
     Finding,
     Publisher,

@@ -93,7 +93,7 @@ def test_a_stream_and_a_second_request_outlast_that_time(
 def test_streams_that_open_together_are_no_more_than_allowed(
     port: int, asked: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(app_module, "MOST_STREAMS", 20)
+    monkeypatch.setattr(app_module, "MAX_STREAMS", 20)
     for _ in range(2):  # those that have gone make room
         with ThreadPoolExecutor(30) as threads:
             opened = list(threads.map(lambda _: asked(head(port, "/events")), range(30)))

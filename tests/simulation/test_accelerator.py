@@ -15,7 +15,7 @@ from jaxtwin._lapack import _solve, eigh, solve_definite
 from jaxtwin.simulation._chunk_programs import prepare_chunk, step_chunk
 from jaxtwin.simulation._draw_solver import _delayed_as
 from jaxtwin.simulation._numbered_chunk import (
-    LEAST_DRAWS,
+    MIN_DRAWS,
     numbered_grid,
     prepare_numbered,
     step_numbered,
@@ -83,7 +83,7 @@ def test_many_draws_have_no_eigenproblem_and_one_loop_of_elementwise_steps(chunk
     can fuse all of it."""
     twin, _, draws, _ = chunk
     experiment = Experiment.schedule("0:0.5,50:0.8", duration=100.0, cells=2)
-    grid = numbered_grid(twin, experiment, LEAST_DRAWS, steady_start=False)
+    grid = numbered_grid(twin, experiment, MIN_DRAWS, steady_start=False)
     assert grid is not None
     program = lowered(lambda d: prepare_numbered(twin, d, grid.summary(), None), draws)
     assert "custom_call" not in program

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, RecordingError, find_recordings, read_recording
+from jaxtwin import Experiment, find_recordings, read_recording
+from jaxtwin.errors import RecordingError
 
 
 def recordings() -> tuple[Path, ...]:

@@ -22,7 +22,8 @@ from small_rigs import MakeRig
 from small_rigs import make_rig as make_rig
 
 import jaxtwin as jt
-from jaxtwin import Experiment, RigError, Stepper, Twin, simulate, simulate_batch
+from jaxtwin import Experiment, Stepper, Twin, simulate, simulate_batch
+from jaxtwin.errors import RigError
 
 DUTY = 0.6
 EXPERIMENT = Experiment.schedule(f"0:{DUTY}", duration=100)

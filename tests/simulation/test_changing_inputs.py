@@ -159,7 +159,7 @@ def test_large_networks_have_the_rates_of_small_ones(monkeypatch: pytest.MonkeyP
 
     rig = jt.load_rig("dual-cell")
     dense = input_rates.__wrapped__(rig)
-    monkeypatch.setattr(_input_rates, "MOST_DENSE", 0)
+    monkeypatch.setattr(_input_rates, "MAX_DENSE", 0)
     np.testing.assert_allclose(input_rates.__wrapped__(rig), dense, rtol=1e-9)
 
 

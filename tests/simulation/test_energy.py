@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
-from jaxtwin import Experiment, Run, Twin
+from jaxtwin import Experiment, Twin
 from jaxtwin.data import data_folder
 from jaxtwin.rig import rig_from_tables
+from jaxtwin.simulation import Run
 
 # Powered, then reversed in one cell and full in the other, then off: 40 s each. Samples are 0.02 s
 # apart for 10 s after each change and 0.5 s after that: Simpson's rule on them is good to 1e-8.

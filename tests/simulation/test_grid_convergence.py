@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from placed_rig import AT, GRID, placed_text
 
-from jaxtwin import Experiment, RigError, SimulationError, Twin, grid_convergence, simulate
+from jaxtwin import Experiment, Twin, grid_convergence, simulate
+from jaxtwin.errors import RigError, SimulationError
 from jaxtwin.rig import Rig, load_rig
 from jaxtwin.simulation import Grid, GridConvergence
 

@@ -127,7 +127,9 @@ def test_a_recording_that_lacks_an_input_is_refused_in_one_sentence(twin):
         inputs={name: run.experiment.inputs[name] for name in ("fan", "V_supply", "T_water")},
         name="monday",
     )
-    with pytest.raises(jt.SimulationError, match="monday: expected a column for the input 'lid'"):
+    with pytest.raises(
+        jt.errors.SimulationError, match="monday: expected a column for the input 'lid'"
+    ):
         jt.simulate(twin, recording)
     jt.simulate(twin, recording.with_inputs(lid="closed"))
 
@@ -143,7 +145,7 @@ def test_a_recording_that_lacks_an_input_is_refused_in_one_sentence(twin):
 )
 def test_an_unknown_state_or_input_is_refused(twin, inputs, message):
     plain = Experiment.schedule("0:0.5", duration=60, step=5, ambient=20.0)
-    with pytest.raises(jt.SimulationError, match=message):
+    with pytest.raises(jt.errors.SimulationError, match=message):
         jt.simulate(twin, plain.with_inputs(**inputs))
 
 
@@ -178,9 +180,9 @@ def test_a_stepper_takes_inputs_for_each_step(twin):
         held = {"lid": state_of_lid, "fan": 0.0}
         state = stepper.step(state, [0.5], 20.0, steps=number, inputs=held)
     np.testing.assert_allclose(state.nodes, run.states[-1], atol=1e-3)
-    with pytest.raises(jt.SimulationError, match="input lid: unknown state 'ajar'"):
+    with pytest.raises(jt.errors.SimulationError, match="input lid: unknown state 'ajar'"):
         stepper.step(state, [0.5], inputs={"lid": "ajar"})
-    with pytest.raises(jt.SimulationError, match="unknown input 'door'"):
+    with pytest.raises(jt.errors.SimulationError, match="unknown input 'door'"):
         stepper.step(state, [0.5], inputs={"door": 1.0})
 
 

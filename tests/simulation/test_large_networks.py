@@ -57,7 +57,7 @@ def test_an_uneven_start_and_an_ambient_that_changes(twin, monkeypatch):
 
 @pytest.mark.slow
 def test_all_modes_are_taken_where_the_residual_of_few_is_too_large(twin, monkeypatch):
-    monkeypatch.setattr(_reduced_modes, "LARGEST_RESIDUAL", 0.0)
+    monkeypatch.setattr(_reduced_modes, "MAX_RESIDUAL", 0.0)
     few, every = both(twin, Experiment.schedule("0:0.8", duration=60), monkeypatch)
     np.testing.assert_array_equal(few.states, every.states)
 

@@ -15,7 +15,8 @@ from heated_box import cell_and_heater
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxtwin import Experiment, SimulationError, Twin, reduce_batch, simulate_batch
+from jaxtwin import Experiment, Twin, reduce_batch, simulate_batch
+from jaxtwin.errors import SimulationError
 from jaxtwin.simulation import _native_library
 from jaxtwin.simulation._native_elimination import Elimination
 from jaxtwin.simulation._native_library import VARIABLE, native_library, native_state

@@ -16,7 +16,7 @@ from jaxtwin import Experiment, Twin, reduce_batch, simulate_batch
 from jaxtwin.simulation import ReductionName, _draw_solver, _numbered_chunk
 from jaxtwin.simulation._chunk_programs import Prepared, Stepped
 from jaxtwin.simulation._native_library import VARIABLE
-from jaxtwin.simulation._numbered_chunk import LEAST_DRAWS, MOST_STEPS, numbered_grid
+from jaxtwin.simulation._numbered_chunk import MAX_STEPS, MIN_DRAWS, numbered_grid
 from jaxtwin.simulation._time_grid import TimeGrid
 
 DRAWS = 8
@@ -41,7 +41,7 @@ def numbered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     monkeypatch.setattr(_draw_solver, "step_numbered", step_unfused)
     monkeypatch.setattr(_draw_solver, "is_accelerated", lambda: True)
-    monkeypatch.setattr(_numbered_chunk, "LEAST_DRAWS", 1)
+    monkeypatch.setattr(_numbered_chunk, "MIN_DRAWS", 1)
     return chunks
 
 
@@ -124,19 +124,19 @@ def test_the_room_may_change_and_a_run_begin_at_rest(request):
 def test_modes_are_taken_where_they_are_as_good():
     """Few draws, a drive that changes all the time, and a large plate."""
     twin, steps = Twin("paper-2024"), Experiment.schedule("0:0.5", duration=600.0, cells=2)
-    assert numbered_grid(twin, steps, LEAST_DRAWS - 1, steady_start=False) is None
-    grid = numbered_grid(twin, steps, LEAST_DRAWS, steady_start=True)
+    assert numbered_grid(twin, steps, MIN_DRAWS - 1, steady_start=False) is None
+    grid = numbered_grid(twin, steps, MIN_DRAWS, steady_start=True)
     assert grid is not None
     assert grid.steady_start
-    assert len(grid.size) < MOST_STEPS / 2
+    assert len(grid.size) < MAX_STEPS / 2
     random = np.random.default_rng(0).uniform(-1, 1, size=(301, 2))
     restless = Experiment(np.arange(301.0), random)
-    assert numbered_grid(twin, restless, LEAST_DRAWS, steady_start=False) is None
+    assert numbered_grid(twin, restless, MIN_DRAWS, steady_start=False) is None
 
 
 def test_steps_of_no_length_end_each_span_and_the_others_fill_it():
     twin, steps = Twin("paper-2024"), Experiment.schedule("0:0.5,100:0.8", duration=600.0, cells=2)
-    grid = numbered_grid(twin, steps, LEAST_DRAWS, steady_start=False)
+    grid = numbered_grid(twin, steps, MIN_DRAWS, steady_start=False)
     assert grid is not None
     sizes = np.asarray(grid.sizes)[np.asarray(grid.size)]
     ends = np.cumsum(sizes)

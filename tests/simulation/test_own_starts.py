@@ -7,7 +7,8 @@ import pytest
 from boxes import box, box_table
 
 import jaxtwin as jt
-from jaxtwin import Experiment, RigError, SimulationError, Twin
+from jaxtwin import Experiment, Twin
+from jaxtwin.errors import RigError, SimulationError
 from jaxtwin.rig import rig_from_tables
 
 IDLE = Experiment.schedule("0:0", duration=100, step=10, ambient=20.0)
@@ -56,7 +57,7 @@ def test_the_start_of_an_unknown_node_is_refused():
     table = box_table()
     table["initial"] = {"nodes": {"ari": "20 degC"}}
     with pytest.raises(RigError, match=re.escape("initial.nodes: unknown node 'ari'")):
-        jt.build_netlist(rig_from_tables(table, "box"))
+        jt.physics.build_netlist(rig_from_tables(table, "box"))
 
 
 @pytest.mark.slow

@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import simpson
 from small_rigs import bundled
 
-from jaxtwin import Experiment, SimulationError, Twin, reduce_batch, simulate
+from jaxtwin import Experiment, Twin, reduce_batch, simulate
+from jaxtwin.errors import SimulationError
 
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
 """Power of `printer-bed` at full duty, W: its tracks, switch and supply."""

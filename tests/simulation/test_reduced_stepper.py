@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from boxes import box
 
-from jaxtwin import Experiment, SimulationError, Stepper, Twin, simulate
+from jaxtwin import Experiment, Stepper, Twin, simulate
+from jaxtwin.errors import SimulationError
 from jaxtwin.simulation import reduce_stepper
 
 EXAMPLE = np.random.default_rng(0).uniform(-0.3, 1.0, (60, 2)).repeat(60, axis=0)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxtwin import Experiment, MatchError, SimulationError, match, reduce_batch
+from jaxtwin import Experiment, match, reduce_batch
+from jaxtwin.errors import MatchError, SimulationError
 
 DUTY = np.full(2, 0.5)
 HELD = Experiment(np.arange(75.0), np.tile(DUTY, (75, 1)))

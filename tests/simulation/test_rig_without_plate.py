@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxtwin as jt
-from jaxtwin import Experiment, SimulationError, Twin, simulate, simulate_batch
+from jaxtwin import Experiment, Twin, simulate, simulate_batch
+from jaxtwin.errors import SimulationError
 from jaxtwin.rig import rig_from_tables
 
 LONE = """
@@ -159,7 +160,7 @@ def test_a_recording_in_which_a_heater_cools_is_told_with_its_file(tmp_path):
     message = (
         f"{file}: duty_heater: expected 0 to 1, because the heater 'heater' cannot cool, got -0.25"
     )
-    with pytest.raises(jt.RecordingError, match=message):
+    with pytest.raises(jt.errors.RecordingError, match=message):
         jt.read_recording(file, rig=heated_box())
 
 

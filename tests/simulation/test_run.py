@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxtwin import Experiment, RecordingError, Run, SimulationError, Twin, read_recording
-from jaxtwin.simulation import fit_percent, rmse
+from jaxtwin import Experiment, Twin, read_recording
+from jaxtwin.errors import RecordingError, SimulationError
+from jaxtwin.simulation import Run, fit_percent, rmse
 
 TIME = np.arange(31.0)
 

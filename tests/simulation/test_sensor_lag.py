@@ -15,7 +15,8 @@ from hand_rig import (
 )
 
 import jaxtwin as jt
-from jaxtwin import Experiment, ParameterError, RigError, Stepper, Twin, simulate, simulate_batch
+from jaxtwin import Experiment, Stepper, Twin, simulate, simulate_batch
+from jaxtwin.errors import ParameterError, RigError
 
 DUTY, LAG = 0.6, 7.0
 EXPERIMENT = Experiment.schedule(f"0:{DUTY}", duration=100)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from jaxtwin import Experiment, ParameterError, SimulationError, Twin
+from jaxtwin import Experiment, Twin
 from jaxtwin._compilation import clear_programs
+from jaxtwin.errors import ParameterError, SimulationError
 from jaxtwin.simulation._simulate import _run_exponential, prepare_simulation
 
 TIME = np.arange(61.0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from jaxtwin import Experiment, SimulationError, Twin, simulate, simulate_batch
+from jaxtwin import Experiment, Twin, simulate, simulate_batch
+from jaxtwin.errors import SimulationError
 from jaxtwin.simulation import NetworkExponential, TimeGrid, build_time_grid, solve_network
 from jaxtwin.simulation._interpolation import step_polynomials
 from jaxtwin.simulation._refinement import ERROR_TOLERANCE, needs_shorter_steps

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, ParameterError, SimulationError, Stepper, Twin, simulate
+from jaxtwin import Experiment, Stepper, Twin, simulate
+from jaxtwin.errors import ParameterError, SimulationError
 
 TIME = np.arange(121.0)
 DUTY = np.where(TIME < 50, 0.6, -0.3)[:, None] * np.array([1.0, 0.5])

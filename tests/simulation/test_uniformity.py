@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, Run, SimulationError
-from jaxtwin.simulation import uniformity
+from jaxtwin import Experiment
+from jaxtwin.errors import SimulationError
+from jaxtwin.simulation import Run, uniformity
 
 
 def run(recorded: bool = True) -> Run:

@@ -11,7 +11,8 @@ from hand_rig import rig_of_many_parts
 from heated_box import cell_and_heater, heated_box
 from small_results import fit, recordings
 
-from jaxtwin import ParameterError, SimulationError, load_rig
+from jaxtwin import load_rig
+from jaxtwin.errors import ParameterError, SimulationError
 from jaxtwin.io import Experiment
 from jaxtwin.physics import Twin
 from jaxtwin.simulation import simulate

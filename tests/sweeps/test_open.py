@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import zarr
 
-from jaxtwin import SimulationError, open_sweep
+from jaxtwin import open_sweep
+from jaxtwin.errors import SimulationError
 from jaxtwin.sensitivity_analysis import normal_draws
 from jaxtwin.sweeps import sweep
 from jaxtwin.sweeps._open import count_failed

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxtwin import Experiment, SimulationError, reduce_batch
+from jaxtwin import Experiment, reduce_batch
+from jaxtwin.errors import SimulationError
 from jaxtwin.sensitivity_analysis import normal_draws
 from jaxtwin.sweeps import SweepProgress, _store, sweep
 

@@ -15,7 +15,8 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin import Experiment, SimulationError, Twin, load_rig
+from jaxtwin import Experiment, Twin, load_rig
+from jaxtwin.errors import SimulationError
 from jaxtwin.sweeps import _plan, _store, sweep
 from jaxtwin.sweeps._disk import put, to_disk
 from jaxtwin.sweeps._store import read_identity

@@ -107,9 +107,9 @@ def test_aliases_and_tags_are_set_and_deleted(two: jt.TwinStore):
     two.delete_alias("winter", reason="spring")
     assert two.version(1).tags == {}
     assert "winter" not in two.aliases
-    with pytest.raises(jt.StoreError, match=r"one of challenger, champion, got 'winter'"):
+    with pytest.raises(jt.errors.StoreError, match=r"one of challenger, champion, got 'winter'"):
         two.version("winter")
-    with pytest.raises(jt.StoreError, match=r"tag: expected one of \(none\), got 'room'"):
+    with pytest.raises(jt.errors.StoreError, match=r"tag: expected one of \(none\), got 'room'"):
         two.delete_tag(1, "room")
 
 
@@ -159,7 +159,7 @@ def test_a_missing_version_is_named(two: jt.TwinStore, name: str, message: str):
 
 
 def test_an_address_is_no_rig(two: jt.TwinStore):
-    with pytest.raises(jt.RigError, match="expected a rig, got a twin of a store"):
+    with pytest.raises(jt.errors.RigError, match="expected a rig, got a twin of a store"):
         jt.load_rig(f"{two.path}@champion")
 
 
@@ -183,14 +183,18 @@ def test_another_file_is_left_alone(tmp_path: Path):
     connection.execute("CREATE TABLE own (number)")
     connection.close()
     before = [file.read_bytes() for file in (text, other)]
-    with pytest.raises(jt.StoreError, match=r"notes\.db: store of twins: file is not a database"):
+    with pytest.raises(
+        jt.errors.StoreError, match=r"notes\.db: store of twins: file is not a database"
+    ):
         jt.TwinStore(text)
-    with pytest.raises(jt.StoreError, match=r"other\.db: expected a store of twins, got another"):
+    with pytest.raises(
+        jt.errors.StoreError, match=r"other\.db: expected a store of twins, got another"
+    ):
         jt.TwinStore(other)
     assert [file.read_bytes() for file in (text, other)] == before
     with pytest.raises(jt.JaxtwinError, match=r"none\.db: expected a store of twins, got no such"):
         jt.Twin(f"{tmp_path / 'none.db'}@champion")
-    with pytest.raises(jt.StoreError, match=r"expected \.db, got '\.toml'"):
+    with pytest.raises(jt.errors.StoreError, match=r"expected \.db, got '\.toml'"):
         jt.TwinStore(tmp_path / "twins.toml")
 
 
@@ -200,7 +204,9 @@ def test_a_store_has_twins_of_one_rig(two: jt.TwinStore):
     connection.execute("UPDATE versions SET rig = 'other'")
     connection.commit()
     connection.close()
-    with pytest.raises(jt.StoreError, match="twin of 'other', as the others are, got one of"):
+    with pytest.raises(
+        jt.errors.StoreError, match="twin of 'other', as the others are, got one of"
+    ):
         two.add(fit(), reason="another rig")
 
 
@@ -225,7 +231,7 @@ def test_a_full_disk_leaves_what_was_there(two: jt.TwinStore, monkeypatch: pytes
         return _Same(context, connection)
 
     monkeypatch.setattr(_store, "opened_store", full)
-    with pytest.raises(jt.StoreError, match=r"twins\.db: store of twins: .*full"):
+    with pytest.raises(jt.errors.StoreError, match=r"twins\.db: store of twins: .*full"):
         two.add(fit(), reason="too much", aliases=["champion"])
     monkeypatch.undo()
     assert [one.number for one in two.versions] == [1, 2]
@@ -247,9 +253,9 @@ class _Same:
 
 
 def test_an_error_in_a_transaction_takes_all_of_it_back(two: jt.TwinStore):
-    with pytest.raises(jt.StoreError, match="alias: expected one of"):
+    with pytest.raises(jt.errors.StoreError, match="alias: expected one of"):
         two.add(fit(), reason="refit", parent="nobody", aliases=["champion"])
-    with pytest.raises(jt.StoreError, match="begins with a letter, got '7'"):
+    with pytest.raises(jt.errors.StoreError, match="begins with a letter, got '7'"):
         two.add(fit(), reason="refit", aliases=["7"])
     assert len(two.versions) == 2
     assert two.aliases == {"champion": 1, "challenger": 2}

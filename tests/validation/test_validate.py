@@ -8,17 +8,16 @@ import small_results
 
 from jaxtwin import (
     Experiment,
-    MatchError,
     ProcessNoise,
-    SimulationError,
     Twin,
-    Validation,
     leave_one_out,
     simulate,
     validate,
     validate_split,
 )
+from jaxtwin.errors import MatchError, SimulationError
 from jaxtwin.matching import estimate_initial_conditions
+from jaxtwin.validation import Validation
 from jaxtwin.validation._validate import _beyond_given
 
 FREE = ["C_load", "T_amb", "T_start", "T_sink"]

@@ -89,7 +89,7 @@ def test_a_view_that_is_closed_polls_no_more(recording: Path) -> None:
 def test_a_recording_of_another_rig_is_refused(recording: Path) -> None:
     with (
         Replay(recording) as replay,
-        pytest.raises(jt.RecordingError, match="'paper-2024', got one of 'tclab'"),
+        pytest.raises(jt.errors.RecordingError, match="'paper-2024', got one of 'tclab'"),
     ):
         RigView(replay, jt.Twin("paper-2024"))
 

@@ -94,10 +94,10 @@ def test_a_slider_stays_within_the_bounds_of_the_rig_file(twin: jt.Twin) -> None
 
 
 def test_unknown_names_are_refused(twin: jt.Twin) -> None:
-    with pytest.raises(jt.ParameterError, match=r"paper-2024: .*'R_p'.*R_pc"):
+    with pytest.raises(jt.errors.ParameterError, match=r"paper-2024: .*'R_p'.*R_pc"):
         Sliders(twin, DRIVE, ["R_p"])
     sliders = Sliders(twin, DRIVE, ["R_pc"])
-    with pytest.raises(jt.ParameterError, match="nonsense"):
+    with pytest.raises(jt.errors.ParameterError, match="nonsense"):
         sliders.values = {"nonsense": 1.0}
     assert list(sliders.values) == ["R_pc"]
     sliders.close()

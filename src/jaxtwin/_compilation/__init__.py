@@ -14,6 +14,6 @@ from ._persistent_jit import clear_programs as clear_programs
 from ._persistent_jit import compiling_seconds as compiling_seconds
 from ._persistent_jit import persistent_jit as persistent_jit
 from ._persistent_jit import persistent_jit_unoptimised as persistent_jit_unoptimised
-from ._store import LARGEST_CACHE as LARGEST_CACHE
+from ._store import MAX_CACHE as MAX_CACHE
 from ._store import CacheState as CacheState
 from ._store import cache_state as cache_state

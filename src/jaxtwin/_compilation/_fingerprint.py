@@ -16,15 +16,15 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 import numpy as np
 
+# Types whose `repr` describes the value completely.
 PLAIN = (type(None), bool, int, float, complex, str, bytes, enum.Enum, np.dtype)
-"""Types whose `repr` describes the value completely."""
 
+# The libraries on which compiled code depends, beside this package.
 LIBRARIES = ("jax", "jaxlib", "equinox", "diffrax", "optimistix", "lineax", "numpy")
-"""The libraries on which compiled code depends, beside this package."""
 
+# Packages whose functions and classes are identified by their names, because `surroundings`
+# contains their versions. A user's own code may change and keep its name.
 KNOWN_CODE = ("builtins", "collections", "functools", "jaxtwin", *LIBRARIES)
-"""Packages whose functions and classes are identified by their names, because `surroundings`
-contains their versions. A user's own code may change and keep its name."""
 
 
 @runtime_checkable

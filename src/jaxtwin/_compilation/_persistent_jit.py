@@ -28,23 +28,24 @@ from ._store import cache_folder, load, save
 P = ParamSpec("P")
 T = TypeVar("T")
 
-MOST_PROGRAMS = 16
-"""The largest number of programs of one function in memory; the oldest is dropped first. Each has
-about forty memory maps, and Linux ends a process with 65 530 of them."""
+# The largest number of programs of one function in memory; the oldest is dropped first. Each has
+# about forty memory maps, and Linux ends a process with 65 530 of them.
+MAX_PROGRAMS = 16
 
+# Compiler options without LLVM's optimisations, which take most of the time of compilation.
+# Operations follow each other: in a step of an observer, which has a hundred small ones, to hand
+# them to other threads takes as long as all their work. XLA's older code generator for fused
+# operations takes half as long as the newer one, and its code is as fast here
+# (`benchmarks/NOTES.md`).
 UNOPTIMISED: dict[str, str | bool] = {
     "xla_cpu_enable_concurrency_optimized_scheduler": False,
     "xla_cpu_use_fusion_emitters": False,
     "xla_backend_optimization_level": "0",
 }
-"""Compiler options without LLVM's optimisations, which take most of the time of compilation.
-Operations follow each other: in a step of an observer, which has a hundred small ones, to hand them
-to other threads takes as long as all their work. XLA's older code generator for fused operations
-takes half as long as the newer one, and its code is as fast here (`benchmarks/NOTES.md`)."""
 
+# The same options with LLVM's first level of optimisation. The higher levels take a quarter longer
+# and give code that is not faster here.
 COMPILER_OPTIONS = UNOPTIMISED | {"xla_backend_optimization_level": "1"}
-"""The same options with LLVM's first level of optimisation. The higher levels take a quarter longer
-and give code that is not faster here."""
 
 
 def clear_programs() -> None:
@@ -195,7 +196,7 @@ class PersistentJit(Generic[P, T]):
         with self._adding:
             self._programs[key] = program
             self._locks.pop(key, None)
-            if len(self._programs) > MOST_PROGRAMS:
+            if len(self._programs) > MAX_PROGRAMS:
                 self._programs.pop(next(iter(self._programs)))
 
     def _load_or_compile(
@@ -265,8 +266,8 @@ class PersistentJit(Generic[P, T]):
 def _used(traced: ClosedJaxpr) -> tuple[int, ...]:
     """The places of the arguments that a traced function uses."""
     jaxpr = traced.jaxpr
-    used = {id(one) for equation in jaxpr.eqns for one in equation.invars}
-    used.update(id(one) for one in jaxpr.outvars)
+    used = {id(invar) for equation in jaxpr.eqns for invar in equation.invars}
+    used.update(id(outvar) for outvar in jaxpr.outvars)
     return tuple(place for place, one in enumerate(jaxpr.invars) if id(one) in used)
 
 

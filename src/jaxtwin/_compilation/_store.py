@@ -16,17 +16,17 @@ from typing import final
 
 import platformdirs
 
-from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
+from ..errors import JaxtwinError
 
 VARIABLE = "JAXTWIN_COMPILATION_CACHE"
 OFF = ("off", "0", "no", "false")
 
-LARGEST_CACHE = 1 << 30
+MAX_CACHE = 1 << 30
 """The largest size of the folder, bytes; the least recently used program is deleted first."""
 
+# The ending of the files of this cache.
 ENDING = ".jaxtwin-program"
-"""The ending of the files of this cache."""
 
 DIGEST = hashlib.sha256().digest_size
 
@@ -106,7 +106,7 @@ def _make_room(folder: Path, size: int) -> None:
     programs = sorted(_programs(folder))
     total = size + sum(size for _, _, size in programs)
     for _, file, size in programs:
-        if total <= LARGEST_CACHE:
+        if total <= MAX_CACHE:
             return
         file.unlink(missing_ok=True)
         total -= size
@@ -114,15 +114,15 @@ def _make_room(folder: Path, size: int) -> None:
 
 def _programs(folder: Path) -> list[tuple[float, Path, int]]:
     """For each program the time of its last use, its file, and its size in bytes."""
-    found = []
+    result = []
     with contextlib.suppress(FileNotFoundError):
         for entry in os.scandir(folder):
             if not entry.name.endswith(ENDING):
                 continue
             with contextlib.suppress(FileNotFoundError):  # another process made room
                 about = entry.stat(follow_symlinks=False)
-                found.append((about.st_mtime, Path(entry.path), about.st_size))
-    return found
+                result.append((about.st_mtime, Path(entry.path), about.st_size))
+    return result
 
 
 def _chosen() -> tuple[Path | None, str]:

@@ -5,17 +5,17 @@ The controllers differ in their `Law`; what they share is in `controller.c`.
 
 import numpy as np
 
-from .._errors import ControlError
 from ..control import AbstractController
 from ..control.controllers._duty_limits import bounds_of, check_limits_of_heaters, limits_text
 from ..control.controllers._law import Law
+from ..errors import ControlError
 from ..rig import Rig
 from ._sources import Code, Parts, code_of, defines, type_of_numbers
 from ._text import comment_block
 
+# The time without a reading after which the cells are switched off, s, as in
+# `simulate_closed_loop`.
 SILENCE_S = 3.0
-"""The time without a reading after which the cells are switched off, s, as in
-`simulate_closed_loop`."""
 
 
 def controller_c(

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Literal, final
 
 from .._arguments import of_kind, path_of
-from .._errors import ControlError
 from .._whole_file import write_whole_file
 from ..control import AbstractController, DiscreteModel
 from ..control.linear._discrete_model import check_at_rest
+from ..errors import ControlError
 from ..observers import ExtendedKalmanFilter
 from ..rig import Rig
 from ..simulation import Stepper

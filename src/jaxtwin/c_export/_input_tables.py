@@ -11,14 +11,14 @@ from ..physics._expressions import Expressions
 from ..rig import Input
 from ..simulation import Stepper
 
+# The powers of inputs and shares that are multiplied: pairs (name, exponent).
 Product = tuple[tuple[str, float], ...]
-"""The powers of inputs and shares that are multiplied: pairs (name, exponent)."""
 
+# A sum of products of parameters: product -> factor.
 Polynomial = dict[Product, float]
-"""A sum of products of parameters: product -> factor."""
 
+# For each effect the factor of each product of inputs and shares.
 Effects = list[dict[Product, Polynomial]]
-"""For each effect the factor of each product of inputs and shares."""
 
 NO_NAMES: frozenset[str] = frozenset()
 
@@ -136,7 +136,7 @@ def effects_of_inputs(
     assert values is not None
     known = {name: float(value) for name, value in values.items()} if numbers is None else numbers
     nominal = {name: number for one in wiring.inputs for name, number in one.nominal.items()}
-    found = []
+    result = []
     for expressions in (wiring.reservoirs, wiring.conductances):
         before = polynomials(expressions, {**known, **nominal}, settable)
         rows = _sums(expressions, known, nominal, settable)
@@ -144,8 +144,8 @@ def effects_of_inputs(
             own = row.setdefault((), {})
             for powers, factor in constant.items():
                 own[powers] = own.get(powers, 0.0) - factor
-            found.append(row)
-    return [*found, *_sums(wiring.supply_voltage, known, nominal, settable)]
+            result.append(row)
+    return [*result, *_sums(wiring.supply_voltage, known, nominal, settable)]
 
 
 def polynomials(

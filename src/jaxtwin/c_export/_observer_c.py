@@ -10,18 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import ControlError
 from .._jax_settings import own_settings
 from ..control.controllers._law import Table
+from ..errors import ControlError
 from ..observers import ExtendedKalmanFilter
 from ..observers._expected_correction import INTERVAL_SPREAD
 from ..observers._kalman_filter import (
-    CERTAIN_AT,
-    FOLLOWED,
+    CERTAIN_CORRECTION_SIGMAS,
+    CORRECTION_SIGMAS,
+    FOLLOW_COUNT,
     GATE_SIGMAS,
     MAX_REJECTED,
     MIN_GATE_KELVIN,
-    OPENED_AT,
 )
 from ..observers._start import GRID, READ_SPREAD, REST_SCALE
 from ..simulation import Stepper
@@ -118,14 +118,14 @@ def _constants(
     """The macros of the numbers."""
     model, system = kalman.model, stepper.system
     noise, dt = model.noise, kalman.longest_seconds
-    found = stepper_constants(stepper, sizes)
+    result = stepper_constants(stepper, sizes)
     if sizes.has_lag:
-        found["LAG"] = float(np.asarray(system.lag))
+        result["LAG"] = float(np.asarray(system.lag))
     if any(cell.is_heater for cell in system.wiring.netlist.cells):
-        found["HAS_HEATERS"] = 1
+        result["HAS_HEATERS"] = 1
     if sizes.has_delay:
-        found["DELAY"] = float(np.asarray(system.delay))
-    return found | {
+        result["DELAY"] = float(np.asarray(system.delay))
+    return result | {
         "SPACING": float(np.asarray(kalman.spacing)),
         "COMMAND_TIME": float(np.asarray(noise.command_time)),
         "RANDOM_HEAT": float(np.asarray(noise.heat)) * dt**0.5,
@@ -135,12 +135,12 @@ def _constants(
         "JUMP_VARIANCE": float(np.asarray(noise.jump)) ** 2,
         "JUMP_MEAN": float(np.asarray(noise.jump_mean)),
         "INTERVAL_SPREAD": INTERVAL_SPREAD,
-        "OPENED_AT": OPENED_AT,
-        "CERTAIN_AT": CERTAIN_AT,
+        "OPENED_AT": CORRECTION_SIGMAS,
+        "CERTAIN_AT": CERTAIN_CORRECTION_SIGMAS,
         "GATE": GATE_SIGMAS,
         "MIN_GATE": MIN_GATE_KELVIN,
         "MAX_REJECTED": MAX_REJECTED,
-        "FOLLOWED": FOLLOWED,
+        "FOLLOWED": FOLLOW_COUNT,
         "ROOM_SPREAD": float(np.asarray(model.room_spread)),
         "REST_SCALE": REST_SCALE,
         "READ_VARIANCE": READ_SPREAD**2,
@@ -152,7 +152,7 @@ def _sizes(kalman: ExtendedKalmanFilter, sizes: StepperSizes) -> dict[str, int |
     """The macros of the header."""
     layout = kalman.model.layout
     common = layout.of("common")
-    found: dict[str, int | float] = {
+    result: dict[str, int | float] = {
         "SAMPLE_TIME_S": kalman.longest_seconds,
         "AMBIENT": float(kalman.model.stepper.reference) - ZERO_CELSIUS,
         "CELLS": sizes.cells,
@@ -171,10 +171,10 @@ def _sizes(kalman: ExtendedKalmanFilter, sizes: StepperSizes) -> dict[str, int |
         "COMMONS": common.stop - common.start,
     }
     if layout.channels:
-        found["OWN"] = layout.of("channels").start
+        result["OWN"] = layout.of("channels").start
     if kalman.model.interval is not None:
-        found["INTERVAL"] = kalman.model.interval
-    return found
+        result["INTERVAL"] = kalman.model.interval
+    return result
 
 
 def _memory(kalman: ExtendedKalmanFilter, sizes: StepperSizes) -> int:

@@ -16,8 +16,8 @@ from ..rig._plate import AMBIENT
 from ..simulation import Stepper
 from ._input_tables import Polynomial, effect_factors, polynomials
 
+# Whole numbers and a comment.
 WholeTable = tuple[list[int], str]
-"""Whole numbers and a comment."""
 
 
 def settable_parameters(twin: Twin) -> list[Parameter]:
@@ -66,9 +66,9 @@ def parameter_tables(
     rows = _quantities(twin, stepper, frozenset(row.name for row in parameters))
     constants: dict[str, int | float] = {}
     sums: list[Polynomial] = []
-    for key, found in rows.items():
+    for key, result in rows.items():
         constants[f"SUM_{key}"] = len(sums)
-        sums += found
+        sums += result
     sums_constants, numbers, tables = _sum_tables(sums, [row.name for row in parameters])
     # An array of C has at least one entry.
     scales, offsets = ([getattr(row, key) for row in parameters] for key in ("scale", "offset"))
@@ -106,7 +106,7 @@ def _quantities(twin: Twin, stepper: Stepper, names: frozenset[str]) -> dict[str
         wiring.conducting.tolist(), of(wiring.conducting_sums), strict=True
     ):
         branches[number] = conductance
-    found = {
+    result = {
         "CAPACITANCE": of(wiring.capacitances),
         "BRANCH": branches,
         "ALPHA": module[:cells],
@@ -121,7 +121,7 @@ def _quantities(twin: Twin, stepper: Stepper, names: frozenset[str]) -> dict[str
         "RADIATING": of(wiring.radiating),
         "BY_PRODUCT": effect_factors(stepper, values, names),
     }
-    return {key: rows for key, rows in found.items() if rows}
+    return {key: rows for key, rows in result.items() if rows}
 
 
 def _sum_tables(
@@ -163,7 +163,7 @@ def _branches(wiring: Wiring) -> dict[str, WholeTable]:
     place = {name: number for number, name in enumerate(ends)}
     conducting = set(wiring.conducting.tolist())
     count = range(len(netlist.links))
-    found = {
+    result = {
         "branch_from": ([place[link.a] for link in netlist.links], "nodes"),
         "branch_to": (
             [place[link.b] for link in netlist.links],
@@ -177,8 +177,8 @@ def _branches(wiring: Wiring) -> dict[str, WholeTable]:
     if wiring.film_sums is not None:
         films = set(wiring.film_sums.members[1].tolist())
         is_film = [int(number in films) for number in count]
-        found["branch_is_film"] = is_film, "whether it is the film of an element"
+        result["branch_is_film"] = is_film, "whether it is the film of an element"
     effects = wiring.input_wiring
     if effects is not None and len(effects.links):
-        found["link_branch"] = effects.links.tolist(), "the branches that inputs change"
-    return found
+        result["link_branch"] = effects.links.tolist(), "the branches that inputs change"
+    return result

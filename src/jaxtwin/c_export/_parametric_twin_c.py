@@ -15,7 +15,7 @@ from ..physics._heat_loss import STEFAN_BOLTZMANN
 from ..rig import Parameter
 from ..simulation import Stepper
 from ..simulation._refinement import STABILITY_LIMIT
-from ..simulation._step_preparation import WHOLE
+from ..simulation._step_preparation import MULTIPLE_TOLERANCE
 from ._input_tables import input_numbers, input_tables
 from ._parameter_tables import parameter_tables
 from ._sources import Code, Parts, code_of, defines, whole_numbers
@@ -23,23 +23,24 @@ from ._stepper_c import about_twin, twin_sizes
 from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_tables
 from ._text import ascii_text
 
+# The tables of inputs that no parameter changes.
 OF_INPUTS = ("input_start", "input_scale", "input_offset", "exponent", "link_ambient", "link_body")
-"""The tables of inputs that no parameter changes."""
 
+# The constants that parameters change.
 SCALARS = ("VS", "RS", "RON", "IMAX", "HALF_EXPONENT")
-"""The constants that parameters change."""
 
 BY_PART = ("half_decay", "decay", "half", "half_start", "half_middle", "whole_start")
 BY_PART += ("whole_middle", "first", "middle", "last", "lag", "at")
 """The tables with a row for each part of a step."""
 
+# The constants of physics and of `Stepper` from which C computes the numbers.
 CONSTANTS = {
     "STEFAN_BOLTZMANN": STEFAN_BOLTZMANN,
-    "WHOLE": WHOLE,
+    "WHOLE": MULTIPLE_TOLERANCE,
     "STABILITY_LIMIT": STABILITY_LIMIT,
 }
-"""The constants of physics and of `Stepper` from which C computes the numbers."""
 
+# Macro of the network -> its meaning and its unit.
 NETWORK_COMMENTS = {
     "SUMS": "of products of parameters, in which quantities begin at these numbers",
     "MONOMIALS": "products of powers of parameters",
@@ -48,7 +49,6 @@ NETWORK_COMMENTS = {
     "WHOLE": "relative difference below which a delay is a multiple of the step",
     "STABILITY_LIMIT": "of the gain of a step, above which steps are not stable",
 }
-"""Macro of the network -> its meaning and its unit."""
 
 
 def parametric_twin_c(
@@ -86,8 +86,8 @@ def parametric_twin_c(
             + defines(name, constants, "double", COMMENTS | NETWORK_COMMENTS)
             + "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
             + whole_numbers(name, "side", sizes.sides)
-            + "".join(whole_numbers(name, key, *found) for key, found in given.numbers.items())
-            + "".join(whole_numbers(name, key, found) for key, found in of_inputs.items()),
+            + "".join(whole_numbers(name, key, *result) for key, result in given.numbers.items())
+            + "".join(whole_numbers(name, key, result) for key, result in of_inputs.items()),
             given.tables | fixed,
             states=0,
             has_parameters=True,
@@ -105,7 +105,7 @@ def _longest_queue(twin: Twin, stepper: Stepper, parameters: Sequence[Parameter]
     ]
     delays = [float(expression.numbers(twin.numbers_si | end)[0]) for end in ({}, *ends)]
     step = float(np.asarray(stepper.sizes).sum())
-    return int(max(delays) / step * (1 + WHOLE)) + 1
+    return int(max(delays) / step * (1 + MULTIPLE_TOLERANCE)) + 1
 
 
 def _struct(

@@ -14,21 +14,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._errors import ControlError
 from ..control.controllers._law import Table
-from ._text import LONGEST_LINE, number, tables_c
+from ..errors import ControlError
+from ._text import MAX_LINE, number, tables_c
 
 FOLDER = Path(__file__).parent
 
 _INCLUDE = re.compile(r'#include "(.*)"\n')
 
+# What the files of a twin say only for numbers that parameters change; it is left out where these
+# are constants.
 _OF_PARAMETERS = re.compile(
     r"#ifdef MODEL_PARAMETERS\n.*?#endif\n\n?"
     r"|MODEL_(?:OF_INSTANCE|ITS_NUMBERS) | *MODEL_FIND_NUMBERS\(state\)\n",
     re.DOTALL,
 )
-"""What the files of a twin say only for numbers that parameters change; it is left out where these
-are constants."""
 
 
 class Code(NamedTuple):
@@ -128,8 +128,8 @@ def defines(
 def whole_numbers(name: str, key: str, values: Sequence[int], comment: str = "") -> str:
     """An array of whole numbers as C."""
     text = ", ".join(map(str, values))
-    if len(text) > LONGEST_LINE:
-        text = "\n    " + "\n    ".join(textwrap.wrap(text, LONGEST_LINE)) + "\n"
+    if len(text) > MAX_LINE:
+        text = "\n    " + "\n    ".join(textwrap.wrap(text, MAX_LINE)) + "\n"
     above = f"/* {comment} */\n" if comment else ""
     return f"{above}static const int {name}_{key}[{len(values)}] = {{{text}}};\n"
 

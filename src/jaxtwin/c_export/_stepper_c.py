@@ -34,8 +34,8 @@ def stepper_c(stepper: Stepper, name: str, precision: str, origin: str) -> Code:
         if inputs:
             tables |= input_tables(stepper)
             numbers += "\n/* Inputs and shares of their states, which have a number. */\n"
-            for key, found in input_numbers(inputs).items():
-                numbers += whole_numbers(name, key, found)
+            for key, result in input_numbers(inputs).items():
+                numbers += whole_numbers(name, key, result)
         parts = Parts(
             about_twin(stepper, sizes, name, precision, origin),
             twin_sizes(stepper, sizes, name, precision),

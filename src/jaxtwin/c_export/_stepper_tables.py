@@ -120,7 +120,7 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
     """The macros of the numbers: those of the driver and the losses, and the terms of the equations
     that this twin has."""
     bridge, loss = stepper.system.bridge, stepper.system.loss
-    found: dict[str, int | float] = {
+    result: dict[str, int | float] = {
         "PARTS": sizes.parts,
         "T0": float(stepper.reference),
         "ZERO_CELSIUS": ZERO_CELSIUS,
@@ -129,27 +129,28 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
         "RON": float(np.asarray(bridge.on_resistance)),
     }
     if bridge.averaging == "voltage":
-        found["MEAN_VOLTAGE"] = 1
+        result["MEAN_VOLTAGE"] = 1
     elif bridge.off_phase == "brake":
-        found["BRAKES"] = 1
+        result["BRAKES"] = 1
     if bridge.current_limit is not None:
-        found["IMAX"] = float(np.asarray(bridge.current_limit))
+        result["IMAX"] = float(np.asarray(bridge.current_limit))
     if bridge.own_supply:
-        found["HAS_POWERS"] = 1
+        result["HAS_POWERS"] = 1
     if sizes.has_lag:
-        found["HAS_LAG"] = 1
+        result["HAS_LAG"] = 1
     if sizes.has_reservoirs:
-        found["HAS_RESERVOIRS"] = 1
+        result["HAS_RESERVOIRS"] = 1
     if sizes.has_loss and loss is not None:
-        found |= {
+        result |= {
             "ELEMENTS": sizes.elements,
             "HALF_EXPONENT": float(np.asarray(loss.exponent)) / 2,
             "CALM": CALM**2,
             "FILM_SCALE": 1 / (FILM_REFERENCE**2 + CALM**2),
         }
-    return found | input_constants(stepper)
+    return result | input_constants(stepper)
 
 
+# Macro -> its meaning and its unit.
 COMMENTS = {
     "PARTS": "of a step, between which a command arrives",
     "T0": "what deviations are counted from, K",
@@ -163,4 +164,3 @@ COMMENTS = {
     "SHARES": "of states, and the inputs",
     "PARAMETERS": "that can be set",
 }
-"""Macro -> its meaning and its unit."""

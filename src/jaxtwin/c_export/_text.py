@@ -5,10 +5,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from .._errors import ControlError
+from ..errors import ControlError
 
-LONGEST_LINE = 92
-"""The largest number of characters of the numbers in a line."""
+# The largest number of characters of the numbers in a line.
+MAX_LINE = 92
 
 
 def number(value: float, precision: str) -> str:
@@ -25,7 +25,7 @@ def table(name: str, values: np.ndarray, comment: str, precision: str) -> str:
     lines = []
     for row in rows:
         text = ", ".join(number(value, precision) for value in row)
-        wrapped = textwrap.wrap(text, LONGEST_LINE, break_long_words=False, break_on_hyphens=False)
+        wrapped = textwrap.wrap(text, MAX_LINE, break_long_words=False, break_on_hyphens=False)
         begin, end = ("    {", "},") if values.ndim == 2 else ("    ", "")
         lines += [begin + "\n     ".join(wrapped) + end]
     body = "\n".join(lines)

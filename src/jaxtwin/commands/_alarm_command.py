@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, final
 if TYPE_CHECKING:
     from ..live import Finding
 
+# The time that commands have to finish after the end of the recording, s.
 END_SECONDS = 10.0
-"""The time that commands have to finish after the end of the recording, s."""
 
 log = logging.getLogger("jaxtwin.live")
 

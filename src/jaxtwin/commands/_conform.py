@@ -12,7 +12,7 @@ def conform(rig: RigArgument, link: LinkOption, baud: BaudOption = 115_200) -> N
 
     The exit code is 0 if the device passes, 1 if it does not.
     """
-    from .._errors import LinkError
+    from ..errors import LinkError
     from ..live import SystemClock, opener
     from ..live import conform as steps
     from ..rig import load_rig

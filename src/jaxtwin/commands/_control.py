@@ -150,10 +150,10 @@ def _oscillation(decisions: "Sequence[Decision]") -> str:
 
     point = ultimate_point(decisions)
     pid = point.pid()
-    found = (
+    result = (
         f"ultimate gain {point.gain:.3g} 1/K, period {point.period_s:.3g} s, phase "
         f"{point.phase_deg:.0f} degrees, by the last {point.cycles} periods"
     )
     gains = {name: PID.fields[name].unit for name in ("Kp", "Ki", "Kd", "Tf")}
     fields = [f'{name} = "{getattr(pid, name):.3g} {unit}"' for name, unit in gains.items()]
-    return "\n".join([found, "a PID by the rule of Tyreus and Luyben:", *fields])
+    return "\n".join([result, "a PID by the rule of Tyreus and Luyben:", *fields])

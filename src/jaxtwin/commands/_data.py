@@ -43,7 +43,7 @@ def fetch(
 
 def _place(name: str) -> str:
     """The path of a published recording; empty if it was not downloaded."""
-    from .._errors import RecordingError
+    from ..errors import RecordingError
     from ..io import find_recordings
 
     try:

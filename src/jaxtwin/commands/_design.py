@@ -190,8 +190,8 @@ def _table(result: "ExperimentDesign") -> str:
 
 
 def _draw(result: "ExperimentDesign | DiagnosisDesign", path: Path) -> None:
-    from .._errors import JaxtwinError
     from .._whole_file import write_whole_file
+    from ..errors import JaxtwinError
     from ..plots import plot_design, to_png
 
     write_whole_file(path, to_png(plot_design(result)), JaxtwinError)

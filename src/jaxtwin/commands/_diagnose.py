@@ -65,17 +65,17 @@ def diagnose(
         experiments, gaps = open_continuous(rig, recordings)
         known = open_continuous(rig, healthy)[0] if healthy else None
         levels = None if noise is None else ProcessNoise.load(noise)
-        found: list[Diagnosis] = []
+        result: list[Diagnosis] = []
         for one in experiments:
             progress.step(f"diagnosing {one.name}")
-            found.append(diagnosed(loaded, one, fault or None, levels, healthy=known))
+            result.append(diagnosed(loaded, one, fault or None, levels, healthy=known))
         if out is not None:
             progress.step(f"drawing into {out}")
-            names = [one.name or number for number, one in enumerate(experiments, 1)]
-            plots = (one.plot() for one in found)
+            names = [experiment.name or number for number, experiment in enumerate(experiments, 1)]
+            plots = (one.plot() for one in result)
             write_pictures(out, zip(map(str, names), plots, strict=True))
-    say("\n".join([*gaps, *(one.summary() for one in found)]), json)
+    say("\n".join([*gaps, *(one.summary() for one in result)]), json)
     say_written(out, json_path=json)
-    write_json(json, {"recordings": [one.to_dict() for one in found]})
-    if any(one.causes for one in found):
+    write_json(json, {"recordings": [one.to_dict() for one in result]})
+    if any(one.causes for one in result):
         raise typer.Exit(ALARMED)

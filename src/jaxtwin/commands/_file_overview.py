@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..io import Experiment
     from ..io._text_table import TextTable
     from ..rig import Rig
-    from ._import_recording import Reading
+    from ._import_recording import ReadingOptions
 
 TIME_WORDS = r"time|elapsed|x_value|zeit|clock|date|second|stamp|created"
 DUTY_WORDS = (
@@ -28,22 +28,22 @@ DUTY_WORDS = (
 )
 ROOM_WORDS = r"room|amb|outside|outdoor|indoor|raum|umgebung|environ|luft|air"
 TEMPERATURE_WORDS = r"temp|(^|[\W_])t\d*$|therm|(^|[\W_])tc\d*|sensor|probe|ntc|pt\d+|bed|tank|oven"
+# Words in titles by which a role is guessed.
 REFERENCE_WORDS = r"set[ _-]?p|target|soll|reference|ziel|limit|max|min"
-"""Words in titles by which a role is guessed."""
 
+# Titles that say nothing, whose columns are guessed by their values.
 NO_WORDS = r"(field|ch|channel|value|col|column|data|ai|var|y)?[ _]?\d*"
-"""Titles that say nothing, whose columns are guessed by their values."""
 
+# The number of rows that are shown.
 SHOWN_ROWS = 3
-"""The number of rows that are shown."""
 
 
-def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: "Reading") -> str:
+def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: "ReadingOptions") -> str:
     """What a file holds and the command that would read it, in lines for a person.
 
     **Raises:** `RecordingError` if it holds no table.
     """
-    from .._errors import RecordingError
+    from ..errors import RecordingError
     from ..io import read_recording
     from ..io._column_meaning import Choices
     from ..io._delimited import text_table
@@ -90,7 +90,9 @@ def _form(file: Path, table: "TextTable") -> str:
     return f", separated by {names[table.separator]}, {where}"
 
 
-def _guess(table: "TextTable", rig: "Rig | None", given: "Reading") -> "tuple[list[str], Reading]":
+def _guess(
+    table: "TextTable", rig: "Rig | None", given: "ReadingOptions"
+) -> "tuple[list[str], ReadingOptions]":
     """The role of each column in words, and the arguments that read the file so."""
     columns, scale, roles = dict(given.columns), dict(given.scale), []
     names = _Names(rig, [*columns.values()])
@@ -201,9 +203,11 @@ class _Names:
         return name
 
 
-def _known(table: "TextTable", place: int, rig: "Rig | None", given: "Reading") -> str | None:
+def _known(
+    table: "TextTable", place: int, rig: "Rig | None", given: "ReadingOptions"
+) -> str | None:
     """What a column is read as by its title or the given name; None if it would be refused."""
-    from .._errors import RecordingError
+    from ..errors import RecordingError
     from ..io._column_meaning import Choices
     from ..io._named_columns import meanings
     from ..rig._channel import is_channel_name

@@ -66,8 +66,8 @@ def health(
     The exit code is 5 if a limit is passed with the probability that --probability names or a
     higher one, and 4 if the match of a session did not converge.
     """
-    from .._errors import JaxtwinError
     from .._whole_file import write_whole_file
+    from ..errors import JaxtwinError
     from ..prognostics import health as found_health
 
     check_output(out, ".png")
@@ -76,20 +76,20 @@ def health(
     when = None if times is None else [_time(part) for part in times.split(",")]
     with show_progress() as progress:
         progress.step("reading")
-        found = found_health(
+        result = found_health(
             _sessions(sessions), when, limits=limits, within=within, names=name or None
         )
         if out is not None:
             from ..plots import to_png
 
             progress.step(f"drawing {out}")
-            write_whole_file(out, to_png(found.plot()), JaxtwinError)
-    say(found.summary(), json)
+            write_whole_file(out, to_png(result.plot()), JaxtwinError)
+    say(result.summary(), json)
     say_written(out, json_path=json)
-    write_json(json, found.to_dict())
-    if any(one >= probability for one in found.probabilities.values()):
+    write_json(json, result.to_dict())
+    if any(one >= probability for one in result.probabilities.values()):
         raise typer.Exit(ALARMED)
-    if not all(found.converged):
+    if not all(result.converged):
         raise typer.Exit(NOT_CONVERGED)
 
 

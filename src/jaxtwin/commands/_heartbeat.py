@@ -8,11 +8,11 @@ import time
 from pathlib import Path
 from typing import Any, final
 
-from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
+from ..errors import JaxtwinError
 
-EVERY = 1.0
-"""Time between two heartbeats, s."""
+# Time between two heartbeats, s.
+INTERVAL_SECONDS = 1.0
 
 
 @final
@@ -36,7 +36,7 @@ class Heartbeat:
 
     def beat(self, content: dict[str, Any]) -> None:
         """Called in every turn of the loop; reports once a second."""
-        if time.monotonic() - self._last < EVERY:
+        if time.monotonic() - self._last < INTERVAL_SECONDS:
             return
         self._last = time.monotonic()
         self._notify("WATCHDOG=1")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True)
-class Reading:
+class ReadingOptions:
     """How a file is read: arguments of `read_recording`, which options of the command give."""
 
     columns: dict[str, str] = field(default_factory=dict)
@@ -117,7 +117,7 @@ def import_recording(
 
     if no_header and header_line is not None:
         raise typer.BadParameter("--no-header, --header-line: expected one of them, got both")
-    reading = Reading(
+    reading = ReadingOptions(
         columns=_pairs(column, "--column", "TITLE=NAME"),
         ignore=tuple(ignore or ()),
         scale=_pairs(scale, "--scale", "NAME=FACTOR", first=True),
@@ -143,7 +143,7 @@ def _import(
     file: Path,
     rig: "Rig",
     rig_name: str,
-    reading: Reading,
+    reading: ReadingOptions,
     mask_glitches: bool,
     out: Path,
     json: Path | None,
@@ -206,9 +206,9 @@ def _pairs(
     return {left: right for left, _, right in parts}
 
 
-def _channels_by_title(file: Path, rig: "Rig", reading: Reading) -> dict[str, str]:
+def _channels_by_title(file: Path, rig: "Rig", reading: ReadingOptions) -> dict[str, str]:
     """The columns that are called as a channel, title -> channel."""
-    from .._errors import RecordingError
+    from ..errors import RecordingError
     from ..io._column_meaning import Choices
     from ..io._delimited import text_table
     from ..io._read import table_content
@@ -232,8 +232,8 @@ def _channels_by_title(file: Path, rig: "Rig", reading: Reading) -> dict[str, st
 
 def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
     """Refuses a recording whose channels, cells or inputs are not those of the rig."""
-    from .._errors import RecordingError
     from .._name_suggestions import did_you_mean
+    from ..errors import RecordingError
     from ..io._duty_of_rig import check_duty_of_rig
 
     channels = [channel.name for channel in rig.channels]

@@ -67,9 +67,9 @@ def run_on_live_rig(
     **Raises:** `SafetyStop` if an interlock trips or a signal other than Ctrl-C ends the run;
     `KeyboardInterrupt` after Ctrl-C, with the cells off and the recording closed.
     """
-    from .._errors import SafetyStop
+    from ..errors import SafetyStop
     from ..live import AlarmInterlock, Ending, Finding, Recorder, connect, opener
-    from ..live._switch_off import HEATS, STILL_ON
+    from ..live._switch_off import STILL_HEATS, STILL_ON
     from ..live.protocol._mqtt_address import without_password
     from ..rig import load_rig
 
@@ -129,7 +129,13 @@ def run_on_live_rig(
         except SafetyStop as error:
             # A signal is not an alarm, nor a rig that did not start, and what the device or the
             # readings show after a stop has been raised already.
-            if endings and error.kind not in ("signal", "stopped", "not-ready", STILL_ON, HEATS):
+            if endings and error.kind not in (
+                "signal",
+                "stopped",
+                "not-ready",
+                STILL_ON,
+                STILL_HEATS,
+            ):
                 command.ring(Finding(error.kind, str(error), severity="critical"))
             raise
         if endings:

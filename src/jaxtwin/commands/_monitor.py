@@ -84,19 +84,19 @@ def monitor(
             known = calibrate_monitor(loaded, open_continuous(rig, healthy)[0], levels)
             if save is not None:
                 known.save(save)
-        found: list[Monitored] = []
+        result: list[Monitored] = []
         for one in experiments:
             progress.step(f"monitoring {one.name}")
-            found.append(
+            result.append(
                 monitored(loaded, one, levels, calibration=known, false_alarm_time=DAY * days)
             )
         if out is not None:
             progress.step(f"drawing into {out}")
-            names = [one.name or number for number, one in enumerate(experiments, 1)]
-            plots = (one.plot() for one in found)
+            names = [experiment.name or number for number, experiment in enumerate(experiments, 1)]
+            plots = (one.plot() for one in result)
             write_pictures(out, zip(map(str, names), plots, strict=True))
-    say("\n".join([*gaps, *(one.summary() for one in found)]), json)
+    say("\n".join([*gaps, *(one.summary() for one in result)]), json)
     say_written(save, out, json_path=json)
-    write_json(json, {"recordings": [one.to_dict() for one in found]})
-    if any(one.alarms for one in found):
+    write_json(json, {"recordings": [one.to_dict() for one in result]})
+    if any(one.alarms for one in result):
         raise typer.Exit(ALARMED)

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
+from ..errors import JaxtwinError
 from ._options import JsonOption, ParameterFileOption, RigArgument, SetOption
 from ._output import check_json, check_output, say, say_written, write_json
 from ._rigs import network_line

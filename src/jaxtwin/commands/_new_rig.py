@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .._errors import JaxtwinError, RigError
 from .._name_suggestions import unknown_name
 from .._whole_file import write_whole_file
+from ..errors import JaxtwinError, RigError
 from ._output import check_output, write_json
 
 if TYPE_CHECKING:
     from ..rig import CellPlace, Rig
 
+# The kind of a rig with a plate and cells.
 PLATE = "plate"
-"""The kind of a rig with a plate and cells."""
 
+# Option, question and default of the answer; None if there is none.
 Asked = tuple[str, str, str | None]
-"""Option, question and default of the answer; None if there is none."""
 
 
 def new_rig(

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from .._errors import JaxtwinError
 from .._whole_file import write_whole_file
+from ..errors import JaxtwinError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

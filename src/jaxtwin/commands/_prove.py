@@ -93,7 +93,7 @@ def _prove(
 
     **Raises:** `SafetyStop` if the device reported heat after a stop.
     """
-    from .._errors import SafetyStop
+    from ..errors import SafetyStop
     from ..live import prove as run
 
     for proof in run(connection, **options):

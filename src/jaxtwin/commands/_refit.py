@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ._exit_codes import ALARMED, NOT_CONVERGED, REJECTED
 from ._options import JsonOption, NoiseOption
 from ._output import check_json, say, write_json
@@ -92,7 +92,7 @@ def refit(
                     continue
                 say_notes(file, one)
                 progress.step(f"refitting to {name}")
-                found = refitted(
+                result = refitted(
                     last,
                     one,
                     window=window,
@@ -109,14 +109,14 @@ def refit(
                 results.append({"file": name, "decision": "rejected", "reason": str(problem)})
                 code = max(code, REJECTED)
                 continue
-            champion = keep_refit(twins, champion, one, found)
-            if found.decision == "promoted":
+            champion = keep_refit(twins, champion, one, result)
+            if result.decision == "promoted":
                 last = champion.fit()
             for sentence in gap_sentences(one):
                 say(sentence, json)
-            say(f"{name}: {found.summary()}", json)
-            results.append({"file": name, "champion": champion.number, **found.to_dict()})
-            code = max(code, _code(found))
+            say(f"{name}: {result.summary()}", json)
+            results.append({"file": name, "champion": champion.number, **result.to_dict()})
+            code = max(code, _code(result))
     if not results:
         say(f"{recordings}: no new recording; the champion is version {champion.number}", json)
     write_json(json, {"champion": champion.number, "recordings": results})

@@ -19,10 +19,10 @@ def rigs(json: JsonOption = None) -> None:
     from ..rig import bundled_rigs, load_rig
 
     check_json(json)
-    found = [load_rig(name) for name in bundled_rigs()]
+    result = [load_rig(name) for name in bundled_rigs()]
     if json != STDOUT:
-        print(aligned([(rig.name, rig.title) for rig in found]))
-    write_json(json, {rig.name: {"title": rig.title} for rig in found})
+        print(aligned([(rig.name, rig.title) for rig in result]))
+    write_json(json, {rig.name: {"title": rig.title} for rig in result})
 
 
 def check(
@@ -52,13 +52,13 @@ def check(
     say(str(loaded), json)
     say(f"  network: {network_line(counts)}", json)
     free = [name for name, row in loaded.parameters.items() if row.free]
-    found: dict[str, Any] = {"rig": loaded.name, "free": free, "network": counts}
+    result: dict[str, Any] = {"rig": loaded.name, "free": free, "network": counts}
     if grid is not None:
         convergence = _grid_convergence(loaded, grid, duty, duration)
         say(f"\n{convergence}", json)
         rows = convergence.to_dataframe().to_dict("records")
-        found["grid"] = {"resolution_m": convergence.resolution, "grids": rows}
-    write_json(json, found)
+        result["grid"] = {"resolution_m": convergence.resolution, "grids": rows}
+    write_json(json, result)
 
 
 def _grid_convergence(

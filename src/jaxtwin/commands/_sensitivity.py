@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from ..sensitivity_analysis import GlobalSensitivity, Sensitivity
 
 
+# The method of the paper.
 PAPERS = "correlations"
-"""The method of the paper."""
 
 
 def sensitivity(

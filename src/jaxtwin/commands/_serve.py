@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ._alarm_command import AlarmCommand
 from ._exit_codes import ALARMED
 from ._options import (

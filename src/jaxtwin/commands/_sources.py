@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from ..rig import Rig
     from ..twin_store import TwinStore
 
+# The number of glitches of a recording that are named.
 SHOWN_GLITCHES = 3
-"""The number of glitches of a recording that are named."""
 
 
 def open_twin(
@@ -36,8 +36,8 @@ def open_twin(
 
     **Raises:** `ParameterError` for an unknown set or a file that does not fit the rig.
     """
-    from .._errors import ParameterError
     from .._name_suggestions import did_you_mean
+    from ..errors import ParameterError
     from ..physics import Twin
     from ..rig import read_parameters
 
@@ -65,7 +65,7 @@ def open_fit(rig: "Rig", parameter_file: Path | None) -> "Fit | None":
 
     **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
     """
-    from .._errors import ParameterError
+    from ..errors import ParameterError
     from ..rig._bundled import read_toml
 
     if parameter_file is None:
@@ -169,8 +169,8 @@ def find_recording(name: str) -> Path:
 
     **Raises:** `RecordingError` if it is none of these.
     """
-    from .._errors import RecordingError
     from ..data import synthetic_recordings
+    from ..errors import RecordingError
     from ..io import SINGLE_CELL, TWO_CELL, find_recordings
 
     path = Path(name)

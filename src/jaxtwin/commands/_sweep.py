@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ._options import JsonOption, ParameterFileOption, RigArgument, SeedOption, SetOption
 from ._output import check_json, say, say_written, write_json
 from ._show_progress import show_progress
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from ..rig import Rig
     from ..sweeps import Sweep
 
-CONNECTING = 10
-"""The time that a scheduler has to answer, s."""
+# The time that a scheduler has to answer, s.
+CONNECT_SECONDS = 10
 
 
 def sweep(
@@ -127,7 +127,7 @@ def _dask_executor(address: str) -> "Iterator[Executor]":
     # A client that is the default tells all of Dask to use it, and a failed one leaves that behind:
     # xarray then writes no file in this process.
     try:
-        client = Client(address, timeout=CONNECTING, set_as_default=False)
+        client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as problem:
         raise SimulationError(f"--dask: {address}: {problem}") from None
     with client:

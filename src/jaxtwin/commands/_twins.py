@@ -18,7 +18,7 @@ def list_versions(store: StoreArgument, json: JsonOption = None) -> None:
     check_json(json)
     twins = open_store(store)
     say(twins.summary(), json)
-    numbers = [one.to_dict() for one in twins.versions]
+    numbers = [version.to_dict() for version in twins.versions]
     write_json(json, {"versions": numbers, "aliases": twins.aliases})
 
 
@@ -31,11 +31,11 @@ def show(
     its aliases."""
     check_json(json)
     twins = open_store(store)
-    found = twins.version(version)
-    moves = [move for move in twins.history() if found.number in (move.before, move.after)]
-    lines = [found.summary(), *(f"  {move}" for move in moves), found.fit().summary()]
+    result = twins.version(version)
+    moves = [move for move in twins.history() if result.number in (move.before, move.after)]
+    lines = [result.summary(), *(f"  {move}" for move in moves), result.fit().summary()]
     say("\n".join(lines), json)
-    write_json(json, {**found.to_dict(), "fit": found.fit().to_dict()})
+    write_json(json, {**result.to_dict(), "fit": result.fit().to_dict()})
 
 
 def diff(

@@ -10,11 +10,11 @@ import threading
 from collections.abc import Iterator
 from typing import Any, final
 
+# The number of texts that wait for a reader; further ones are dropped.
 MAX_WAITING = 1000
-"""The number of texts that wait for a reader; further ones are dropped."""
 
+# The time that a reader has at the end, s.
 FLUSH_SECONDS = 1.0
-"""The time that a reader has at the end, s."""
 
 
 @contextlib.contextmanager

@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from ..io import Experiment
     from ..physics import Twin
 
+# The schedule of the run that replaces a missing recording: the two steps of the paper.
 SCHEDULE = "0:0.5,500:0.78"
-"""The schedule of the run that replaces a missing recording: the two steps of the paper."""
 
 DURATION = 1000.0  # s
 
+# The noise of the readings of this run, K: that of a camera.
 NOISE = 0.1
-"""The noise of the readings of this run, K: that of a camera."""
 
+# The number of iterations of the match, after which each of its programs has run.
 ITERATIONS = 3
-"""The number of iterations of the match, after which each of its programs has run."""
 
 
 def warm_up(
@@ -39,7 +39,7 @@ def warm_up(
 ) -> None:
     """Compile what simulate, match and validate run for a rig, and keep it."""
     from .._compilation import cache_state
-    from .._errors import JaxtwinError
+    from ..errors import JaxtwinError
 
     check_json(json)
     before = cache_state()

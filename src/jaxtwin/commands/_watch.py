@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     Made = Callable[[Rig, Callable[[Finding], None]], tuple[Screen, list[RecordConsumer]]]
     """A rig, and what is called with each finding -> the screen, and who gets records before it."""
 
+# The time between two pictures, s: drawing takes longer than reading, and a person needs no more
+# pictures.
 REDRAW = 0.25
-"""The time between two pictures, s: drawing takes longer than reading, and a person needs no more
-pictures."""
 
 
 def watch(
@@ -85,13 +85,13 @@ def show(
 
     from ..live import EstimateJournal, Event, Recorder, RigConnection, Service
 
-    found: list[Finding] = []
+    result: list[Finding] = []
     with stop_signals() as stop, contextlib.ExitStack() as stack:
         command = stack.enter_context(AlarmCommand(alarm))
         rig = _rig(source, links)
         # This compiles before the link is opened, because it takes a second and data do not wait
         # for ever.
-        screen, before = made(rig, found.append)
+        screen, before = made(rig, result.append)
         recorder = None
         if out is not None:
             recorder = stack.enter_context(Recorder(out, rig, append=out.exists()))
@@ -104,7 +104,7 @@ def show(
         begin = shown = time.monotonic()
         while not (stop.is_set() or connection.ended):
             service.turn()
-            for finding in found:
+            for finding in result:
                 if finding.is_alarm:
                     command.ring(finding)
                 kind = "alarm" if finding.is_alarm else "notice"
@@ -113,7 +113,7 @@ def show(
                     connection.note(event)
                 else:
                     screen.on_record(event, service.state)
-            found.clear()
+            result.clear()
             now = time.monotonic()
             if now - shown >= REDRAW:
                 shown = now

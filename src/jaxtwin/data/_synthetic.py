@@ -7,8 +7,8 @@ from pathlib import Path
 
 from .._data_folder import data_folder
 
+# Zones A, B and C of the two-cell plate, as the paper's recordings have them.
 SYNTHETIC = ("synthetic-A", "synthetic-B", "synthetic-C")
-"""Zones A, B and C of the two-cell plate, as the paper's recordings have them."""
 
 
 def synthetic_recordings() -> tuple[Path, ...]:

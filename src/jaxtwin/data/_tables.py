@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from .._data_folder import data_folder
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 
 _numbers = (1, 2, 3, 4)
 

@@ -12,27 +12,27 @@ from .._jax_settings import own_settings
 from ..monitoring._monitor import SETTLE
 from ..monitoring._thresholds import DAY
 from ..observers import Observed
-from ._diagnosis import HEALTHY, OTHER, Cause, Diagnosis, Explanation
+from ._diagnosis import HEALTHY, NONE_OF_THESE, Cause, Diagnosis, Explanation
 from ._likelihood_ratio import Judged, Prior, ratios
 from ._recorded import inputs_of
 from ._signatures import Suspected
 from ._survivors import Survivors, survivors
 from ._suspects import Suspect
 
-EVERY = 30 * DAY
-"""The mean time between two faults, s, as between two false alarms of a monitor."""
+# The mean time between two faults, s, as between two false alarms of a monitor.
+MEAN_SECONDS_BETWEEN_FAULTS = 30 * DAY
 
-SURE = math.log(19.0)
-"""Logarithm of the odds from which on something has changed: 95 %."""
+# Logarithm of the odds from which on something has changed: 95 %.
+LOG_ODDS_95 = math.log(19.0)
 
+# A fault has to show itself within this time, s.
 PATIENCE = 600.0
-"""A fault has to show itself within this time, s."""
 
+# A fault is over when so much of the logarithm of its odds is lost, and a tenth of it.
 OVER = 10.0
-"""A fault is over when so much of the logarithm of its odds is lost, and a tenth of it."""
 
+# A fault that is over is followed for so many samples more, to see when it ended.
 AFTER = 30
-"""A fault that is over is followed for so many samples more, to see when it ended."""
 
 FOREIGN, LEFT = 2.0, 0.2
 """None of the suspects is the cause if the best leaves more than this multiple of the squares of
@@ -41,8 +41,8 @@ any suspect, leaves 0.17 at most, and two faults at once on a bench 0.08; readin
 or exchanged, or another rig's, leave 0.22 and more, but for the 45 s after readings of two cells
 are mirrored, with 0.19."""
 
+# The largest number of causes in a recording.
 MOST = 8
-"""The largest number of causes in a recording."""
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,15 @@ def diagnosed(
     time = np.interp(np.cumsum(observed.samples.dt), observed.experiment.elapsed, observed.time)
     start = int(np.searchsorted(time, time[0] + SETTLE))
     step = float(np.median(np.diff(observed.time)))
-    rate = math.log(step / EVERY / (len(several) + 1))
+    rate = math.log(step / MEAN_SECONDS_BETWEEN_FAULTS / (len(several) + 1))
     prior = prior._replace(patience=np.asarray(PATIENCE / step), enough=np.asarray(-rate))
     answers = np.zeros((len(time), len(several) + 2))
     answers[:, -1] = 1.0
     causes: list[Cause] = []
     while start < len(time) and len(causes) < MOST:
         with own_settings():
-            found = ratios(observed.observer, arrays, prior, inputs_of(observed, start))
-        said = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(time)], found)
+            result = ratios(observed.observer, arrays, prior, inputs_of(observed, start))
+        said = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(time)], result)
         logs = np.asarray(said.evidence) + rate
         span = _first(logs, start)
         end = len(time) if span is None else span.end
@@ -85,7 +85,7 @@ def diagnosed(
         answers[alive.first : alive.first + len(posterior)] = posterior
         causes.append(_cause(several, alive, said, logs, span, posterior[-1], time))
         start = int(np.searchsorted(time, time[min(end, len(time) - 1)] + SETTLE))
-    names = (*(one.name for one in several), OTHER, HEALTHY)
+    names = (*(suspect.name for suspect in several), NONE_OF_THESE, HEALTHY)
     return Diagnosis(
         observed, tuple(several), tuple(causes), names, answers[np.asarray(observed.is_sample)]
     )
@@ -94,15 +94,15 @@ def diagnosed(
 def _first(logs: Float[np.ndarray, "samples faults"], start: int) -> _Span | None:
     """The first change; None for none."""
     total = np.logaddexp.reduce(logs, axis=1)
-    above = np.flatnonzero(total[start:] > SURE)
+    above = np.flatnonzero(total[start:] > LOG_ODDS_95)
     if not len(above):
         return None
-    found = start + int(above[0])
-    peaks = np.maximum.accumulate(total[found:])
-    lost = np.flatnonzero(total[found:] < peaks - OVER - 0.1 * peaks)
-    end = found + int(lost[0]) if len(lost) else len(total)
-    best = found + int(np.argmax(total[found:end]))
-    return _Span(found, best, end, bool(len(lost)))
+    result = start + int(above[0])
+    peaks = np.maximum.accumulate(total[result:])
+    lost = np.flatnonzero(total[result:] < peaks - OVER - 0.1 * peaks)
+    end = result + int(lost[0]) if len(lost) else len(total)
+    best = result + int(np.argmax(total[result:end]))
+    return _Span(result, best, end, bool(len(lost)))
 
 
 def _odds(
@@ -149,15 +149,15 @@ def _cause(
     first = int(np.asarray(said.onset)[span.best, other])
     times = _onset(said, span.best, other, first, time)
     unknown = math.nan, math.nan, math.nan
-    none = Explanation(OTHER, float(probabilities[other]), *unknown, math.nan, "", *times)
+    none = Explanation(NONE_OF_THESE, float(probabilities[other]), *unknown, math.nan, "", *times)
     order = sorted([*explained.values(), none], key=lambda one: -one.probability)
     begin = first
     if order[0] is not none:
         begin = int(alive.onset[np.argmax(probabilities[alive.numbers])])
-    is_sure = np.logaddexp.reduce(logs[begin : span.best + 1], axis=1) > SURE
-    found = begin + int(is_sure.argmax()) if is_sure.any() else span.found
+    is_sure = np.logaddexp.reduce(logs[begin : span.best + 1], axis=1) > LOG_ODDS_95
+    result = begin + int(is_sure.argmax()) if is_sure.any() else span.found
     until = float(time[alive.first + alive.evidence.shape[1] - 1]) if span.is_over else None
-    return Cause(tuple(order), float(time[found]), until, alive.excess)
+    return Cause(tuple(order), float(time[result]), until, alive.excess)
 
 
 def _onset(

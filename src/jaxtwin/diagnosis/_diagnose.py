@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from .._arguments import of_kind
-from .._errors import ObserverError
 from .._jax_settings import own_settings
+from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiment
 from ..matching import Fit
@@ -23,11 +23,11 @@ from ._recorded import inputs_of
 from ._signatures import suspected
 from ._suspects import Faults, Suspect, chosen
 
+# The standard deviation of the size of a fault beforehand, in multiples of its usual effect.
 SPREAD = 1.5
-"""The standard deviation of the size of a fault beforehand, in multiples of its usual effect."""
 
+# In healthy recordings every so many samples begin a candidate, so that some become old.
 STRIDE = 12
-"""In healthy recordings every so many samples begin a candidate, so that some become old."""
 
 
 def diagnose(
@@ -84,7 +84,7 @@ def learned(several: Sequence[Suspect], healthy: Sequence[Observed]) -> Prior:
     recordings."""
     prior = Prior(
         np.full(len(several), SPREAD),
-        np.array([one.is_one_sided for one in several]),
+        np.array([suspect.is_one_sided for suspect in several]),
         np.ones(len(several) + 1),
         np.asarray(math.inf),
         np.asarray(math.inf),
@@ -96,7 +96,7 @@ def learned(several: Sequence[Suspect], healthy: Sequence[Observed]) -> Prior:
         inputs = inputs._replace(begins=np.asarray(inputs.begins) & is_turn)
         with own_settings():
             own = suspected(one.observer.model, several)
-            found = healthy_squares(one.observer, own, prior, inputs)
-        squares, counts = squares + np.asarray(found[0]), counts + np.asarray(found[1])
+            result = healthy_squares(one.observer, own, prior, inputs)
+        squares, counts = squares + np.asarray(result[0]), counts + np.asarray(result[1])
     inflation = np.maximum(squares / np.maximum(counts, 1.0), 1.0)
     return prior._replace(inflation=np.where(counts > 0, inflation, 1.0))

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HEALTHY = "healthy"
-OTHER = "none of these"
-"""The names of the two answers that are no suspects."""
+# The names of the two answers that are no suspects.
+NONE_OF_THESE = "none of these"
 
+# What is not less likely than the likeliest by more than this factor is tied with it.
 TIE = 20.0
-"""What is not less likely than the likeliest by more than this factor is tied with it."""
 
 
 class Explanation(NamedTuple):
@@ -70,8 +70,8 @@ class Explanation(NamedTuple):
         )
 
 
+# The misfit above which a suspect explains a change only in part.
 PARTIAL = 1.25
-"""The misfit above which a suspect explains a change only in part."""
 
 
 @final
@@ -127,7 +127,11 @@ class Cause:
         """The names of the explanations between which the readings do not decide, the likeliest
         first."""
         least = self.best.probability / TIE
-        return tuple(one.name for one in self.explanations if one.probability >= least)
+        return tuple(
+            explanation.name
+            for explanation in self.explanations
+            if explanation.probability >= least
+        )
 
 
 @final
@@ -163,7 +167,7 @@ class Diagnosis:
     @property
     def ties(self) -> list[tuple[str, ...]]:
         """The names between which the readings do not decide, of each cause that has several."""
-        return [one.tie for one in self.causes if len(one.tie) > 1]
+        return [cause.tie for cause in self.causes if len(cause.tie) > 1]
 
     def summary(self) -> str:
         """The causes as text, a line for each, with lines for what else explains it."""
@@ -174,10 +178,12 @@ class Diagnosis:
         for cause in self.causes:
             until = "" if cause.until is None else f", over at {cause.until:.0f} s"
             lines.append(f"  {cause.best.text}, found at {cause.found:.0f} s{until}")
-            if cause.is_partial and cause.name != OTHER:
+            if cause.is_partial and cause.name != NONE_OF_THESE:
                 lines.append(f"    it explains a part: {cause.misfit:.2g} times the noise is left")
             lines += [
-                f"    or {one.text}" for one in cause.explanations[1:] if one.name in cause.tie
+                f"    or {explanation.text}"
+                for explanation in cause.explanations[1:]
+                if explanation.name in cause.tie
             ]
         return "\n".join(lines)
 
@@ -204,14 +210,14 @@ class Diagnosis:
         return {
             "recording": self.experiment.name,
             "duration_s": self.experiment.duration,
-            "suspects": [one.name for one in self.suspects],
+            "suspects": [suspect.name for suspect in self.suspects],
             "causes": [
                 {
                     "found_s": cause.found,
                     "until_s": cause.until,
                     "misfit": cause.misfit,
                     "tie": list(cause.tie),
-                    "explanations": [_plain(one) for one in cause.explanations],
+                    "explanations": [_plain(explanation) for explanation in cause.explanations],
                 }
                 for cause in self.causes
             ],
@@ -226,13 +232,20 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         name = self.experiment.name or "a recording"
-        return f"<Diagnosis {name}: {'; '.join(one.best.text for one in self.causes) or HEALTHY}>"
+        return (
+            f"<Diagnosis {name}: {'; '.join(cause.best.text for cause in self.causes) or HEALTHY}>"
+        )
 
     def _repr_html_(self) -> str:
         rows: Sequence[Sequence[str]] = [
-            (one.name, f"{one.probability:.2g}", f"{one.size:.3g}", f"{one.onset:.0f}")
+            (
+                explanation.name,
+                f"{explanation.probability:.2g}",
+                f"{explanation.size:.3g}",
+                f"{explanation.onset:.0f}",
+            )
             for cause in self.causes
-            for one in cause.explanations
+            for explanation in cause.explanations
         ]
         head = ("fault", "probability", "size", "onset, s")
         return html_table(repr(self)[1:-1], head, rows or [(HEALTHY, "", "", "")])
@@ -243,13 +256,13 @@ class Diagnosis:
         return [
             {
                 "cause": number,
-                **one._asdict(),
+                **explanation._asdict(),
                 "found": cause.found,
                 "until": cause.until,
                 "misfit": cause.misfit,
             }
             for number, cause in enumerate(self.causes)
-            for one in cause.explanations
+            for explanation in cause.explanations
         ]
 
 

@@ -15,10 +15,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit
 from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._augmented_model import Reading
+from ..observers._augmented_model import ExpectedReading
 from ..observers._commands import Commands
 from ..observers._expected_correction import expected_jump
-from ..observers._filter_run import Samples
+from ..observers._filter_run import FilterSamples
 from ..observers._gaussian import Gaussian, corrected, symmetric
 from ._signatures import Suspected, is_held, of_readings, of_step
 
@@ -74,7 +74,7 @@ def follow(
     hypothesis: Hypotheses,
     numbers: Int[Array, " samples"],
     befores: KalmanState,
-    samples: Samples,
+    samples: FilterSamples,
 ) -> Tracked:
     """Follows samples under a single hypothesis.
 
@@ -85,7 +85,7 @@ def follow(
     """
     one = hypothesis.faults
 
-    def take(state: _State, at: tuple[Array, KalmanState, Samples]) -> tuple[_State, Tracked]:
+    def take(state: _State, at: tuple[Array, KalmanState, FilterSamples]) -> tuple[_State, Tracked]:
         number, before, sample = at
         begins = number == hypothesis.onset
         fresh = _begun(before, hypothesis)
@@ -109,7 +109,7 @@ def tracked(
     hypotheses: Hypotheses,
     numbers: Int[Array | np.ndarray, " samples"],
     befores: KalmanState,
-    samples: Samples,
+    samples: FilterSamples,
 ) -> Tracked:
     """Follows samples under several hypotheses at once."""
     faults, *others = hypotheses
@@ -141,7 +141,7 @@ def _stepped(
     kalman: ExtendedKalmanFilter,
     one: Suspected,
     state: _State,
-    sample: Samples,
+    sample: FilterSamples,
 ) -> _State:
     model = kalman.model
     mean, size = state.known.mean[:-1], len(state.known.mean) - 1
@@ -179,7 +179,7 @@ def _corrected(
     one: Suspected,
     hypothesis: Hypotheses,
     state: _State,
-    sample: Samples,
+    sample: FilterSamples,
     counts: Bool[Array, ""],
 ) -> _State:
     """The state after readings; those before the onset do not count."""
@@ -201,14 +201,14 @@ def _corrected(
     slope = slope.at[:, :size].set((1 - multiple * held)[:, None] * healthy.slope)
     slope = slope.at[:, block].add(multiple * jax.jacfwd(added)(mean[block]))
     slope = slope.at[:, size].set(effect)
-    expected = Reading(healthy.mean + multiple * effect, slope)
+    expected = ExpectedReading(healthy.mean + multiple * effect, slope)
     variance = jnp.asarray(noise.reading) ** 2 + (noise.reading_time * state.slope) ** 2
     innovation = measured - expected.mean
     opened, of_camera = kalman.opened(state.known, expected, innovation, variance, used)
     place = layout.of("room").start
     room = model.from_degC(jnp.asarray(sample.ambient, mean.dtype)) - mean[place]
     of_room = jnp.zeros(size + 1, mean.dtype).at[place].set(1.0)
-    found = corrected(
+    update = corrected(
         Gaussian(state.known.mean, state.known.covariance + jnp.diag(opened)),
         jnp.concatenate([room[None], innovation]),
         jnp.concatenate([of_room[None], slope]),
@@ -216,13 +216,13 @@ def _corrected(
         jnp.concatenate([jnp.isfinite(room)[None], used]),
         layout.of("values"),
     )
-    duty = found.state.mean[layout.of("duty")] if layout.duty else state.duty
-    limited = jnp.clip(found.state.mean[-1], hypothesis.least, hypothesis.largest)
+    duty = update.state.mean[layout.of("duty")] if layout.duty else state.duty
+    limited = jnp.clip(update.state.mean[-1], hypothesis.least, hypothesis.largest)
     return state._replace(
-        known=Gaussian(found.state.mean.at[-1].set(limited), found.state.covariance),
+        known=Gaussian(update.state.mean.at[-1].set(limited), update.state.covariance),
         duty=duty,
         since_correction=jnp.where(of_camera, 0.0, state.since_correction),
-        log_likelihood=state.log_likelihood + counts * found.log_densities[1:].sum(),
-        squares=state.squares + counts * (found.whitened[1:] ** 2).sum(),
+        log_likelihood=state.log_likelihood + counts * update.log_densities[1:].sum(),
+        squares=state.squares + counts * (update.whitened[1:] ** 2).sum(),
         readings=state.readings + counts * used.sum(),
     )

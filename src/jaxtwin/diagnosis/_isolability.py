@@ -21,18 +21,18 @@ from jaxtyping import Array, Bool, Float
 from .._arguments import finite_number, names_of
 from .._compilation import persistent_jit
 from .._display import html_table, picture
-from .._errors import ObserverError
 from .._jax_settings import own_settings
 from .._name_suggestions import unknown_name
+from ..errors import ObserverError
 from ..io import Experiment
 from ..matching import Fit
 from ..observers import ExtendedKalmanFilter, Observed, ProcessNoise, observe
 from ..physics import Twin
 from ..simulation import simulate
-from ._causes import EVERY, SURE
+from ._causes import LOG_ODDS_95, MEAN_SECONDS_BETWEEN_FAULTS
 from ._diagnose import SPREAD
 from ._diagnosis import TIE
-from ._likelihood_ratio import Inputs, signature
+from ._likelihood_ratio import RatioInputs, signature
 from ._recorded import inputs_of
 from ._signatures import Suspected, suspected
 from ._suspects import Faults, Suspect, chosen
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+# The usual duty: all cells change after the onset as well, in both directions.
 USUAL = "0:0.5,300:0.8,500:0.3"
-"""The usual duty: all cells change after the onset as well, in both directions."""
 
 
 @final
@@ -77,29 +77,31 @@ class Isolability:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the faults."""
-        return tuple(one.name for one in self.suspects)
+        return tuple(suspect.name for suspect in self.suspects)
 
     @property
     def ties(self) -> list[tuple[str, str]]:
         """The pairs of faults that are found, but are not told apart, in either direction."""
-        found = np.isfinite(self.detection)
+        result = np.isfinite(self.detection)
         apart = np.minimum(self.separation, self.separation.T)
         count = range(len(self.names))
         return [
             (self.names[i], self.names[j])
             for i in count
             for j in count[i + 1 :]
-            if found[i] and found[j] and not math.isfinite(apart[i, j])
+            if result[i] and result[j] and not math.isfinite(apart[i, j])
         ]
 
     def summary(self) -> str:
         """It as text: a line for each fault, then the pairs that are not told apart."""
         lines = [f"{self.rig}: {len(self.channels)} channels, {self.duration:g} s"]
-        for one, time, smallest in zip(self.suspects, self.detection, self.smallest, strict=True):
+        for suspect, time, smallest in zip(
+            self.suspects, self.detection, self.smallest, strict=True
+        ):
             when = f"found after {time:.0f} s" if math.isfinite(time) else "not found"
-            unit = "" if one.unit in ("1", "share", "multiple") else f" {one.unit}"
+            unit = "" if suspect.unit in ("1", "share", "multiple") else f" {suspect.unit}"
             least = f"{smallest:.3g}{unit}" if math.isfinite(smallest) else "no size"
-            lines.append(f"  {one.name} {one.size:.3g}{unit}: {when}; at the end {least}")
+            lines.append(f"  {suspect.name} {suspect.size:.3g}{unit}: {when}; at the end {least}")
         for pair in self.ties:
             text = f"  {pair[0]} and {pair[1]} are not told apart"
             if pair in self.separators:
@@ -115,7 +117,7 @@ class Isolability:
 
         table = pandas.DataFrame(
             {
-                "size": [one.size for one in self.suspects],
+                "size": [suspect.size for suspect in self.suspects],
                 "unit": [one.unit for one in self.suspects],
                 "detection_s": self.detection,
                 "smallest": self.smallest,
@@ -147,17 +149,17 @@ class Isolability:
         return picture("plot_isolability", self)
 
     def __repr__(self) -> str:
-        found = int(np.isfinite(self.detection).sum())
+        result = int(np.isfinite(self.detection).sum())
         return (
-            f"<Isolability {self.rig}: {found} of {len(self.suspects)} faults found by "
+            f"<Isolability {self.rig}: {result} of {len(self.suspects)} faults found by "
             f"{len(self.channels)} channels within {self.duration:g} s, {len(self.ties)} pairs not "
             "told apart>"
         )
 
     def _repr_html_(self) -> str:
         rows = [
-            (one.name, f"{one.size:.3g}", f"{time:.0f}", f"{smallest:.3g}")
-            for one, time, smallest in zip(
+            (suspect.name, f"{suspect.size:.3g}", f"{time:.0f}", f"{smallest:.3g}")
+            for suspect, time, smallest in zip(
                 self.suspects, self.detection, self.smallest, strict=True
             )
         ]
@@ -214,19 +216,19 @@ def isolability(
             f"s, got one of {recording.duration:g} s"
         )
     grams, time = _grams(fit, recording, read, noise, several, begin)
-    rate = np.median(np.diff(recording.time)) / EVERY / (len(several) + 1)
+    rate = np.median(np.diff(recording.time)) / MEAN_SECONDS_BETWEEN_FAULTS / (len(several) + 1)
     own = np.diagonal(grams, axis1=1, axis2=2)
-    needed = SURE - math.log(rate)
+    needed = LOG_ODDS_95 - math.log(rate)
     gained = own / 2 - np.log1p(own * SPREAD**2) / 2
     detection = _first(time, gained >= needed)
     separation = _separation(grams, time)
-    found = Isolability(
+    result = Isolability(
         twin.rig.name, tuple(read), several, float(time[-1]), detection,
         _smallest(several, own[-1], needed), separation, {},
     )  # fmt: skip
     others = [name for name in twin.channels if name not in read]
     return dataclasses.replace(
-        found, separators=_separators(fit, recording, noise, begin, found, others)
+        result, separators=_separators(fit, recording, noise, begin, result, others)
     )
 
 
@@ -294,19 +296,19 @@ def grams_of(
     begins = np.zeros(length, bool)
     begins[int(np.searchsorted(time, onset, side="right"))] = True
     with own_settings():
-        found = np.asarray(_followed(observed.observer, arrays, inputs._replace(begins=begins)))
+        result = np.asarray(_followed(observed.observer, arrays, inputs._replace(begins=begins)))
     is_after = time > onset
-    return found[: len(time)][is_after], time[is_after] - onset
+    return result[: len(time)][is_after], time[is_after] - onset
 
 
 @persistent_jit
 def _followed(
-    kalman: ExtendedKalmanFilter, faults: Suspected, inputs: Inputs
+    kalman: ExtendedKalmanFilter, faults: Suspected, inputs: RatioInputs
 ) -> Float[Array, "samples faults faults"]:
     """C after each sample, for faults from one sample on."""
     size, count = kalman.model.layout.size, len(faults.drift)
 
-    def take(carry: tuple[Array, ...], given: Inputs) -> tuple[tuple[Array, ...], Array]:
+    def take(carry: tuple[Array, ...], given: RatioInputs) -> tuple[tuple[Array, ...], Array]:
         error, held, gram, begun = carry
         readings = jnp.nan_to_num(kalman.model.from_degC(jnp.asarray(given.sample.readings)))
         held = jnp.where(given.begins, readings, held)
@@ -359,8 +361,8 @@ def _smallest(
 ) -> Float[np.ndarray, " faults"]:
     """The size at which each fault is found at the end."""
     limits = []
-    for one, own in zip(several, information, strict=True):
+    for suspect, own in zip(several, information, strict=True):
         least = needed + math.log1p(own * SPREAD**2) / 2
         multiple = math.sqrt(2 * least / own) if own > 0 else math.inf
-        limits.append(one.size_of(multiple) if multiple <= one.largest else math.nan)
+        limits.append(suspect.size_of(multiple) if multiple <= suspect.largest else math.nan)
     return np.array(limits)

@@ -29,21 +29,21 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._compilation import persistent_jit
 from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._filter_run import Samples
+from ..observers._filter_run import FilterSamples
 from ..observers._gaussian import Correction
 from ._signatures import Suspected, is_held, of_readings, of_step
 
+# The number of onsets that are considered at a time.
 CANDIDATES = 28
-"""The number of onsets that are considered at a time."""
 
+# A candidate is kept for so many samples in any case.
 YOUNG = 10
-"""A candidate is kept for so many samples in any case."""
 
-SHIFT = 1.0
-"""The standard deviation of the shifts of whitened innovations by a fault that no model knows."""
+# The standard deviation of the shifts of whitened innovations by a fault that no model knows.
+SHIFT_SIGMAS = 1.0
 
+# Statistics of healthy recordings are those of candidates of so many samples and more.
 MATURE = 30
-"""Statistics of healthy recordings are those of candidates of so many samples and more."""
 
 
 class Prior(NamedTuple):
@@ -146,7 +146,7 @@ def signature(
     before: KalmanState,
     error: Float[Array, "state candidates faults"],
     held: Float[Array, "candidates channels"],
-    sample: Samples,
+    sample: FilterSamples,
 ) -> tuple[Signature, Correction]:
     """What faults do to the healthy filter at a sample, and what the sample says to it.
 
@@ -159,7 +159,7 @@ def signature(
     predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
     commands = before.commands.given(jnp.asarray(sample.duty), kalman.spacing)
     used = jnp.isfinite(jnp.asarray(sample.readings))
-    found = kalman.correction(predicted, sample.readings, used, sample.ambient)
+    update = kalman.correction(predicted, sample.readings, used, sample.ambient)
     added = of_step(
         model, faults, before.mean, before.duty, commands, jnp.asarray(sample.dt), sample.levels
     )
@@ -169,8 +169,8 @@ def signature(
     transition, decay, added, slope, gain, whitening, direct = (
         part.astype(error.dtype)
         for part in (
-            step.driven, step.decay, added, found.slope, found.gain,
-            whitening_of(kalman, found), direct,
+            step.driven, step.decay, added, update.slope, update.gain,
+            whitening_of(kalman, update), direct,
         )
     )  # fmt: skip
     size, count, columns = error.shape
@@ -181,7 +181,7 @@ def signature(
     seen = slope @ moved + seen.reshape(len(slope), -1)
     moved = moved - gain @ seen
     shape = (count, columns)
-    return Signature(moved.reshape(size, *shape), seen.reshape(len(seen), *shape)), found
+    return Signature(moved.reshape(size, *shape), seen.reshape(len(seen), *shape)), update
 
 
 def advance(
@@ -189,18 +189,18 @@ def advance(
     faults: Suspected,
     before: KalmanState,
     candidates: Candidates,
-    sample: Samples,
+    sample: FilterSamples,
 ) -> Candidates:
     """The candidates after a sample that follows a state of the healthy filter."""
-    (error, seen), found = signature(
+    (error, seen), result = signature(
         kalman, faults, before, candidates.error, candidates.held, sample
     )
     return Candidates(
         candidates.onset,
         error,
-        candidates.score + jnp.einsum("r,rmf->mf", found.whitened, seen),
+        candidates.score + jnp.einsum("r,rmf->mf", result.whitened, seen),
         candidates.information + (seen**2).sum(axis=0),
-        candidates.sums + found.whitened[1:],
+        candidates.sums + result.whitened[1:],
         candidates.counts + jnp.isfinite(jnp.asarray(sample.readings)),
         candidates.held,
     )
@@ -231,8 +231,8 @@ def log_ratios(prior: Prior, candidates: Candidates) -> Float[Array, "candidates
     above = jax.scipy.special.log_ndtr(above) + np.log(2.0)
     ratio = ratio + jnp.where(jnp.asarray(prior.is_one_sided), above, 0.0)
     sums, counts = candidates.sums / inflation[-1], candidates.counts / inflation[-1]
-    precision = 1 + counts * SHIFT**2
-    other = 0.5 * sums**2 * SHIFT**2 / precision - 0.5 * jnp.log(precision)
+    precision = 1 + counts * SHIFT_SIGMAS**2
+    other = 0.5 * sums**2 * SHIFT_SIGMAS**2 / precision - 0.5 * jnp.log(precision)
     return jnp.concatenate([ratio, other.sum(axis=1, keepdims=True)], axis=1)
 
 
@@ -286,7 +286,7 @@ def _replaced(
     return jnp.argmin(jnp.where(onset < 0, -jnp.inf, jnp.where(is_young, jnp.inf, value)))
 
 
-class Inputs(NamedTuple):
+class RatioInputs(NamedTuple):
     """What the ratio needs of each sample.
 
     - `before`: the state of the healthy filter after the sample before.
@@ -294,16 +294,18 @@ class Inputs(NamedTuple):
     """
 
     before: KalmanState
-    sample: Samples
+    sample: FilterSamples
     begins: Bool[np.ndarray | Array, " samples"]
 
 
 @persistent_jit
-def ratios(kalman: ExtendedKalmanFilter, faults: Suspected, prior: Prior, inputs: Inputs) -> Judged:
+def ratios(
+    kalman: ExtendedKalmanFilter, faults: Suspected, prior: Prior, inputs: RatioInputs
+) -> Judged:
     """What is said of all faults after each sample."""
 
     def take(
-        candidates: Candidates, at: tuple[Int[Array, ""], Inputs]
+        candidates: Candidates, at: tuple[Int[Array, ""], RatioInputs]
     ) -> tuple[Candidates, Judged]:
         now = _taken(kalman, faults, prior, candidates, *at, jnp.asarray(False))
         return now, judged(prior, now)
@@ -315,13 +317,13 @@ def ratios(kalman: ExtendedKalmanFilter, faults: Suspected, prior: Prior, inputs
 
 @persistent_jit
 def healthy_squares(
-    kalman: ExtendedKalmanFilter, faults: Suspected, prior: Prior, inputs: Inputs
+    kalman: ExtendedKalmanFilter, faults: Suspected, prior: Prior, inputs: RatioInputs
 ) -> tuple[Float[Array, " faults_and_other"], Float[Array, " faults_and_other"]]:
     """The sums of the squared standardised statistics of healthy innovations, 1 on average if the
     innovations are as expected, and their numbers."""
 
     def take(
-        candidates: Candidates, at: tuple[Int[Array, ""], Inputs]
+        candidates: Candidates, at: tuple[Int[Array, ""], RatioInputs]
     ) -> tuple[Candidates, tuple[Array, Array]]:
         number, given = at
         now = _taken(kalman, faults, prior, candidates, number, given, jnp.asarray(True))
@@ -346,7 +348,7 @@ def _taken(
     prior: Prior,
     candidates: Candidates,
     number: Int[Array, ""],
-    given: Inputs,
+    given: RatioInputs,
     by_age: Bool[Array, ""],
 ) -> Candidates:
     """The candidates after a sample, with one that begins with it."""

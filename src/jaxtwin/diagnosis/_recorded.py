@@ -7,24 +7,24 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..observers import KalmanState, Observed
-from ..observers._filter_run import Samples
-from ._likelihood_ratio import Inputs
+from ..observers._filter_run import FilterSamples
+from ._likelihood_ratio import RatioInputs
 
-BLOCK = 256
-"""Recordings are filled up to multiples of so many samples, so that they share programs."""
+# Recordings are filled up to multiples of so many samples, so that they share programs.
+SAMPLE_BLOCK = 256
 
 
-def inputs_of(observed: Observed, start: int) -> Inputs:
+def inputs_of(observed: Observed, start: int) -> RatioInputs:
     """The samples of a recording, from one of which on faults may begin."""
     count = len(observed.is_sample)
-    length = BLOCK * math.ceil(count / BLOCK)
+    length = SAMPLE_BLOCK * math.ceil(count / SAMPLE_BLOCK)
     befores, samples = filled_up(observed, 0, length)
     begins: Bool[np.ndarray, " samples"] = np.zeros(length, bool)
     begins[:count] = np.asarray(observed.is_sample) & (np.arange(count) >= max(start, 1))
-    return Inputs(befores, samples, begins)
+    return RatioInputs(befores, samples, begins)
 
 
-def filled_up(observed: Observed, first: int, length: int) -> tuple[KalmanState, Samples]:
+def filled_up(observed: Observed, first: int, length: int) -> tuple[KalmanState, FilterSamples]:
     """So many samples from one on, with the states before each, filled up with samples of no length
     and without readings."""
     count = len(observed.is_sample)
@@ -35,7 +35,7 @@ def filled_up(observed: Observed, first: int, length: int) -> tuple[KalmanState,
     is_there = np.arange(first, first + length) < count
     samples = observed.samples
     levels = None if samples.levels is None else np.asarray(samples.levels)[rows]
-    filled = Samples(
+    filled = FilterSamples(
         dt=np.where(is_there, np.asarray(samples.dt)[rows], 0.0),
         duty=np.asarray(samples.duty)[rows],
         readings=np.where(is_there[:, None], np.asarray(samples.readings)[rows], np.nan),

@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from .._errors import ObserverError
 from .._jax_settings import own_settings
+from ..errors import ObserverError
 from ..observers._augmented_model import AugmentedModel
 from ..observers._commands import Commands
 from ..physics import System
@@ -74,7 +74,7 @@ def suspected(model: AugmentedModel, several: Sequence[Suspect]) -> Suspected:
         if model.directions is not None and model.changes is not None:
             of_healthy = _as_completed(healthy, model.changes)
             changes = of_healthy, _stacked([_along(healthy, of_healthy, one) for one in several])
-    held = [names.index(one.held) if one.held in names else -1 for one in several]
+    held = [names.index(suspect.held) if suspect.held in names else -1 for suspect in several]
     drift = [one.size if one.is_drift else 0.0 for one in several]
     return Suspected(healthy, faulty, changes, np.array(held), np.array(drift))
 

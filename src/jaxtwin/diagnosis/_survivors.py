@@ -18,30 +18,30 @@ from ._recorded import filled_up
 from ._signatures import suspected
 from ._suspects import Suspect
 
+# The number of faults that are followed.
 SURVIVORS = 6
-"""The number of faults that are followed."""
 
-STILL = 10
-"""A channel whose readings are the same for so many samples may be stuck."""
+# A channel whose readings are the same for so many samples may be stuck.
+MIN_EQUAL_READINGS = 10
 
-CLOSE = 0.25
-"""A size that differs from that of its filter by less than this part needs no other filter."""
+# A size that differs from that of its filter by less than this part needs no other filter.
+REFILTER_FRACTION = 0.25
 
-ROUNDS = 3
-"""The largest number of times that the filters run."""
+# The largest number of times that the filters run.
+MAX_ROUNDS = 3
 
+# A fault whose logarithm of the likelihood is so far below the best needs no other filter.
 DEAD = 10.0
-"""A fault whose logarithm of the likelihood is so far below the best needs no other filter."""
 
-FARTHEST = 50.0
-"""The largest multiple of what a filter is made for."""
+# The largest multiple of what a filter is made for.
+MAX_SIZE_MULTIPLE = 50.0
 
-WITHIN = 0.98
-"""The part of the largest multiple of a factor that a filter is made for: the factor would be
-infinite or 0 there."""
+# The part of the largest multiple of a factor that a filter is made for: the factor would be
+# infinite or 0 there.
+MAX_FACTOR_FRACTION = 0.98
 
-SMALLEST = 0.05
-"""The smallest multiple of a usual effect for which a filter is made: none would be no fault."""
+# The smallest multiple of a usual effect for which a filter is made: none would be no fault.
+MIN_SIZE_MULTIPLE = 0.05
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ def survivors(
         onset, evidence = begins[picked], each[picked, : most + 1]
         of_each = jax.tree.map(lambda leaf, now=(picked, most): leaf[now], both)
         is_alive = evidence[:, -1] > evidence[:, -1].max() - DEAD
-        is_done = (np.abs(of_each.multiple - 1) < CLOSE) & ~is_earlier
-        if turn == ROUNDS or (is_done | ~is_alive).all():
+        is_done = (np.abs(of_each.multiple - 1) < REFILTER_FRACTION) & ~is_earlier
+        if turn == MAX_ROUNDS or (is_done | ~is_alive).all():
             break
         made = [
             _of_multiple(one, float(m)) if is_one else one
@@ -164,15 +164,15 @@ def _stuck(observed: Observed, several: Sequence[Suspect], at: int) -> dict[int,
     """The suspects that are stuck channels whose readings are the same for some time up to a
     sample, and the number of the second of these samples."""
     readings = np.asarray(observed.samples.readings)[: at + 1]
-    found = {}
-    for number, one in enumerate(several):
-        if one.held in observed.channels:
-            own = readings[:, observed.channels.index(one.held)]
+    result = {}
+    for number, suspect in enumerate(several):
+        if suspect.held in observed.channels:
+            own = readings[:, observed.channels.index(suspect.held)]
             moved = np.flatnonzero(own != own[-1])
             second = int(moved[-1]) + 2 if len(moved) else 0
-            if second and at - second >= STILL:
-                found[number] = second
-    return found
+            if second and at - second >= MIN_EQUAL_READINGS:
+                result[number] = second
+    return result
 
 
 def _follow(
@@ -191,15 +191,15 @@ def _follow(
         onset,
         readings[onset],
         spread,
-        np.array([0.0 if one.is_one_sided else -FARTHEST for one in made]),
-        np.array([min(one.largest, FARTHEST) for one in made]),
+        np.array([0.0 if suspect.is_one_sided else -MAX_SIZE_MULTIPLE for suspect in made]),
+        np.array([min(one.largest, MAX_SIZE_MULTIPLE) for one in made]),
     )
     length = 2 ** max(7, math.ceil(math.log2(rows.stop - rows.start)))
     befores, samples = filled_up(observed, rows.start, length)
     numbers = rows.start + np.arange(length)
     with own_settings():
-        found = tracked(observed.observer, hypotheses, numbers, befores, samples)
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[:, : rows.stop - rows.start], found)
+        result = tracked(observed.observer, hypotheses, numbers, befores, samples)
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[:, : rows.stop - rows.start], result)
 
 
 def _evidence(
@@ -215,7 +215,7 @@ def _evidence(
     place = np.arange(len(without)) + rows.start
     since = np.where(place >= onset[:, None], without, 0.0).cumsum(axis=1)
     gained = of_each.log_likelihood - since
-    one_sided = np.array([one.is_one_sided for one in made])[:, None]
+    one_sided = np.array([suspect.is_one_sided for suspect in made])[:, None]
     above = log_ndtr(of_each.multiple / of_each.spread) + math.log(2.0)
     gained = gained + np.where(one_sided, above, 0.0)
     return np.where(place >= onset[:, None], gained, 0.0)
@@ -225,8 +225,12 @@ def _of_multiple(one: Suspect, multiple: float) -> Suspect:
     """The suspect of the size that is a multiple of its own, within its bounds and not 0."""
     if one.held:  # it has no size
         return one
-    largest = one.largest if one.unit == "share" else WITHIN * one.largest
-    limited = min(max(multiple, SMALLEST if one.is_one_sided else -FARTHEST), largest, FARTHEST)
-    if abs(limited) < SMALLEST:
-        limited = SMALLEST
+    largest = one.largest if one.unit == "share" else MAX_FACTOR_FRACTION * one.largest
+    limited = min(
+        max(multiple, MIN_SIZE_MULTIPLE if one.is_one_sided else -MAX_SIZE_MULTIPLE),
+        largest,
+        MAX_SIZE_MULTIPLE,
+    )
+    if abs(limited) < MIN_SIZE_MULTIPLE:
+        limited = MIN_SIZE_MULTIPLE
     return replace(one, size=one.size_of(limited))

@@ -12,19 +12,19 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from .._errors import ObserverError
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
+from ..errors import ObserverError
 from ..physics import FAULT_MODELS, Fault, System, Twin
 from ..rig import ZoneSensor
 from ..rig._plate import AMBIENT
 from ..simulation._stepper import assembled
 
+# Pairs of so many channels at most may be swapped; more would be more suspects than are useful.
 PAIRS = 4
-"""Pairs of so many channels at most may be swapped; more would be more suspects than are useful."""
 
+# A usual rate at which a room drifts, K/s.
 DRIFT = 0.01
-"""A usual rate at which a room drifts, K/s."""
 
 
 @final
@@ -100,11 +100,11 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
     apart = [heater.name for heater in rig.heaters if heater.node == heater.name]
     with own_settings():
         lost = np.asarray(assembled(twin).ambient_conductance)
-    found: list[Suspect] = []
+    result: list[Suspect] = []
 
     def add(model: str, part: str, size: float, none: float = 1.0, **options: Any) -> None:
         fault = partial(_of, twin, model, part)
-        found.append(Suspect(f"{model} {part}", fault, size, none, **options))
+        result.append(Suspect(f"{model} {part}", fault, size, none, **options))
 
     for part in (*cells, *apart):
         add("loosen", part, 1.5, is_reciprocal=True)
@@ -124,17 +124,17 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
     leaky |= {name: float(lost[index[name]]) for name in bodies if lost[index[name]] > 0}
     for part, conductance in leaky.items():
         fault = partial(_scaled, twin, "leak", part, conductance)
-        found.append(Suspect(f"leak {part}", fault, 2 * conductance, conductance, unit="W/K"))
+        result.append(Suspect(f"leak {part}", fault, 2 * conductance, conductance, unit="W/K"))
     for name in _of_links(twin):
         resistance = float(twin.values_si[name])
         fault = partial(_leaking_link, twin, name, resistance)
-        found.append(Suspect(f"leak {name}", fault, 2 / resistance, 1 / resistance, unit="W/K"))
+        result.append(Suspect(f"leak {name}", fault, 2 / resistance, 1 / resistance, unit="W/K"))
     for part in (*plate, *bodies):
         add("load", part, 1.3, is_reciprocal=True)
     for channel in read:
         add("gain", channel, 0.95, is_one_sided=False)
         add("offset", channel, 0.5, 0.0, is_one_sided=False, unit="K")
-        found.append(Suspect(f"stuck {channel}", None, unit="share", held=channel))
+        result.append(Suspect(f"stuck {channel}", None, unit="share", held=channel))
     if len(read) <= PAIRS:
         for pair in combinations(read, 2):
             add("swap", "+".join(pair), 1.0, 0.0, unit="share")
@@ -144,7 +144,7 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
     if rig.driver.delay is not None:
         add("delay", "command", 1.0, 0.0, unit="s")
     room = Suspect("drift room", None, DRIFT, is_one_sided=False, unit="K/s", is_drift=True)
-    return {one.name: one for one in (*found, room)}
+    return {one.name: one for one in (*result, room)}
 
 
 def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect, ...]:
@@ -159,7 +159,7 @@ def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect
     if isinstance(faults, str):
         faults = [faults]
     given = list(faults.items()) if isinstance(faults, Mapping) else [(None, f) for f in faults]
-    found: dict[str, Suspect] = {}
+    result: dict[str, Suspect] = {}
     for name, one in given:
         if isinstance(one, str):
             if one not in usual:
@@ -175,10 +175,10 @@ def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect
                 "faults: expected names, suspects, or functions System -> System by "
                 f"their names, got {one!r}"
             )
-        found[one.name] = one
-    if not found:
+        result[one.name] = one
+    if not result:
         raise ObserverError("faults: expected at least one, got none")
-    return tuple(found.values())
+    return tuple(result.values())
 
 
 # Faults are partial functions of this module, so that a diagnosis can be pickled.

@@ -5,9 +5,9 @@ import platform
 import sys
 from importlib import metadata
 
-from .._compilation import LARGEST_CACHE, cache_state
-from .._errors import RecordingError
+from .._compilation import MAX_CACHE, cache_state
 from .._jax_settings import own_settings
+from ..errors import RecordingError
 from ..simulation._native_library import native_state
 
 LIBRARIES = (
@@ -54,13 +54,13 @@ def examine() -> dict[str, dict[str, str]]:
 def _versions() -> dict[str, str]:
     from .. import __version__
 
-    found = {"jaxtwin": __version__, "python": platform.python_version()}
+    result = {"jaxtwin": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:
-            found[name] = metadata.version(name)
+            result[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            result[name] = "not installed"
+    return result
 
 
 def _machine() -> dict[str, str]:
@@ -82,8 +82,8 @@ def _jax() -> dict[str, str]:
     import jax
 
     with own_settings():  # which says in a sentence if there is no device
-        found = jax.devices()
-    devices = [f"{device.platform} {device.id}: {device.device_kind}" for device in found]
+        result = jax.devices()
+    devices = [f"{device.platform} {device.id}: {device.device_kind}" for device in result]
     default = "on" if jax.config.read("jax_enable_x64") else "off"
     return {
         "devices": "; ".join(devices),
@@ -100,21 +100,21 @@ def _cache() -> dict[str, str]:
         "state": f"on ({state.reason})",
         "folder": str(state.folder),
         "holds": f"{state.files} programs, {state.size / 2**20:.1f} of at most "
-        f"{LARGEST_CACHE / 2**20:.0f} MiB; it may be deleted",
+        f"{MAX_CACHE / 2**20:.0f} MiB; it may be deleted",
     }
 
 
 def _recordings() -> dict[str, str]:
     from ..io import SINGLE_CELL, find_recordings
 
-    found = {}
+    result = {}
     for label, names in (
         ("two cells", None),
         ("one cell", [recording.name for recording in SINGLE_CELL]),
     ):
         try:
             paths = find_recordings() if names is None else find_recordings(names=names)
-            found[label] = ", ".join(str(path) for path in paths)
+            result[label] = ", ".join(str(path) for path in paths)
         except RecordingError as error:
-            found[label] = str(error)
-    return found
+            result[label] = str(error)
+    return result

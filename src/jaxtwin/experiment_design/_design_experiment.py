@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .._arguments import check_callable, finite_number, names_of, whole_number
-from .._errors import MatchError
 from .._name_suggestions import did_you_mean
 from .._waiting import advanced, announced
 from ..diagnosis._suspects import Faults
+from ..errors import MatchError
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._fit import solution_of
@@ -23,13 +23,13 @@ from ._evidence import EvidenceProblem
 from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
 from ._hottest import Hottest
-from ._information import DesignProblem, Evaluated, NoisePrediction, make_design_problem
+from ._information import DesignProblem, EvaluatedSchedule, NoisePrediction, make_design_problem
 from ._prior_information import UNKNOWN, PriorInformation
 from ._schedules import Counts, Schedules, make_schedules
 from ._separation_search import SeparationSearch
 
-RANDOM = 11
-"""The number of random schedules among which the searches choose their starts."""
+# The number of random schedules among which the searches choose their starts.
+RANDOM_SCHEDULES = 11
 
 
 @overload
@@ -213,19 +213,19 @@ class _Search:
         schedules = self.schedules
         recorded = [schedules.resampled(recording) for recording in recordings.values()]
         binary = schedules.binary_sequences()
-        others = random_schedules(schedules, RANDOM, seed)
-        found = self.assess(recorded + binary + others)
-        sequences = found[len(recorded) : len(recorded) + len(binary)]
+        others = random_schedules(schedules, RANDOM_SCHEDULES, seed)
+        result = self.assess(recorded + binary + others)
+        sequences = result[len(recorded) : len(recorded) + len(binary)]
         references = {
             name: self._planned(name, candidate)
-            for name, candidate in zip(recordings, found, strict=False)
+            for name, candidate in zip(recordings, result, strict=False)
         }
         allowed = [candidate for candidate in sequences if self._is_allowed(candidate.evaluated)]
         references["PRBS"] = self._planned("PRBS", (allowed or sequences)[0])
-        candidates = sorted(found, key=lambda candidate: candidate.objective)
+        candidates = sorted(result, key=lambda candidate: candidate.objective)
         candidates = [candidate for candidate in candidates if candidate.objective < math.inf]
         if not candidates:
-            coolest = min(candidate.evaluated.reading for candidate in found)
+            coolest = min(candidate.evaluated.reading for candidate in result)
             self.hottest.refuse(self.prior.twin.rig.name, coolest)
         ends = []
         for start, candidate in enumerate(candidates[:starts]):
@@ -257,24 +257,24 @@ class _Search:
     def assess(self, counts: Sequence[Counts]) -> list[Candidate]:
         """Evaluates schedules in batches of one size, so that they share a compiled program."""
         batch = len(self.schedules.levels[0]) - 1
-        found: list[Candidate] = []
+        result: list[Candidate] = []
         for first in range(0, len(counts), batch):
             part = list(counts[first : first + batch])
             filled = part + part[-1:] * (batch - len(part))
             evaluated = self.problem.evaluate(self.schedules, filled)[: len(part)]
-            found += map(self._candidate, part, evaluated)
+            result += map(self._candidate, part, evaluated)
         self.evaluations += len(counts)
-        return found
+        return result
 
-    def _candidate(self, counts: Counts, evaluated: Evaluated) -> Candidate:
+    def _candidate(self, counts: Counts, evaluated: EvaluatedSchedule) -> Candidate:
         if not self._is_allowed(evaluated):
             return Candidate(counts, evaluated, math.inf)
         return Candidate(counts, evaluated, self._objective(self._covariance(evaluated)))
 
-    def _is_allowed(self, evaluated: Evaluated) -> bool:
+    def _is_allowed(self, evaluated: EvaluatedSchedule) -> bool:
         return self.hottest.allows(evaluated.reading, evaluated.side)
 
-    def _covariance(self, evaluated: Evaluated | None) -> Float[np.ndarray, "some some"]:
+    def _covariance(self, evaluated: EvaluatedSchedule | None) -> Float[np.ndarray, "some some"]:
         known = self.prior
         whole = (
             known.covariance()

@@ -13,12 +13,12 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import MatchError
 from .._jax_settings import own_settings
 from ..diagnosis._diagnosis import TIE
 from ..diagnosis._isolability import evidence_of, grams_of
 from ..diagnosis._signatures import suspected
 from ..diagnosis._suspects import Faults, chosen
+from ..errors import MatchError
 from ..io import Experiment
 from ..matching import Fit
 from ..observers import Observed, ProcessNoise
@@ -30,12 +30,12 @@ from ..physics import Twin
 from ..simulation import simulate
 from ._schedules import Counts, Schedules
 
-LEAST = 1e-9
-"""The smallest odds that count as more than rounding, as a logarithm."""
+# The smallest odds that count as more than rounding, as a logarithm.
+MIN_LOG_ODDS = 1e-9
 
 
 @final
-class Evidence(NamedTuple):
+class SeparationEvidence(NamedTuple):
     """What a schedule would say.
 
     - `time`: since its start, s. `odds`: the mean logarithm of the odds of the two faults that are
@@ -58,7 +58,9 @@ class Evidence(NamedTuple):
         is known at the end."""
         if math.isfinite(self.separation):
             return self.separation
-        return float(self.time[-1]) * (1 + math.log(math.log(TIE) / max(self.odds[-1], LEAST)))
+        return float(self.time[-1]) * (
+            1 + math.log(math.log(TIE) / max(self.odds[-1], MIN_LOG_ODDS))
+        )
 
 
 @final
@@ -85,7 +87,7 @@ class EvidenceProblem:
                 "design_experiment: faults: expected two or more that are to be told apart, got "
                 f"{', '.join(one.name for one in suspects) or 'none'}"
             )
-        self.names = tuple(one.name for one in suspects)
+        self.names = tuple(suspect.name for suspect in suspects)
         template = simulate(self.twin, schedules.numbered()).to_recording(noise=0.0)
         levels = usual_noise(fit, [template]) if noise is None else noise
         self._kalman = filter_for(fit, template, levels)
@@ -94,11 +96,11 @@ class EvidenceProblem:
         sides = [f"{cell.name}.{side}" for cell in rig.cells for side in ("TC", "TH")]
         self._sides = [index[name] for name in sides]
 
-    def evaluate(self, schedules: Schedules, counts: Sequence[Counts]) -> list[Evidence]:
+    def evaluate(self, schedules: Schedules, counts: Sequence[Counts]) -> list[SeparationEvidence]:
         """Evaluates several schedules."""
-        return [self._of(schedules.experiment(one)) for one in counts]
+        return [self._of(schedules.experiment(count)) for count in counts]
 
-    def _of(self, schedule: Experiment) -> Evidence:
+    def _of(self, schedule: Experiment) -> SeparationEvidence:
         run = simulate(self.twin, schedule)
         recording = run.to_recording(noise=0.0)
         kalman = self._kalman
@@ -113,7 +115,7 @@ class EvidenceProblem:
         odds[:, *np.diag_indices(len(self.names))] = math.inf
         hardest = np.unravel_index(int(np.argmin(odds[-1])), odds.shape[1:])
         least = odds.min(axis=(1, 2))
-        return Evidence(
+        return SeparationEvidence(
             time=time,
             odds=least,
             separation=_crossing(time, least),

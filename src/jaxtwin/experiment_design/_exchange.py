@@ -13,19 +13,19 @@ from typing import Generic, TypeVar, final
 import numpy as np
 from jaxtyping import Float
 
-from ._evidence import Evidence
-from ._information import Evaluated
+from ._evidence import SeparationEvidence
+from ._information import EvaluatedSchedule
 from ._schedules import Counts, Schedules
 
-MOST_PASSES = 10
-"""The largest number of passes over all steps; two or three are usual."""
+# The largest number of passes over all steps; two or three are usual.
+MAX_PASSES = 10
 
-LEAST_GAIN = 1e-3
-"""A pass that improves the objective by less is the last one: a tenth of a per cent of a standard
-error."""
+# A pass that improves the objective by less is the last one: a tenth of a per cent of a standard
+# error.
+MIN_GAIN = 1e-3
 
 
-Found = TypeVar("Found", bound=Evaluated | Evidence)
+Found = TypeVar("Found", bound=EvaluatedSchedule | SeparationEvidence)
 
 
 @final
@@ -68,7 +68,7 @@ def exchange(
     """
     rng = np.random.default_rng(seed)
     best = start
-    for number in range(1, MOST_PASSES + 1):
+    for number in range(1, MAX_PASSES + 1):
         before = best.objective
         for place in rng.permutation(best.counts.size):
             changed = []
@@ -77,11 +77,11 @@ def exchange(
                 counts.flat[place] = level
                 if level != best.counts.flat[place]:
                     changed.append(counts)
-            found = min(assess(changed), key=lambda candidate: candidate.objective)
-            if found.objective < best.objective - 1e-9:
-                best = found
+            result = min(assess(changed), key=lambda candidate: candidate.objective)
+            if result.objective < best.objective - 1e-9:
+                best = result
         on_pass(number, best)
-        if best.objective > before - LEAST_GAIN:
+        if best.objective > before - MIN_GAIN:
             break
     return best
 
@@ -96,5 +96,5 @@ def a_objective(covariance: Float[np.ndarray, "some some"]) -> float:
     return 0.5 * float(np.log(np.trace(covariance) / len(covariance)))
 
 
+# Name -> function of the scaled covariance of the parameters of interest.
 OBJECTIVES = {"D": d_objective, "A": a_objective}
-"""Name -> function of the scaled covariance of the parameters of interest."""

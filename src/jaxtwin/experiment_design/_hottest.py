@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple, NoReturn, final
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import MatchError
+from ..errors import MatchError
 from ..physics import Twin
 from ..rig._limits import SOLDER
 

@@ -25,7 +25,7 @@ from ..matching._fit import solution_of
 from ..matching._jacobian import reading_jacobian
 from ..matching._noise_model import INITIAL_NOISE
 from ..matching._residual_weights import ResidualWeights, residual_weights
-from ..matching._unknowns import Layout
+from ..matching._unknowns import VectorLayout
 from ..physics import Twin
 from ..simulation import TimeGrid, solve_network
 from ..simulation._modes import side_nodes
@@ -55,7 +55,7 @@ class NoisePrediction(NamedTuple):
         return cls((INITIAL_NOISE, INITIAL_NOISE), (assumed, assumed))
 
 
-class Evaluated(NamedTuple):
+class EvaluatedSchedule(NamedTuple):
     r"""The information in the recording of a schedule, and its highest temperatures.
 
     - `normal`, `meat`: $J^T J$ and $J^T \Gamma J$.
@@ -89,15 +89,15 @@ class DesignProblem(eqx.Module):
     samples: Int[np.ndarray | Array, ""]
     variance: Float[np.ndarray | Array, "2"]
     rho: Float[np.ndarray | Array, "2"]
-    layout: Layout = eqx.field(static=True)
+    layout: VectorLayout = eqx.field(static=True)
 
-    def evaluate(self, schedules: Schedules, counts: Sequence[Counts]) -> list[Evaluated]:
+    def evaluate(self, schedules: Schedules, counts: Sequence[Counts]) -> list[EvaluatedSchedule]:
         """Evaluates several schedules. Each number of schedules is compiled separately."""
         duty = np.stack(counts) / schedules.counts
         with own_settings():
             normal, meat, reading, side = map(np.asarray, _evaluate(duty, self))
         return [
-            Evaluated(*parts[:2], float(parts[2]), float(parts[3]))
+            EvaluatedSchedule(*parts[:2], float(parts[2]), float(parts[3]))
             for parts in zip(normal, meat, reading, side, strict=True)
         ]
 

@@ -16,7 +16,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from .._errors import MatchError
+from ..errors import MatchError
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..matching._group_values import new_group_values
@@ -26,8 +26,8 @@ from ..matching._unknowns import Unknowns
 from ..physics import Twin
 from ..rig import Parameter
 
+# The standard deviation of an unknown value, in the scale of the match.
 UNKNOWN = 1e4
-"""The standard deviation of an unknown value, in the scale of the match."""
 
 Square = Float[np.ndarray, "entries entries"]
 
@@ -148,9 +148,9 @@ class PriorInformation:
             total[at] += normal[of_new]
             noise[at] += meat[of_new]
         inverse, _ = inverse_of_normal(total)
-        found = np.full((len(free), len(free)), np.nan)
-        found[of_new] = (inverse @ noise @ inverse)[at]
-        return found
+        result = np.full((len(free), len(free)), np.nan)
+        result[of_new] = (inverse @ noise @ inverse)[at]
+        return result
 
 
 def _with_new_group(

@@ -11,15 +11,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .._arguments import finite_number, whole_number
-from .._errors import MatchError
+from ..errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 
-LONGEST = 3600.0
-"""Duration of the longest schedule, s."""
+# Duration of the longest schedule, s.
+MAX_SECONDS = 3600.0
 
+# Amplitudes of the random binary sequence; the first that does not get too hot is used.
 AMPLITUDES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-"""Amplitudes of the random binary sequence; the first that does not get too hot is used."""
 
 Counts = Int[np.ndarray, "steps cells"]
 
@@ -138,9 +138,9 @@ def make_schedules(
     """
     for name, value in (("duration", duration), ("hold", hold)):
         finite_number(f"design_experiment: {name}", value, MatchError)
-    if not 0 < duration <= LONGEST:
+    if not 0 < duration <= MAX_SECONDS:
         raise MatchError(
-            f"design_experiment: duration: expected above 0 and at most {LONGEST:.10g} s, got "
+            f"design_experiment: duration: expected above 0 and at most {MAX_SECONDS:.10g} s, got "
             f"{duration:g} s; design several recordings one after the other"
         )
     steps = round(duration / hold) if hold > 0 else 0

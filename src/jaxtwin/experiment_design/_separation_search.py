@@ -6,13 +6,13 @@ from typing import final
 
 from .._waiting import advanced
 from ._diagnosis_design import DiagnosisDesign, PlannedTest, SeparationStep
-from ._evidence import LEAST, Evidence, EvidenceProblem
+from ._evidence import MIN_LOG_ODDS, EvidenceProblem, SeparationEvidence
 from ._exchange import Candidate, exchange, random_schedules
 from ._hottest import Hottest
 from ._schedules import Counts, Schedules
 
-RANDOM = 4
-"""The number of random schedules among which the searches choose their starts."""
+# The number of random schedules among which the searches choose their starts.
+RANDOM_SCHEDULES = 4
 
 
 @final
@@ -35,19 +35,21 @@ class SeparationSearch:
         """Evaluates the references, and searches from the best schedules."""
         schedules = self._schedules
         binary = schedules.binary_sequences()
-        several = random_schedules(schedules, RANDOM, seed)
+        several = random_schedules(schedules, RANDOM_SCHEDULES, seed)
         levels, others = several[: len(schedules.constant)], several[len(schedules.constant) :]
         sequences, constants = self._assess(binary), self._assess(levels)
-        found = [*sequences, *constants, *self._assess(others)]
-        allowed = sorted(found, key=lambda candidate: candidate.objective)
+        result = [*sequences, *constants, *self._assess(others)]
+        allowed = sorted(result, key=lambda candidate: candidate.objective)
         allowed = [candidate for candidate in allowed if candidate.objective < math.inf]
         if not allowed:
-            coolest = min(candidate.evaluated.reading for candidate in found)
+            coolest = min(candidate.evaluated.reading for candidate in result)
             self._hottest.refuse(self._problem.twin.rig.name, coolest)
         ends = []
         for start, candidate in enumerate(allowed[:starts]):
 
-            def report(number: int, best: Candidate[Evidence], start: int = start) -> None:
+            def report(
+                number: int, best: Candidate[SeparationEvidence], start: int = start
+            ) -> None:
                 step = SeparationStep(start, number, self._evaluations, best.evaluated.separation)
                 self._history.append(step)
                 advanced(number, None, str(step))
@@ -56,7 +58,7 @@ class SeparationSearch:
 
             report(0, candidate)
             # Nothing tells faults apart whose effects are the same.
-            if candidate.evaluated.odds[-1] > LEAST:
+            if candidate.evaluated.odds[-1] > MIN_LOG_ODDS:
                 candidate = exchange(candidate, schedules, self._assess, seed + start, report)
             ends.append(candidate)
         best = min(ends, key=lambda candidate: candidate.objective)
@@ -74,28 +76,28 @@ class SeparationSearch:
             history=tuple(self._history),
         )
 
-    def _assess(self, counts: Sequence[Counts]) -> list[Candidate[Evidence]]:
+    def _assess(self, counts: Sequence[Counts]) -> list[Candidate[SeparationEvidence]]:
         self._evaluations += len(counts)
         pairs = zip(counts, self._problem.evaluate(self._schedules, counts), strict=True)
         return [
-            Candidate(one, found, found.objective if self._is_allowed(found) else math.inf)
-            for one, found in pairs
+            Candidate(one, result, result.objective if self._is_allowed(result) else math.inf)
+            for one, result in pairs
         ]
 
-    def _is_allowed(self, found: Evidence) -> bool:
+    def _is_allowed(self, found: SeparationEvidence) -> bool:
         return self._hottest.allows(found.reading, found.side)
 
-    def _planned(self, name: str, candidate: Candidate[Evidence]) -> PlannedTest:
-        found = candidate.evaluated
+    def _planned(self, name: str, candidate: Candidate[SeparationEvidence]) -> PlannedTest:
+        result = candidate.evaluated
         return PlannedTest(
             name=name,
             experiment=self._schedules.experiment(candidate.counts, name),
             counts=candidate.counts,
-            separation=found.separation,
-            time=found.time,
-            odds=found.odds,
-            hardest=found.hardest,
-            highest_reading=found.reading,
-            highest_side=found.side,
-            is_allowed=self._is_allowed(found),
+            separation=result.separation,
+            time=result.time,
+            odds=result.odds,
+            hardest=result.hardest,
+            highest_reading=result.reading,
+            highest_side=result.side,
+            is_allowed=self._is_allowed(result),
         )

@@ -18,13 +18,13 @@ from typing import Literal, NamedTuple, final
 import numpy as np
 
 from .._arguments import of_kind, path_of
-from .._errors import ControlError
 from .._whole_file import check_ending, write_whole_file
 from ..c_export._parameter_tables import settable_parameters
 from ..c_export._parametric_twin_c import parametric_twin_c
 from ..c_export._sources import defines, included, renamed
 from ..c_export._text import table
 from ..control import AbstractController
+from ..errors import ControlError
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
@@ -36,8 +36,8 @@ from ._variables import Variable, names_c, variables_of
 
 VERSIONS = ("2.0", "3.0")
 
+# Platform of Python -> its name in FMI, and the ending of its libraries.
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
-"""Platform of Python -> its name in FMI, and the ending of its libraries."""
 
 
 @final

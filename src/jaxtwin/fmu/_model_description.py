@@ -8,14 +8,15 @@ from .._celsius import ZERO_CELSIUS
 from ..rig._units import parsed_unit
 from ._variables import Variable
 
+# The units of the twin's own variables, by those of the SI.
 UNITS = {
     "s": {"s": "1"},
     "1/s": {"s": "-1"},
     "degC": {"K": "1", "offset": str(ZERO_CELSIUS)},
     "K/s": {"K": "1", "s": "-1"},
 }
-"""The units of the twin's own variables, by those of the SI."""
 
+# The dimensions of a unit of a rig file -> their units in FMI.
 BASES = {
     "[mass]": "kg",
     "[length]": "m",
@@ -25,7 +26,6 @@ BASES = {
     "[substance]": "mol",
     "[luminosity]": "cd",
 }
-"""The dimensions of a unit of a rig file -> their units in FMI."""
 
 
 def model_description(
@@ -119,10 +119,10 @@ def model_description(
 def _base_unit(name: str) -> dict[str, str]:
     """A unit of a rig file by those of the SI."""
     scale, offset, dimensions = parsed_unit(name)
-    found = {base: str(int(dimensions.get(key, 0))) for key, base in BASES.items()}
-    found = {base: power for base, power in found.items() if power != "0"}
-    found |= {} if scale == 1 else {"factor": repr(scale)}
-    return found | ({} if offset == 0 else {"offset": repr(offset)})
+    result = {base: str(int(dimensions.get(key, 0))) for key, base in BASES.items()}
+    result = {base: power for base, power in result.items() if power != "0"}
+    result |= {} if scale == 1 else {"factor": repr(scale)}
+    return result | ({} if offset == 0 else {"offset": repr(offset)})
 
 
 def build_description(identifier: str, sources: Sequence[str]) -> bytes:
@@ -191,10 +191,10 @@ def _variable(listed: ET.Element, variable: Variable) -> None:
 def _numbers(variable: Variable) -> dict[str, str]:
     if variable.choices:
         return {"declaredType": _type_name(variable), "start": f"{variable.start:g}"}
-    found = {"unit": variable.unit} if variable.unit else {}
+    result = {"unit": variable.unit} if variable.unit else {}
     ends = zip(("min", "max"), variable.limits or (), strict=False)
-    found |= {key: repr(limit) for key, limit in ends if math.isfinite(limit)}
-    return found if variable.start is None else found | {"start": repr(variable.start)}
+    result |= {key: repr(limit) for key, limit in ends if math.isfinite(limit)}
+    return result if variable.start is None else result | {"start": repr(variable.start)}
 
 
 def _text(root: ET.Element) -> bytes:

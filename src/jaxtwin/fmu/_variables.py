@@ -110,7 +110,9 @@ def variables_of(twin: Twin, stepper: Stepper) -> list[Variable]:
 
 def names_c(name: str, variables: Sequence[Variable]) -> str:
     """The names of the variables as C, for messages."""
-    texts = (ascii_text(one.name).translate(str.maketrans('"\\%', "'/_")) for one in variables)
+    texts = (
+        ascii_text(variable.name).translate(str.maketrans('"\\%', "'/_")) for variable in variables
+    )
     lines = "".join(f'    "{text}",\n' for text in texts)
     return f"static const char *const {name}_names[] = {{\n{lines}}};\n"
 

@@ -6,7 +6,7 @@ import sqlite3
 import uuid
 from pathlib import Path
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._session import Session
 
 PAGES = 1000  # at a time: the recorder gets its turn in between

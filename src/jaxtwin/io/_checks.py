@@ -11,19 +11,19 @@ from numpy.typing import ArrayLike
 
 from .._arguments import is_ordered, mapping_of
 from .._celsius import COLDEST_ROOM, HOTTEST_ROOM, ZERO_CELSIUS
-from .._errors import RecordingError
 from .._pint_quantities import in_unit
+from ..errors import RecordingError
 from ..rig._channel import is_channel_name
 
 ABSOLUTE_ZERO = -ZERO_CELSIUS  # degC
 ROUNDING = 1e-6  # sums of tenths in float32 and unit conversions may leave this much above 1
 
-HOTTEST = 1e4
-"""The highest temperature of a reading, degC. Instruments send codes beyond it, such as 9.9e37 for
-an open thermocouple."""
+# The highest temperature of a reading, degC. Instruments send codes beyond it, such as 9.9e37 for
+# an open thermocouple.
+MAX_READING_DEGC = 1e4
 
-LONGEST = 3.2e9
-"""The longest recording, s."""
+# The longest recording, s.
+MAX_RECORDING_SECONDS = 3.2e9
 
 
 class WrongSampleError(RecordingError):
@@ -53,9 +53,10 @@ def checked_time(time: ArrayLike) -> Float[np.ndarray, "times"]:
             f"{times[k]:.12g} s",
             int(k) + 1,
         )
-    if times[-1] - times[0] > LONGEST:
+    if times[-1] - times[0] > MAX_RECORDING_SECONDS:
         raise RecordingError(
-            f"time: expected at most {LONGEST:.10g} s from the first sample to the last, a hundred "
+            f"time: expected at most {MAX_RECORDING_SECONDS:.10g} s from the first sample to the "
+            "last, a hundred "
             f"years, got {times[-1] - times[0]:.10g}; are they in ms or ns?"
         )
     return times
@@ -325,13 +326,14 @@ def _check_finite(values: np.ndarray, field: str, time: np.ndarray) -> None:
 def _check_temperature(values: np.ndarray, field: str, time: np.ndarray) -> None:
     """Checks that temperatures are finite and those of a rig, or NaN."""
     _check_finite(np.nan_to_num(values, nan=0.0, posinf=np.inf, neginf=-np.inf), field, time)
-    (wrong,) = np.nonzero((values < ABSOLUTE_ZERO) | (values > HOTTEST))
+    (wrong,) = np.nonzero((values < ABSOLUTE_ZERO) | (values > MAX_READING_DEGC))
     if wrong.size:
         k = wrong[0]
         code = "; an instrument's code for no reading is a missing sample, NaN"
         raise WrongSampleError(
-            f"{field}: expected {ABSOLUTE_ZERO} to {HOTTEST:g} degC, got {values[k]:.10g} degC at "
-            f"{_sample(k, time)}{code if values[k] > HOTTEST else ''}",
+            f"{field}: expected {ABSOLUTE_ZERO} to {MAX_READING_DEGC:g} degC, got "
+            f"{values[k]:.10g} degC at "
+            f"{_sample(k, time)}{code if values[k] > MAX_READING_DEGC else ''}",
             int(k),
         )
 

@@ -8,11 +8,12 @@ from fractions import Fraction
 from typing import Literal, NamedTuple, TypeAlias, final
 
 from .._arguments import is_ordered, mapping_of
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ..rig import Rig
 from ._timestamps import is_timestamp_title
 from ._title_units import UNITS, TitleUnit, Unit, unit_called, unit_of_title
 
+# German names of columns, in small letters, and the names by which they are read.
 WORDS = {
     "zeit": "time",
     "uhrzeit": "time",
@@ -24,22 +25,22 @@ WORDS = {
     "umgebungstemperatur": "ambient",
     "raumtemperatur": "ambient",
 }
-"""German names of columns, in small letters, and the names by which they are read."""
 
+# The name of the drive of a cell that is called by its number.
 CELL = re.compile(r"(duty|pwm)_P([1-9]\d{0,3})")
-"""The name of the drive of a cell that is called by its number."""
 
+# The name of the drive of a cell or heater.
 DRIVE = re.compile(r"(duty|pwm)_(.+)")
-"""The name of the drive of a cell or heater."""
 
+# The same where no rig tells which names there are.
 _DRIVE_WITHOUT_RIG = re.compile(r"(duty|pwm)_(?!(?:cycle|percent|pct)$)[^\W\d][\w.-]*")
-"""The same where no rig tells which names there are."""
 
+# The name of an input besides the duty.
 INPUT = re.compile(r"input_([^\W\d]\w*)")
-"""The name of an input besides the duty."""
 
 Kind: TypeAlias = Literal["time", "own time", "duty", "pwm", "input", "temperature", "unknown"]
 
+# The quantity of each kind of column. Inputs have the quantity of the rig's unit.
 QUANTITIES: dict[Kind, str] = {
     "time": "time",
     "own time": "time",
@@ -47,16 +48,15 @@ QUANTITIES: dict[Kind, str] = {
     "pwm": "counts",
     "temperature": "temperature",
 }
-"""The quantity of each kind of column. Inputs have the quantity of the rig's unit."""
 
+# The unit of a column that a reader has named, where neither title nor name states one.
 DEFAULT_UNITS: dict[Kind, str] = {"duty": "1", "pwm": "counts", "temperature": "degC"}
-"""The unit of a column that a reader has named, where neither title nor name states one."""
 
+# The title of a channel in a file of this program.
 _WRITTEN = re.compile(r"(.+)_(degC|K)")
-"""The title of a channel in a file of this program."""
 
+# Last words that are parts of a name, unless the column is one of times.
 _OF_NAMES = frozenset({"s", "h", "d", "min"})
-"""Last words that are parts of a name, unless the column is one of times."""
 
 _SCALE = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)(?:\s*/\s*([\d.]+(?:[eE][-+]?\d+)?))?(.*)")
 

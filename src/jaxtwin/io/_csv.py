@@ -13,19 +13,19 @@ from typing import IO
 
 import numpy as np
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._checks import WrongSampleError
 from ._column_meaning import Choices
 from ._delimited import read_columns
 from ._experiment import Experiment
-from ._recorded_columns import EXPECTED, Drive, experiment_of_columns, held
+from ._recorded_columns import EXPECTED, RecordedDrive, experiment_of_columns, held
 
+# The number of rows that are written at a time.
 ROWS = 10_000
-"""The number of rows that are written at a time."""
 
 
 def parse_csv(
-    content: bytes, *, name: str, drive: Drive, choices: Choices, header: int | None = None
+    content: bytes, *, name: str, drive: RecordedDrive, choices: Choices, header: int | None = None
 ) -> Experiment:
     """The experiment in a .csv file; for the arguments see `read_recording`."""
     columns, _ = read_columns(content, EXPECTED, choices, header)

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RecordingError
 from .._name_suggestions import did_you_mean
+from ..errors import RecordingError
 from ..rig import Rig
 from ._column_meaning import Choices, Meaning
 from ._delimited import Column, in_unit
 from ._experiment import Experiment
 from ._named_columns import meanings
-from ._recorded_columns import Drive, experiment_of_columns
+from ._recorded_columns import RecordedDrive, experiment_of_columns
 from ._timestamps import is_timestamp_title
 
 if TYPE_CHECKING:
@@ -73,10 +73,10 @@ def experiment_of_dataframe(
         else:
             columns.append(_column(meaning, in_unit(meaning, _numbers(series, str(title))), rows))
     if rig is None:
-        return experiment_of_columns(columns, name, Drive(counts, polarity))
+        return experiment_of_columns(columns, name, RecordedDrive(counts, polarity))
     if rig.driver.states_counts and counts is None:
         counts, polarity = rig.driver.counts, rig.driver.polarity
-    drive = Drive(counts, polarity, names=rig.driven)
+    drive = RecordedDrive(counts, polarity, names=rig.driven)
     return experiment_of_columns(columns, name, drive).for_rig(rig)
 
 

@@ -21,7 +21,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._column_meaning import Choices, Kind, Meaning
 from ._long_form import widened
 from ._named_columns import meanings

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ..rig import Rig
 from ._experiment import Experiment
 

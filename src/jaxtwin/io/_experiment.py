@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, is_ordered, of_kind
 from .._display import picture
-from .._errors import JaxtwinError, RecordingError
 from .._name_suggestions import did_you_mean
+from ..errors import JaxtwinError, RecordingError
 from ..rig import Rig
 from ._checks import (
     checked_ambient,
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+# One recording or several, or their files.
 Recordings: TypeAlias = (
     "Experiment | str | os.PathLike[str] | Sequence[Experiment | str | os.PathLike[str]]"
 )
-"""One recording or several, or their files."""
 
+# The name of an experiment in error messages.
 EXPERIMENT = "an Experiment, as read_recording, Experiment.schedule and .from_dataframe make it"
-"""The name of an experiment in error messages."""
 
 
 @final

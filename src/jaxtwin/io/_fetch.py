@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._locate import cache_folder
 from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
 

@@ -20,33 +20,33 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 
 if TYPE_CHECKING:
     from ._experiment import Experiment
 
+# Whether a recording goes on behind a gap, or is divided there.
 Gaps: TypeAlias = Literal["hold", "split"]
-"""Whether a recording goes on behind a gap, or is divided there."""
 
+# A step longer than this many median steps is a gap: samples were lost, not merely late.
 GAP_FACTOR = 3.0
-"""A step longer than this many median steps is a gap: samples were lost, not merely late."""
 
-LONGEST_HELD = 600.0
-"""The longest gap over which the duty is held however short the recording is, s."""
+# The longest gap over which the duty is held however short the recording is, s.
+MAX_HELD = 600.0
 
-UNCHANGED = 0.5
-"""Readings that differ by less than this on both sides of a gap go on, K; or by less than
-`USUAL_CHANGES` times the 99th percentile of the changes between two samples."""
+# Readings that differ by less than this on both sides of a gap go on, K; or by less than
+# `USUAL_CHANGES` times the 99th percentile of the changes between two samples.
+MAX_JUMP_KELVIN = 0.5
 
 USUAL_CHANGES = 3.0
 
+# The least and the largest number of readings on each side of a gap that say how fast a channel
+# warms or cools.
 RATE_SAMPLES = 10, 100
-"""The least and the largest number of readings on each side of a gap that say how fast a channel
-warms or cools."""
 
+# A rig has come to rest where its readings are those at the start of the recording but for this
+# part of their range.
 AT_REST = 0.1
-"""A rig has come to rest where its readings are those at the start of the recording but for this
-part of their range."""
 
 
 class GapSteps(NamedTuple):
@@ -77,10 +77,10 @@ def gap_steps(experiment: "Experiment") -> GapSteps:
         return GapSteps(before, sizes, none, none)
     ascending = np.sort(steps)
     shorter = np.append(0.0, np.cumsum(ascending))[np.searchsorted(ascending, sizes)]
-    longest = np.maximum(shorter, LONGEST_HELD)
+    longest = np.maximum(shorter, MAX_HELD)
     is_long = sizes > longest
     goes_on, keeps_rate = none.copy(), none.copy()
-    for k in np.flatnonzero(sizes > LONGEST_HELD):
+    for k in np.flatnonzero(sizes > MAX_HELD):
         row = int(before[k])
         goes_on[k] = _readings_go_on(temperatures, row) and not _is_between_sessions(
             temperatures, experiment.duty, row
@@ -101,7 +101,7 @@ def _readings_go_on(temperatures: Float[np.ndarray, "times channels"], before: i
         changes = np.abs(np.diff(column[there]))
         usual = float(np.percentile(np.delete(changes, behind - 1), 99)) if len(there) > 2 else 0.0
         missed = there[behind] - there[behind - 1]
-        if changes[behind - 1] > max(UNCHANGED, USUAL_CHANGES * usual * missed):
+        if changes[behind - 1] > max(MAX_JUMP_KELVIN, USUAL_CHANGES * usual * missed):
             return False
     return True
 
@@ -121,7 +121,7 @@ def _keeps_rate(
         if min(len(earlier), len(later)) < least:
             continue
         (first, error), (second, _) = (_rate(time[rows], column[rows]) for rows in (earlier, later))
-        moved = max(abs(column[later[0]] - column[earlier[-1]]), UNCHANGED)
+        moved = max(abs(column[later[0]] - column[earlier[-1]]), MAX_JUMP_KELVIN)
         is_moving = abs(first) > max(5 * error, 4 * moved / gap)
         if is_moving and second * first > 0.5 * first**2:
             return True

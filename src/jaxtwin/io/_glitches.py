@@ -7,17 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+# A glitch is at most this long; what lasts longer may have happened.
 MAX_GLITCH_SAMPLES = 2
-"""A glitch is at most this long; what lasts longer may have happened."""
 
+# The quantile of the changes between two samples that is taken for the largest usual one.
 USUAL_QUANTILE = 0.99
-"""The quantile of the changes between two samples that is taken for the largest usual one."""
 
+# A glitch leaves and returns by more than this multiple of the largest usual change.
 JUMP_FACTOR = 3.0
-"""A glitch leaves and returns by more than this multiple of the largest usual change."""
 
+# The smallest glitch, K: recordings without noise have no usual change.
 MIN_GLITCH_KELVIN = 1.0
-"""The smallest glitch, K: recordings without noise have no usual change."""
 
 
 class Glitch(NamedTuple):

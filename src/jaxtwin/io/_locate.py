@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._published import TWO_CELL
 
 VARIABLE = "JAXTWIN_RECORDINGS"
@@ -39,12 +39,12 @@ def find_recordings(
     folders = [Path(folder)] if folder is not None else _usual_folders()
     lacks = []
     for candidate in folders:
-        found = [_file_in(candidate, name) for name in names]
-        paths = tuple(path for path in found if path is not None)
+        result = [_file_in(candidate, name) for name in names]
+        paths = tuple(path for path in result if path is not None)
         if len(paths) == len(names):
             return paths
         if candidate.is_dir():
-            missing = [name for name, path in zip(names, found, strict=True) if path is None]
+            missing = [name for name, path in zip(names, result, strict=True) if path is None]
             lacks.append(f"{candidate} (without {', '.join(missing)})")
         else:
             lacks.append(f"{candidate} (no such folder)")

@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 
 
 def lock(file: Path) -> list[int]:

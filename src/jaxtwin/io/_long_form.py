@@ -8,9 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._timestamps import times_of_fields
 
+# The titles of the three columns of the long form, in small letters, the first that is there.
+# Others, such as tags and the name of a measurement, are not used.
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "time": ("_time", "last_changed", "last_updated", "time", "timestamp", "datetime", "date"),
     "name": (
@@ -19,8 +21,6 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     ),
     "value": ("_value", "state", "value", "reading"),
 }
-"""The titles of the three columns of the long form, in small letters, the first that is there.
-Others, such as tags and the name of a measurement, are not used."""
 
 
 def widened(text: str, separator: str) -> str:

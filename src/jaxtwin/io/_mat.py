@@ -19,7 +19,7 @@ from contextlib import suppress
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._checks import duty_from_counts
 from ._experiment import Experiment
 from ._matlab5 import is_matlab5, matrix_names, read_matrix
@@ -140,13 +140,13 @@ def _simout(content: bytes) -> Float[np.ndarray, "times columns"]:
 def _zone(name: str, zone: str | None) -> str:
     if zone is None:
         pattern = r"(?:sec|section|zone)[ _-]?([abc])(?![a-z])"
-        found = {letter.upper() for letter in re.findall(pattern, name, re.IGNORECASE)}
-        if len(found) != 1:
+        result = {letter.upper() for letter in re.findall(pattern, name, re.IGNORECASE)}
+        if len(result) != 1:
             raise RecordingError(
                 "zone: expected a file name with the zone of the plate ('...SecA...'), got none; "
                 "pass zone='A', 'B' or 'C'"
             )
-        return found.pop()
+        return result.pop()
     if zone.upper() not in ZONES:
         raise RecordingError(f"zone: expected 'A', 'B' or 'C', got {zone!r}")
     return zone.upper()

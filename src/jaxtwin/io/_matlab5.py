@@ -18,7 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 
 HEADER_SIZE = 128
 VARIABLE, COMPRESSED = 14, 15
@@ -29,9 +29,9 @@ NUMBERS = dict(
         strict=True,
     )
 )
-LARGEST_MATRIX = 256 << 20
-"""The largest size of a matrix, bytes: a week of eleven columns at ten samples a second is larger,
-and nobody has one as .mat."""
+# The largest size of a matrix, bytes: a week of eleven columns at ten samples a second is larger,
+# and nobody has one as .mat.
+MAX_MATRIX = 256 << 20
 
 BEGINNING, PIECE = 4096, 1 << 20
 """The part of a compressed variable that holds its name, and the size of the pieces in which the
@@ -66,17 +66,17 @@ def read_matrix(content: bytes, name: str, logical: bool = False) -> Float[np.nd
     this name, or if it holds no real numbers.
     """
     order = "<" if content.endswith(b"IM", 0, HEADER_SIZE) else ">"
-    found = None
+    result = None
     try:
         for kind, data in _elements(content[HEADER_SIZE:], order):
             if kind == COMPRESSED:
                 kind, data = _decompressed(data, order, name)
             if kind == VARIABLE and _begins_with(data, order, name):
-                found = data
-        matrix = None if found is None else _matrix(found, order, logical)
+                result = data
+        matrix = None if result is None else _matrix(result, order, logical)
     except (ValueError, struct.error, zlib.error):
         raise RecordingError("is a MATLAB file that is damaged or cut off") from None
-    if found is None:
+    if result is None:
         raise RecordingError(f"expected a variable {name!r}, got none")
     if matrix is None:
         raise RecordingError(
@@ -128,9 +128,9 @@ def _decompressed(packed: bytes, order: str, name: str) -> tuple[int, bytes]:
     begin = unpacker.decompress(packed, BEGINNING)
     kind, size = struct.unpack_from(order + "II", begin)
     wanted = kind == VARIABLE and _begins_with(begin[8:], order, name)
-    if wanted and size > LARGEST_MATRIX:
+    if wanted and size > MAX_MATRIX:
         raise RecordingError(
-            f"variable {name!r}: expected at most {LARGEST_MATRIX >> 20} MiB, got {size >> 20} MiB"
+            f"variable {name!r}: expected at most {MAX_MATRIX >> 20} MiB, got {size >> 20} MiB"
         )
     parts, length = [begin], len(begin)
     while not unpacker.eof and length <= size + 8:

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
-from .._errors import RecordingError
 from .._name_suggestions import did_you_mean
+from ..errors import RecordingError
 from ._column_meaning import Choices, Meaning, in_english, meaning_of_name, meaning_of_title
 
 

@@ -7,7 +7,7 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._column_meaning import INPUT
 from ._experiment import Experiment
 

@@ -4,7 +4,7 @@ import sqlite3
 from pathlib import Path
 from urllib.parse import quote
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._lock import is_locked
 
 

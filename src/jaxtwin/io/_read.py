@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .._arguments import finite_number, of_kind, path_of, whole_number
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ..rig import Rig
 from ._column_meaning import Choices
 from ._csv import parse_csv
@@ -14,18 +14,18 @@ from ._experiment import Experiment
 from ._mat import csv_of_mat, is_of_the_authors, parse_mat
 from ._matlab5 import is_matlab5
 from ._netcdf import parse_netcdf
-from ._recorded_columns import Drive
+from ._recorded_columns import RecordedDrive
 from ._session import Session
 from ._session_file import is_session
 from ._table_files import csv_of_parquet, csv_of_tdms, csv_of_workbook
 
+# The PWM counts of full duty in the .mat files of the paper's authors.
 AUTHORS_COUNTS = 255
-"""The PWM counts of full duty in the .mat files of the paper's authors."""
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
+# Formats of tables with titles of their own, which `columns` may name otherwise.
 TABLES = ("csv", "xlsx", "parquet", "mat", "tdms")
-"""Formats of tables with titles of their own, which `columns` may name otherwise."""
 
 
 def read_recording(
@@ -144,7 +144,7 @@ def read_recording(
             experiment = parse_csv(
                 _text(kind, content, sheet),
                 name=file.stem,
-                drive=Drive(counts, polarity, constant, names, spread),
+                drive=RecordedDrive(counts, polarity, constant, names, spread),
                 choices=choices,
                 header=header,
             )

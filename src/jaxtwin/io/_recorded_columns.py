@@ -11,22 +11,22 @@ import numpy as np
 from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._checks import WrongSampleError, duty_from_counts
 from ._column_meaning import CELL, DRIVE, INPUT
 from ._delimited import Column
 from ._experiment import Experiment
 from ._sentinels import FAULT_WORDS, fault_codes, is_missing
 
+# The columns of a file, for messages.
 EXPECTED = (
     "expected time_s, duty_P1 (-1 to 1) or pwm_P1 (counts) for each cell, NAME_degC, NAME_K or "
     "NAME_degF for each channel, ambient_degC, and input_NAME for each other input, separated by "
     "commas, semicolons or tabs"
 )
-"""The columns of a file, for messages."""
 
+# Units of a time stamp in a second.
 STAMP = 1e6
-"""Units of a time stamp in a second."""
 
 ROOM, NEAR_ROOM = 20.0, 20.0
 """Where a recording of a rig in a room begins, and how far from there at most: degC, K. Readings
@@ -35,7 +35,7 @@ that begin there in kelvin, and never fall below what a room can be, are probabl
 
 @final
 @dataclass(frozen=True)
-class Drive:
+class RecordedDrive:
     """What a reader says about the drive and the clock of a recording; see `read_recording`.
 
     - `counts`, `polarity`: those of PWM counts. `constant`: the duty of actuators without a column.
@@ -50,7 +50,7 @@ class Drive:
     spread: bool = False
 
 
-def experiment_of_columns(columns: list[Column], name: str, drive: Drive) -> Experiment:
+def experiment_of_columns(columns: list[Column], name: str, drive: RecordedDrive) -> Experiment:
     """The experiment in named columns.
 
     **Raises:** `RecordingError` if a column is missing, is given twice or has another name, or if
@@ -142,7 +142,7 @@ def _are_states(column: Column) -> np.ndarray:
     return np.array([field.lower() == "open" for field in column.fields])
 
 
-def _seconds(column: Column, drive: Drive) -> tuple[np.ndarray, float, list[str]]:
+def _seconds(column: Column, drive: RecordedDrive) -> tuple[np.ndarray, float, list[str]]:
     """The times of the samples, s, their zero if it is a time stamp, and what was done.
 
     **Raises:** `WrongSampleError` for several samples of one time that are not to be spread.
@@ -187,7 +187,9 @@ def _without_fault_codes(column: Column) -> tuple[Column, list[str]]:
     return replace(column, values=values), [note]
 
 
-def _duty(columns: Sequence[Column], drive: Drive) -> tuple[dict[str, np.ndarray], list[str]]:
+def _duty(
+    columns: Sequence[Column], drive: RecordedDrive
+) -> tuple[dict[str, np.ndarray], list[str]]:
     """The duty of the actuators by their names, in the order of the rig, and what was added.
     Without a rig, P1, P2, ... are in the order of their numbers, and other names in that of the
     file."""

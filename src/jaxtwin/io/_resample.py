@@ -64,9 +64,9 @@ class BinMeans:
         there = ~np.isnan(values)
         for column in range(values.shape[1]):
             weights = np.where(there[:, column], values[:, column], 0.0)
-            found = there[:, column].astype(np.float64)
+            solution = there[:, column].astype(np.float64)
             self._sums[part, column] += np.bincount(place - first, weights, length)
-            counts = np.bincount(place - first, found, length)
+            counts = np.bincount(place - first, solution, length)
             self._counts[part, column] += counts.astype(np.int32)
         for number in np.unique(run):
             own = place[(run == number) & there.any(axis=1)]
@@ -115,7 +115,7 @@ class ZeroOrderHold:
         self, longest: float
     ) -> tuple[Float[np.ndarray, "grid columns"], Bool[np.ndarray, " grid"]]:
         """The values, and whether each is at most `longest` seconds old."""
-        found = np.where(np.isfinite(self._time), np.arange(len(self._time)), 0)
-        last = np.maximum.accumulate(found)
+        solution = np.where(np.isfinite(self._time), np.arange(len(self._time)), 0)
+        last = np.maximum.accumulate(solution)
         age = self._when - self._time[last]
         return self._values[last], age <= longest

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from .._arguments import finite_number, mapping_of, of_kind, whole_number
-from .._errors import RecordingError
 from .._pint_quantities import in_unit
+from ..errors import RecordingError
 from ..rig._units import DURATION, parse_quantity
 
 MOST_SAMPLES, MOST_CELLS = 10_000_000, 1000

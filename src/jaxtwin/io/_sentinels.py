@@ -9,11 +9,12 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+# The words for a missing sample, in small letters.
 BLANK_WORDS = frozenset(
     {"", "nan", "-nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", "--", "---"}
 )
-"""The words for a missing sample, in small letters."""
 
+# The words for a reading that failed, in small letters; they are missing, and are counted.
 FAULT_WORDS = frozenset(
     [
         *("unavailable", "unknown", "undefined", "disconnected", "invalid", "bad", "open"),
@@ -22,18 +23,17 @@ FAULT_WORDS = frozenset(
         *("#value!", "#ref!", "#div/0!", "#num!", "#null!"),
     ]
 )
-"""The words for a reading that failed, in small letters; they are missing, and are counted."""
 
 _MISSING = BLANK_WORDS | FAULT_WORDS
 
+# The size from which on a number is a code, whatever its unit.
 OVERLOAD = 1e30
-"""The size from which on a number is a code, whatever its unit."""
 
+# Temperatures that are codes where the readings around are elsewhere, degC.
 CODES = (-127.0, 85.0, -999.0, -999.9, -9999.0, -32768.0)
-"""Temperatures that are codes where the readings around are elsewhere, degC."""
 
-APART = 15.0
-"""How far the readings around a code are from it at least, K."""
+# How far the readings around a code are from it at least, K.
+MIN_DISTANCE_KELVIN = 15.0
 
 
 def is_missing(field: str) -> bool:
@@ -71,4 +71,4 @@ def _is_apart(others: Float[np.ndarray, " samples"], code: float) -> Bool[np.nda
     last = before + 1 >= there.size
     right = np.where(last, others[there[max(there.size - 2, 0)]], right)
     nearest = np.minimum(np.abs(left - code), np.abs(right - code))
-    return (nearest > APART) & (np.abs(left - right) < nearest)
+    return (nearest > MIN_DISTANCE_KELVIN) & (np.abs(left - right) < nearest)

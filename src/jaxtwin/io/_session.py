@@ -7,30 +7,29 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._arguments import finite_number
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._clock_map import ClockMap
 from ._experiment import Experiment
 from ._open_session import open_session
 from ._resample import BinMeans, ZeroOrderHold
 from ._session_file import Columns, damage_as_recording_error, is_session, read_metadata
-from ._session_rows import DeviceClock, Series, Table, TableRows
+from ._session_rows import DeviceClock, Series, SessionTable, TableRows
 
 if TYPE_CHECKING:
     from ..rig import Rig
 
-MOST_STAMPS = 100_000
-"""The largest number of time stamps of a table to which a clock is fitted. Of a longer table, every
-second, third, ... stamp is used."""
+# The largest number of time stamps of a table to which a clock is fitted. Of a longer table, every
+# second, third, ... stamp is used.
+MAX_STAMPS = 100_000
 
-BEFORE = 60.0
-"""The time before a part of a recording in which its first duty is looked for, at least, s."""
+# The time before a part of a recording in which its first duty is looked for, at least, s.
+LOOKBACK_SECONDS = 60.0
 
-MOST_STEPS = 10_000_000
-"""The largest number of steps of an experiment's grid: four months in seconds."""
+# The largest number of steps of an experiment's grid: four months in seconds.
+MAX_STEPS = 10_000_000
 
-LONGEST_HOLD = 3.0
-"""The number of median intervals between controller samples for which a duty is assumed to be
-held."""
+# The number of median intervals between controller samples for which a duty is assumed to be held.
+MAX_HOLD = 3.0
 
 
 @final
@@ -106,7 +105,7 @@ class Session:
             execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0]
             for table in ("samples", "readings")
         ]
-        every = 1 + max(newest) // MOST_STAMPS
+        every = 1 + max(newest) // MAX_STAMPS
         clocks = []
         for (run, link, boot, rate), numbers in starts.items():
             which = f"WHERE greeting IN ({','.join('?' * len(numbers))})"
@@ -219,10 +218,10 @@ class Session:
             raise RecordingError(
                 f"{self.file}: expected samples from {first:g} s to {last:g} s, got none"
             )
-        if (last - first) / step > MOST_STEPS:
+        if (last - first) / step > MAX_STEPS:
             before, after = temperatures.longest_gap()
             raise RecordingError(
-                f"{self.file}: expected at most {MOST_STEPS:g} steps of {step:g} s, got "
+                f"{self.file}: expected at most {MAX_STEPS:g} steps of {step:g} s, got "
                 f"{(last - first) / step:.2g} from {first:g} s to {last:g} s; take a part with "
                 f"start and end: nothing was recorded from {before - zero:g} s to "
                 f"{after - zero:g} s"
@@ -251,7 +250,7 @@ class Session:
     def _rows(
         self, table: str, columns: tuple[str, ...], where: str, clocks: list[DeviceClock]
     ) -> TableRows:
-        return TableRows(self.database, self.file, Table(table, columns, where), clocks)
+        return TableRows(self.database, self.file, SessionTable(table, columns, where), clocks)
 
     def _series(
         self, table: str, columns: tuple[str, ...], where: str, clocks: list[DeviceClock] | None
@@ -266,14 +265,14 @@ class Session:
         """The duty that was applied at each time, and whether there was one."""
         held = ZeroOrderHold(when, len(counts.columns))
         factor = self.metadata["polarity"] / self.metadata["counts"]
-        begin = when[0] - max(BEFORE, 10 * LONGEST_HOLD * counts.usual_interval())
+        begin = when[0] - max(LOOKBACK_SECONDS, 10 * MAX_HOLD * counts.usual_interval())
         intervals = [0.0]
         for block in counts.blocks(begin, when[-1]):
             held.add(block.time, block.values * factor)
             if len(block.time) > 1:
                 intervals.append(float(np.median(np.diff(block.time))))
         usual = float(np.median(intervals[1:] or intervals))
-        return held.result(max(step, LONGEST_HOLD * usual))
+        return held.result(max(step, MAX_HOLD * usual))
 
 
 def _means(

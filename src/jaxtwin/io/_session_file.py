@@ -13,16 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ..rig._channel import is_channel_name
 from ._lock import is_locked
 
+# SQLite's `application_id` of a session, "jtw1", which `file` and SQLite tools show.
 APPLICATION = 0x6A747731
-"""SQLite's `application_id` of a session, "jtw1", which `file` and SQLite tools show."""
 
+# Version of the tables.
 FORMAT = 2
-"""Version of the tables."""
 
+# The metadata of a recording about its rig, with the type of each entry.
 _METADATA = {
     "rig": "text",
     "rig_file": "text",
@@ -32,7 +33,6 @@ _METADATA = {
     "polarity": "sign",
     "camera": "size",
 }
-"""The metadata of a recording about its rig, with the type of each entry."""
 
 _SQLITE = b"SQLite format 3\0"
 _APPLICATION_BYTES = slice(68, 72)  # where the file's header holds the `application_id`
@@ -114,8 +114,8 @@ def read_metadata(database: sqlite3.Connection, file: Path) -> dict[str, Any]:
         raise RecordingError(f"{file}: is damaged: its metadata are no JSON") from None
     for key, kind in _METADATA.items():
         if not _fits(metadata.get(key), kind):
-            found = reprlib.repr(metadata.get(key))
-            raise RecordingError(f"{file}: is damaged: its metadata say {key} = {found}")
+            result = reprlib.repr(metadata.get(key))
+            raise RecordingError(f"{file}: is damaged: its metadata say {key} = {result}")
     return metadata
 
 

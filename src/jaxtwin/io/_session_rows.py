@@ -13,19 +13,19 @@ from typing import final
 import numpy as np
 from jaxtyping import Float, Int
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._clock_map import ClockMap
 
-BLOCK = 20_000
-"""The number of rows that are in memory at a time."""
+# The number of rows that are in memory at a time.
+ROWS_IN_MEMORY = 20_000
 
+# The number of rows at each end of a table among which its first and last time are looked for:
+# devices send in turns.
 END_ROWS = 1000
-"""The number of rows at each end of a table among which its first and last time are looked for:
-devices send in turns."""
 
-LATEST = 60.0
-"""The time by which a message may arrive later than the latest one to which a clock was fitted, s:
-rows that arrived later are not looked for in a part of a recording."""
+# The time by which a message may arrive later than the latest one to which a clock was fitted, s:
+# rows that arrived later are not looked for in a part of a recording.
+MAX_LATENESS_SECONDS = 60.0
 
 
 @final
@@ -63,7 +63,7 @@ class DeviceClock:
 
 @final
 @dataclass(frozen=True)
-class Table:
+class SessionTable:
     """A table of which some columns are read.
 
     - `where`: a condition on its rows; empty for all.
@@ -96,7 +96,11 @@ class TableRows:
     """
 
     def __init__(
-        self, database: sqlite3.Connection, file: Path, table: Table, clocks: list[DeviceClock]
+        self,
+        database: sqlite3.Connection,
+        file: Path,
+        table: SessionTable,
+        clocks: list[DeviceClock],
     ):
         self._database, self._table, self._clocks = database, table, clocks
         rates = {device.clock.rate for device in clocks}
@@ -131,13 +135,16 @@ class TableRows:
         - `begin`, `end`: the times of the rig between which rows are needed, s; some rows outside
           are yielded as well.
         """
-        latest = max((device.clock.wait[2] for device in self._clocks), default=0.0) + LATEST
+        latest = (
+            max((device.clock.wait[2] for device in self._clocks), default=0.0)
+            + MAX_LATENESS_SECONDS
+        )
         lowest = self._first_id((begin - 1.0) / self._rate)
         highest = self._first_id(end / self._rate + latest)
         query = self._table.query("id >= ? AND id < ?") + " ORDER BY id"
         # A cursor of its own, since tables may be read in turns.
         rows = sqlite3.Cursor(self._database).execute(query, (lowest, highest))
-        while part := rows.fetchmany(BLOCK):
+        while part := rows.fetchmany(ROWS_IN_MEMORY):
             yield self._timed(np.array(part, np.float64))
 
     def ends(self) -> tuple[float, float] | None:

@@ -12,11 +12,11 @@ from datetime import datetime
 from itertools import zip_longest
 from typing import Any
 
-from .._errors import RecordingError
 from .._name_suggestions import did_you_mean
+from ..errors import RecordingError
 
+# What installs the libraries, for messages.
 EXTRA = "pip install 'jaxtwin[tables]', in a checkout pip install -e '.[tables]'"
-"""What installs the libraries, for messages."""
 
 
 def csv_of_workbook(content: bytes, sheet: str | None = None) -> bytes:
@@ -32,7 +32,7 @@ def csv_of_workbook(content: bytes, sheet: str | None = None) -> bytes:
         raise RecordingError(f"is an Excel workbook; reading it needs {EXTRA}") from None
     try:
         workbook = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
-        names = [one.title for one in workbook.worksheets]
+        names = [worksheet.title for worksheet in workbook.worksheets]
         chosen = names.index(sheet) if sheet in names else 0
         rows = [list(row) for row in workbook.worksheets[chosen].iter_rows(values_only=True)]
     except Exception as error:  # the library raises whatever the damaged bytes lead to

@@ -14,20 +14,20 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import final
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ._column_meaning import Choices
 from ._named_columns import meanings
 from ._sentinels import is_missing
 from ._timestamps import is_time
 from ._title_units import unit_called
 
+# The message about a file without samples.
 EMPTY = "is empty: expected at least 2 samples, got none"
-"""The message about a file without samples."""
 
 SEPARATORS = (",", ";", "\t")
 
+# The number of lines in which titles are searched.
 PREAMBLE = 2000
-"""The number of lines in which titles are searched."""
 
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?")
 

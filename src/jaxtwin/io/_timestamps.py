@@ -14,22 +14,22 @@ from typing import NamedTuple, NoReturn, final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 
+# Names of a column of time stamps, in small letters.
 TITLES = frozenset({"time", "timestamp", "datetime", "date_time", "date time", "date/time", "date"})
-"""Names of a column of time stamps, in small letters."""
 
+# Examples, for messages.
 EXPECTED = "2024-03-05 14:03:21.5, 05.03.2024 14:03:21 or 14:03:21"
-"""Examples, for messages."""
 
+# Microseconds in a unit of a time since 1970, by the smallest number of that unit that is taken for
+# one: ns, us, ms and s, from 1973 on.
 EPOCH_UNITS = {
     1e17: Fraction(1, 1000),
     1e14: Fraction(1),
     1e11: Fraction(1000),
     1e8: Fraction(1_000_000),
 }
-"""Microseconds in a unit of a time since 1970, by the smallest number of that unit that is taken
-for one: ns, us, ms and s, from 1973 on."""
 
 DAY = 86400.0  # s
 

@@ -70,11 +70,11 @@ _SPELLINGS = {
     Unit("%RH", "humidity"): "rh %rh rh% %r.h. %r.h",
 }
 _UNITS = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
+# The units by their symbols, which names of columns have at their end: `T1_degF`, `time_ms`.
 UNITS = {unit.symbol: unit for unit in _SPELLINGS}
-"""The units by their symbols, which names of columns have at their end: `T1_degF`, `time_ms`."""
 
+# Last words that may be a unit of temperature or part of a name, in small letters.
 _LETTERS = frozenset({"c", "f", "k", "mc", "mk", "of", "oc"})
-"""Last words that may be a unit of temperature or part of a name, in small letters."""
 
 _MEGA = re.compile(r"M(W|V|A|C|K|°C|degC)")
 _TEMPERATURE_WORD = re.compile(r"(^|[\W_])t\d*$|temp|therm|(^|[\W_])tc\d*$", re.IGNORECASE)
@@ -91,8 +91,8 @@ _ANYWHERE = re.compile(
     re.IGNORECASE,
 )
 _LETTER_INSIDE = re.compile(r"temp(?:erature)?s?[\s_]?([FK])(?![a-z])", re.IGNORECASE)
+# The end of a name before a unit that is not the whole unit: `T 0.1°C`.
 _FACTOR = re.compile(r"(?<![^\W_])(\d*[.,/]\d+|[x*×]\s*10+)$")
-"""The end of a name before a unit that is not the whole unit: `T 0.1°C`."""
 
 
 @final

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._arguments import of_kind, path_of
-from .._errors import RecordingError
 from .._whole_file import check_ending, whole_file
+from ..errors import RecordingError
 from ._csv import write_csv
 from ._experiment import EXPERIMENT, Experiment
 from ._netcdf import write_netcdf

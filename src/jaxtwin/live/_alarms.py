@@ -13,17 +13,17 @@ from .protocol._records import LinkChange, LinkState, Reading, Record, Sample
 from .protocol._rig_state import RigState
 from .safety._finding import Finding
 
+# Free space below which the disk counts as nearly full.
 DISK_BYTES = 2**30
-"""Free space below which the disk counts as nearly full."""
 
+# Interval between two checks of the disk, s.
 DISK_SECONDS = 10.0
-"""Interval between two checks of the disk, s."""
 
+# An alarm is over when its cause has been absent for this time, s.
 CALM_SECONDS = 10.0
-"""An alarm is over when its cause has been absent for this time, s."""
 
+# The alarms at which somebody must come: the rig is too hot, or nobody can know.
 _CRITICAL = frozenset({"over-temperature", "stale-temperature"})
-"""The alarms at which somebody must come: the rig is too hot, or nobody can know."""
 
 _Key = tuple[str, str]  # the kind of an alarm, and the channel or the link that has it
 

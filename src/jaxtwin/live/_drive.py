@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ..io import Experiment
 from ..io._duty_of_rig import check_duty_of_rig
 from ._operate import DutySource, Moment, operate

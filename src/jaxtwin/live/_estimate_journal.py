@@ -11,8 +11,8 @@ from ._follower import Follower
 from .protocol._records import Reading, Record, StateEstimate
 from .protocol._rig_state import RigState
 
-EVERY = 10**9
-"""The shortest time between two estimates that are kept, ns."""
+# The shortest time between two estimates that are kept, ns.
+MIN_INTERVAL_NS = 10**9
 
 
 @final
@@ -39,7 +39,7 @@ class EstimateJournal:
 
     def on_time(self, state: RigState, now: int) -> None:
         """Notes the estimate after a new reading."""
-        if state.reading is self._reading or now - self._noted < EVERY:
+        if state.reading is self._reading or now - self._noted < MIN_INTERVAL_NS:
             return
         follower, twin = self._followed()
         observer = follower.observer
@@ -55,7 +55,7 @@ def estimated_values(observer: ExtendedKalmanFilter, follower: Follower) -> dict
     errors of their readings, of the nodes beside the elements of a plate, of the room, and of the
     heat that the twin does not explain."""
     twin: Twin = observer.model.twin
-    found = state_moments(observer, follower.state)
+    result = state_moments(observer, follower.state)
     first = twin.wiring.elements
     nodes = [node.name for node in twin.netlist.nodes][first:]
     values: dict[str, float] = {}
@@ -65,8 +65,8 @@ def estimated_values(observer: ExtendedKalmanFilter, follower: Follower) -> dict
             values[f"{name}_{unit}"] = float(moment.mean[place])
             values[f"{name}_spread_{spread}"] = float(moment.spread[place])
 
-    add([f"channel_{name}" for name in twin.channels], "degC", "K", found.channels)
-    add([f"node_{name}" for name in nodes], "degC", "K", found.nodes, first)
-    add(["room"], "degC", "K", found.room)
-    add([f"heat_{name}" for name in twin.rig.driven], "W", "W", found.heats)
+    add([f"channel_{name}" for name in twin.channels], "degC", "K", result.channels)
+    add([f"node_{name}" for name in nodes], "degC", "K", result.nodes, first)
+    add(["room"], "degC", "K", result.room)
+    add([f"heat_{name}" for name in twin.rig.driven], "W", "W", result.heats)
     return values

@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import true_or_false
-from .._errors import JaxtwinError, SafetyStop
+from ..errors import JaxtwinError, SafetyStop
 from ..rig import Rig
 from ._readiness import wait_until_ready
 from ._service import RecordConsumer, Service
 from ._stop_request import StopRequest
 from ._switch_off import (
-    HEATS,
+    STILL_HEATS,
     STILL_ON,
     Ending,
     poll_whatever_happens,
@@ -29,8 +29,8 @@ from .protocol._rig_state import RigState
 from .safety._finding import Finding
 from .safety._guard import Guard
 
+# The interval between two commands, s; each also resets the watchdog of the device.
 INTERVAL = 0.25
-"""The interval between two commands, s; each also resets the watchdog of the device."""
 
 
 class Moment(NamedTuple):
@@ -167,9 +167,9 @@ def counts_of(rig: Rig, duty: Sequence[float] | np.ndarray) -> tuple[int, ...]:
 
 def _raise(error: BaseException | None, ending: Ending) -> None:
     """Raises what ended a run, with the state of the cells, unless it ended as the user wanted."""
-    if ending.heated or ending.verdict == HEATS:
+    if ending.heated or ending.verdict == STILL_HEATS:
         why = f"{error}; {ending}" if error is not None else str(ending)
-        raise SafetyStop(why, HEATS if ending.verdict == HEATS else STILL_ON) from error
+        raise SafetyStop(why, STILL_HEATS if ending.verdict == STILL_HEATS else STILL_ON) from error
     if isinstance(error, SafetyStop):
         raise SafetyStop(f"{error}; {ending}", error.kind) from None
     if error is not None:

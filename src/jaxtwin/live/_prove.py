@@ -8,11 +8,11 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
-from .._errors import JaxtwinError, SafetyStop
+from ..errors import JaxtwinError, SafetyStop
 from ..physics import Twin
 from ._operate import Moment, counts_of, operate
 from ._provocations import STOPS_WITHIN, Provocation, Scene, provocations
-from ._switch_off import HEATS, STILL_ON, Ending, switch_off
+from ._switch_off import STILL_HEATS, STILL_ON, Ending, switch_off
 from .protocol._clock import seconds
 from .protocol._records import Command, Event, Reading, Record, Sample
 from .protocol._rig_connection import RigConnection
@@ -20,20 +20,20 @@ from .safety._finding import Finding
 from .safety._guard import Guard, interlocks_of
 from .safety._operating_limits import OperatingLimits
 
+# The time for which the rig is heated before each provocation, s.
 HEAT_SECONDS = 3.0
-"""The time for which the rig is heated before each provocation, s."""
 
-SETTLED = 1.0
-"""The time for which the device must stay off, before and after a duty that it must refuse, s."""
+# The time for which the device must stay off, before and after a duty that it must refuse, s.
+SETTLING_SECONDS = 1.0
 
+# The part of its rise by which a cell of a warm rig may be hotter than the warmest reading: bare
+# metal shows a camera less than its rise.
 HIDDEN_PART = 0.25
-"""The part of its rise by which a cell of a warm rig may be hotter than the warmest reading: bare
-metal shows a camera less than its rise."""
 
+# The device has had its time before the next command.
 WATCHDOG = Provocation(
     "a host that falls silent", ("device-trip", "silence"), trip="watchdog", trips_within=0.0
 )
-"""The device has had its time before the next command."""
 
 
 class Proof(NamedTuple):
@@ -122,7 +122,7 @@ def prove(
         if kind in step.kinds and attempt.onset is not None:
             wrong = attempt.aftermath(stop, on_alarm)
         yield Proof(step.name, kind, attempt.off_after, wrong)
-        if kind in (STILL_ON, HEATS) or attempt.onset is None:
+        if kind in (STILL_ON, STILL_HEATS) or attempt.onset is None:
             return
 
 
@@ -206,7 +206,7 @@ class _Attempt:
         """Sends nothing until the longest watchdog must have tripped, as a host that hangs."""
         begin = self._connection.clock.now()
         longest = max(greeting.hello.watchdog or 0.0 for greeting in self._connection.greetings)
-        while seconds(self._connection.clock.now() - begin) < longest + SETTLED:
+        while seconds(self._connection.clock.now() - begin) < longest + SETTLING_SECONDS:
             self._connection.poll(0.05)
 
     def _read_back(self) -> str:
@@ -229,7 +229,7 @@ class _Attempt:
         begin = self._connection.clock.now()
         samples: list[Sample] = []
         events: set[str] = set()
-        while seconds(self._connection.clock.now() - begin) < SETTLED:
+        while seconds(self._connection.clock.now() - begin) < SETTLING_SECONDS:
             for record in self._connection.poll(0.05):
                 if isinstance(record, Sample) and record.arrival > begin:
                     samples.append(record)

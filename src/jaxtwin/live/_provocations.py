@@ -17,8 +17,8 @@ from .protocol._records import Event, Greeting, Reading, Record, Sample
 from .protocol._rig_connection import RigConnection
 from .safety._operating_limits import OperatingLimits
 
+# The longest time from a provocation to the stop, s. A drift at a low rate takes the longest.
 STOPS_WITHIN = 120.0
-"""The longest time from a provocation to the stop, s. A drift at a low rate takes the longest."""
 
 Readings = Float[np.ndarray, " channels"]
 
@@ -36,8 +36,8 @@ class Scene(NamedTuple):
     first: dict[type, Record]
 
 
+# Changes a record; `None` takes it away.
 Distortion = Callable[[Record, Scene], Record | None]
-"""Changes a record; `None` takes it away."""
 
 
 class Provocation(NamedTuple):

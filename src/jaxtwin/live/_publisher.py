@@ -3,17 +3,17 @@
 import json
 from typing import Any, final
 
-from .._errors import LinkError
+from ..errors import LinkError
 from ..rig import Rig
 from ._json import finding_as_json, record_as_json
 from .protocol._mqtt_address import MqttAddress, without_password
-from .protocol._mqtt_transport import WAITING, connect_client, mqtt_client
+from .protocol._mqtt_transport import MAX_WAITING, connect_client, mqtt_client
 from .protocol._records import Record
 from .protocol._rig_state import RigState
 from .safety._finding import Finding
 
+# The kinds of records that are published -> the topics below that of the rig.
 TOPICS = {"reading": "readings", "duty": "duty", "event": "events", "estimate": "estimates"}
-"""The kinds of records that are published -> the topics below that of the rig."""
 
 
 @final
@@ -36,7 +36,7 @@ class Publisher:
         address = MqttAddress.parse(url)
         self._topic, self._rig = address.topic, rig
         self._client = mqtt_client(address, reconnect=True)
-        self._client.max_queued_messages_set(WAITING)
+        self._client.max_queued_messages_set(MAX_WAITING)
         try:
             connect_client(self._client, address)
         except OSError as error:

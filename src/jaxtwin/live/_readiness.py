@@ -2,7 +2,7 @@
 
 import threading
 
-from .._errors import SafetyStop
+from ..errors import SafetyStop
 from ._service import Service
 from .protocol._clock import seconds
 from .protocol._records import LinkState, Reading, Sample
@@ -10,19 +10,19 @@ from .protocol._rig_connection import RigConnection
 from .protocol._rig_state import RigState
 from .safety._guard import Guard
 
-LONGEST_START = 30.0
-"""The longest time until a rig is ready, s."""
+# The longest time until a rig is ready, s.
+MAX_START = 30.0
 
-REFUSED = 3.0
-"""The longest time for which a device may be refused, s. It is asked for its greeting each second,
-and the first may be that of an earlier start, which a broker has kept."""
+# The longest time for which a device may be refused, s. It is asked for its greeting each second,
+# and the first may be that of an earlier start, which a broker has kept.
+MAX_REFUSAL_SECONDS = 3.0
 
+# Largest age of the newest sample and reading at the first command, s. Older ones, which waited
+# while this process was busy compiling, for example, do not show the present state of the rig.
 FRESH = 1.5
-"""Largest age of the newest sample and reading at the first command, s. Older ones, which waited
-while this process was busy compiling, for example, do not show the present state of the rig."""
 
+# The time between two resets, s, while the device reports a trip.
 RESET_AGAIN = 0.5
-"""The time between two resets, s, while the device reports a trip."""
 
 
 def wait_until_ready(
@@ -76,7 +76,7 @@ def wait_until_ready(
                 connection.send_order("reset")
         if stop is not None and stop.is_set():
             raise SafetyStop("not started: stopped before the rig was there", "stopped")
-        longest = REFUSED if connection.refusals else LONGEST_START
+        longest = MAX_REFUSAL_SECONDS if connection.refusals else MAX_START
         if elapsed > longest:
             raise SafetyStop(f"not started: after {longest:g} s: {_missing(connection, state)}")
 

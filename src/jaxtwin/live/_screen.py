@@ -31,14 +31,14 @@ _LINK = {LinkState.LIVE: "green", LinkState.STALE: "yellow", LinkState.CONNECTIN
 _COUNTED = ("garbage", "nonsense", "duplicate")  # events that the state counts
 _RATE_SECONDS = 5.0
 
+# The time ahead of the forecast of an observer, s.
 FORECAST_SECONDS = 60.0
-"""The time ahead of the forecast of an observer, s."""
 
-MOST_NODES = 8
-"""The largest number of estimated temperatures and heats that are shown."""
+# The largest number of estimated temperatures and heats that are shown.
+MAX_NODES = 8
 
+# The age from which on temperatures are shown in red, s: `drive` stops there.
 OLD_SECONDS = 3.0
-"""The age from which on temperatures are shown in red, s: `drive` stops there."""
 
 
 @final
@@ -151,7 +151,7 @@ class Screen:
         if measured is None or predicted is None:
             yield table
             return
-        later, found = self._outlook(observer)
+        later, result = self._outlook(observer)
         for number, channel in enumerate(self._rig.channels):
             cells = measured[number], predicted[number], later.mean[number]
             texts = (f"{value:.1f}" for value in cells)
@@ -161,12 +161,12 @@ class Screen:
         estimates.add_column("value", justify="right")
         estimates.add_column("±", justify="right")
         unseen = [name for name in self._nodes if "." in name] or list(self._nodes)
-        for name in unseen[:MOST_NODES]:
+        for name in unseen[:MAX_NODES]:
             place = self._nodes.index(name)
-            estimates.add_row(f"{name}, degC", *_value(found.nodes, place, 1))
-        estimates.add_row("room, degC", *_value(found.room, 0, 1))
-        for place, cell in enumerate(self._rig.driven[:MOST_NODES]):
-            estimates.add_row(f"unexplained heat {cell}, W", *_value(found.heats, place, 2))
+            estimates.add_row(f"{name}, degC", *_value(result.nodes, place, 1))
+        estimates.add_row("room, degC", *_value(result.room, 0, 1))
+        for place, cell in enumerate(self._rig.driven[:MAX_NODES]):
+            estimates.add_row(f"unexplained heat {cell}, W", *_value(result.heats, place, 2))
         yield estimates
 
     def _outlook(self, observer: ExtendedKalmanFilter) -> tuple[Moment, Moments]:
@@ -234,7 +234,7 @@ def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:
     """Number of the channel at each character `(HEIGHT, WIDTH)`, the smallest there, or -1."""
     x = (np.arange(WIDTH) + 0.5) * plate.width / WIDTH
     y = (np.arange(HEIGHT) + 0.5) * plate.height / HEIGHT
-    found = np.full((HEIGHT, WIDTH), -1)
+    result = np.full((HEIGHT, WIDTH), -1)
     boxes = [
         (*extent, number)
         for number, channel in enumerate(channels)
@@ -243,8 +243,8 @@ def _channel_map(plate: Plate, channels: Sequence[Channel]) -> np.ndarray:
     for x0, x1, y0, y1, number in sorted(
         boxes, key=lambda box: (box[1] - box[0]) * (box[3] - box[2]), reverse=True
     ):
-        found[np.ix_((y >= y0) & (y < y1), (x >= x0) & (x < x1))] = number
-    return found
+        result[np.ix_((y >= y0) & (y < y1), (x >= x0) & (x < x1))] = number
+    return result
 
 
 def _labels(where: np.ndarray, texts: Sequence[str]) -> dict[tuple[int, int], str]:

@@ -18,25 +18,25 @@ from .safety._finding import Finding
 from .safety._guard import Guard
 from .safety._off_watch import OffWatch, Verdict, heat_sentence
 
+# The time between two commands to switch off, s.
 AGAIN = 0.1
-"""The time between two commands to switch off, s."""
 
+# The time after the first command for which a report of heat says nothing, s.
 OBEYS_SECONDS = 1.0
-"""The time after the first command for which a report of heat says nothing, s."""
 
+# The time after which it is an alarm that the controller does not report what was commanded, s.
 OFF_SECONDS = 2.0
-"""The time after which it is an alarm that the controller does not report what was commanded, s."""
 
+# The time for which a stop is sent to a controller that reports nothing, s: more than the longest
+# watchdog, and twice the longest pause before a link is opened again.
 REACH_SECONDS = 15.0
-"""The time for which a stop is sent to a controller that reports nothing, s: more than the longest
-watchdog, and twice the longest pause before a link is opened again."""
 
+# The kind of a stop after which the device reported that the cells are on.
 STILL_ON = "still-on"
-"""The kind of a stop after which the device reported that the cells are on."""
 
-HEATS = "heats"
-"""The kind of a stop after which the rig goes on to heat, or heats again, whatever the device
-reports."""
+# The kind of a stop after which the rig goes on to heat, or heats again, whatever the device
+# reports.
+STILL_HEATS = "heats"
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -185,10 +185,10 @@ def watch_off(
         stop.clear()  # it ended the run; another one ends the watch
     try:
         state, ending = _watched(connection, watch, state, ending, stop, stops=False)
-        if ending.verdict != HEATS:
+        if ending.verdict != STILL_HEATS:
             return ending
         log.error("%s", ending)
-        _ring(on_alarm, Finding(HEATS, str(ending), severity="critical"))
+        _ring(on_alarm, Finding(STILL_HEATS, str(ending), severity="critical"))
         watch.again(state, connection.clock.now())
         _, later = _watched(connection, watch, state, ending, stop, stops=True)
     finally:

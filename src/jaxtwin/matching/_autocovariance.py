@@ -35,17 +35,17 @@ from jaxtyping import Float, Int
 
 from ._noise_model import Noise
 
-LONGEST = 0.1
-"""The longest time constant as a part of the longest recording. Slower noise cannot be
-distinguished from a change of a parameter."""
+# The longest time constant as a part of the longest recording. Slower noise cannot be distinguished
+# from a change of a parameter.
+MAX_TIME_CONSTANT_FRACTION = 0.1
 
+# The largest number of updates of the weights in the search for the variances; few are needed.
 UPDATES = 50
-"""The largest number of updates of the weights in the search for the variances; few are needed."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Series:
+class ResidualSeries:
     r"""Weighted residuals of one recording whose noise is of one kind.
 
     - `kind`: the number of the kind. `recording`: the number of the recording.
@@ -75,7 +75,7 @@ class Series:
         r"""$D J$: derivatives of $\psi(r)$ with respect to the unknowns."""
         return self.slopes * self.curvature[..., None]
 
-    def dependent_part(self) -> "Series":
+    def dependent_part(self) -> "ResidualSeries":
         """Returns the series with derivatives only for the unknowns on which it depends."""
         depends = self.slopes.any(axis=(0, 1))
         return replace(self, slopes=self.slopes[..., depends], entries=self.entries[depends])
@@ -97,7 +97,7 @@ class Mixture:
 
 
 def fit_noise(
-    all_series: Sequence[Series],
+    all_series: Sequence[ResidualSeries],
     inverse: Float[np.ndarray, "unknowns unknowns"],
     known: Float[np.ndarray, "unknowns unknowns"],
 ) -> tuple[tuple[Mixture, ...], Float[np.ndarray, "unknowns unknowns"]]:
@@ -136,7 +136,9 @@ def fit_noise(
     return tuple(Mixture(variances, rho) for variances in theta.reshape(kinds, -1)), meat
 
 
-def noise_in_unknowns(series: Series, noise: Mixture) -> Float[np.ndarray, "entries entries"]:
+def noise_in_unknowns(
+    series: ResidualSeries, noise: Mixture
+) -> Float[np.ndarray, "entries entries"]:
     r"""$J^T \Gamma J$ of one series, for the unknowns on which it depends."""
     total = np.zeros((len(series.entries), len(series.entries)))
     for variance, rho in zip(noise.variances, noise.rho, strict=True):
@@ -164,12 +166,14 @@ def apply_autocorrelation(
 
 
 def _fading(times: int) -> Float[np.ndarray, " parts"]:
-    memories = 2.0 ** np.arange(max(0, np.floor(np.log2(max(1.0, LONGEST * times))) + 1))
+    memories = 2.0 ** np.arange(
+        max(0, np.floor(np.log2(max(1.0, MAX_TIME_CONSTANT_FRACTION * times))) + 1)
+    )
     return np.append(0.0, np.exp(-1 / memories))
 
 
 def _add_own(
-    series: Series,
+    series: ResidualSeries,
     rho: Float[np.ndarray, " parts"],
     inverse: Float[np.ndarray, "unknowns unknowns"],
     meats: Float[np.ndarray, "parts unknowns unknowns"],
@@ -197,7 +201,7 @@ def _add_own(
 
 
 def _through_unknowns(
-    series: Series, covariances: Float[np.ndarray, "parts unknowns unknowns"]
+    series: ResidualSeries, covariances: Float[np.ndarray, "parts unknowns unknowns"]
 ) -> Float[np.ndarray, "parts bands"]:
     """The contribution of errors of the unknowns to the periodogram of a series."""
     spectra = np.fft.rfft(series.curved_slopes, axis=0)
@@ -236,11 +240,11 @@ def _power(residuals: Float[np.ndarray, "times channels"]) -> Float[np.ndarray, 
     return np.sum(np.abs(np.fft.rfft(residuals, axis=0)) ** 2, axis=1)
 
 
-def _count(series: Series) -> int:
+def _count(series: ResidualSeries) -> int:
     return len(series.residuals) // 2 + 1
 
 
-def _bands(series: Series) -> Int[np.ndarray, " bands"]:
+def _bands(series: ResidualSeries) -> Int[np.ndarray, " bands"]:
     """The first frequency of each band: bands of a single frequency at the low end, wider ones
     above."""
     growing = np.floor(1.12 ** np.arange(np.log(_count(series)) / np.log(1.12)))
@@ -248,6 +252,6 @@ def _bands(series: Series) -> Int[np.ndarray, " bands"]:
 
 
 def _in_bands(
-    values: Float[np.ndarray, " frequencies"], series: Series
+    values: Float[np.ndarray, " frequencies"], series: ResidualSeries
 ) -> Float[np.ndarray, " bands"]:
     return np.add.reduceat(values, _bands(series))

@@ -21,10 +21,10 @@ from jaxtyping import Array, Float
 
 from .._arguments import finite_number, of_kind
 from .._display import html_table, picture
-from .._errors import MatchError
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from .._waiting import announced
+from ..errors import MatchError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+# The default probability inside a band.
 LEVEL = 0.95
-"""The default probability inside a band."""
 
 
 @final

@@ -26,15 +26,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+# The scale of the half-normal prior of $\tau$: a quarter of the parameters' own priors.
 TAU_SCALE = 0.25
-r"""The scale of the half-normal prior of $\tau$: a quarter of the parameters' own priors."""
 
+# Values of $\tau$ over which the posterior is summed.
 GRID = np.linspace(0.0, 3.0, 601)
-"""Values of $\\tau$ over which the posterior is summed."""
 
-NEGLIGIBLE = 1e-4
-"""Directions with less than this part of the variance of a recording's score are left out: their
-noise is not known well enough."""
+# Directions with less than this part of the variance of a recording's score are left out: their
+# noise is not known well enough.
+MIN_VARIANCE_FRACTION = 1e-4
 
 
 class RecordingScore(NamedTuple):
@@ -86,7 +86,9 @@ def estimate_heterogeneity(
     score = mixing @ np.concatenate([of_recording.score for of_recording in reduced])
     variances, directions = np.linalg.eigh(by_noise)
     # With a single recording only rounding errors are left.
-    kept = variances > NEGLIGIBLE * max(np.trace(of_recording.noise) for of_recording in reduced)
+    kept = variances > MIN_VARIANCE_FRACTION * max(
+        np.trace(of_recording.noise) for of_recording in reduced
+    )
     whitened = directions[:, kept] / np.sqrt(variances[kept])
     gains, turned = np.linalg.eigh(whitened.T @ by_differences @ whitened)
     squares = (turned.T @ (whitened.T @ score)) ** 2

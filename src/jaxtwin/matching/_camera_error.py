@@ -19,9 +19,9 @@ from jaxtyping import Bool, Float
 from ..rig import CommonError
 from ..simulation import Run
 
-BLOCK = 64
-"""The number of shapes is a multiple of this; the rest are zeros. Corrections that are found
-between two rounds of a match then need no new compilation."""
+# The number of shapes is a multiple of this; the rest are zeros. Corrections that are found between
+# two rounds of a match then need no new compilation.
+SHAPE_BLOCK = 64
 
 
 def count_shapes(
@@ -29,7 +29,7 @@ def count_shapes(
 ) -> int:
     """The number of shapes of a recording, including those of zeros that fill a block."""
     count = 1 + len(_corners(error, time)) + len(events) * len(error.relaxation)
-    return -(-count // BLOCK) * BLOCK
+    return -(-count // SHAPE_BLOCK) * SHAPE_BLOCK
 
 
 def camera_shapes(
@@ -78,8 +78,8 @@ def detect_events(
 
     The jump at a sample is the difference between a line through the ten seconds before it and a
     line through the ten seconds after it. The plate and the drift are smooth on this scale. A jump
-    counts if it exceeds `CLEAR` robust standard deviations of all such differences and is the
-    largest within `WINDOW` on either side.
+    counts if it exceeds `JUMP_SIGMAS` robust standard deviations of all such differences and is the
+    largest within `FIT_WINDOW_SECONDS` on either side.
 
     Cameras correct themselves at equal intervals. If three or more jumps fit such intervals, the
     threshold between, before and after them is `FAINT` standard deviations.
@@ -92,7 +92,7 @@ def detect_events(
       times counts only if at least half of the seconds of each line have samples.
     """
     sample = float(np.median(np.diff(time)))
-    width = max(4, round(WINDOW / sample))
+    width = max(4, round(FIT_WINDOW_SECONDS / sample))
     if len(time) < 4 * width:
         return ()
     line = np.stack([np.ones(width), np.arange(width) + 0.5], axis=1)
@@ -107,11 +107,11 @@ def detect_events(
     noise = 1.4826 * np.median(jumps[complete])
     jumps = np.where(complete, jumps, 0.0)
     nearby = np.lib.stride_tricks.sliding_window_view(np.pad(jumps, width), 2 * width + 1)
-    clear = at[(jumps > CLEAR * noise) & (jumps == nearby.max(axis=1))]
+    clear = at[(jumps > JUMP_SIGMAS * noise) & (jumps == nearby.max(axis=1))]
     events = set(clear.tolist())
     for expected in _at_equal_intervals(clear, float(time[0]), float(time[-1])):
-        near = np.abs(at - expected) <= NEAR
-        if near.any() and not np.any(np.abs(clear - expected) <= NEAR):
+        near = np.abs(at - expected) <= MAX_TIMING_ERROR_SECONDS
+        if near.any() and not np.any(np.abs(clear - expected) <= MAX_TIMING_ERROR_SECONDS):
             largest = int(np.argmax(np.where(near, jumps, -1.0)))
             if jumps[largest] > FAINT * noise:
                 events.add(float(at[largest]))
@@ -133,7 +133,10 @@ def _at_equal_intervals(
                 interval = (clear[second] - clear[first]) / parts
                 count = np.round((clear - clear[first]) / interval)
                 off = np.abs(clear - clear[first] - count * interval).max()
-                if interval > max(SHORTEST, longest) and off <= NEAR:
+                if (
+                    interval > max(MIN_INTERVAL_SECONDS, longest)
+                    and off <= MAX_TIMING_ERROR_SECONDS
+                ):
                     longest = interval
                     fit = np.polynomial.Polynomial.fit(count, clear, 1).convert()
                     zero, slope = fit.coef
@@ -144,21 +147,21 @@ def _at_equal_intervals(
     return best
 
 
-CLEAR = 4.0
-"""A jump above this many robust standard deviations is a correction."""
+# A jump above this many robust standard deviations is a correction.
+JUMP_SIGMAS = 4.0
 
+# A jump above this many robust standard deviations is a correction at a time at which one is
+# expected.
 FAINT = 1.5
-"""A jump above this many robust standard deviations is a correction at a time at which one is
-expected."""
 
-NEAR = 5.0
-"""The largest distance of a correction from its expected time, s."""
+# The largest distance of a correction from its expected time, s.
+MAX_TIMING_ERROR_SECONDS = 5.0
 
-SHORTEST = 60.0
-"""The shortest time between two corrections, s."""
+# The shortest time between two corrections, s.
+MIN_INTERVAL_SECONDS = 60.0
 
-WINDOW = 10.0
-"""The length of the lines that are fitted on both sides of a jump, s."""
+# The length of the lines that are fitted on both sides of a jump, s.
+FIT_WINDOW_SECONDS = 10.0
 
 
 @final

@@ -8,9 +8,9 @@ import numpy as np
 
 from .._arguments import of_kind
 from .._display import html_table, picture
-from .._errors import MatchError
 from .._json_values import json_value
 from .._number_text import short_number
+from ..errors import MatchError
 from ._fit import Fit
 from ._fitted_parameters import FittedParameter
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-HEAD = ("parameter", "old", "new", "unit", "standard errors", "")
+TABLE_HEAD = ("parameter", "old", "new", "unit", "standard errors", "")
 
 
 @final
@@ -72,7 +72,7 @@ class FitDifference:
         lines = []
         rows = self._rows()
         if rows:
-            table = [HEAD, *rows]
+            table = [TABLE_HEAD, *rows]
             widths = [max(map(len, column)) for column in zip(*table, strict=True)]
             lines = [
                 "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
@@ -141,7 +141,7 @@ class FitDifference:
         )
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), HEAD, self._rows())
+        return html_table(repr(self), TABLE_HEAD, self._rows())
 
 
 def compare_fits(old: Fit, new: Fit) -> FitDifference:

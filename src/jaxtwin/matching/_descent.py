@@ -32,15 +32,15 @@ from ._descent_result import (
 from ._descent_state import RUNNING, STATUS, Factors, LMState
 from ._jacobian import output_error_jacobians, output_errors_and_differences, weighted_jacobian
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, Trial, factorise
-from ._objective import Objective
+from ._objective import MatchObjective
 from ._optimistix import descend_with
 from ._residuals import output_errors, recording_modes, weighted_residuals
 from ._unknowns import SearchSpace
 
 Tree = TypeVar("Tree")
 
+# Descents that run at the same time: their derivatives need less than a hundred megabytes.
 BATCH = 16
-"""Descents that run at the same time: their derivatives need less than a hundred megabytes."""
 
 
 @final
@@ -57,7 +57,7 @@ class DescentState(eqx.Module):
 
 
 def descend(
-    objectives: Sequence[Objective],
+    objectives: Sequence[MatchObjective],
     solver: optx.AbstractLeastSquaresSolver,
     starts: Sequence[Start],
     space: SearchSpace,
@@ -103,7 +103,7 @@ class _Batch(NamedTuple):
     """Objectives and their starts side by side. Copies that only pad the batch are not active.
     `meanwhile` is that of `Callbacks`."""
 
-    objectives: list[Objective]
+    objectives: list[MatchObjective]
     starts: list[Start]
     active: Bool[np.ndarray, " descents"]
     meanwhile: Callable[[], None] | None
@@ -150,8 +150,8 @@ def _descend_batch(
                     vectors = _propose(solver, vectors, state.optimiser, space)
                 modes = _find_modes(vectors, objective)
                 if space.difference_steps is not None:
-                    found = _solve_and_difference(vectors, objective, modes, space)
-                    proposal = _Proposal(vectors, *found, modes)
+                    result = _solve_and_difference(vectors, objective, modes, space)
+                    proposal = _Proposal(vectors, *result, modes)
                 elif iteration == 0:
                     proposal = _at_start(vectors, objective, modes, batch.meanwhile)
                 else:
@@ -199,7 +199,7 @@ def _first_state(
 
 def _at_start(
     vectors: Float[Array, "descents unknowns"],
-    objective: Objective,
+    objective: MatchObjective,
     modes: list[Modes],
     meanwhile: Callable[[], None] | None,
 ) -> _Proposal:
@@ -218,7 +218,7 @@ def _step(
     state: DescentState,
     proposal: _Proposal,
     space: SearchSpace,
-    objective: Objective,
+    objective: MatchObjective,
     active: Bool[np.ndarray, " descents"],
 ) -> DescentState:
     """The state after a proposal. Jacobians are computed only if at least one of the trials is
@@ -246,7 +246,9 @@ def _step(
     return DescentState(vectors, optimiser, evaluation)
 
 
-def _result(state: DescentState, objective: Objective, steps: list[DescentStep]) -> DescentResult:
+def _result(
+    state: DescentState, objective: MatchObjective, steps: list[DescentStep]
+) -> DescentResult:
     optimiser = state.optimiser
     assert state.evaluation is not None
     return DescentResult(
@@ -274,8 +276,8 @@ def _stacked(trees: Sequence[Tree]) -> Tree:
 
 Vectors = Float[Array, "descents unknowns"]
 Costs = Float[Array, " descents"]
+# One array for each batch of recordings of equal shapes, with a leading descents axis.
 BatchArrays = list[Float[Array, "..."]]
-"""One array for each batch of recordings of equal shapes, with a leading descents axis."""
 
 
 @persistent_jit_unoptimised
@@ -294,24 +296,24 @@ def _propose(
 
 
 @persistent_jit_unoptimised
-def _find_modes(vectors: Vectors, objectives: Objective) -> list[Modes]:
+def _find_modes(vectors: Vectors, objectives: MatchObjective) -> list[Modes]:
     return _side_by_side(recording_modes)(vectors, objectives)
 
 
 @persistent_jit
-def _solve(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> BatchArrays:
+def _solve(vectors: Vectors, objectives: MatchObjective, modes: list[Modes]) -> BatchArrays:
     return _side_by_side(output_errors)(vectors, objectives, modes)
 
 
 @persistent_jit
-def _differentiate(vectors: Vectors, objectives: Objective, modes: list[Modes]) -> BatchArrays:
+def _differentiate(vectors: Vectors, objectives: MatchObjective, modes: list[Modes]) -> BatchArrays:
     return _side_by_side(output_error_jacobians)(vectors, objectives, modes)
 
 
 @persistent_jit_unoptimised
 def _solve_and_difference(
     vectors: Vectors,
-    objectives: Objective,
+    objectives: MatchObjective,
     modes: list[Modes],
     space: SearchSpace,
 ) -> tuple[BatchArrays, BatchArrays]:
@@ -324,12 +326,12 @@ def _solve_and_difference(
 
 @persistent_jit
 def _weigh(
-    errors: BatchArrays, vectors: Vectors, objectives: Objective
+    errors: BatchArrays, vectors: Vectors, objectives: MatchObjective
 ) -> tuple[Float[Array, "descents residuals"], Costs, Costs]:
     """Weighted residuals, half the sum of their squares, and the mean squared error, K^2."""
 
     def of_descent(
-        errors: list[Array], vector: Array, objective: Objective
+        errors: list[Array], vector: Array, objective: MatchObjective
     ) -> tuple[Array, Array, Array]:
         parts, mean_square = weighted_residuals(errors, vector, objective)
         residual = ravel_pytree(parts)[0]
@@ -340,7 +342,9 @@ def _weigh(
 
 @persistent_jit
 def _factorise(
-    jacobians: BatchArrays, residuals: Float[Array, "descents residuals"], objectives: Objective
+    jacobians: BatchArrays,
+    residuals: Float[Array, "descents residuals"],
+    objectives: MatchObjective,
 ) -> Factors:
     return _side_by_side(lambda j, r, o: factorise(weighted_jacobian(j, o), r))(
         jacobians, residuals, objectives

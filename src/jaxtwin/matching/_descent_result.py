@@ -18,7 +18,7 @@ from .._jax_settings import own_settings
 from ._descent_state import LMState
 from ._jacobian import weighted_jacobian
 from ._noise_model import NoiseModel
-from ._objective import Objective
+from ._objective import MatchObjective
 from ._problem import MatchProblem
 from ._residual_weights import RecordingErrors, ResidualWeights, SplitErrors
 
@@ -41,8 +41,8 @@ class DescentStep(NamedTuple):
     vector: Float[np.ndarray, " unknowns"]
 
 
+# Called with the number of the descent and its step.
 OnStep = Callable[[int, DescentStep], None]
-"""Called with the number of the descent and its step."""
 
 
 @final
@@ -95,13 +95,13 @@ class DescentResult:
     converged: bool
     steps: tuple[DescentStep, ...]
     iterations: int
-    objective: Objective
+    objective: MatchObjective
     evaluation: Evaluation
     optimiser: LMState | None
 
     def recording_errors(self) -> list[RecordingErrors]:
         """The errors of each recording, split into their parts, K."""
-        found: dict[int, RecordingErrors] = {}
+        result: dict[int, RecordingErrors] = {}
         batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
         with own_settings():
             for batch, errors in batches:
@@ -111,18 +111,18 @@ class DescentResult:
                 for row, position in enumerate(batch.positions):
                     times = slice(int(batch.lengths[row]))  # without what fills up their number
                     parts = (part[row, times] for part in (channel, common_mode, camera))
-                    found[position] = RecordingErrors(*parts)
-        return [found[position] for position in sorted(found)]
+                    result[position] = RecordingErrors(*parts)
+        return [result[position] for position in sorted(result)]
 
     def temperatures(self) -> list[Float[np.ndarray, "_times _channels"]]:
         """The simulated readings of each recording, degC."""
-        found: dict[int, np.ndarray] = {}
+        result: dict[int, np.ndarray] = {}
         batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
         for batch, errors in batches:
             simulated = np.asarray(errors) + np.asarray(batch.temperatures)
             for row, position in enumerate(batch.positions):
-                found[position] = simulated[row, : int(batch.lengths[row])]
-        return [found[position] for position in sorted(found)]
+                result[position] = simulated[row, : int(batch.lengths[row])]
+        return [result[position] for position in sorted(result)]
 
     def jacobian(self) -> Float[np.ndarray, "residuals unknowns"]:
         """Derivatives of the weighted residuals."""
@@ -130,15 +130,15 @@ class DescentResult:
             return np.asarray(_jacobian(self.evaluation.jacobians, self.objective))
 
 
+# The start of a descent: a vector, or the result of an earlier descent that is continued.
 Start = Float[np.ndarray, " unknowns"] | DescentResult
-"""The start of a descent: a vector, or the result of an earlier descent that is continued."""
 
 
 _jacobian = persistent_jit(weighted_jacobian)
 
 
 @final
-class Estimate(NamedTuple):
+class MatchEstimate(NamedTuple):
     """The result of the last round of a match, and the noise model of its weights."""
 
     result: DescentResult

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 Vector = Float[Array, " unknowns"]
 
 RUNNING, GRADIENT, REDUCTION, STEP, STALLED = range(5)
+# The meaning of each status of a solver's state.
 STATUS = {
     RUNNING: "stopped at the largest number of iterations",
     GRADIENT: "the gradient is zero (within tolerance) in every direction inside the bounds",
@@ -15,7 +16,6 @@ STATUS = {
     STEP: "the parameters move no further (within tolerance)",
     STALLED: "no step lowers the cost any more",
 }
-"""The meaning of each status of a solver's state."""
 
 
 @final

@@ -11,9 +11,9 @@ from jaxtyping import Float
 
 from .._by_recording import ByRecording
 from .._display import html_table, picture, report
-from .._errors import MatchError, SimulationError
 from .._goodness_of_fit import mean_fit_percent
 from .._json_values import json_value
+from ..errors import MatchError, SimulationError
 from ..io import Experiment
 from ..io._duty_of_rig import of_rig
 from ..physics import Twin

@@ -7,21 +7,21 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import ParameterError
 from .._name_suggestions import unknown_name
 from .._normal_distribution import QUANTILE_975
+from ..errors import ParameterError
 from ..rig._parameter import Scope
 from ._group_values import new_group_values
 from ._problem import MatchProblem
 from ._uncertainty import Uncertainty
 from ._unknowns import Unknowns
 
-NEAR = 0.01
-"""A value counts as near a bound if its distance is at most this part of the range between the
-bounds (of their logarithms)."""
+# A value counts as near a bound if its distance is at most this part of the range between the
+# bounds (of their logarithms).
+NEAR_BOUND_FRACTION = 0.01
 
-FAR = 2.0
-"""A warning is given from this many standard deviations from the prior."""
+# A warning is given from this many standard deviations from the prior.
+FAR_FROM_PRIOR_SIGMAS = 2.0
 
 
 @final
@@ -163,11 +163,11 @@ def _expected_of_groups(
     matched by it), for parameters with a value for each of several groups."""
     if not unknowns.per_group:
         return {}
-    found = new_group_values(unknowns, vector)
+    result = new_group_values(unknowns, vector)
     covariance = np.nan_to_num(uncertainty.vector_covariance)
-    variances = np.diag(found.lift @ covariance @ found.lift.T)
-    errors = np.sqrt(variances + found.shared_variance)
-    pairs = zip(found.values.items(), errors.tolist(), strict=True)
+    variances = np.diag(result.lift @ covariance @ result.lift.T)
+    errors = np.sqrt(variances + result.shared_variance)
+    pairs = zip(result.values.items(), errors.tolist(), strict=True)
     return {name: (value, error) for (name, value), error in pairs}
 
 
@@ -185,7 +185,7 @@ def parameter_warnings(row: FittedParameter, uncertainty: Uncertainty) -> tuple[
         warnings.append("at bound")
     elif near_bound(row):
         warnings.append("near bound")
-    if row.prior_distance is not None and abs(row.prior_distance) > FAR:
+    if row.prior_distance is not None and abs(row.prior_distance) > FAR_FROM_PRIOR_SIGMAS:
         warnings.append(f"{row.prior_distance:+.1f} sd from prior")
     if any(label in uncertainty.insensitive for label in labels):
         warnings.append("no effect")
@@ -205,7 +205,7 @@ def near_bound(row: FittedParameter) -> bool:
         lower, value, upper = math.log(lower), math.log(value), math.log(upper)
     if not (math.isfinite(lower) and math.isfinite(upper)):
         return False
-    return min(value - lower, upper - value) < NEAR * (upper - lower)
+    return min(value - lower, upper - value) < NEAR_BOUND_FRACTION * (upper - lower)
 
 
 def interval_95(value: float, error: float, *, is_logarithmic: bool) -> tuple[float, float]:

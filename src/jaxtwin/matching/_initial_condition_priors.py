@@ -56,23 +56,23 @@ from ._problem import LinearPrior
 from ._start import hidden_parameters, plate_parameters, room_parameters, room_temperature
 from ._unknowns import Unknowns
 
+# Scale of the Cauchy prior of the difference between plate and room, K.
 REST_SCALE = 1.0
-"""Scale of the Cauchy prior of the difference between plate and room, K."""
 
+# Prior standard deviation of the room temperature between recordings, K. It counts as much as
+# `ROOM_WEIGHT` recordings.
 ROOM_DEVIATION = 2.0
-"""Prior standard deviation of the room temperature between recordings, K. It counts as much as
-`ROOM_WEIGHT` recordings."""
 
 ROOM_WEIGHT = 1.0
 
+# Standard deviation of the offset, K.
 OFFSET_DEVIATION = 1.0
-"""Standard deviation of the offset, K."""
 
+# Prior standard deviation of a recording about the line, K. It counts as much as one recording.
 LINE_DEVIATION = 1.0
-"""Prior standard deviation of a recording about the line, K. It counts as much as one recording."""
 
+# The rise above the room at which nonlinear losses are linearised, K.
 LINEARISED_AT = 10.0
-"""The rise above the room at which nonlinear losses are linearised, K."""
 
 
 class Share(NamedTuple):

@@ -20,7 +20,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import MatchError
+from ..errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation._initial import Initial, checked_initial
@@ -55,22 +55,21 @@ from ._unknowns import Unknowns
 WARM_UP = 60.0
 """Length of the part of a recording from which its own values are estimated, s."""
 
+# The error of a good twin, as a part of the change of a reading since the first sample.
 MODEL_ERROR = 0.2
-"""The error of a good twin, as a part of the change of a reading since the first sample."""
 
+# The autocorrelation time of a camera at 1 Hz, in samples.
 MEMORY = 4.0
-"""The autocorrelation time of a camera at 1 Hz, in samples."""
 
 REWEIGHTINGS = 4
 ITERATIONS = 50
 
-DIFFERENCE = 1e-4
-"""The steps of central differences, as a part of the distance that a value is expected to move: far
-above rounding, and so small that the derivatives are exact to six digits."""
+# The steps of central differences, as a part of the distance that a value is expected to move: far
+# above rounding, and so small that the derivatives are exact to six digits.
+RELATIVE_STEP = 1e-4
 
+# A value is reported as undetermined if its standard deviation is still this part of its prior's.
 UNSEEN = 0.7
-"""A value is reported as undetermined if its standard deviation is still this part of its prior's.
-"""
 
 
 @final
@@ -221,7 +220,7 @@ def _descend(
     )
     noise_model = replace(initial_noise_model(problem), channel=sensor, common_mode=sensor)
     solver = BoundedLevenbergMarquardt(rtol=1e-6)
-    steps = DIFFERENCE * unknowns.scales()
+    steps = RELATIVE_STEP * unknowns.scales()
     space = replace(unknowns.search_space(), difference_steps=steps)
     own_room = [row.name for row in unknowns.per_recording if row.name in room_parameters(twin.rig)]
     is_estimated = first.ambient is None and bool(own_room)

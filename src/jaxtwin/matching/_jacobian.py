@@ -19,24 +19,26 @@ from jaxtyping import Array, Float, Int
 from ..physics import Twin
 from ..simulation import TimeGrid
 from ..simulation._modes import Modes
-from ._objective import Objective, SameShapeBatch
+from ._objective import MatchObjective, SameShapeBatch
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._residuals import camera_readings, channel_rises, errors_of_readings, local_vectors
 from ._start import OF_THE_RIG, RunStart
-from ._unknowns import Layout, SearchSpace
+from ._unknowns import SearchSpace, VectorLayout
 
 Tree = TypeVar("Tree")
 
 
 def residual_jacobian(
-    vector: Float[Array, " unknowns"], objective: Objective
+    vector: Float[Array, " unknowns"], objective: MatchObjective
 ) -> Float[Array, "residuals unknowns"]:
     """Derivatives of the `residuals`, in the order of `ravel_pytree`."""
     return weighted_jacobian(output_error_jacobians(vector, objective), objective)
 
 
 def output_error_jacobians(
-    vector: Float[Array, " unknowns"], objective: Objective, modes: Sequence[Modes] | None = None
+    vector: Float[Array, " unknowns"],
+    objective: MatchObjective,
+    modes: Sequence[Modes] | None = None,
 ) -> list[Float[Array, "_recordings _entries _times _channels"]]:
     """Derivatives of the `output_errors` with respect to the entries on which each recording
     depends.
@@ -65,7 +67,7 @@ def output_error_jacobians(
 
 def weighted_jacobian(
     jacobians: Sequence[Float[Array, "_recordings _entries _times _channels"]],
-    objective: Objective,
+    objective: MatchObjective,
 ) -> Float[Array, "residuals unknowns"]:
     """Computes the derivatives of `residuals` from those of the output errors."""
     size, columns = np.shape(objective.prior_means)[0], []
@@ -89,7 +91,7 @@ def weighted_jacobian(
 def reading_jacobian(
     local: Float[Array, " entries"],
     twin: Twin,
-    layout: Layout,
+    layout: VectorLayout,
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
     modes: Modes | None = None,
@@ -133,7 +135,7 @@ def _push_forward(function: Callable[[Array], Tree], part: Array) -> tuple[Tree,
 def output_errors_and_differences(
     vector: Float[Array, " unknowns"],
     space: SearchSpace,
-    objective: Objective,
+    objective: MatchObjective,
     modes: Sequence[Modes],
 ) -> tuple[
     list[Float[Array, "_recordings _times _channels"]],

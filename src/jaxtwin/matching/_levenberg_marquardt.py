@@ -37,8 +37,8 @@ from ._descent_state import (
 )
 from ._unknowns import SearchSpace
 
+# Options of `optimistix.least_squares`.
 Options = dict[str, Any]
-"""Options of `optimistix.least_squares`."""
 
 
 @final

@@ -14,7 +14,7 @@ import numpy as np
 import pydantic
 from jaxtyping import Float
 
-from .._errors import MatchError, ParameterError
+from ..errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Rig, load_rig
@@ -35,7 +35,7 @@ from ._save_fit import FORMAT, StoredFit, StoredRecording, unrolled
 from ._uncertainty import Uncertainty, close_pairs, insensitive_labels, physical_covariance
 from ._unknowns import Unknowns
 
-STORED = pydantic.TypeAdapter(StoredFit)
+STORED_FIT_ADAPTER = pydantic.TypeAdapter(StoredFit)
 
 
 def load_fit(
@@ -182,7 +182,7 @@ def _stored(source: str, table: dict[str, Any], rows: dict[str, dict[str, Any]])
     try:
         # Validated as JSON, which is strict about types and accepts lists as tuples.
         text = json.dumps(table | {"parameters": rows}, default=str)
-        stored = STORED.validate_json(text, strict=True)
+        stored = STORED_FIT_ADAPTER.validate_json(text, strict=True)
     except pydantic.ValidationError as problem:
         first = problem.errors(include_url=False)[0]
         field = ".".join(map(str, ("fit", *first["loc"])))
@@ -334,27 +334,27 @@ def _uncertainty(
     group_names: tuple[str, ...],
     vector: Float[np.ndarray, " unknowns"],
 ) -> Uncertainty:
-    found, size = stored.unknowns, unknowns.size
+    result, size = stored.unknowns, unknowns.size
     labels = unknowns.labels(tuple(stored.recordings), group_names)
-    if found.labels != labels:
+    if result.labels != labels:
         _refuse(
             source,
             "fit.unknowns.labels",
             f"expected the free parameters and recordings of the file, {', '.join(labels)}, got "
-            f"{', '.join(found.labels)}",
+            f"{', '.join(result.labels)}",
         )
     for name in ("covariance", "inverse_hessian"):
-        matrix = getattr(found, name)
+        matrix = getattr(result, name)
         if len(matrix) != size or any(len(row) != size for row in matrix):
             _refuse(source, f"fit.unknowns.{name}", f"expected {size} rows of {size} numbers")
     for name in ("prior_to_data_ratio", "between_recordings"):
-        if len(getattr(found, name)) != size:
+        if len(getattr(result, name)) != size:
             _refuse(source, f"fit.unknowns.{name}", f"expected {size} numbers")
     vector_covariance, prior_to_data_ratio = (
-        np.array(found.covariance),
-        np.array(found.prior_to_data_ratio),
+        np.array(result.covariance),
+        np.array(result.prior_to_data_ratio),
     )
-    lost = np.isin(labels, found.undetermined)
+    lost = np.isin(labels, result.undetermined)
     covariance, correlation = physical_covariance(
         vector_covariance, unknowns.value_derivatives(vector), lost
     )
@@ -363,13 +363,13 @@ def _uncertainty(
         covariance=covariance,
         correlation=correlation,
         prior_to_data_ratio=prior_to_data_ratio,
-        singular_values=np.array(found.singular_values),
-        unidentifiable=found.unidentifiable,
+        singular_values=np.array(result.singular_values),
+        unidentifiable=result.unidentifiable,
         insensitive=insensitive_labels(labels, prior_to_data_ratio),
         collinear=close_pairs(labels, correlation),
         vector_covariance=vector_covariance,
-        inverse_hessian=np.array(found.inverse_hessian),
-        between_recordings=np.array(found.between_recordings),
+        inverse_hessian=np.array(result.inverse_hessian),
+        between_recordings=np.array(result.between_recordings),
     )
 
 
@@ -393,7 +393,7 @@ def _recordings(
     # A match divides some recordings at gaps.
     several = [part for gaps in ("hold", "split") for part in divided(given, gaps=gaps)[0]]
     by_content = {experiment.fingerprint: experiment for experiment in several}
-    found = []
+    result = []
     for name, record in stored.recordings.items():
         if record.fingerprint not in by_content:
             there = ", ".join(e.name or "one without a name" for e in given) or "none"
@@ -402,8 +402,8 @@ def _recordings(
                 f"the contents of {name!r} (fingerprint {record.fingerprint[:12]}...) that was "
                 "matched; read them as they were read then"
             )
-        found.append(by_content[record.fingerprint])
-    return tuple(found)
+        result.append(by_content[record.fingerprint])
+    return tuple(result)
 
 
 def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Comparison:

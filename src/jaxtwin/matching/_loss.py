@@ -24,17 +24,17 @@ from jaxtyping import Array, Bool, Float
 
 from .._arguments import finite_number, of_kind
 from .._compilation import persistent_jit
-from .._errors import MatchError
 from .._jax_settings import own_settings
 from .._kinds import add_kind
+from ..errors import MatchError
 from ..simulation._padding import padded
 
-LEAST_WEIGHT = 1e-12
-"""The smallest weight of an outlier. The derivatives of a sample without any weight would be lost,
-and with them its part of the uncertainty."""
+# The smallest weight of an outlier. The derivatives of a sample without any weight would be lost,
+# and with them its part of the uncertainty.
+MIN_WEIGHT = 1e-12
 
-CHECKED = np.concatenate([-(np.geomspace(1e3, 1e-3, 61)), np.geomspace(1e-3, 1e3, 61)])
-"""The standardised residuals at which a loss is checked."""
+# The standardised residuals at which a loss is checked.
+CHECKED_RESIDUALS = np.concatenate([-(np.geomspace(1e3, 1e-3, 61)), np.geomspace(1e-3, 1e3, 61)])
 
 
 class AbstractLoss(eqx.Module):
@@ -62,8 +62,8 @@ class AbstractLoss(eqx.Module):
 
 Registered = TypeVar("Registered", bound=type[AbstractLoss])
 
+# Kind of loss -> its class.
 _KINDS: dict[str, type[AbstractLoss]] = {}
-"""Kind of loss -> its class."""
 
 
 def register_loss(loss: Registered) -> Registered:
@@ -133,14 +133,14 @@ def checked_loss(loss: AbstractLoss | None) -> AbstractLoss | None:
     of_kind("loss", loss, AbstractLoss, expected, MatchError)
     _numbers(loss)
     try:
-        weights, _ = _evaluated(loss, CHECKED)
+        weights, _ = _evaluated(loss, CHECKED_RESIDUALS)
     except TypeError as problem:  # those of JAX among them
         raise MatchError(
             f"loss: {type(loss).__name__}.cost: expected a function of a number, written with "
             f"jax.numpy (jnp.where in place of if), got {type(problem).__name__}: "
             f"{str(problem).splitlines()[0]}"
         ) from problem
-    near = weights[np.abs(CHECKED) < 1.1e-3]
+    near = weights[np.abs(CHECKED_RESIDUALS) < 1.1e-3]
     if not (np.all((weights > -1e-9) & (weights < 1 + 1e-9)) and np.all(near > 0.99)):
         raise MatchError(
             f"loss: {type(loss).__name__}.cost: expected z**2 / 2 near 0, and that it grows with "
@@ -174,7 +174,7 @@ def loss_weights(
         return plain
     flat = np.ravel(residuals / scale)
     weights, curvature = (part[: flat.size] for part in _evaluated(loss, padded(flat, 0.0)))
-    weights = np.clip(weights, LEAST_WEIGHT, 1.0)
+    weights = np.clip(weights, MIN_WEIGHT, 1.0)
     return LossWeights(weights.reshape(residuals.shape), curvature.reshape(residuals.shape))
 
 

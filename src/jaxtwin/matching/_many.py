@@ -10,13 +10,13 @@ import numpy as np
 import optimistix as optx
 
 from .._arguments import check_callable, whole_number
-from .._errors import MatchError, ParameterError, SimulationError
 from .._executor import Executor, check_executor, work_in_units
 from .._waiting import announced
+from ..errors import MatchError, ParameterError, SimulationError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..physics import Twin
-from ._descent_result import DescentStep, Estimate, Iteration, make_iteration
+from ._descent_result import DescentStep, Iteration, MatchEstimate, make_iteration
 from ._fit import Fit
 from ._loss import AbstractLoss
 from ._match import checked_solver, make_fit
@@ -32,8 +32,8 @@ from ._problem import (
 from ._recordings import Span, check_recording_names, named_groups, named_recordings
 from ._reweighted_least_squares import reweighted_least_squares
 
+# The number of sets that a worker of an executor matches side by side.
 UNIT = 4
-"""The number of sets that a worker of an executor matches side by side."""
 
 
 @announced("match of several sets")
@@ -97,11 +97,11 @@ def match_many(
     recordings = [named_recordings(twin, members) for members in listed]
     grouped = [named_groups(members, groups) for members in recordings]
     (_, places), *others = grouped
-    for number, (_, found) in enumerate(others, start=1):
-        if len(found) == len(places) and found != places:
+    for number, (_, result) in enumerate(others, start=1):
+        if len(result) == len(places) and result != places:
             raise MatchError(
                 "sets: expected recordings that are grouped alike in all sets, got the groups "
-                f"{found} in set {number} and {places} in set 0; pass groups=[...], a name for "
+                f"{result} in set {number} and {places} in set 0; pass groups=[...], a name for "
                 "each recording"
             )
     unknowns = choose_unknowns(
@@ -138,10 +138,10 @@ def match_many(
     ]
     where = "match_many: executor"
     with closing(work_in_units(where, executor, _match_unit, units, MatchError)) as done:
-        for number, (found, iterations) in done:
+        for number, (result, iterations) in done:
             first = number * UNIT
             count = min(UNIT, len(problems) - first)
-            fits[first : first + count] = found[:count]
+            fits[first : first + count] = result[:count]
             for iteration in iterations:
                 if iteration.start < count:
                     report(replace(iteration, start=first + iteration.start))
@@ -182,7 +182,7 @@ def _match_sets(
     return tuple(_fit(*pair, began) for pair in zip(problems, estimates, strict=True))
 
 
-def _fit(problem: MatchProblem, estimate: Estimate, began: float) -> Fit | None:
+def _fit(problem: MatchProblem, estimate: MatchEstimate, began: float) -> Fit | None:
     if not np.isfinite(estimate.result.cost):
         return None
     try:

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from .. import __version__
 from .._arguments import check_callable, names_of, of_kind, whole_number
-from .._errors import MatchError
 from .._waiting import advanced, announced
+from ..errors import MatchError
 from ..io._experiment import Recordings, as_experiments
 from ..io._gaps import Gaps
 from ..physics import Twin
@@ -24,8 +24,8 @@ from ._descent import descend
 from ._descent_result import (
     Callbacks,
     DescentStep,
-    Estimate,
     Iteration,
+    MatchEstimate,
     Optimum,
     make_iteration,
     make_optimum,
@@ -58,8 +58,8 @@ from ._start import first_sample, starts_without_effect
 from ._uncertainty import estimate_uncertainty
 from ._unknowns import Unknowns
 
+# The relative difference below which two weighted costs are taken as equal.
 SAME_COST = 1e-3
-"""The relative difference below which two weighted costs are taken as equal."""
 
 
 @announced("match")
@@ -208,7 +208,7 @@ def match(
     number = best_first[0]
     best = results[number]
     optima = tuple(make_optimum(problem, results[start], start, best) for start in best_first)
-    estimate = Estimate(best, noise_model)
+    estimate = MatchEstimate(best, noise_model)
     if problem.is_weighted and not results[0].cost <= (1 + SAME_COST) * best.cost:
         # The weights come from a worse start, or from one without finite temperatures.
         (estimate,) = another_round(
@@ -219,7 +219,7 @@ def match(
 
 def make_fit(
     problem: MatchProblem,
-    estimate: Estimate,
+    estimate: MatchEstimate,
     start: int,
     optima: tuple[Optimum, ...],
     began: float,

@@ -17,12 +17,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from .._errors import MatchError
+from ..errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import Parameter
 from ._descent import descend
-from ._descent_result import Estimate, make_optimum
+from ._descent_result import MatchEstimate, make_optimum
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions
@@ -33,14 +33,14 @@ from ._problem import LinearPrior, MatchProblem, make_match_problem
 from ._recordings import check_distinct, named_recordings
 from ._unknowns import Unknowns
 
-HELD = 1e-6
-"""Standard deviation of a value that the earlier match held at a bound."""
+# Standard deviation of a value that the earlier match held at a bound.
+HELD_SPREAD = 1e-6
 
+# The name of a group that has no name and was not matched.
 NEW_GROUP = "another group"
-"""The name of a group that has no name and was not matched."""
 
-ROUNDS = 3
-"""Rounds of the search for corrections of the camera."""
+# Rounds of the search for corrections of the camera.
+EVENT_ROUNDS = 3
 
 
 def match_group(
@@ -89,7 +89,7 @@ def match_group(
         fit.uncertainty.vector_covariance + np.diag(fit.uncertainty.between_recordings**2)
     )
     # A value that was held at a bound stays there.
-    covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD**2))
+    covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD_SPREAD**2))
     mean = np.concatenate([known.mean, unknowns.prior_means()[size:]])
     problem = make_match_problem(twin, recordings, unknowns, group_names=(group,))
     weights = problem.prior_weights.copy()
@@ -155,7 +155,7 @@ def match_first_part(fit: Fit, experiment: Experiment, given: float, group: str)
 
 def descend_with_noise(
     problem: MatchProblem, noise_model: NoiseModel, max_iterations: int
-) -> Estimate:
+) -> MatchEstimate:
     """Minimises with the given noise; corrections of the camera are detected."""
     noise_model = replace(
         initial_noise_model(problem),
@@ -164,16 +164,16 @@ def descend_with_noise(
     )
     vector, space = problem.unknowns.start(), problem.unknowns.search_space()
     solver, estimates = default_solver(problem), []
-    for _ in range(ROUNDS):
+    for _ in range(EVENT_ROUNDS):
         objective = make_objective(problem, noise_model)
         (result,) = descend([objective], solver, [vector], space, max_iterations)
-        estimates.append(Estimate(result, noise_model))
+        estimates.append(MatchEstimate(result, noise_model))
         if not np.isfinite(result.cost):
             break
-        found = update_noise_model(problem, noise_model, result.recording_errors()).events
-        if found == noise_model.events:
+        solution = update_noise_model(problem, noise_model, result.recording_errors()).events
+        if solution == noise_model.events:
             break
-        vector, noise_model = result.vector, replace(noise_model, events=found)
+        vector, noise_model = result.vector, replace(noise_model, events=solution)
     return estimates[-1]
 
 
@@ -182,7 +182,7 @@ def _rows_of_start(rows: Sequence[Parameter], start: InitialConditions) -> dict[
     standard_deviations = dict(
         zip(start.values, np.sqrt(np.diag(start.covariance)).tolist(), strict=True)
     )
-    found = {}
+    result = {}
     for row in rows:
         if row.name in start.values:
             value, standard_deviation = start.values[row.name], standard_deviations[row.name]
@@ -192,7 +192,7 @@ def _rows_of_start(rows: Sequence[Parameter], start: InitialConditions) -> dict[
                     min(lower, value - 5 * standard_deviation),
                     max(upper, value + 5 * standard_deviation),
                 )
-            found[row.name] = replace(
+            result[row.name] = replace(
                 row,
                 value=value,
                 lower=lower,
@@ -200,4 +200,4 @@ def _rows_of_start(rows: Sequence[Parameter], start: InitialConditions) -> dict[
                 prior_value=value,
                 prior_spread=standard_deviation,
             )
-    return found
+    return result

@@ -32,11 +32,11 @@ class Noise:
         return self.standard_deviation * float(np.sqrt(self.autocorrelation_time))
 
 
+# The noise before the first round: 0.25 K, correlated over a minute.
 INITIAL_NOISE = Noise(0.25, 64.0)
-"""The noise before the first round: 0.25 K, correlated over a minute."""
 
-SETTLED = 0.1
-"""The relative change of the loss's weights below which they are final."""
+# The relative change of the loss's weights below which they are final.
+WEIGHT_TOLERANCE = 0.1
 
 
 @final
@@ -145,12 +145,12 @@ def update_noise_model(
         common_mode=common_mode if common_mode.standard_deviation > 0 else noise_model.common_mode,
         events=events,
         channel_weights=tuple(
-            samples * found.weights
-            for samples, found in zip(problem.sample_weights, of_channels, strict=True)
+            samples * result.weights
+            for samples, result in zip(problem.sample_weights, of_channels, strict=True)
         ),
-        common_mode_weights=tuple(found.weights for found in of_common_mode),
-        channel_curvature=tuple(found.curvature for found in of_channels),
-        common_mode_curvature=tuple(found.curvature for found in of_common_mode),
+        common_mode_weights=tuple(result.weights for result in of_common_mode),
+        channel_curvature=tuple(result.curvature for result in of_channels),
+        common_mode_curvature=tuple(result.curvature for result in of_common_mode),
     )
 
 
@@ -160,7 +160,7 @@ def has_settled(before: NoiseModel, after: NoiseModel) -> bool:
         *zip(before.channel_weights, after.channel_weights, strict=True),
         *zip(before.common_mode_weights, after.common_mode_weights, strict=True),
     ]
-    return all(np.allclose(old, new, rtol=SETTLED, atol=0.0) for old, new in pairs)
+    return all(np.allclose(old, new, rtol=WEIGHT_TOLERANCE, atol=0.0) for old, new in pairs)
 
 
 def beside_others(

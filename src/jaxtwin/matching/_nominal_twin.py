@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ..physics import Twin
 from ..physics._twin import check_twin
 from ._fit import Fit

@@ -18,7 +18,7 @@ from ._noise_model import NoiseModel
 from ._problem import LinearPrior, MatchProblem
 from ._residual_weights import ResidualWeights, residual_weights
 from ._start import RunStart
-from ._unknowns import Layout
+from ._unknowns import VectorLayout
 
 Tree = TypeVar("Tree")
 
@@ -50,7 +50,7 @@ class SameShapeBatch(eqx.Module):
 
 
 @final
-class Objective(eqx.Module):
+class MatchObjective(eqx.Module):
     """Everything on which the residuals depend, except the unknowns.
 
     - `twin`: the twin with the values of the held parameters.
@@ -68,14 +68,14 @@ class Objective(eqx.Module):
     prior_weights: Float[np.ndarray | Array, " unknowns"]
     linear_prior: LinearPrior
     start: RunStart
-    layout: Layout = eqx.field(static=True)
+    layout: VectorLayout = eqx.field(static=True)
 
 
 def make_objective(
     problem: MatchProblem,
     noise_model: NoiseModel,
     shapes: int | None = None,
-) -> Objective:
+) -> MatchObjective:
     """The function that the optimiser minimises, with the weights that follow from the noise model.
 
     **Arguments:**
@@ -102,7 +102,7 @@ def make_objective(
         key = (shapes_of_leaves, grid.ambient is None, len(experiment.channels))
         positions_of_shapes.setdefault(key, []).append(position)
     unknowns = problem.unknowns
-    return Objective(
+    return MatchObjective(
         twin=problem.twin,
         same_shape_batches=tuple(
             _batch(

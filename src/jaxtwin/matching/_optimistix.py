@@ -15,18 +15,18 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ._descent_result import DescentResult, DescentStep, Evaluation, OnStep, Start
 from ._jacobian import output_error_jacobians, residual_jacobian, weighted_jacobian
-from ._objective import Objective
+from ._objective import MatchObjective
 from ._residuals import output_errors, residuals, weighted_residuals
 from ._unknowns import SearchSpace
 
+# The option of optimistix's Gauss-Newton solvers for derivatives in forward mode, which suits many
+# residuals of few unknowns.
 FORWARD = {"jac": "fwd"}
-"""The option of optimistix's Gauss-Newton solvers for derivatives in forward mode, which suits many
-residuals of few unknowns."""
 
 
 def descend_with(
     solver: optx.AbstractLeastSquaresSolver,
-    objectives: Sequence[Objective],
+    objectives: Sequence[MatchObjective],
     starts: Sequence[Start],
     space: SearchSpace,
     max_iterations: int,
@@ -51,7 +51,7 @@ def descend_with(
 
 def _descend_once(
     solver: optx.AbstractLeastSquaresSolver,
-    objective: Objective,
+    objective: MatchObjective,
     start: Start,
     space: SearchSpace,
     max_iterations: int,
@@ -70,20 +70,20 @@ def _descend_once(
         if solution.stats["num_steps"] > left:
             solution = _solve(solver, begin, arrays, left)
         end = np.asarray(arrays[1].from_unbounded(solution.value))
-        found = jax.tree.map(np.asarray, _evaluate(end, arrays[0]))
+        result = jax.tree.map(np.asarray, _evaluate(end, arrays[0]))
         iterations = done + int(solution.stats["num_steps"])
         converged = bool(solution.result == optx.RESULTS.successful)
         words = "converged" if converged else optx.RESULTS[solution.result]
     return DescentResult(
         vector=end,
-        cost=float(found.cost),
-        mean_square=float(found.mean_square),
+        cost=float(result.cost),
+        mean_square=float(result.mean_square),
         status=f"{type(solver).__name__}: {words}",
         converged=converged,
-        steps=(first, _step(iterations, found, end)),
+        steps=(first, _step(iterations, result, end)),
         iterations=iterations,
         objective=objective,
-        evaluation=found.evaluation,
+        evaluation=result.evaluation,
         optimiser=None,
     )
 
@@ -92,7 +92,7 @@ def _descend_once(
 def _solve(
     solver: optx.AbstractLeastSquaresSolver,
     start: Float[np.ndarray | Array, " unknowns"],
-    arrays: tuple[Objective, SearchSpace],
+    arrays: tuple[MatchObjective, SearchSpace],
     max_steps: int,
 ) -> optx.Solution[Any, Any]:
     """One program for all rounds and starts; by itself optimistix compiles parts of each solve."""
@@ -108,7 +108,7 @@ def _solve(
 
 
 def _unbounded_residuals(
-    variables: Float[Array, " unknowns"], args: tuple[Objective, SearchSpace]
+    variables: Float[Array, " unknowns"], args: tuple[MatchObjective, SearchSpace]
 ) -> Float[Array, " residuals"]:
     objective, space = args
     return _residual_vector(space.from_unbounded(variables), objective)
@@ -116,14 +116,14 @@ def _unbounded_residuals(
 
 @eqx.filter_custom_jvp
 def _residual_vector(
-    vector: Float[Array, " unknowns"], objective: Objective
+    vector: Float[Array, " unknowns"], objective: MatchObjective
 ) -> Float[Array, " residuals"]:
     return ravel_pytree(residuals(vector, objective)[0])[0]
 
 
 @_residual_vector.def_jvp
 def _(
-    primals: tuple[Array, Objective], tangents: tuple[Array, object]
+    primals: tuple[Array, MatchObjective], tangents: tuple[Array, object]
 ) -> tuple[Float[Array, " residuals"], Float[Array, " residuals"]]:
     """Uses jaxtwin's Jacobian, which skips unknowns of other recordings."""
     vector, objective = primals
@@ -141,7 +141,9 @@ class _Evaluated(NamedTuple):
 
 
 @persistent_jit
-def _evaluate(vector: Float[np.ndarray | Array, " unknowns"], objective: Objective) -> _Evaluated:
+def _evaluate(
+    vector: Float[np.ndarray | Array, " unknowns"], objective: MatchObjective
+) -> _Evaluated:
     vector = jnp.asarray(vector)
     evaluation = Evaluation(
         output_errors(vector, objective), output_error_jacobians(vector, objective)

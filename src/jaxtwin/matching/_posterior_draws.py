@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import of_kind, whole_number
-from .._errors import MatchError
 from .._name_suggestions import did_you_mean
+from ..errors import MatchError
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._arguments import mapping_of, names_of
-from .._errors import MatchError, ParameterError
 from .._name_suggestions import did_you_mean
+from ..errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError, Parameter
@@ -21,9 +21,9 @@ from ._loss import AbstractLoss, checked_loss
 from ._recordings import Span, given_events, span_weights
 from ._unknowns import Unknowns
 
-NARROWEST = 1e-100
-"""The smallest spread of a prior, and the reciprocal of the largest: their squares must be finite
-and positive."""
+# The smallest spread of a prior, and the reciprocal of the largest: their squares must be finite
+# and positive.
+MIN_PRIOR_SPREAD = 1e-100
 
 
 @final
@@ -73,8 +73,8 @@ class LinearPrior(eqx.Module):
         return cls(matrix, matrix @ mean)
 
 
+# Recording -> times of the camera's corrections, s; or whether to detect them.
 Events = Mapping[str, Sequence[float]] | Literal["detect", "none"]
-"""Recording -> times of the camera's corrections, s; or whether to detect them."""
 
 
 @final
@@ -261,9 +261,13 @@ def _bounded(row: Parameter, value: float, bounds: tuple[float, float]) -> Param
             f"{row.name}: expected bounds that contain the centre of the prior, "
             f"{row.prior_value:g}, got {given}"
         )
-    if row.prior_spread is not None and not NARROWEST <= row.prior_spread <= 1 / NARROWEST:
+    if (
+        row.prior_spread is not None
+        and not MIN_PRIOR_SPREAD <= row.prior_spread <= 1 / MIN_PRIOR_SPREAD
+    ):
         raise MatchError(
-            f"{row.name}: expected a prior spread of {NARROWEST:g} to {1 / NARROWEST:g}, got "
+            f"{row.name}: expected a prior spread of {MIN_PRIOR_SPREAD:g} to "
+            f"{1 / MIN_PRIOR_SPREAD:g}, got "
             f"{row.prior_spread:g}; hold a parameter that is known, and leave the prior out where "
             "nothing is known"
         )

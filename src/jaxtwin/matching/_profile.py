@@ -28,10 +28,10 @@ from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
 from .._display import html_table, picture
-from .._errors import MatchError, ParameterError
 from .._name_suggestions import did_you_mean
 from .._number_text import short_number
 from .._waiting import announced
+from ..errors import MatchError, ParameterError
 from ._descent import descend
 from ._descent_result import Callbacks, DescentStep, Iteration, make_iteration
 from ._fit import Fit, solution_of
@@ -43,16 +43,16 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
-LIMIT = 3.841
-"""The 95 % quantile of the chi-squared distribution with one degree of freedom."""
+# The 95 % quantile of the chi-squared distribution with one degree of freedom.
+CHI2_95 = 3.841
 
+# The weight with which an entry is held: the reciprocal of the standard deviation by which it may
+# move.
 PIN = 1e6
-"""The weight with which an entry is held: the reciprocal of the standard deviation by which it may
-move."""
 
 
-LEAST = 3
-"""The smallest number of points: the match and one on each side."""
+# The smallest number of points: the match and one on each side.
+MIN_POINTS = 3
 
 
 @final
@@ -148,7 +148,7 @@ def profile(
             f"{did_you_mean([name], labels)}"
         )
     if values is None:
-        whole_number("profile: points", points, LEAST, MatchError)
+        whole_number("profile: points", points, MIN_POINTS, MatchError)
     check_callable("profile: on_progress", on_progress, MatchError)
     entry = labels.index(name)
     row = unknowns.entry_parameters[entry]
@@ -209,7 +209,7 @@ def _adjustment(fit: Fit, entry: int) -> float:
     # noisier kind of residuals.
     assumed = solution_of(fit).noise_model
     pairs = zip(fit.noise, (assumed.channel, assumed.common_mode), strict=True)
-    stronger = max(found.effective / counted.effective for found, counted in pairs)
+    stronger = max(result.effective / counted.effective for result, counted in pairs)
     return stronger**-2 if stronger > 0 else 1.0
 
 
@@ -224,8 +224,8 @@ def _interval(
 
     def crossing(order: np.ndarray, bound: float, beyond: float) -> float:
         for near, far in pairwise(order):
-            if excess[far] > LIMIT:
-                part = (np.sqrt(LIMIT) - root[near]) / (root[far] - root[near])
+            if excess[far] > CHI2_95:
+                part = (np.sqrt(CHI2_95) - root[near]) / (root[far] - root[near])
                 return float(values[near] + part * (values[far] - values[near]))
         return bound if np.isclose(values[order[-1]], bound) else beyond
 

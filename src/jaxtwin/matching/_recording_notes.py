@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ..io import Experiment
 from ..io._gaps import gap_sentences
 from ..physics import Twin
@@ -15,30 +15,30 @@ from ..simulation import simulate
 from ._camera_error import Comparison
 from ._start import hidden_parameters, plate_parameters
 
+# A single reading that holds a larger share of the sum of squared residuals is named.
 INFLUENTIAL_SHARE = 0.1
-"""A single reading that holds a larger share of the sum of squared residuals is named."""
 
+# Its square must also be this multiple of the mean one.
 INFLUENTIAL_MEANS = 20.0
-"""Its square must also be this multiple of the mean one."""
 
-LONGEST_STAY = 10
-"""So many samples in a row at the highest or lowest value of all, or more, may be the end of a
-sensor's range."""
+# So many samples in a row at the highest or lowest value of all, or more, may be the end of a
+# sensor's range.
+MAX_STAY = 10
 
+# A channel at the end of its range has this many times as many samples there as at the value beside
+# it. A temperature that settles is slow before, so that both have many.
 STANDS = 20
-"""A channel at the end of its range has this many times as many samples there as at the value
-beside it. A temperature that settles is slow before, so that both have many."""
 
 
-PLAIN = (-60.0, 150.0)
-"""Temperatures that need no look at the rig, degC."""
+# Temperatures that need no look at the rig, degC.
+ORDINARY_RANGE_DEGC = (-60.0, 150.0)
 
+# A reading is beyond what a rig reaches if it is this many times as far from the room as any part
+# of the rig at rest under full duty; its values are not known yet.
 BEYOND_REACH = 3.0
-"""A reading is beyond what a rig reaches if it is this many times as far from the room as any part
-of the rig at rest under full duty; its values are not known yet."""
 
+# For what else warms or cools a rig, K.
 ALLOWANCE = 20.0
-"""For what else warms or cools a rig, K."""
 
 
 def recording_notes(experiment: Experiment, twin: Twin) -> list[str]:
@@ -97,7 +97,10 @@ def _beyond_reach(experiment: Experiment, twin: Twin) -> list[str]:
     temperatures = experiment.temperatures
     if temperatures is None:
         return []
-    if np.nanmin(temperatures) >= PLAIN[0] and np.nanmax(temperatures) <= PLAIN[1]:
+    if (
+        np.nanmin(temperatures) >= ORDINARY_RANGE_DEGC[0]
+        and np.nanmax(temperatures) <= ORDINARY_RANGE_DEGC[1]
+    ):
         return []
     lowest, highest = _reach(twin)
     if experiment.ambient is not None:
@@ -122,11 +125,11 @@ def _reach(twin: Twin) -> tuple[float, float]:
     """The lowest and the highest temperature that any part of a rig can have, degC."""
     rig = twin.rig
     room = float(rig.ambient_temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS
-    found = [room]
+    result = [room]
     for duty in ((1.0,) * len(rig.driven), rig.lowest_duty):
         held = Experiment([0.0, 1.0], [duty, duty])
         try:
-            found += simulate(twin, held, initial="steady").states[0].tolist()
+            result += simulate(twin, held, initial="steady").states[0].tolist()
         except JaxtwinError:  # a cell that runs away has no rest
             return -ZERO_CELSIUS, np.inf
     starts = plate_parameters(rig) | hidden_parameters(rig)
@@ -136,8 +139,8 @@ def _reach(twin: Twin) -> tuple[float, float]:
         if name in starts and row.offset
         for bound in (row.lower, row.upper)
     ]
-    lowest = room - BEYOND_REACH * (room - min(found)) - ALLOWANCE
-    highest = room + BEYOND_REACH * (max(found) - room) + ALLOWANCE
+    lowest = room - BEYOND_REACH * (room - min(result)) - ALLOWANCE
+    highest = room + BEYOND_REACH * (max(result) - room) + ALLOWANCE
     return min([lowest, *bounds]), max([highest, *bounds])
 
 
@@ -152,4 +155,4 @@ def _at_end_of_range(readings: Float[np.ndarray, " samples"]) -> Bool[np.ndarray
     begins, ends = edges[::2], edges[1::2]
     # A recording may begin at rest, in which a coarse sensor shows a single value.
     stays = (ends - begins)[begins > 0]
-    return at_end if len(stays) and stays.max() >= LONGEST_STAY else none
+    return at_end if len(stays) and stays.max() >= MAX_STAY else none

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from .._arguments import is_ordered, of_kind
 from .._celsius import ZERO_CELSIUS, is_probably_kelvin
-from .._errors import MatchError
 from .._name_suggestions import did_you_mean
+from ..errors import MatchError
 from ..io import Experiment
 from ..io._gaps import Gaps, parts_between_gaps, separate_recordings
 from ..physics import Twin
@@ -20,15 +20,15 @@ from ..simulation._simulate import checked_channels
 from ._shared_samples import shared_samples
 from ._start import first_readings, first_sample, room_temperature
 
+# The number of samples at the start that are looked at, of all channels together.
 FIRST_SAMPLES = 50
-"""The number of samples at the start that are looked at, of all channels together."""
 
+# How far the first reading may lie outside the bounds of the plate's temperature at the start, K:
+# sensors err, and a plate may be uneven.
 BEYOND_BOUNDS = 5.0
-"""How far the first reading may lie outside the bounds of the plate's temperature at the start, K:
-sensors err, and a plate may be uneven."""
 
+# Beginning and end of a span, s, and the weight in between, which is 0 if it is not given.
 Span = tuple[float, float] | tuple[float, float, float]
-"""Beginning and end of a span, s, and the weight in between, which is 0 if it is not given."""
 
 
 def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str, Experiment]:
@@ -63,13 +63,13 @@ def named_recordings(twin: Twin, experiments: Sequence[Experiment]) -> dict[str,
         check_units(twin, name, experiment)
         names.append(name)
     # Two recordings of one name must not share a row of a table.
-    found: list[str] = []
+    result: list[str] = []
     for number, name in enumerate(names, start=1):
         free = (f"{name} ({other})" for other in count_from(number))
-        found.append(
-            name if name not in found else next(other for other in free if other not in names)
+        result.append(
+            name if name not in result else next(other for other in free if other not in names)
         )
-    return dict(zip(found, experiments, strict=True))
+    return dict(zip(result, experiments, strict=True))
 
 
 def divided(

@@ -26,23 +26,23 @@ from ..physics import System
 from ..simulation import Drive, TimeGrid, solve_network
 from ..simulation._few_modes import few_modes
 from ..simulation._modes import Modes, run_modes
-from ._objective import Objective, SameShapeBatch
+from ._objective import MatchObjective, SameShapeBatch
 from ._residual_weights import ResidualWeights, SplitErrors
 from ._start import OF_THE_RIG, RunStart
 
+# For each batch of recordings the weighted parts of their output errors, followed by those of the
+# priors.
 Residuals = list[SplitErrors | Float[Array, "..."]]
-"""For each batch of recordings the weighted parts of their output errors, followed by those of the
-priors."""
 
 
 def residuals(
-    vector: Float[Array, " unknowns"], objective: Objective
+    vector: Float[Array, " unknowns"], objective: MatchObjective
 ) -> tuple[Residuals, Float[Array, ""]]:
     """The weighted residuals, and the mean squared error of all existing samples, K^2."""
     return weighted_residuals(output_errors(vector, objective), vector, objective)
 
 
-def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> list[Modes]:
+def recording_modes(vector: Float[Array, " unknowns"], objective: MatchObjective) -> list[Modes]:
     """The modes of the network in each recording, with a leading recordings axis for each batch.
 
     They have no derivatives: residuals and their derivatives can share them.
@@ -62,7 +62,9 @@ def recording_modes(vector: Float[Array, " unknowns"], objective: Objective) -> 
 
 
 def output_errors(
-    vector: Float[Array, " unknowns"], objective: Objective, modes: Sequence[Modes] | None = None
+    vector: Float[Array, " unknowns"],
+    objective: MatchObjective,
+    modes: Sequence[Modes] | None = None,
 ) -> list[Float[Array, "_recordings _times _channels"]]:
     """Simulated minus recorded temperatures, `(recordings, times, channels)` for each batch, K; 0
     for padding.
@@ -98,7 +100,7 @@ def errors_of_readings(
 def weighted_residuals(
     errors: Sequence[Float[Array, "_recordings _times _channels"]],
     vector: Float[Array, " unknowns"],
-    objective: Objective,
+    objective: MatchObjective,
 ) -> tuple[Residuals, Float[Array, ""]]:
     """Computes the result of `residuals` from the output errors."""
     parts: Residuals = []
@@ -124,7 +126,7 @@ def weighted_residuals(
 
 
 def local_vectors(
-    vector: Float[Array, " unknowns"], objective: Objective
+    vector: Float[Array, " unknowns"], objective: MatchObjective
 ) -> list[Float[Array, "_recordings _entries"]]:
     """For each batch of recordings, the entries of the vector on which each recording depends."""
     indices = objective.layout.entry_indices()
@@ -133,7 +135,7 @@ def local_vectors(
 
 def camera_readings(
     local: Float[Array, " entries"],
-    objective: Objective,
+    objective: MatchObjective,
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " columns"],
     modes: Modes | None,

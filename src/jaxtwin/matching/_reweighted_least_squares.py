@@ -8,24 +8,24 @@ import jax
 import numpy as np
 import optimistix as optx
 
-from .._errors import MatchError
+from ..errors import MatchError
 from ..simulation._simulate import prepare_simulation
 from ._descent import descend
-from ._descent_result import Callbacks, Estimate, OnStep, Start
+from ._descent_result import Callbacks, MatchEstimate, OnStep, Start
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise_model import NoiseModel, has_settled, initial_noise_model, update_noise_model
-from ._objective import Objective, make_objective, shapes_needed
+from ._objective import MatchObjective, make_objective, shapes_needed
 from ._problem import MatchProblem
 
+# Relative tolerances of the cost for the rounds before the last. There is one more round, and not
+# as many as it takes until the weights no longer change: part of the errors of a twin that is not
+# exact is then taken for parameters, the noise becomes too small, and the predictions of
+# `dual-cell` for another day become worse (docs/two-cell-rig.md).
 LOOSE = (3e-2, 1e-2)
-"""Relative tolerances of the cost for the rounds before the last. There is one more round, and not
-as many as it takes until the weights no longer change: part of the errors of a twin that is not
-exact is then taken for parameters, the noise becomes too small, and the predictions of `dual-cell`
-for another day become worse (docs/two-cell-rig.md)."""
 
+# The largest number of rounds after the third. Each brings the weight of a gross outlier nearer to
+# its limit; without one, none is needed.
 MORE_ROUNDS = 10
-"""The largest number of rounds after the third. Each brings the weight of a gross outlier nearer to
-its limit; without one, none is needed."""
 
 
 def reweighted_least_squares(
@@ -34,7 +34,7 @@ def reweighted_least_squares(
     starts: Sequence[Start],
     max_iterations: int,
     on_step: OnStep | None = None,
-) -> list[Estimate]:
+) -> list[MatchEstimate]:
     """Matches in three rounds, whose weights follow from the residuals of the round before; in a
     single round if the weights do not depend on the noise. With a robust loss, there are as many
     more as the weights of gross outliers need.
@@ -68,10 +68,10 @@ def reweighted_least_squares(
 def another_round(
     problems: Sequence[MatchProblem],
     solver: optx.AbstractLeastSquaresSolver,
-    estimates: Sequence[Estimate],
+    estimates: Sequence[MatchEstimate],
     max_iterations: int,
     on_step: OnStep | None = None,
-) -> list[Estimate]:
+) -> list[MatchEstimate]:
     """Continues matches with the weights that follow from their residuals. The arguments are those
     of `reweighted_least_squares`."""
     noise_models = _updated_noise_models(problems, estimates)
@@ -80,7 +80,7 @@ def another_round(
 
 
 def _updated_noise_models(
-    problems: Sequence[MatchProblem], estimates: Sequence[Estimate]
+    problems: Sequence[MatchProblem], estimates: Sequence[MatchEstimate]
 ) -> list[NoiseModel]:
     return [
         update_noise_model(problem, noise_model, result.recording_errors())
@@ -97,7 +97,7 @@ def _descend(
     starts: Sequence[Start],
     max_iterations: int,
     on_step: OnStep | None,
-) -> list[Estimate]:
+) -> list[MatchEstimate]:
     pairs = list(zip(problems, noise_models, strict=True))
     # All problems have the same number of the camera's shapes, so that they share compiled steps.
     shapes = max(shapes_needed(*pair) for pair in pairs)
@@ -112,7 +112,7 @@ def _descend(
 
     callbacks = Callbacks(on_step, prepare_runs)
     results = descend(objectives, solver, starts, space, max_iterations, callbacks)
-    return [Estimate(*pair) for pair in zip(results, noise_models, strict=True)]
+    return [MatchEstimate(*pair) for pair in zip(results, noise_models, strict=True)]
 
 
 def _loosened(
@@ -122,7 +122,7 @@ def _loosened(
     return replace(solver, rtol=rtol) if isinstance(solver, BoundedLevenbergMarquardt) else solver
 
 
-def _check_alike(objectives: Sequence[Objective]) -> None:
+def _check_alike(objectives: Sequence[MatchObjective]) -> None:
     first, *others = [
         (jax.tree.structure(objective), [np.shape(leaf) for leaf in jax.tree.leaves(objective)])
         for objective in objectives

@@ -30,8 +30,8 @@ from typing import Any, Literal, final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import ParameterError, RigError
 from .._whole_file import check_ending, write_whole_file
+from ..errors import ParameterError, RigError
 from ..rig import Rig
 from ..rig._parameter_file import parameter_file_text
 from ..simulation._initial import Initial
@@ -43,9 +43,10 @@ from ._noise_model import Noise
 from ._start import FirstSample
 from ._uncertainty import UnidentifiableDirection
 
+# The version of the tables.
 FORMAT = 1
-"""The version of the tables."""
 
+# Fields of a fitted parameter that follow from the parameter table and the rig.
 TABLE = {
     "name",
     "unit",
@@ -61,10 +62,9 @@ TABLE = {
     "prior_spread",
     "group_spread",
 }
-"""Fields of a fitted parameter that follow from the parameter table and the rig."""
 
+# Run-length encoded weights of the channels: the number of samples in a row, and their weight.
 Stretches = tuple[tuple[int, float], ...]
-"""Run-length encoded weights of the channels: the number of samples in a row, and their weight."""
 
 
 @final

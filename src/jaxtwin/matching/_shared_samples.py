@@ -6,11 +6,11 @@ from jaxtyping import Float
 
 from ..io import Experiment
 
+# Times of a sample in two recordings differ by less, s: those of a part may be shifted.
 SAME_TIME = 1e-6
-"""Times of a sample in two recordings differ by less, s: those of a part may be shifted."""
 
-FEWEST = 3
-"""As many samples of different readings, or more, are no coincidence."""
+# As many samples of different readings, or more, are no coincidence.
+MIN_SHARED_SAMPLES = 3
 
 
 def shared_samples(a: Experiment, b: Experiment) -> int:
@@ -21,7 +21,7 @@ def shared_samples(a: Experiment, b: Experiment) -> int:
         return 0
     a, b = a.select(names), b.select(names)
     shorter, longer = sorted((_Samples(a), _Samples(b)), key=lambda samples: len(samples.time))
-    if not len(shorter.time) or len(np.unique(shorter.rows, axis=0)) < FEWEST:
+    if not len(shorter.time) or len(np.unique(shorter.rows, axis=0)) < MIN_SHARED_SAMPLES:
         return 0
     # A part is wherever its first sample is: at its own time, if it kept that.
     alike = np.all(longer.rows == shorter.rows[0], axis=1)
@@ -32,7 +32,7 @@ def shared_samples(a: Experiment, b: Experiment) -> int:
     if a.time[0] == b.time[0]:
         return 0  # neither is the beginning of the other
     early, late = (samples.between(first, last) for samples in (shorter, longer))
-    if len(early.time) != len(late.time) or len(np.unique(early.rows, axis=0)) < FEWEST:
+    if len(early.time) != len(late.time) or len(np.unique(early.rows, axis=0)) < MIN_SHARED_SAMPLES:
         return 0
     return len(early.time) if _same(early, late, 0.0) == len(early.time) else 0
 

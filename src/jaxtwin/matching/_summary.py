@@ -30,17 +30,17 @@ COLUMNS = (
     "unit",
     "",
 )
+# The width of plain text, in characters.
 WIDTH = 100
-"""The width of plain text, in characters."""
 
+# The columns that are aligned to the right.
 NUMBERS = slice(1, 8)
-"""The columns that are aligned to the right."""
 
+# Below this spread of a logarithm a prior is shown with its per cent: its factor is about 1.
 SMALL_SPREAD = 0.05
-"""Below this spread of a logarithm a prior is shown with its per cent: its factor is about 1."""
 
+# A larger `Fit.solver_gap` is mentioned, K: a tenth of the RMSE of a good match.
 LARGE_GAP = 0.01
-"""A larger `Fit.solver_gap` is mentioned, K: a tenth of the RMSE of a good match."""
 
 
 def summary_table(fit: "Fit", style: Style = "text") -> str:

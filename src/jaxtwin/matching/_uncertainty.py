@@ -21,16 +21,16 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ._autocovariance import Mixture, Series, fit_noise, noise_in_unknowns
+from ._autocovariance import Mixture, ResidualSeries, fit_noise, noise_in_unknowns
 from ._between_recordings import RecordingScore, estimate_heterogeneity
-from ._descent_result import Estimate
+from ._descent_result import MatchEstimate
 from ._loss import influence_variance
 from ._noise_model import Noise, beside_others
 from ._problem import MatchProblem
 from ._unknowns import Unknowns
 
-CLOSE = 0.95
-"""Pairs of values with a larger absolute correlation are reported."""
+# Pairs of values with a larger absolute correlation are reported.
+CORRELATED_ABOVE = 0.95
 
 
 @final
@@ -137,7 +137,7 @@ class VectorEntries:
 
 
 def estimate_uncertainty(
-    problem: MatchProblem, estimate: Estimate
+    problem: MatchProblem, estimate: MatchEstimate
 ) -> tuple[Uncertainty, tuple[Noise, Noise]]:
     """Estimates the uncertainty of the matched values, and the noise of the channels and of the
     common mode (times the root of the number of channels).
@@ -169,14 +169,14 @@ def estimate_uncertainty(
         noise[0] = noise[1]
     slopes = unknowns.value_derivatives(vector)
     entries = VectorEntries(problem.labels, precision, unknowns.scales(), slopes, inside)
-    found = uncertainty(entries, lift.T @ normal @ lift, lift.T @ (meat + camera) @ lift)
+    solution = uncertainty(entries, lift.T @ normal @ lift, lift.T @ (meat + camera) @ lift)
     pull = np.zeros(count)
     linear = problem.linear_prior
     away = (vector - unknowns.prior_means()) * problem.prior_weights**2
     away += linear.matrix.T @ (linear.matrix @ vector - linear.values)
     pull[:values] = away[inside]
     between = _between_recordings(all_series, mixtures, camera + prior, pull, unknowns, inside)
-    return replace(found, between_recordings=between), (noise[0], noise[1])
+    return replace(solution, between_recordings=between), (noise[0], noise[1])
 
 
 def uncertainty(
@@ -267,7 +267,7 @@ def close_pairs(
         (labels[a], labels[b], float(correlation[a, b]))
         for a in range(len(labels))
         for b in range(a)
-        if abs(correlation[a, b]) > CLOSE
+        if abs(correlation[a, b]) > CORRELATED_ABOVE
     ]
     return tuple(sorted(pairs, key=lambda pair: -abs(pair[2])))
 
@@ -321,8 +321,8 @@ def _largest(names: Sequence[str], direction: Float[np.ndarray, " values"]) -> d
 
 
 def _series(
-    problem: MatchProblem, estimate: Estimate, inside: Bool[np.ndarray, " unknowns"]
-) -> tuple[list[Series], Float[np.ndarray, "all_unknowns values"]]:
+    problem: MatchProblem, estimate: MatchEstimate, inside: Bool[np.ndarray, " unknowns"]
+) -> tuple[list[ResidualSeries], Float[np.ndarray, "all_unknowns values"]]:
     """The weighted residuals of all recordings in units of their standard deviations, with their
     derivatives with respect to the values and to the amplitudes of the camera's shapes, and the
     matrix by which all of these follow from the values.
@@ -356,7 +356,7 @@ def _series(
                 # Subtracting the mean of the channels leaves one independent channel less.
                 channels = float(beside.sum() / np.count_nonzero(beside.any(axis=1)))
                 roots = np.sqrt(counted * beside)
-                series = Series(
+                series = ResidualSeries(
                     kind=0,
                     recording=position,
                     residuals=np.sqrt(loss) * of_channels,
@@ -377,7 +377,7 @@ def _series(
             slopes[:, 0, count:] = -shapes[:, used]
             loss = noise_model.common_mode_weights[position][:, None]
             shared = (common_mode * errors[position].common_mode)[:, None]
-            series = Series(
+            series = ResidualSeries(
                 kind=1,
                 recording=position,
                 residuals=np.sqrt(loss) * shared,
@@ -402,7 +402,7 @@ def _ratio(
 
 
 def _between_recordings(
-    all_series: list[Series],
+    all_series: list[ResidualSeries],
     mixtures: tuple[Mixture, ...],
     prior: Float[np.ndarray, "all_unknowns all_unknowns"],
     pull: Float[np.ndarray, " all_unknowns"],

@@ -14,9 +14,9 @@ from ..rig import Parameter
 
 Vector = Float[np.ndarray | Array, "*descents unknowns"]
 
+# A start at a bound is moved inside by this part of the range, because the derivative of the
+# transform is 0 at a bound.
 WALL = 1e-6
-"""A start at a bound is moved inside by this part of the range, because the derivative of the
-transform is 0 at a bound."""
 
 
 @final
@@ -198,9 +198,9 @@ class Unknowns:
         return (*(row.name for row in self.shared), *own)
 
     @property
-    def layout(self) -> "Layout":
+    def layout(self) -> "VectorLayout":
         """The order of the entries, for compiled code."""
-        return Layout(
+        return VectorLayout(
             shared=tuple((row.name, row.is_logarithmic) for row in self.shared),
             per_group=tuple((row.name, row.is_logarithmic) for row in self.per_group),
             per_recording=tuple((row.name, row.is_logarithmic) for row in self.per_recording),
@@ -211,30 +211,30 @@ class Unknowns:
         self, vector: Float[np.ndarray, "*draws unknowns"]
     ) -> Float[np.ndarray, "*draws unknowns"]:
         """The entries in their parameters' units."""
-        found = np.array(vector)
+        result = np.array(vector)
         logarithmic = np.array([row.is_logarithmic for row in self.entry_parameters], dtype=bool)
-        found[..., logarithmic] = np.exp(found[..., logarithmic])
+        result[..., logarithmic] = np.exp(result[..., logarithmic])
         # Rounding of the logarithm must not move a value at a bound beyond it.
         lower, upper = np.array([(row.lower, row.upper) for row in self.entry_parameters]).T
-        return np.clip(found, lower, upper)
+        return np.clip(result, lower, upper)
 
     def recording_values(
         self, vector: Float[np.ndarray, "*draws unknowns"]
     ) -> list[dict[str, Float[np.ndarray, "*draws"]]]:
         """Name -> value in the parameter's unit, for each recording."""
-        found, names = (
+        result, names = (
             self.to_values(vector),
             [row.name for row in self.shared + self.per_group + self.per_recording],
         )
         return [
-            {name: found[..., entry] for name, entry in zip(names, places, strict=True)}
+            {name: result[..., entry] for name, entry in zip(names, places, strict=True)}
             for places in self.layout.entry_indices()
         ]
 
 
 @final
 @dataclass(frozen=True)
-class Layout:
+class VectorLayout:
     """The layout of the vector for compiled code: the order of the unknowns, without values and
     bounds.
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number, whole_number
-from .._errors import ObserverError
+from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit
@@ -23,7 +23,7 @@ from ._state_test import parameters_of
 from ._tails import block_maxima, tail_of
 from ._thresholds import (
     FAMILIES,
-    STILL,
+    MIN_EQUAL_READINGS,
     MonitorCalibration,
     Reference,
     Tail,
@@ -31,8 +31,8 @@ from ._thresholds import (
     usual_tails,
 )
 
+# The part of a recording, at its end, over which the changes of parameters are averaged.
 LAST = 0.5
-"""The part of a recording, at its end, over which the changes of parameters are averaged."""
 
 
 def calibrate_monitor(
@@ -121,7 +121,7 @@ def _plain_calibration(observed: Sequence[Observed]) -> MonitorCalibration:
         series = [_settled(one, name) for one in observed if name in one.channels]
         scales[name], memory[name] = _scale_and_memory(series)
         longest = max((_longest_still(one, name) for one in observed), default=0)
-        still[name] = max(STILL, 3.0 * longest)
+        still[name] = max(MIN_EQUAL_READINGS, 3.0 * longest)
     return MonitorCalibration(
         sample_time=sample_time,
         scales=scales,
@@ -165,7 +165,7 @@ def _longest_still(observed: Observed, channel: str) -> int:
 
 def _references(observed: Sequence[Observed]) -> dict[str, Reference]:
     """What the observer says of each parameter at the end of the recordings."""
-    found: dict[str, list[float]] = {}
+    result: dict[str, list[float]] = {}
     for one in observed:
         model = one.observer.model
         if model.directions is None:
@@ -173,14 +173,14 @@ def _references(observed: Sequence[Observed]) -> dict[str, Reference]:
         change = np.asarray(one.estimates.moments.values.mean)
         later = one.time >= one.time[0] + LAST * one.experiment.duration
         for name, mean in zip(parameters_of(model), change[later].mean(axis=0), strict=True):
-            found.setdefault(name, []).append(float(mean))
+            result.setdefault(name, []).append(float(mean))
     return {
         name: Reference(
             float(np.mean(means)),
             float(np.std(means, ddof=1)) if len(means) > 1 else 0.0,
             len(means),
         )
-        for name, means in found.items()
+        for name, means in result.items()
     }
 
 
@@ -190,10 +190,10 @@ def _tails(
     """The tails of all families in some recordings."""
     maxima: dict[str, list[np.ndarray]] = {family: [] for family in FAMILIES}
     for one in observed:
-        found = evidences_of(Monitor(one.observer, plain, response, None), one)
+        result = evidences_of(Monitor(one.observer, plain, response, None), one)
         later = one.time >= one.time[0] + SETTLE
         for family in FAMILIES:
-            scores = getattr(found, family).score
+            scores = getattr(result, family).score
             if scores.shape[1] and later.any():
                 largest = scores[later].max(axis=1)
                 maxima[family].append(block_maxima(one.time[later], largest))

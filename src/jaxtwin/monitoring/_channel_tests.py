@@ -13,15 +13,15 @@ from ..observers._augmented_model import AugmentedModel
 from ._evidence import Evidence, Seen
 from ._response import Response
 
+# A reading must be at the room for this time, s.
 GONE_SECONDS = 5.0
-"""A reading must be at the room for this time, s."""
 
-SATURATED = 0.9
-"""A duty from which on a drive counts as saturated."""
+# A duty from which on a drive counts as saturated.
+SATURATED_DUTY = 0.9
 
-MOVED = 4.0
-"""A frozen reading must be expected to have moved by this multiple of the noise of a reading, or to
-be equal for three times as long."""
+# A frozen reading must be expected to have moved by this multiple of the noise of a reading, or to
+# be equal for three times as long.
+MIN_EXPECTED_MOVE_SIGMAS = 4.0
 
 
 @final
@@ -78,11 +78,11 @@ class ChannelTests(eqx.Module):
         count = jnp.where(goes_on, state.equal + equal, 0.0)
         still = jnp.where(goes_on, state.still + dt, 0.0)
         moved = jnp.where(goes_on, state.moved + jnp.abs(jnp.asarray(seen.slope)) * dt, 0.0)
-        enough = jnp.clip(moved / (MOVED * self.model.noise.reading), 1 / 3, 1.0)
+        enough = jnp.clip(moved / (MIN_EXPECTED_MOVE_SIGMAS * self.model.noise.reading), 1 / 3, 1.0)
         frozen = Evidence(count / self.still * enough, still, moved)
 
         duty = jnp.asarray(seen.duty)
-        saturated = jnp.stack([duty, -duty]) >= SATURATED
+        saturated = jnp.stack([duty, -duty]) >= SATURATED_DUTY
         driven = jnp.where(saturated, state.driven + dt, 0.0)
         shows = (driven[:, :, None] >= jnp.asarray(self.response.seconds)).any(axis=(0, 1))
         measured = jnp.asarray(seen.ambient)

@@ -10,15 +10,15 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+# What the cumulative sums subtract from each innovation: half of a shift of one standard deviation
+# (Page 1954).
 REFERENCE = 0.5
-"""What the cumulative sums subtract from each innovation: half of a shift of one standard deviation
-(Page 1954)."""
 
-WINDOW = 128
-"""The longest window of the likelihood ratio, samples (Lai 1995)."""
+# The longest window of the likelihood ratio, samples (Lai 1995).
+WINDOW_SAMPLES = 128
 
+# The number of samples that the energy averages.
 ENERGY_SAMPLES = 32.0
-"""The number of samples that the energy averages."""
 
 
 class CumulativeSums(NamedTuple):
@@ -67,7 +67,7 @@ class CumulativeSums(NamedTuple):
         )
 
 
-class Window(NamedTuple):
+class LikelihoodWindow(NamedTuple):
     """The sums of the last 1, 2, ... innovations of each channel, and the time that each took, s.
 
     - `sums`: of the clipped standardised innovations. `totals`: of the innovations, K.
@@ -78,9 +78,9 @@ class Window(NamedTuple):
     ages: Float[Array, "window channels"]
 
     @classmethod
-    def zero(cls, channels: int) -> "Window":
+    def zero(cls, channels: int) -> "LikelihoodWindow":
         """The window of channels of which nothing was read."""
-        none = jnp.zeros((WINDOW, channels))
+        none = jnp.zeros((WINDOW_SAMPLES, channels))
         return cls(none, none, none)
 
     def after(
@@ -89,14 +89,14 @@ class Window(NamedTuple):
         innovation: Float[Array, " channels"],
         used: Bool[Array, " channels"],
         dt: Float[Array, ""],
-    ) -> "Window":
+    ) -> "LikelihoodWindow":
         """The window after a sample, as for `CumulativeSums.after`."""
 
         def longer(old: Array, new: Array) -> Array:
             shifted = jnp.concatenate([jnp.zeros_like(old[:1]), old[:-1]])
             return jnp.where(used, shifted + new, old)
 
-        return Window(
+        return LikelihoodWindow(
             longer(self.sums, x),
             longer(self.totals, innovation),
             longer(self.ages, jnp.full_like(x, dt)),
@@ -107,7 +107,7 @@ class Window(NamedTuple):
     ) -> tuple[Float[Array, " channels"], Float[Array, " channels"], Float[Array, " channels"]]:
         """The logarithm of the generalised likelihood ratio of a shift of the mean against none,
         the time since its most likely onset, s, and its most likely size, K."""
-        counts = jnp.arange(1, WINDOW + 1)[:, None]
+        counts = jnp.arange(1, WINDOW_SAMPLES + 1)[:, None]
         ratios = self.sums**2 / (2 * counts)
         best = jnp.argmax(ratios, axis=0)
         tables = ratios, self.ages, self.totals / counts
@@ -132,7 +132,7 @@ def energy_after(
 
 
 def joint_ratio(
-    window: Window,
+    window: LikelihoodWindow,
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """The same for a shift of all channels together, each by an amount of its own: the size is the
     root mean square over the channels.
@@ -141,7 +141,7 @@ def joint_ratio(
     channel would have to show to be as unlikely (Wilson and Hilferty 1931), so that the threshold
     does not depend on their number.
     """
-    counts = jnp.arange(1, WINDOW + 1)[:, None]
+    counts = jnp.arange(1, WINDOW_SAMPLES + 1)[:, None]
     channels = window.sums.shape[1]
     squares = (window.sums**2 / counts).sum(axis=1)
     part = 2 / (9 * channels)

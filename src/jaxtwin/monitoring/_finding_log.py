@@ -14,9 +14,10 @@ from ._monitor import Monitor, channels_of
 from ._state_test import parameters_of, state_names
 from ._thresholds import FAMILIES, MonitorCalibration
 
+# A finding clears when its scores have been below a half for this time, s of the rig.
 CALM_SECONDS = 30.0
-"""A finding clears when its scores have been below a half for this time, s of the rig."""
 
+# Test -> the kind of its findings.
 KINDS = {
     "sum": "sudden",
     "ratio": "sudden",
@@ -29,10 +30,9 @@ KINDS = {
     "impossible": "impossible",
     "changed": "changed",
 }
-"""Test -> the kind of its findings."""
 
 
-class _Row(NamedTuple):
+class _FindingRow(NamedTuple):
     """A test of one channel, state or parameter."""
 
     test: str
@@ -128,7 +128,7 @@ class FindingLog:
         return list(new.values())
 
     @staticmethod
-    def _says_more(row: _Row, score: float, there: _Open) -> bool:
+    def _says_more(row: _FindingRow, score: float, there: _Open) -> bool:
         """Whether a test says more of a finding than is known: a shift in K says more than the
         scatter."""
         is_scatter = row.test == "energy"
@@ -140,7 +140,7 @@ class FindingLog:
         """Whether there is an alarm, which then explains why a parameter has changed."""
         return any(one.finding.is_alarm for one in self._open.values())
 
-    def _grown(self, finding: Finding, row: _Row, size: float, score: float) -> Finding:
+    def _grown(self, finding: Finding, row: _FindingRow, size: float, score: float) -> Finding:
         return replace(
             finding,
             detail=_detail(row, size),
@@ -149,7 +149,7 @@ class FindingLog:
             probability=self._probability(row, score, size),
         )
 
-    def _probability(self, row: _Row, score: float, size: float) -> float | None:
+    def _probability(self, row: _FindingRow, score: float, size: float) -> float | None:
         """That it is no false alarm, if faults are as frequent as false alarms are to be."""
         if row.test in FAMILIES:
             threshold = self._monitor.thresholds[row.test]
@@ -161,12 +161,12 @@ class FindingLog:
         return None
 
 
-def _begun(row: _Row, since: float | int, found: float | int) -> Finding:
+def _begun(row: _FindingRow, since: float | int, found: float | int) -> Finding:
     severity: Severity = "notice" if row.test in ("changed", "impossible") else "warning"
     return Finding(row.key[0], "", row.name, since, severity, unit=row.unit, found=found)
 
 
-def _rows(monitor: Monitor) -> Iterator[_Row]:
+def _rows(monitor: Monitor) -> Iterator[_FindingRow]:
     """The tests in the order of `Evidences`."""
     model = monitor.model
     channels = channels_of(model)
@@ -177,20 +177,20 @@ def _rows(monitor: Monitor) -> Iterator[_Row]:
         if test == "state":
             for place, name in enumerate(state_names(model)):
                 if place < of_states:
-                    yield _Row(test, name, place, _unit(monitor, name), "parameter")
+                    yield _FindingRow(test, name, place, _unit(monitor, name), "parameter")
                 elif place == of_states:
-                    yield _Row(test, name, place, "K", "room")
+                    yield _FindingRow(test, name, place, "K", "room")
                 else:
-                    yield _Row(test, name, place, "W", "heat")
+                    yield _FindingRow(test, name, place, "W", "heat")
         elif test == "changed":
             for place, name in enumerate(parameters_of(model)):
-                yield _Row(test, name, place, _unit(monitor, name), "parameter")
+                yield _FindingRow(test, name, place, _unit(monitor, name), "parameter")
         elif test == "joint":
             if len(channels) > 1:
-                yield _Row(test, "", 0, "K")
+                yield _FindingRow(test, "", 0, "K")
         elif test != "error" or model.layout.channels:
             for place, name in enumerate(channels):
-                yield _Row(test, name, place, units[test])
+                yield _FindingRow(test, name, place, units[test])
 
 
 def _unit(monitor: Monitor, name: str) -> str:
@@ -202,7 +202,7 @@ def _unit(monitor: Monitor, name: str) -> str:
     return monitor.model.twin.rig.parameters[name].unit or ""
 
 
-def _detail(row: _Row, size: float) -> str:
+def _detail(row: _FindingRow, size: float) -> str:
     name, more = row.name, "above" if size > 0 else "below"
     match row.test:
         case "sum" | "ratio":
@@ -229,7 +229,7 @@ def _detail(row: _Row, size: float) -> str:
             return f"{name} differs by {_change(row, size)} from the recordings of the match"
 
 
-def _change(row: _Row, size: float) -> str:
+def _change(row: _FindingRow, size: float) -> str:
     return f"{size:+.2g} {row.unit}" if row.unit else f"{100 * size:+.2g} %"
 
 
@@ -241,4 +241,4 @@ def at_sample(evidences: Evidences, place: int) -> Evidence:
 
 def loudest(evidences: Evidences) -> Float[np.ndarray, " times"]:
     """The largest score at each sample."""
-    return np.concatenate([one.score for one in evidences], axis=1).max(axis=1)
+    return np.concatenate([evidence.score for evidence in evidences], axis=1).max(axis=1)

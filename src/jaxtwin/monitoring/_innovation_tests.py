@@ -12,32 +12,39 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..observers._expected_correction import is_due
-from ._cumulative import ENERGY_SAMPLES, CumulativeSums, Window, energy_after, joint_ratio, picked
+from ._cumulative import (
+    ENERGY_SAMPLES,
+    CumulativeSums,
+    LikelihoodWindow,
+    energy_after,
+    joint_ratio,
+    picked,
+)
 from ._evidence import Evidence, Seen
 
+# The largest standardised innovation that counts. With a larger one, single innovations make up the
+# tail of the likelihood ratio where it is measured, and what is extrapolated is passed far too
+# often (`benchmarks/monitor.py`).
 CLIP = 3.0
-"""The largest standardised innovation that counts. With a larger one, single innovations make up
-the tail of the likelihood ratio where it is measured, and what is extrapolated is passed far too
-often (`benchmarks/monitor.py`)."""
 
+# The standardised innovation of a jump.
 JUMP = 4.0
-"""The standardised innovation of a jump."""
 
-HELD = 10.0
-"""After a jump of several channels at once, and when a camera is due to correct itself, all of them
-say nothing for this time, s. If it is over then, as after a correction of a camera, an outlier or a
-jump of the command, it is forgotten; a fault lasts, and all of it counts."""
+# After a jump of several channels at once, and when a camera is due to correct itself, all of them
+# say nothing for this time, s. If it is over then, as after a correction of a camera, an outlier or
+# a jump of the command, it is forgotten; a fault lasts, and all of it counts.
+MASK_SECONDS_AFTER_JUMP = 10.0
 
-REARMED = 60.0
-"""They are held only once in this time, s: no fault hides behind them."""
+# They are held only once in this time, s: no fault hides behind them.
+MIN_SECONDS_BETWEEN_MASKS = 60.0
 
-LASTS = 5.0
-"""A jump lasts if the innovations in the second half of this time are unlike noise: if the sum of
-their squared means, as a chi-squared variable, is so many standard deviations above its mean."""
+# A jump lasts if the innovations in the second half of this time are unlike noise: if the sum of
+# their squared means, as a chi-squared variable, is so many standard deviations above its mean.
+PERSISTENCE_SIGMAS = 5.0
 
-ENOUGH = 1.5
-"""At so many times its threshold a likelihood ratio begins again, and a sum grows no more: how soon
-a finding clears."""
+# At so many times its threshold a likelihood ratio begins again, and a sum grows no more: how soon
+# a finding clears.
+RESET_SCORE = 1.5
 
 
 @final
@@ -45,7 +52,7 @@ class Statistics(eqx.Module):
     """The statistics, and the last innovations."""
 
     sums: CumulativeSums
-    window: Window
+    window: LikelihoodWindow
     energy: Float[Array, " channels"]
     last: Float[Array, " channels"]
 
@@ -89,9 +96,9 @@ class InnovationTests(eqx.Module):
         channels = len(self.scales)
         none = jnp.zeros(channels)
         begin = Statistics(
-            CumulativeSums.zero(channels), Window.zero(channels), jnp.ones(channels), none
+            CumulativeSums.zero(channels), LikelihoodWindow.zero(channels), jnp.ones(channels), none
         )
-        return InnovationState(begin, begin, jnp.full((), REARMED), none, none)
+        return InnovationState(begin, begin, jnp.full((), MIN_SECONDS_BETWEEN_MASKS), none, none)
 
     def step(
         self, state: InnovationState, seen: Seen, dt: Float[Array, ""], settled: Bool[Array, ""]
@@ -99,33 +106,35 @@ class InnovationTests(eqx.Module):
         """The state after a sample, and what sum, ratio, joint ratio and energy say."""
         scaled = jnp.asarray(seen.whitened) / self.scales
         there = jnp.isfinite(jnp.asarray(seen.readings))
-        was_held = state.since_held < HELD
+        was_held = state.since_held < MASK_SECONDS_AFTER_JUMP
         since_held = state.since_held + dt
         is_found = (state.statistics.sums.sums >= self._least).any()
         due = is_due(self.interval, jnp.asarray(seen.since_correction))
-        begins = (_jumped(scaled, there) | due) & (since_held >= REARMED) & ~is_found
+        begins = (
+            (_jumped(scaled, there) | due) & (since_held >= MIN_SECONDS_BETWEEN_MASKS) & ~is_found
+        )
         # The time counts from the last sample at which the camera was due.
         since_held = jnp.where(begins | (due & was_held), 0.0, since_held)
-        is_held = since_held < HELD
+        is_held = since_held < MASK_SECONDS_AFTER_JUMP
         square = (state.late**2 / jnp.maximum(state.count, 1.0)).sum()
         read = jnp.maximum((state.count > 0).sum(), 1)
-        lasts = square >= read + LASTS * jnp.sqrt(2.0 * read)
+        lasts = square >= read + PERSISTENCE_SIGMAS * jnp.sqrt(2.0 * read)
         # Of readings that are rarer than half of the time, nobody knows whether it is over.
         lasts = lasts | (state.count.sum() == 0)
         ends = was_held & ~is_held & ~lasts
         now = _chosen(ends, state.before, state.statistics)
         before = _chosen(begins, now, state.before)
-        is_late = is_held & (since_held >= HELD / 2) & there
+        is_late = is_held & (since_held >= MASK_SECONDS_AFTER_JUMP / 2) & there
         late = jnp.where(begins, 0.0, state.late + jnp.where(is_late, scaled.clip(-CLIP, CLIP), 0))
         count = jnp.where(begins, 0.0, state.count + is_late)
         now = self._after(now, seen, scaled, there & settled, dt)
-        found = self._evidence(now, dt, settled & ~is_held)
+        result = self._evidence(now, dt, settled & ~is_held)
         # The window of a change that is found begins again: it then shows whether it is over.
         enough = jnp.asarray(self.enough)
-        is_full = (found[1].score >= enough) | (found[2].score >= enough).any()
+        is_full = (result[1].score >= enough) | (result[2].score >= enough).any()
         window = jax.tree.map(lambda leaf: jnp.where(is_full, 0.0, leaf), now.window)
         now = replace(now, window=window)
-        return InnovationState(now, before, since_held, late, count), found
+        return InnovationState(now, before, since_held, late, count), result
 
     @property
     def _least(self) -> Float[Array, ""]:

@@ -18,11 +18,11 @@ from ._monitor import Monitor, MonitorState, channels_of
 from ._response import response_of
 from ._thresholds import DAY, MonitorCalibration, nominal_calibration
 
+# Host times are in ns.
 TICKS = 10**9
-"""Host times are in ns."""
 
-KEPT = 1000
-"""The number of findings that are kept after they are over: a rig may be watched for months."""
+# The number of findings that are kept after they are over: a rig may be watched for months.
+MAX_ENDED_FINDINGS = 1000
 
 
 @final
@@ -55,7 +55,7 @@ class LiveMonitor:
         """The filter."""
         monitor = Monitor(observer, calibration, response_of(observer), false_alarm_time)
         self._take = _stepped.bind(monitor)
-        self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, KEPT)
+        self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, MAX_ENDED_FINDINGS)
         with jax.enable_x64(True):
             start = jax.tree.map(np.asarray, _begun(monitor))
         self._state = start

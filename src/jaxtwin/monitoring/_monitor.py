@@ -12,15 +12,14 @@ from ..observers import ExtendedKalmanFilter
 from ..observers._augmented_model import AugmentedModel
 from ._channel_tests import ChannelState, ChannelTests
 from ._evidence import Evidences, Seen
-from ._innovation_tests import ENOUGH, InnovationState, InnovationTests
+from ._innovation_tests import RESET_SCORE, InnovationState, InnovationTests
 from ._response import Response
 from ._shift_test import ShiftState, ShiftTest
 from ._state_test import SlowState, StateTest, main_parameters
 from ._thresholds import FAMILIES, MonitorCalibration
 
+# An observer needs this time to find the rig, s; of innovations and states nothing is said before.
 SETTLE = 120.0
-"""An observer needs this time to find the rig, s; of innovations and states nothing is said
-before."""
 
 
 @final
@@ -71,7 +70,7 @@ class Monitor(eqx.Module):
             scales=np.array([calibration.scales.get(name, 1.0) for name in names]),
             memory=np.array([calibration.memory.get(name, 0.0) for name in names]),
             thresholds=limits[:4],
-            enough=np.array(math.inf if seconds is None else ENOUGH),
+            enough=np.array(math.inf if seconds is None else RESET_SCORE),
             interval=model.interval,
         )
         self.states = StateTest(model, np.array(main_parameters(model), int), limits[4:])

@@ -3,7 +3,7 @@
 import os
 
 from .._arguments import finite_number, of_kind
-from .._errors import ObserverError
+from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiment
 from ..matching import Fit
@@ -16,8 +16,8 @@ from ._response import response_of
 from ._run import evidences_of
 from ._thresholds import DAY, MonitorCalibration
 
-SHORTEST_FALSE_ALARM_TIME = 3600.0
-"""The shortest mean time between false alarms, s: the tails of the statistics begin there."""
+# The shortest mean time between false alarms, s: the tails of the statistics begin there.
+MIN_FALSE_ALARM_TIME = 3600.0
 
 
 def monitor(
@@ -46,9 +46,9 @@ def monitor(
     another rig.
     """
     seconds = finite_number("monitor: false_alarm_time", false_alarm_time, ObserverError)
-    if seconds < SHORTEST_FALSE_ALARM_TIME:
+    if seconds < MIN_FALSE_ALARM_TIME:
         raise ObserverError(
-            f"monitor: false_alarm_time: expected at least {SHORTEST_FALSE_ALARM_TIME:g} s, below "
+            f"monitor: false_alarm_time: expected at least {MIN_FALSE_ALARM_TIME:g} s, below "
             f"which no tail is known, got {seconds:g}"
         )
     rig = (fit.twin if isinstance(fit, Fit) else fit).rig
@@ -107,6 +107,6 @@ def check_calibration(calibration: MonitorCalibration, observed: Observed) -> No
 def _calibration(fit: Twin | Fit, observed: Observed) -> MonitorCalibration:
     """What the recordings of the match say; if they are not at hand, what is usual."""
     if isinstance(fit, Fit) and fit.comparisons is not None:
-        several = [observe(fit, one, observed.noise) for one in fit.experiments]
+        several = [observe(fit, experiment, observed.noise) for experiment in fit.experiments]
         return calibration_of_recordings(several)
     return usual_calibration(observed)

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-LARGEST_SPREAD = 7.0
-"""A logarithm of a rate that is less certain than this, a factor of 1000, is not known."""
+# A logarithm of a rate that is less certain than this, a factor of 1000, is not known.
+MAX_SPREAD = 7.0
 
 COLUMNS = ("kind", "channel", "since_s", "found_s", "until_s", "size", "unit", "probability",
            "severity", "detail")  # fmt: skip
@@ -76,7 +76,7 @@ class Monitored:
     @property
     def alarms(self) -> list[Finding]:
         """The findings at which somebody should look: all but notices."""
-        return [one for one in self.findings if one.is_alarm]
+        return [finding for finding in self.findings if finding.is_alarm]
 
     def thresholds(self) -> "pandas.DataFrame":
         """Returns a table with a row for each statistic: its threshold, the recordings or
@@ -98,7 +98,9 @@ class Monitored:
         a finding from 1 on; and the columns of `to_dataframe` (finding)."""
         import xarray
 
-        scores = np.stack([one.score.max(axis=1, initial=0.0) for one in self.evidences], axis=1)
+        scores = np.stack(
+            [evidence.score.max(axis=1, initial=0.0) for evidence in self.evidences], axis=1
+        )
         table = self.to_dataframe()
         columns = {name: ("finding", table[name].to_numpy()) for name in COLUMNS}
         return xarray.Dataset(
@@ -129,10 +131,12 @@ class Monitored:
         if not self.findings:
             return f"{name}: nothing found in {self.experiment.duration:.0f} s"
         lines = [f"{name}: {_count(len(self.alarms))}"]
-        for one in self.findings:
-            until = "the end" if one.until is None else f"{one.until:.0f} s"
-            sure = "" if one.probability is None else f", probability {one.probability:.3g}"
-            lines.append(f"  {one.since:.0f} s to {until}: {one.kind}: {one.detail}{sure}")
+        for finding in self.findings:
+            until = "the end" if finding.until is None else f"{finding.until:.0f} s"
+            sure = "" if finding.probability is None else f", probability {finding.probability:.3g}"
+            lines.append(
+                f"  {finding.since:.0f} s to {until}: {finding.kind}: {finding.detail}{sure}"
+            )
         return "\n".join(lines)
 
     def plot(self) -> "Figure":
@@ -144,25 +148,29 @@ class Monitored:
 
     def __repr__(self) -> str:
         name = self.experiment.name or "a recording"
-        kinds = ", ".join(sorted({one.kind for one in self.findings})) or "nothing found"
+        kinds = ", ".join(sorted({finding.kind for finding in self.findings})) or "nothing found"
         return f"<Monitored {name}: {_count(len(self.alarms))}; {kinds}>"
 
     def _repr_html_(self) -> str:
-        rows = [(one.kind, one.channel, f"{one.since:.0f}", one.detail) for one in self.findings]
+        rows = [
+            (finding.kind, finding.channel, f"{finding.since:.0f}", finding.detail)
+            for finding in self.findings
+        ]
         return html_table(repr(self)[1:-1], ("kind", "channel", "since, s", "what"), rows)
 
     def _rows(self) -> list[tuple[Any, ...]]:
         return [
-            (one.kind, one.channel, one.since, one.found, one.until, one.size, one.unit,
-             one.probability, one.severity, one.detail)
-            for one in self.findings
+            (finding.kind, finding.channel, finding.since, finding.found, finding.until,
+            finding.size, finding.unit,
+             finding.probability, finding.severity, finding.detail)
+            for finding in self.findings
         ]  # fmt: skip
 
     def _thresholds(self) -> list[dict[str, Any]]:
         each, rows = self.false_alarm_time * len(FAMILIES), []
         for family in FAMILIES:
             tail = self.calibration.deciding(family, each)
-            is_known = tail.spread < LARGEST_SPREAD
+            is_known = tail.spread < MAX_SPREAD
             factor = math.exp(QUANTILE_975 * tail.spread) if is_known else math.nan
             rows.append(
                 {

@@ -15,20 +15,20 @@ from ..observers import ExtendedKalmanFilter
 from ..observers._observe import stable_stepper
 from ..simulation import Stepper, StepperState
 
-STEP = 2.0
-"""The step of the simulated rise, s."""
+# The step of the simulated rise, s.
+STEP_SECONDS = 2.0
 
+# The number of these steps.
 COUNT = 600
-"""The number of these steps."""
 
-SHARE = 0.1
-"""How near to the room a reading must be, as a part of what full duty reaches."""
+# How near to the room a reading must be, as a part of what full duty reaches.
+NEAR_ROOM_FRACTION = 0.1
 
-CLEAR = 3.0
-"""A rise of so many times that nearness is clear."""
+# A rise of so many times that nearness is clear.
+CLEAR_RISE_MULTIPLE = 3.0
 
+# A healthy rig takes at most so many times as long as its twin.
 SLOWER = 2.0
-"""A healthy rig takes at most so many times as long as its twin."""
 
 
 class Response(NamedTuple):
@@ -45,18 +45,20 @@ class Response(NamedTuple):
 def response_of(observer: ExtendedKalmanFilter) -> Response:
     """The response of the observed rig, from rest."""
     model = observer.model
-    stepper, step = stable_stepper(model.twin, STEP)
+    stepper, step = stable_stepper(model.twin, STEP_SECONDS)
     cells = model.layout.heats
     duties = np.concatenate([np.eye(cells), -np.eye(cells)])
     lowest = np.array(model.twin.rig.lowest_duty)
     with own_settings():
-        path = np.asarray(_risen(stepper, duties, round(COUNT * STEP / step)))
+        path = np.asarray(_risen(stepper, duties, round(COUNT * STEP_SECONDS / step)))
     rise = path[:, :, np.asarray(model.columns)]
     far = np.abs(rise[:cells]).max(axis=(0, 1))
     noise = float(np.asarray(model.noise.reading))
-    near = np.maximum(SHARE * far, 3 * noise + 2 * float(np.asarray(model.room_spread)))
-    near = np.where(CLEAR * near < far, near, -1.0)
-    clear = np.abs(rise) >= CLEAR * near
+    near = np.maximum(
+        NEAR_ROOM_FRACTION * far, 3 * noise + 2 * float(np.asarray(model.room_spread))
+    )
+    near = np.where(CLEAR_RISE_MULTIPLE * near < far, near, -1.0)
+    clear = np.abs(rise) >= CLEAR_RISE_MULTIPLE * near
     seconds = SLOWER * step * _last_from(clear)
     can_cool = (lowest < 0)[:, None]
     down = np.where(can_cool, seconds[cells:], np.inf)

@@ -20,8 +20,8 @@ def evidences_of(monitor: Monitor, observed: Observed) -> Evidences:
     ambient = np.asarray(observed.samples.ambient)[is_sample]
     dt = np.diff(observed.time, prepend=observed.time[0])
     with own_settings():
-        found = monitored(monitor, seen(states, expected, readings, ambient, dt))
-    return jax.tree.map(np.asarray, found)
+        result = monitored(monitor, seen(states, expected, readings, ambient, dt))
+    return jax.tree.map(np.asarray, result)
 
 
 def run(monitor: Monitor, samples: Seen) -> Evidences:
@@ -33,5 +33,5 @@ def run(monitor: Monitor, samples: Seen) -> Evidences:
     return jax.lax.scan(take, monitor.init(), samples)[1]
 
 
+# The same as a program of its own.
 monitored = persistent_jit(run)
-"""The same as a program of its own."""

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from ._cumulative import REFERENCE
 
+# The number of states between 0 and the threshold.
 CELLS = 400
-"""The number of states between 0 and the threshold."""
 
 
 def mean_run_length(threshold: float, reference: float = REFERENCE) -> float:

@@ -14,14 +14,14 @@ from ._evidence import Evidence, Seen
 from ._state_test import parameter_spreads, parameters_of
 from ._thresholds import Reference
 
-AVERAGED = 600.0
-"""Parameters are averaged over this time before they are compared with those of the match, s."""
+# Parameters are averaged over this time before they are compared with those of the match, s.
+AVERAGING_SECONDS = 600.0
 
+# A change of a parameter must last for this time, s.
 PERSISTENT = 600.0
-"""A change of a parameter must last for this time, s."""
 
+# The probability that a recording of a healthy rig is called changed.
 LEVEL = 0.05
-"""The probability that a recording of a healthy rig is called changed."""
 
 
 @final
@@ -86,7 +86,7 @@ class ShiftTest(eqx.Module):
         if model.directions is None:
             return state, Evidence(state.averages, state.averages, state.averages)
         change = model.directions.change(jnp.asarray(seen.mean)[model.layout.of("values")])
-        share = jnp.where(state.began, -jnp.expm1(-dt / AVERAGED), 1.0)
+        share = jnp.where(state.began, -jnp.expm1(-dt / AVERAGING_SECONDS), 1.0)
         averages = jnp.where(settled, state.averages + share * (change - state.averages), 0.0)
         difference = averages - self.matched
         is_unlike = settled & (jnp.abs(difference) >= self.unlike)

@@ -13,20 +13,20 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..observers import ExtendedKalmanFilter, KalmanState, Observed
-from ..observers._filter_run import Samples, filtered
+from ..observers._filter_run import FilterSamples, filtered
 from ..observers._programs import started
 from ..observers._start import first_reading
 
+# The degrees of freedom of Student's distribution of the simulated noise of readings, whose
+# kurtosis is infinite: that of real innovations is 5 to 100.
 FREEDOM = 4.0
-"""The degrees of freedom of Student's distribution of the simulated noise of readings, whose
-kurtosis is infinite: that of real innovations is 5 to 100."""
 
-LARGEST = 2.5
-"""The largest multiple of a standard deviation that is drawn: the filter is linear about its twin,
-and a rig that is farther away is not healthy."""
+# The largest multiple of a standard deviation that is drawn: the filter is linear about its twin,
+# and a rig that is farther away is not healthy.
+MAX_DRAW_SIGMAS = 2.5
 
+# The mean time between two corrections of a camera without an interval, s.
 CORRECTIONS = 160.0
-"""The mean time between two corrections of a camera without an interval, s."""
 
 
 def simulated(observed: Observed, seed: int) -> Observed:
@@ -43,7 +43,7 @@ def simulated(observed: Observed, seed: int) -> Observed:
         drawn = np.asarray(_drawn(kalman, start, samples, jax.random.key(seed)))
         readings = np.where(np.isfinite(samples.readings), drawn, np.nan)
         samples = samples._replace(readings=readings)
-        found = filtered(kalman, start, samples)
+        run = filtered(kalman, start, samples)
     experiment = Experiment(
         old.time,
         old.duty,
@@ -54,12 +54,12 @@ def simulated(observed: Observed, seed: int) -> Observed:
         name=old.name,
         group=old.group,
     )
-    return dataclasses.replace(observed, experiment=experiment, samples=samples, filtered=found)
+    return dataclasses.replace(observed, experiment=experiment, samples=samples, filtered=run)
 
 
 @persistent_jit
 def _drawn(
-    kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples, key: PRNGKeyArray
+    kalman: ExtendedKalmanFilter, start: KalmanState, samples: FilterSamples, key: PRNGKeyArray
 ) -> Float[Array, "samples channels"]:
     """Draws a rig and its readings."""
     model = kalman.model
@@ -72,11 +72,11 @@ def _drawn(
         variances, vectors = jnp.linalg.eigh(covariance)
         roots = jnp.sqrt(jnp.maximum(variances, 0.0))
         return mean + vectors @ (
-            roots * jax.random.truncated_normal(one, -LARGEST, LARGEST, (size,))
+            roots * jax.random.truncated_normal(one, -MAX_DRAW_SIGMAS, MAX_DRAW_SIGMAS, (size,))
         )
 
     def take(
-        carry: tuple[KalmanState, Array], given: tuple[Samples, Array]
+        carry: tuple[KalmanState, Array], given: tuple[FilterSamples, Array]
     ) -> tuple[tuple[KalmanState, Array], Array]:
         (state, since), (sample, one) = carry, given
         of_noise, of_time, of_jump, of_reading = jax.random.split(one, 4)

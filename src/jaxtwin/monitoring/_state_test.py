@@ -12,12 +12,12 @@ from .._jax_settings import own_settings
 from ..observers._augmented_model import AugmentedModel
 from ._evidence import Evidence, Seen
 
+# A room that is measured has this multiple of the noise of its thermometer as its spread.
 ROOM = 5.0
-"""A room that is measured has this multiple of the noise of its thermometer as its spread."""
 
 
+# The error of a channel is compared with its average over this time, s.
 RECENT = 20.0
-"""The error of a channel is compared with its average over this time, s."""
 
 
 @final

@@ -17,31 +17,31 @@ from jaxtyping import Float
 
 from ._thresholds import DAY, FAMILIES, Tail
 
-BLOCK = 60.0
-"""The length of a block, s, of which the largest value counts."""
+# The length of a block, s, of which the largest value counts.
+BLOCK_SECONDS = 60.0
 
-PASSING = 0.2
-"""The part of the blocks that passes the lower level."""
+# The part of the blocks that passes the lower level.
+TAIL_FRACTION = 0.2
 
+# So many blocks pass the higher one: the scale is then known to a tenth.
 PEAKS = 100
-"""So many blocks pass the higher one: the scale is then known to a tenth."""
 
+# How often recordings are drawn again.
 REDRAWN = 200
-"""How often recordings are drawn again."""
 
-LEAST_BLOCKS = 25
-"""The smallest number of blocks from which a tail is estimated."""
+# The smallest number of blocks from which a tail is estimated.
+MIN_BLOCKS = 25
 
 
 def block_maxima(
     time: Float[np.ndarray, " times"], statistic: Float[np.ndarray, " times"]
 ) -> Float[np.ndarray, " blocks"]:
     """The largest values of the whole blocks of a recording."""
-    number = ((time - time[0]) / BLOCK).astype(int)
-    count = int((time[-1] - time[0]) / BLOCK)
-    found = np.full(count + 1, -np.inf)
-    np.maximum.at(found, np.minimum(number, count), statistic)
-    return found[:count][np.isfinite(found[:count])]
+    number = ((time - time[0]) / BLOCK_SECONDS).astype(int)
+    count = int((time[-1] - time[0]) / BLOCK_SECONDS)
+    result = np.full(count + 1, -np.inf)
+    np.maximum.at(result, np.minimum(number, count), statistic)
+    return result[:count][np.isfinite(result[:count])]
 
 
 def tail_of(
@@ -50,12 +50,12 @@ def tail_of(
     """The tail of a statistic from its block maxima in several recordings; None if there are too
     few blocks."""
     several = [one for one in maxima if len(one)]
-    if sum(map(len, several)) < LEAST_BLOCKS:
+    if sum(map(len, several)) < MIN_BLOCKS:
         return None
     blocks, seconds = np.concatenate(several), month * len(FAMILIES)
     tails = {
-        passing: Tail(*_tail(blocks, passing), source, len(blocks) * BLOCK / 3600)
-        for passing in (PASSING, min(PASSING, PEAKS / len(blocks)))
+        passing: Tail(*_tail(blocks, passing), source, len(blocks) * BLOCK_SECONDS / 3600)
+        for passing in (TAIL_FRACTION, min(TAIL_FRACTION, PEAKS / len(blocks)))
     }
     passing = max(tails, key=lambda one: tails[one].threshold(seconds))
     at = tails[passing].threshold(seconds)
@@ -73,4 +73,4 @@ def _tail(maxima: Float[np.ndarray, " blocks"], passing: float) -> tuple[float, 
     level = float(np.quantile(maxima, 1 - passing))
     over = maxima[maxima > level] - level
     scale = max(float(over.mean()) if len(over) else 0.0, 1e-3 * max(abs(level), 1e-3))
-    return level, passing / BLOCK, scale
+    return level, passing / BLOCK_SECONDS, scale

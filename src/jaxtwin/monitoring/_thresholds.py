@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any, NamedTuple, final
 
 from .._arguments import path_of
-from .._errors import ObserverError
 from .._whole_file import write_whole_file
+from ..errors import ObserverError
 
 DAY = 86_400.0
 
+# The statistics whose thresholds follow from the time between false alarms: of the innovations the
+# cumulative sum, the likelihood ratios and the energy; of the observer the slow states, and the
+# errors of single channels.
 FAMILIES = ("sum", "ratio", "joint", "energy", "state", "error")
-"""The statistics whose thresholds follow from the time between false alarms: of the innovations
-the cumulative sum, the likelihood ratios and the energy; of the observer the slow states, and the
-errors of single channels."""
 
 
 class Tail(NamedTuple):
@@ -61,9 +61,13 @@ class Reference(NamedTuple):
     recordings: int
 
 
-STILL = 30.0
-"""The least number of equal readings in sequence that says that a channel is frozen."""
+# The least number of equal readings in sequence that says that a channel is frozen.
+MIN_EQUAL_READINGS = 30.0
 
+# Level, rate for each sample and scale of usual tails: those of independent innovations of which
+# one in twenty has three times the spread (`benchmarks/monitor.py`). The last two are not measured:
+# they are those of a normal process that forgets within minutes, with its distances half as large
+# again.
 USUAL: Mapping[str, tuple[float, float, float]] = {
     "sum": (4.9, 0.0033, 1.15),
     "ratio": (5.8, 0.0033, 1.33),
@@ -72,10 +76,6 @@ USUAL: Mapping[str, tuple[float, float, float]] = {
     "state": (3.0, 0.003, 0.5),
     "error": (3.0, 0.003, 0.5),
 }
-"""Level, rate for each sample and scale of usual tails: those of independent innovations of which
-one in twenty has three times the spread (`benchmarks/monitor.py`). The last two are not measured:
-they are those of a normal process that forgets within minutes, with its distances half as large
-again."""
 
 
 @final
@@ -179,7 +179,7 @@ def nominal_calibration(channels: Sequence[str], sample_time: float) -> MonitorC
         scales=dict.fromkeys(channels, 1.0),
         memory=dict.fromkeys(channels, 0.0),
         tails=usual_tails(sample_time),
-        still=dict.fromkeys(channels, STILL),
+        still=dict.fromkeys(channels, MIN_EQUAL_READINGS),
         references={},
     )
 
@@ -191,8 +191,8 @@ def _key(name: str) -> str:
 
 def _entries(entries: Mapping[str, Any]) -> list[str]:
     return [
-        f'{name} = "{one}"' if isinstance(one, str) else f"{name} = {one!r}"
-        for name, one in entries.items()
+        f'{name} = "{entry}"' if isinstance(entry, str) else f"{name} = {entry!r}"
+        for name, entry in entries.items()
     ]
 
 
@@ -218,13 +218,13 @@ def _numbers(
 
 
 def _tails(source: Path, entries: Mapping[str, Any]) -> dict[str, tuple[Tail, ...]]:
-    table, found = _table(source, "tails", entries), {}
+    table, result = _table(source, "tails", entries), {}
     for family in FAMILIES:
         several = table.get(family)
         if not isinstance(several, list) or not several:
             raise ObserverError(f"{source}: tails.{family}: expected tables, got {several!r}")
-        found[family] = tuple(_tail(source, f"tails.{family}", one) for one in several)
-    return found
+        result[family] = tuple(_tail(source, f"tails.{family}", one) for one in several)
+    return result
 
 
 def _tail(source: Path, name: str, entry: object) -> Tail:

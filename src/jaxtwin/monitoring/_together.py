@@ -5,11 +5,11 @@ from dataclasses import replace
 
 from ..live.safety._finding import Finding
 
-APART = 10.0
-"""Channels that begin within this time begin together, s: tests date an onset to a few samples."""
+# Channels that begin within this time begin together, s: tests date an onset to a few samples.
+MAX_ONSET_DIFFERENCE_SECONDS = 10.0
 
-FEWEST = 3
-"""Two channels may fail one after the other by chance."""
+# Two channels may fail one after the other by chance.
+MIN_CHANNELS = 3
 
 
 def together(findings: Sequence[Finding], channels: Sequence[str]) -> list[Finding]:
@@ -28,7 +28,7 @@ def together(findings: Sequence[Finding], channels: Sequence[str]) -> list[Findi
         if first.channel in channels:
             group += [one for one in later if one.channel in channels and _begins_with(first, one)]
         names = {one.channel for one in group}
-        if len(names) < FEWEST or 2 * len(names) <= len(channels):
+        if len(names) < MIN_CHANNELS or 2 * len(names) <= len(channels):
             group, names = [first], {first.channel}
         left = [one for one in left if not any(one is each for each in group)]
         joined.append(_one_of(group, len(names)))
@@ -36,7 +36,10 @@ def together(findings: Sequence[Finding], channels: Sequence[str]) -> list[Findi
 
 
 def _begins_with(first: Finding, other: Finding) -> bool:
-    return other.kind == first.kind and (other.since or 0) - (first.since or 0) <= APART
+    return (
+        other.kind == first.kind
+        and (other.since or 0) - (first.since or 0) <= MAX_ONSET_DIFFERENCE_SECONDS
+    )
 
 
 def _one_of(group: Sequence[Finding], channels: int) -> Finding:
@@ -44,7 +47,7 @@ def _one_of(group: Sequence[Finding], channels: int) -> Finding:
     if len(group) == 1:
         return group[0]
     largest = max(group, key=lambda one: abs(one.size or 0.0))
-    over = [one.until for one in group if one.until is not None]
+    over = [finding.until for finding in group if finding.until is not None]
     return replace(
         largest,
         detail=f"{largest.channel} and {channels - 1} others: {largest.detail}",

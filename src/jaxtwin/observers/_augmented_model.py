@@ -38,23 +38,23 @@ from .._compilation import persistent_jit_unoptimised
 from ..physics import System, Twin
 from ..physics._input_effects import Conditions
 from ..simulation import Stepper
-from ..simulation._exponential import Inputs, vanishing
+from ..simulation._exponential import StepInputs, vanishing
 from ..simulation._stepper import losses
 from ..simulation._variable_step import linear_step, variable_step
 from ._commands import Commands
 from ._process_noise import ProcessNoise
 from ._uncertain_values import UncertainDirections
 
-NEAR = 1e-4
-"""Rates whose difference times a step is smaller have the derivative in place of a quotient."""
+# Rates whose difference times a step is smaller have the derivative in place of a quotient.
+EQUAL_RATES_TOLERANCE = 1e-4
 
+# The parts on which the first two after a step depend. They are the first; the others decay.
 DRIVEN = ("modes", "duty", "room", "heats", "values")
-"""The parts on which the first two after a step depend. They are the first; the others decay."""
 
 
 @final
 @dataclass(frozen=True)
-class Layout:
+class StateLayout:
     """The places of the parts in the vector."""
 
     modes: int
@@ -121,7 +121,7 @@ class Transition(NamedTuple):
         return jax.scipy.linalg.block_diag(self.driven, jnp.diag(self.decay))
 
 
-class Reading(NamedTuple):
+class ExpectedReading(NamedTuple):
     """The expected readings, K above the reference, and their derivative with respect to the
     state."""
 
@@ -156,7 +156,7 @@ class AugmentedModel(eqx.Module):
     """The times within which the error of a correction decays, s."""
     interval: float | None = eqx.field(static=True)
     """The time between two corrections of a camera that corrects itself at equal intervals, s."""
-    layout: Layout = eqx.field(static=True)
+    layout: StateLayout = eqx.field(static=True)
 
     def __init__(
         self,
@@ -179,7 +179,7 @@ class AugmentedModel(eqx.Module):
         self.relaxation = () if error is None else tuple(error.relaxation)
         self.interval = None if error is None else error.interval
         cells = len(system.wiring.cold)
-        self.layout = Layout(
+        self.layout = StateLayout(
             modes=stepper.field.modes.rates.size,
             duty=0 if system.lag is None else cells,
             heats=cells,
@@ -296,7 +296,7 @@ class AugmentedModel(eqx.Module):
         """The state after a step of which the entries that only decay are known."""
         return jnp.concatenate([amplitudes, duty, decayed[self.layout.of("room").start :]])
 
-    def read(self, mean: Float[Array, " state"]) -> Reading:
+    def read(self, mean: Float[Array, " state"]) -> ExpectedReading:
         """The expected readings."""
         layout = self.layout
         z, room, common, own, values = (
@@ -316,7 +316,7 @@ class AugmentedModel(eqx.Module):
         if self.directions is not None:
             of_values = jax.jacfwd(self._seen)(values, z, room)
             slope = slope.at[:, layout.of("values")].set(of_values)
-        return Reading(expected, slope)
+        return ExpectedReading(expected, slope)
 
     def _seen(
         self, values: Float[Array, " values"], z: Float[Array, " modes"], room: Float[Array, " 1"]
@@ -383,7 +383,7 @@ class AugmentedModel(eqx.Module):
             held = self._force(z, duty, room[0], heats, base, system)
             held = held - vanishing(self.stepper.field.mass, held)
             lost = losses(self.stepper, z, room[0])
-            free = self.stepper.field.force(z, Inputs(duty, room[0], lost, conditions))
+            free = self.stepper.field.force(z, StepInputs(duty, room[0], lost, conditions))
             return jnp.stack([held, free])
 
         # The numbers of the equations change with the values alone.
@@ -498,7 +498,7 @@ class AugmentedModel(eqx.Module):
         decayed = jnp.where(dt > 0, rates * dt, 1.0)
         fading = -jnp.expm1(-rates * dt) / decayed
         apart = rates[:, None] - rates
-        is_near = jnp.abs(apart) * dt < NEAR
+        is_near = jnp.abs(apart) * dt < EQUAL_RATES_TOLERANCE
         slope = dt * (jnp.exp(-rates * dt) - fading) / decayed
         secant = (fading[:, None] - fading) / jnp.where(is_near, 1.0, apart)
         by_change = jnp.where(is_near, (slope[:, None] + slope) / 2, secant)

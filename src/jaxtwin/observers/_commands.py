@@ -16,8 +16,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+# The age of a command that was given before the start, s.
 LONG_AGO = 1e9
-"""The age of a command that was given before the start, s."""
 
 
 @final

@@ -27,44 +27,44 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._arguments import finite_number
 from .._compilation import persistent_jit
-from .._errors import ObserverError
 from .._jax_settings import own_settings
 from .._waiting import advanced, announced
+from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit, Huber
 from ..matching._recordings import divided
 from ..physics import Twin
-from ._filter_run import Samples, following, samples_of
+from ._filter_run import FilterSamples, following, samples_of
 from ._forecast_run import expected_at, starts_of
 from ._gaussian import LOG_TWO_PI
 from ._kalman_filter import ExtendedKalmanFilter
 from ._observe import filter_for, usual_noise
-from ._process_noise import SIGNED, SPREADS, ProcessNoise
+from ._process_noise import SIGNED_LEVELS, SPREADS, ProcessNoise
 from ._start import first_reading
 
+# The default horizons of the forecasts, s.
 HORIZONS = (60.0, 300.0)
-"""The default horizons of the forecasts, s."""
 
+# The number of forecasts of a recording that are judged at the shortest horizon, evenly spaced;
+# those of a longer one are as many fewer as they are longer.
 FORECASTS = 128
-"""The number of forecasts of a recording that are judged at the shortest horizon, evenly spaced;
-those of a longer one are as many fewer as they are longer."""
 
-OUTLYING = 2.5
-"""A forecast that is wrong by more than so many standard deviations counts less: a supply that is
-switched on late must not decide what the noise is."""
+# A forecast that is wrong by more than so many standard deviations counts less: a supply that is
+# switched on late must not decide what the noise is.
+HUBER_SIGMAS = 2.5
 
 ITERATIONS = 20
 
+# The number of iterations from each start; the best goes on. There are several maxima: what the
+# twin does not explain can be taken as heat in the rig or as an error of the readings.
 FIRST_ITERATIONS = 5
-"""The number of iterations from each start; the best goes on. There are several maxima: what the
-twin does not explain can be taken as heat in the rig or as an error of the readings."""
 
 OF_RIG = ("heat", "command_time", "disturbance")
 OF_READINGS = ("common", "channel")
 
-DIFFERENCE = 0.1
-"""The step in which the curvature at the estimate is found, in standard deviations of the prior."""
+# The step in which the curvature at the estimate is found, in standard deviations of the prior.
+CURVATURE_STEP = 0.1
 
 
 @announced("estimation of the noise")
@@ -102,10 +102,10 @@ def estimate_noise(
     leads = _times(horizons)
     if start is None:
         start = usual_noise(fit, several, names)
-    recordings = [_Recording.of(fit, experiment, start, leads) for experiment in several]
+    recordings = [_Stretches.of(fit, experiment, start, leads) for experiment in several]
     estimated = _estimated(recordings[0].kalman, start)
     levels = start.levels()
-    is_signed = np.isin(estimated, SIGNED)
+    is_signed = np.isin(estimated, SIGNED_LEVELS)
     started = np.array([levels[name] for name in estimated])
     centre = np.where(is_signed, started, np.log(np.where(is_signed, 1.0, started)))
     spread = np.array([SPREADS[name] for name in estimated])
@@ -142,10 +142,10 @@ def estimate_noise(
         )
 
     first = [descend(start, FIRST_ITERATIONS) for start in _starts(estimated)]
-    found = descend(min(first, key=lambda one: one.fun).x, ITERATIONS)
+    optimum = descend(min(first, key=lambda one: one.fun).x, ITERATIONS)
     with own_settings():
-        values = np.asarray(_levels_at(centre + spread * found.x, is_signed))
-    errors = spread * _standard_errors(lambda point: objective(point)[1], found.x, found.jac)
+        values = np.asarray(_levels_at(centre + spread * optimum.x, is_signed))
+    errors = spread * _standard_errors(lambda point: objective(point)[1], optimum.x, optimum.jac)
     found_levels = dict(zip(estimated, values.tolist(), strict=True))
     standard_errors = dict(zip(estimated, errors.tolist(), strict=True))
     return dataclasses.replace(
@@ -188,7 +188,7 @@ def _standard_errors(
     """The standard errors of a maximum of a posterior, by the curvature there (Laplace). The prior
     has the curvature 1. `here` is the slope there."""
     unit = np.eye(len(at))
-    hessian = np.stack([(slope(at + DIFFERENCE * row) - here) / DIFFERENCE for row in unit])
+    hessian = np.stack([(slope(at + CURVATURE_STEP * row) - here) / CURVATURE_STEP for row in unit])
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2)
     return np.sqrt(np.sum(vectors**2 / np.maximum(values, 1.0), axis=1))
 
@@ -203,18 +203,18 @@ class _Lead(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Recording:
+class _Stretches:
     """What the objective needs of a recording."""
 
     kalman: ExtendedKalmanFilter
-    samples: Samples
+    samples: FilterSamples
     first: Float[Array | np.ndarray, ""]
     leads: tuple[_Lead, ...]
 
     @classmethod
     def of(
         cls, fit: Twin | Fit, experiment: Experiment, noise: ProcessNoise, horizons: Sequence[float]
-    ) -> "_Recording":
+    ) -> "_Stretches":
         """Prepares a recording."""
         kalman = filter_for(fit, experiment, noise)
         samples, is_sample = samples_of(kalman, experiment)
@@ -250,7 +250,7 @@ def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, 
 @persistent_jit
 def _scored(
     kalman: ExtendedKalmanFilter,
-    samples: Samples,
+    samples: FilterSamples,
     first: Float[Array | np.ndarray, ""],
     leads: tuple[_Lead, ...],
     names: tuple[str, ...],
@@ -258,21 +258,23 @@ def _scored(
     point: Float[Array | np.ndarray, " levels"],
 ) -> tuple[Float[Array, ""], Float[Array, " levels"]]:
     """The weighted log density of the readings of a recording, one sample and horizons ahead, and
-    its derivative with respect to the logarithms of the levels, or themselves (`SIGNED`)."""
+    its derivative with respect to the logarithms of the levels, or themselves (`SIGNED_LEVELS`)."""
 
     def of(point: Array) -> Array:
-        levels: Any = dict(zip(names, _levels_at(point, np.isin(names, SIGNED)), strict=True))
+        levels: Any = dict(
+            zip(names, _levels_at(point, np.isin(names, SIGNED_LEVELS)), strict=True)
+        )
         noise = dataclasses.replace(kalman.model.noise, **levels)
         changed = eqx.tree_at(lambda k: k.model.noise, kalman, noise)
         start = changed.init(first, jnp.zeros(samples.duty.shape[1]))
-        found, taken = following(changed, start, samples)
+        result, taken = following(changed, start, samples)
         there = jnp.isfinite(samples.readings)
-        score = jnp.asarray(leads[0].weight) * found.states.log_likelihood.sum() / there.sum()
+        score = jnp.asarray(leads[0].weight) * result.states.log_likelihood.sum() / there.sum()
         steps = jax.tree.map(lambda leaf: leaf[1:], taken)
         for (ends, counts, weight), most in zip(leads, longest, strict=True):
-            expected = expected_at(changed, found.states, samples, steps, ends, counts, most)
+            expected = expected_at(changed, result.states, samples, steps, ends, counts, most)
             deviation = (samples.readings[ends] - expected.mean) / expected.spread
-            cost = jax.vmap(jax.vmap(Huber(OUTLYING).cost))(deviation)
+            cost = jax.vmap(jax.vmap(Huber(HUBER_SIGMAS).cost))(deviation)
             density = -cost - 0.5 * LOG_TWO_PI - jnp.log(expected.spread)
             is_there = there[ends]
             mean = jnp.where(is_there, density, 0.0).sum() / is_there.sum()

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import ObserverError
 from .._name_suggestions import did_you_mean
 from .._normal_distribution import QUANTILE_975
+from ..errors import ObserverError
 from ._moments import Moment, Moments
 from ._uncertain_values import UncertainDirections
 
@@ -123,7 +123,7 @@ class Estimates:
         if parameters:
             coordinates["parameter_name"] = list(parameters)
             for suffix, place in (("", 0), ("_lower", 1), ("_upper", 2)):
-                table = np.stack([one[place] for one in parameters.values()], axis=1)
+                table = np.stack([parameter[place] for parameter in parameters.values()], axis=1)
                 variables[f"parameter{suffix}"] = (("time", "parameter_name"), table)
         return xarray.Dataset(variables, coordinates, {"status": f"estimates, {self.kind}"})
 

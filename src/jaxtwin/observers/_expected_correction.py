@@ -19,11 +19,11 @@ from jaxtyping import Array, Bool, Float
 
 from ._augmented_model import AugmentedModel
 
+# The standard deviation $s$ of the time of a correction, as a part of the interval.
 INTERVAL_SPREAD = 0.01
-"""The standard deviation $s$ of the time of a correction, as a part of the interval."""
 
+# A correction is due within this many standard deviations of its expected time.
 DUE = 2.0
-"""A correction is due within this many standard deviations of its expected time."""
 
 
 class Jump(NamedTuple):

@@ -17,11 +17,11 @@ from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
 from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
 
-GAP = 1.5
-"""A time between two samples that is longer than this many longest steps is a gap."""
+# A time between two samples that is longer than this many longest steps is a gap.
+GAP_STEPS = 1.5
 
 
-class Samples(NamedTuple):
+class FilterSamples(NamedTuple):
     """What a filter gets at each sample, or at a time in a gap between two of them.
 
     - `dt`: the time since the sample before, s; 0 for the first.
@@ -50,7 +50,7 @@ class Filtered(NamedTuple):
 
 def samples_of(
     kalman: ExtendedKalmanFilter, experiment: Experiment
-) -> tuple[Samples, Bool[np.ndarray, " samples"]]:
+) -> tuple[FilterSamples, Bool[np.ndarray, " samples"]]:
     """The samples of a recording with further ones, without readings, in its gaps; and which of
     them are those of the recording.
 
@@ -72,7 +72,7 @@ def samples_of(
     assert temperatures is not None
     readings = np.full((len(is_sample), temperatures.shape[1]), np.nan)
     readings[is_sample] = temperatures
-    samples = Samples(
+    samples = FilterSamples(
         dt=np.append(0.0, (steps / parts)[of]),
         duty=np.concatenate([duty[:1], duty[of]]),
         readings=readings,
@@ -84,17 +84,17 @@ def samples_of(
 
 def _parts(steps: Float[np.ndarray, "*steps"], longest: float) -> Int[np.ndarray, "*steps"]:
     """The number of steps of a filter in each time between two samples."""
-    return np.where(steps > GAP * longest, np.ceil(steps / longest - 1e-9), 1).astype(int)
+    return np.where(steps > GAP_STEPS * longest, np.ceil(steps / longest - 1e-9), 1).astype(int)
 
 
 def following(
-    kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples
+    kalman: ExtendedKalmanFilter, start: KalmanState, samples: FilterSamples
 ) -> tuple[Filtered, Transition]:
     """Filters all samples, as a function that can be differentiated; and the steps to each."""
 
     @jax.checkpoint
     def take(
-        state: KalmanState, sample: Samples
+        state: KalmanState, sample: FilterSamples
     ) -> tuple[KalmanState, tuple[Filtered, Transition]]:
         state, step = kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)
         expected = kalman.readings(state, sample.ambient)
@@ -108,7 +108,7 @@ def following(
 
 
 @persistent_jit
-def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: Samples) -> Filtered:
+def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: FilterSamples) -> Filtered:
     """Filters all samples, as a program of its own."""
     return following(kalman, start, samples)[0]
 
@@ -118,12 +118,14 @@ def estimated(
     estimator: MovingHorizonEstimator,
     reading: Float[Array | np.ndarray, ""],
     duty: Float[Array | np.ndarray, " cells"],
-    samples: Samples,
+    samples: FilterSamples,
 ) -> Filtered:
     """The latest states of a moving-horizon estimator after all samples, from a first reading,
     degC, with a duty that the driver has reached."""
 
-    def take(state: MovingHorizonState, sample: Samples) -> tuple[MovingHorizonState, Filtered]:
+    def take(
+        state: MovingHorizonState, sample: FilterSamples
+    ) -> tuple[MovingHorizonState, Filtered]:
         state = estimator.step(state, sample.duty, sample.dt, sample.levels)
         expected = estimator.readings(state, sample.ambient)
         covariance = estimator.kalman.reading_covariance(state.latest)
@@ -141,13 +143,13 @@ def samples_between(
     channels: int,
     kalman: ExtendedKalmanFilter,
     levels: Float[np.ndarray, "times inputs"] | None = None,
-) -> Samples:
+) -> FilterSamples:
     """Times without readings, each a step after the one before; a step is divided into as many
     parts as the filter needs."""
     parts = int(_parts(np.asarray(step), kalman.longest_seconds))
     commands = np.repeat(duty, parts, axis=0)
     count = len(commands)
-    return Samples(
+    return FilterSamples(
         dt=np.full(count, step * len(duty) / count),
         duty=commands,
         readings=np.full((count, channels), np.nan),

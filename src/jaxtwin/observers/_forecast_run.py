@@ -22,21 +22,21 @@ from jaxtyping import Array, Bool, Float, Int
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ._augmented_model import Transition
-from ._filter_run import Samples, samples_between
+from ._filter_run import FilterSamples, samples_between
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moment
 
-ROUNDING = 1e-6
-"""The error of a sum of times, s."""
+# The error of a sum of times, s.
+TIME_TOLERANCE_SECONDS = 1e-6
 
-BLOCK = 256
-"""The number of forecasts of a block. All blocks share a compiled program."""
+# The number of forecasts of a block. All blocks share a compiled program.
+FORECAST_BLOCK = 256
 
 
 def expected_ahead(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
-    samples: Samples,
+    samples: FilterSamples,
     ends: Int[np.ndarray, " forecasts"],
     counts: Int[np.ndarray, " forecasts"],
 ) -> Moment:
@@ -50,8 +50,8 @@ def expected_ahead(
     """
     steps = int(counts.max())
     blocks = []
-    for first in range(0, len(ends), BLOCK):
-        of_block = np.minimum(np.arange(first, first + BLOCK), len(ends) - 1)
+    for first in range(0, len(ends), FORECAST_BLOCK):
+        of_block = np.minimum(np.arange(first, first + FORECAST_BLOCK), len(ends) - 1)
         last, count = ends[of_block], counts[of_block]
         # The samples of the block and those before it, the same number for all blocks.
         start = max(0, int((last - count).min()))
@@ -67,12 +67,12 @@ def expected_ahead(
 
 
 def starts_of(
-    samples: Samples, is_sample: Bool[np.ndarray, " samples"], seconds: float
+    samples: FilterSamples, is_sample: Bool[np.ndarray, " samples"], seconds: float
 ) -> tuple[Int[np.ndarray, " forecasts"], Int[np.ndarray, " forecasts"]]:
     """The samples of which something was expected so many seconds before, and the number of steps
     from the last state that was known then."""
     time = np.cumsum(samples.dt)
-    start = np.searchsorted(time, time - seconds + ROUNDING, side="right") - 1
+    start = np.searchsorted(time, time - seconds + TIME_TOLERANCE_SECONDS, side="right") - 1
     ends = np.flatnonzero((start >= 0) & is_sample)
     return ends, ends - start[ends]
 
@@ -81,8 +81,8 @@ def _rows(ends: Int[np.ndarray, " forecasts"], steps: int) -> int:
     """The largest number of samples between the first start and the last end of a block, rounded up
     so that recordings share compiled programs."""
     spans = [
-        ends[min(first + BLOCK, len(ends)) - 1] - ends[first]
-        for first in range(0, len(ends), BLOCK)
+        ends[min(first + FORECAST_BLOCK, len(ends)) - 1] - ends[first]
+        for first in range(0, len(ends), FORECAST_BLOCK)
     ]
     return -(-(int(max(spans)) + steps + 1) // 64) * 64
 
@@ -91,12 +91,12 @@ def _rows(ends: Int[np.ndarray, " forecasts"], steps: int) -> int:
 def _block(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
-    samples: Samples,
+    samples: FilterSamples,
     ends: Int[Array | np.ndarray, " forecasts"],
     counts: Int[Array | np.ndarray, " forecasts"],
     steps: int,
 ) -> Moment:
-    def transition(row: tuple[KalmanState, Samples]) -> Transition:
+    def transition(row: tuple[KalmanState, FilterSamples]) -> Transition:
         state, sample = row
         return kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)[1]
 
@@ -109,7 +109,7 @@ def _block(
 def expected_at(
     kalman: ExtendedKalmanFilter,
     states: KalmanState,
-    samples: Samples,
+    samples: FilterSamples,
     taken: Transition,
     ends: Int[Array | np.ndarray, " forecasts"],
     counts: Int[Array | np.ndarray, " forecasts"],
@@ -141,8 +141,8 @@ def expected_at(
         none = jnp.zeros_like(start.mean)
         return jax.lax.scan(take, (start, none), jnp.arange(steps))[0]
 
-    found, of_jumps = jax.vmap(forecast)(jnp.asarray(ends), jnp.asarray(counts))
-    seen = jax.vmap(model.read)(found.mean)
+    result, of_jumps = jax.vmap(forecast)(jnp.asarray(ends), jnp.asarray(counts))
+    seen = jax.vmap(model.read)(result.mean)
 
     @jax.checkpoint
     def back(carry: tuple[Array, Array], number: Array) -> tuple[tuple[Array, Array], None]:
@@ -157,20 +157,22 @@ def expected_at(
         rows = jnp.where(is_step[:, None, None], before, rows)
         return (rows, variance), None
 
-    of_readings = jax.vmap(kalman.reading_variance)(found)
+    of_readings = jax.vmap(kalman.reading_variance)(result)
     # Its parts are shared by all channels, and independent.
     begin = seen.slope, of_readings + of_jumps.sum(axis=-1, keepdims=True)
     (rows, variance), _ = jax.lax.scan(back, begin, jnp.arange(steps))
     # The covariance was left as it was at the start of the forecast.
-    variance = variance + jnp.einsum("kcs,kst,kct->kc", rows, found.covariance, rows)
+    variance = variance + jnp.einsum("kcs,kst,kct->kc", rows, result.covariance, rows)
     return Moment(model.to_degC(seen.mean), jnp.sqrt(variance))
 
 
 @persistent_jit_unoptimised
-def expected_from(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Samples) -> Moment:
+def expected_from(
+    kalman: ExtendedKalmanFilter, state: KalmanState, samples: FilterSamples
+) -> Moment:
     """The readings that a state lets expect at further times, without any reading between."""
 
-    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Moment]:
+    def take(state: KalmanState, sample: FilterSamples) -> tuple[KalmanState, Moment]:
         state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         variance = jnp.diag(kalman.reading_covariance(state))
         return state, Moment(kalman.readings(state, sample.ambient), jnp.sqrt(variance))
@@ -189,5 +191,5 @@ def forecast_from(
     with own_settings():
         held = np.asarray(duty, float)[None]
         samples = samples_between(held, seconds, len(kalman.model.columns), kalman)
-        found = expected_from(kalman, state, samples)
-    return Moment(np.asarray(found.mean)[-1], np.asarray(found.spread)[-1])
+        result = expected_from(kalman, state, samples)
+    return Moment(np.asarray(result.mean)[-1], np.asarray(result.spread)[-1])

@@ -19,8 +19,8 @@ from jaxtyping import Array, Bool, Float
 
 LOG_TWO_PI = 1.8378770664093453
 
-SURPRISE = 4.0
-"""An innovation of this many standard deviations is not noise."""
+# An innovation of this many standard deviations is not noise.
+CAUTION_SIGMAS = 4.0
 
 
 class Gaussian(NamedTuple):
@@ -85,7 +85,8 @@ def corrected(
 ) -> Correction:
     """The distribution after readings.
 
-    A reading that is more than `SURPRISE` standard deviations from what was expected has a cause
+    A reading that is more than `CAUTION_SIGMAS` standard deviations from what was expected has a
+    cause
     that the model does not know. It moves the entries of `cautious` no farther than one of that
     many standard deviations, with a gain that is smaller than the optimal one.
 
@@ -107,7 +108,7 @@ def corrected(
 
     columns = whiten(jnp.concatenate([cross, innovation[:, None]], axis=1))
     optimal, whitened = columns[:, :-1].T, columns[:, -1]
-    caution = SURPRISE / jnp.maximum(jnp.abs(whitened), SURPRISE)
+    caution = CAUTION_SIGMAS / jnp.maximum(jnp.abs(whitened), CAUTION_SIGMAS)
     gain = optimal.at[cautious].multiply(caution)
     missed = (gain - optimal)[cautious]  # the other rows are 0
     covariance = state.covariance - optimal @ optimal.T

@@ -9,33 +9,33 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ._augmented_model import AugmentedModel, Reading, Transition
+from ._augmented_model import AugmentedModel, ExpectedReading, Transition
 from ._commands import Commands
 from ._expected_correction import Jump, expected_jump
 from ._gaussian import LOG_TWO_PI, Correction, Gaussian, corrected, moved
 from ._observer import AbstractObserver
 from ._start import start_of
 
-OPENED_AT = 4.0
-"""A common innovation of this many standard deviations is taken for a correction of the camera."""
+# A common innovation of this many standard deviations is taken for a correction of the camera.
+CORRECTION_SIGMAS = 4.0
 
-CERTAIN_AT = 6.0
-"""From one of this many on, the time to the next correction is counted."""
+# From one of this many on, the time to the next correction is counted.
+CERTAIN_CORRECTION_SIGMAS = 6.0
 
+# A reading whose innovation is more standard deviations than this is rejected: no noise is as
+# large, and what happens in a rig shows in several samples.
 GATE_SIGMAS = 10.0
-"""A reading whose innovation is more standard deviations than this is rejected: no noise is as
-large, and what happens in a rig shows in several samples."""
 
+# No smaller innovation is rejected: cameras correct themselves by up to 2 K.
 MIN_GATE_KELVIN = 3.0
-"""No smaller innovation is rejected: cameras correct themselves by up to 2 K."""
 
+# The number of samples in sequence at which a channel is rejected. What lasts longer has happened,
+# and is followed.
 MAX_REJECTED = 3
-"""The number of samples in sequence at which a channel is rejected. What lasts longer has happened,
-and is followed."""
 
-FOLLOWED = MAX_REJECTED + 60
-"""A channel that is followed is not rejected again before it has been inside of the gate for the
-samples by which this exceeds `MAX_REJECTED`: a twin that is wrong pulls away from its readings."""
+# A channel that is followed is not rejected again before it has been inside of the gate for the
+# samples by which this exceeds `MAX_REJECTED`: a twin that is wrong pulls away from its readings.
+FOLLOW_COUNT = MAX_REJECTED + 60
 
 
 @final
@@ -48,7 +48,7 @@ class KalmanState(eqx.Module):
     - `since_correction`: the time since the last correction of the camera that was seen, s;
       infinite before the first.
     - `rejected`: for how many samples in sequence each channel has been rejected, because it was
-      outside of the gate (`GATE_SIGMAS`); from `MAX_REJECTED` to `FOLLOWED`: it is followed.
+      outside of the gate (`GATE_SIGMAS`); from `MAX_REJECTED` to `FOLLOW_COUNT`: it is followed.
     - `is_rejected`: whether the last reading of each channel was rejected.
     - `whitened`: the whitened innovations of the last readings, 0 where none was used.
     - `log_likelihood`: of the last readings.
@@ -261,8 +261,8 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         """The state that readings and a measured ambient temperature (NaN if there is none)
         leave."""
         measured = self.measured(state, readings, mask, ambient)
-        found = self._correction_by(state, measured)
-        return self.corrected(state, found.state.mean, found, measured)
+        update = self._correction_by(state, measured)
+        return self.corrected(state, update.state.mean, update, measured)
 
     def corrected(
         self,
@@ -277,7 +277,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             rows[1:] for rows in (measured.mask, measured.far, measured.rejected)
         )
         count = state.rejected
-        outside = jnp.where(count < MAX_REJECTED, count + 1, FOLLOWED)
+        outside = jnp.where(count < MAX_REJECTED, count + 1, FOLLOW_COUNT)
         inside = jnp.where(count > MAX_REJECTED, count - 1, 0.0)
         return replace(
             state,
@@ -350,12 +350,12 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             is_certain=is_certain & is_read,
         )
 
-    def expected(self, mean: Float[Array, " state"]) -> Reading:
+    def expected(self, mean: Float[Array, " state"]) -> ExpectedReading:
         """The room, which is first, and the readings that a mean lets expect."""
         place = self.model.layout.of("room").start
         of_room = jnp.zeros_like(mean).at[place].set(1.0)
         seen = self.model.read(mean)
-        return Reading(
+        return ExpectedReading(
             jnp.concatenate([mean[place][None], seen.mean]),
             jnp.concatenate([of_room[None], seen.slope]),
         )
@@ -368,7 +368,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     def opened(
         self,
         state: Gaussian,
-        expected: Reading,
+        expected: ExpectedReading,
         innovation: Float[Array, " channels"],
         variance: Float[Array, " channels"],
         used: Bool[Array, " channels"],
@@ -385,8 +385,8 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         spread = row @ state.covariance @ row + weights**2 @ variance
         common = weights @ jnp.where(used, innovation, 0.0)
         # As much as it takes to explain the jump.
-        opened = jnp.clip(common**2 - OPENED_AT**2 * spread, 0.0, self.model.noise.jump**2)
-        is_certain = common**2 > CERTAIN_AT**2 * spread
+        opened = jnp.clip(common**2 - CORRECTION_SIGMAS**2 * spread, 0.0, self.model.noise.jump**2)
+        is_certain = common**2 > CERTAIN_CORRECTION_SIGMAS**2 * spread
         return none.at[self.model.layout.fading].set(opened), is_certain
 
     def readings(

@@ -25,12 +25,12 @@ from jaxtyping import Array, Float
 
 from .._arguments import of_kind, whole_number
 from .._compilation import persistent_jit
-from .._errors import ObserverError
 from .._jax_settings import own_settings
 from .._waiting import advanced, announced
+from ..errors import ObserverError
 from ..matching import Fit
 from ..matching._descent import descend
-from ..matching._descent_result import Estimate, make_optimum
+from ..matching._descent_result import MatchEstimate, make_optimum
 from ..matching._fit import solution_of
 from ..matching._fitted_parameters import fitted_parameters
 from ..matching._match import default_solver, make_fit
@@ -38,26 +38,26 @@ from ..matching._noise_model import update_noise_model
 from ..matching._objective import make_objective
 from ..matching._problem import MatchProblem
 from ..matching._uncertainty import Uncertainty, VectorEntries, uncertainty
-from ..matching._unknowns import Layout
+from ..matching._unknowns import VectorLayout
 from ..physics import Twin
 from ..simulation import Stepper
 from ._augmented_model import AugmentedModel
-from ._filter_run import Samples, following, samples_of
+from ._filter_run import FilterSamples, following, samples_of
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._observe import filter_for
 from ._process_noise import ProcessNoise
 from ._start import first_reading
 from ._uncertain_values import start_parameters
 
-DIFFERENCE = 0.1
-"""The step in which the curvature is found, in standard errors of the match."""
+# The step in which the curvature is found, in standard errors of the match.
+CURVATURE_STEP = 0.1
 
 
-class _Recording(NamedTuple):
+class _InnovationRecording(NamedTuple):
     """What the likelihood needs of a recording, with the entries that it depends on."""
 
     kalman: ExtendedKalmanFilter
-    samples: Samples
+    samples: FilterSamples
     first: Float[np.ndarray, ""]
     entries: np.ndarray
 
@@ -106,12 +106,12 @@ def match_innovations(fit: Fit, noise: ProcessNoise, *, max_iterations: int = 50
         value, slope = score(np.clip(start + scale * point, lower, upper))
         prior, of_prior = _prior(problem, start + scale * point)
         advanced(score.count)
-        found = value + prior
+        optimum = value + prior
         slopes = scale * (slope + of_prior)
-        return (found, slopes) if np.isfinite(found) else (1e12, np.zeros_like(point))
+        return (optimum, slopes) if np.isfinite(optimum) else (1e12, np.zeros_like(point))
 
     least, most = (np.where(held, 0.0, (b - start) / scale) for b in (lower, upper))
-    found = minimize(
+    optimum = minimize(
         objective,
         np.zeros(len(start)),
         jac=True,
@@ -119,7 +119,7 @@ def match_innovations(fit: Fit, noise: ProcessNoise, *, max_iterations: int = 50
         bounds=list(zip(least, most, strict=True)),
         options={"maxiter": max_iterations, "ftol": 1e-9},
     )
-    vector = np.clip(start + scale * found.x, lower, upper)
+    vector = np.clip(start + scale * optimum.x, lower, upper)
     after, slope = score(vector)
     gain, count = before - after, int(np.sum(~held))
     uncertain = _uncertainty(problem, score, vector, scale, slope, fit.uncertainty)
@@ -128,8 +128,8 @@ def match_innovations(fit: Fit, noise: ProcessNoise, *, max_iterations: int = 50
         result,
         parameters=fitted_parameters(problem, vector, uncertain),
         uncertainty=uncertain,
-        status=_status(gain, count, score.readings, int(found.nit)),
-        converged=bool(found.success),
+        status=_status(gain, count, score.readings, int(optimum.nit)),
+        converged=bool(optimum.success),
     )
 
 
@@ -156,7 +156,7 @@ class _Score:
 
     def __init__(self, problem: MatchProblem, fit: Fit, noise: ProcessNoise):
         self._problem = problem
-        self._layout: Layout = problem.unknowns.layout
+        self._layout: VectorLayout = problem.unknowns.layout
         self.count = 0
         """The number of evaluations."""
         starts = start_parameters(fit.twin.rig)
@@ -164,7 +164,7 @@ class _Score:
         self.is_held = np.array([row.name in starts for row in entries])
         """Whether a value is that of the match, because the filter has a state for it."""
         places = self._layout.entry_indices()
-        self._recordings: list[_Recording] = []
+        self._recordings: list[_InnovationRecording] = []
         for number, experiment in enumerate(problem.experiments):
             kalman = filter_for(fit.twin_for(experiment), experiment, noise)
             samples, is_sample = samples_of(kalman, experiment)
@@ -172,7 +172,7 @@ class _Score:
             weights = np.asarray(problem.sample_weights[number])
             readings[is_sample] = np.where(weights > 0, readings[is_sample], np.nan)
             first = np.asarray(first_reading(experiment))
-            recording = _Recording(
+            recording = _InnovationRecording(
                 kalman, samples._replace(readings=readings), first, places[number]
             )
             self._recordings.append(recording)
@@ -184,21 +184,21 @@ class _Score:
         self, vector: Float[np.ndarray, " unknowns"]
     ) -> tuple[float, Float[np.ndarray, " unknowns"]]:
         value, slope = 0.0, np.zeros(len(vector))
-        for one in self._recordings:
+        for recording in self._recordings:
             with own_settings():
                 of, gradient = _scored(
                     self._problem.twin,
                     self._layout,
-                    one.kalman,
-                    one.samples,
-                    one.first,
-                    tuple(np.asarray(one.kalman.model.columns).tolist()),
-                    one.kalman.longest_seconds,
-                    float(one.kalman.model.room_spread),
-                    vector[one.entries],
+                    recording.kalman,
+                    recording.samples,
+                    recording.first,
+                    tuple(np.asarray(recording.kalman.model.columns).tolist()),
+                    recording.kalman.longest_seconds,
+                    float(recording.kalman.model.room_spread),
+                    vector[recording.entries],
                 )
             value -= float(of)
-            np.subtract.at(slope, one.entries, np.asarray(gradient))
+            np.subtract.at(slope, recording.entries, np.asarray(gradient))
         self.count += 1
         return value, np.where(self.is_held, 0.0, slope)
 
@@ -206,9 +206,9 @@ class _Score:
 @persistent_jit
 def _scored(
     twin: Twin,
-    layout: Layout,
+    layout: VectorLayout,
     kalman: ExtendedKalmanFilter,
-    samples: Samples,
+    samples: FilterSamples,
     first: Float[Array | np.ndarray, ""],
     columns: tuple[int, ...],
     step: float,
@@ -270,7 +270,7 @@ def _uncertainty(
     # Away from the nearer bound.
     middle = (unknowns.lower() + unknowns.upper()) / 2
     inward = np.where(np.isfinite(middle) & (vector > middle), -1.0, 1.0)
-    for row, is_held in zip(np.diag(DIFFERENCE * scale * inward), score.is_held, strict=True):
+    for row, is_held in zip(np.diag(CURVATURE_STEP * scale * inward), score.is_held, strict=True):
         moved = slope if is_held else score(vector + row)[1]
         rows.append((moved - slope) / row.sum())
     hessian = np.stack(rows)
@@ -293,8 +293,8 @@ def _uncertainty(
         inside,
     )
     own = information[np.ix_(inside, inside)]
-    found = uncertainty(entries, own, own)
-    return dataclasses.replace(found, between_recordings=of_match.between_recordings)
+    result = uncertainty(entries, own, own)
+    return dataclasses.replace(result, between_recordings=of_match.between_recordings)
 
 
 def _at(
@@ -308,4 +308,4 @@ def _at(
     if noise_model.channel_curvature is None:  # the fit comes from a file
         noise_model = update_noise_model(problem, noise_model, result.recording_errors())
     optimum = make_optimum(problem, result, 0, result)
-    return make_fit(problem, Estimate(result, noise_model), 0, (optimum,), began)
+    return make_fit(problem, MatchEstimate(result, noise_model), 0, (optimum,), began)

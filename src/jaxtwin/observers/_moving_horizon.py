@@ -24,17 +24,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._arguments import of_kind, whole_number
-from .._errors import ObserverError
+from ..errors import ObserverError
 from ._augmented_model import AugmentedModel
 from ._gaussian import Gaussian
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._observer import AbstractObserver
 from ._state_bounds import BoundRows, StateBounds, bound_rows
-from ._window import Step, Window, begun, later, linearised, read
+from ._window import SmoothingWindow, Step, begun, later, linearised, read
 from ._window_smoother import corrected_by, filtered_window, most_likely, moved_by
 
+# The usual number of steps in a window.
 HORIZON = 20
-"""The usual number of steps in a window."""
 
 
 class MovingHorizonState(NamedTuple):
@@ -46,7 +46,7 @@ class MovingHorizonState(NamedTuple):
     """
 
     latest: KalmanState
-    window: Window
+    window: SmoothingWindow
 
 
 @final
@@ -195,10 +195,10 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         def improved(path: Float[Array, "samples state"]) -> tuple[Array, KalmanState]:
             steps, _ = linearised(self.kalman, window.steps, path[:-1], path[1:])
             passed = filtered_window(window.start, path, steps, measured)
-            found = most_likely(passed, self.bounds)
+            optimum = most_likely(passed, self.bounds)
             last = jax.tree.map(lambda rows: rows[-1], passed.corrections)
             now = jax.tree.map(lambda rows: rows[-1], measured)
-            return found, self.kalman.corrected(latest, found[-1], last, now)
+            return optimum, self.kalman.corrected(latest, optimum[-1], last, now)
 
         start = window.path, latest
         path, latest = jax.lax.fori_loop(

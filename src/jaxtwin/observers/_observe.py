@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit_unoptimised
-from .._errors import ObserverError, SimulationError
 from .._jax_settings import own_settings
+from ..errors import ObserverError, SimulationError
 from ..io import Experiment
 from ..io._experiment import as_experiment
 from ..io._gaps import gap_sentences, separate_recordings
@@ -30,14 +30,14 @@ from ._start import first_reading
 from ._state_bounds import StateBounds
 from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of_fit
 
-LONGEST_STEP = 10.0
-"""The longest step of a filter, s."""
+# The longest step of a filter, s.
+MAX_STEP = 10.0
 
-UNEXPLAINED = 0.003
-"""A usual size of heat that the twin does not explain, as a part of the heat at full duty."""
+# A usual size of heat that the twin does not explain, as a part of the heat at full duty.
+UNEXPLAINED_HEAT_FRACTION = 0.003
 
+# The shortest time between two commands of a live rig that are told apart, s.
 LIVE_SPACING = 0.1
-"""The shortest time between two commands of a live rig that are told apart, s."""
 
 
 def observe(
@@ -86,17 +86,17 @@ def observe(
     with own_settings():
         first, idle = np.asarray(first_reading(experiment)), np.zeros_like(samples.duty[0])
         if estimator is None:
-            found = filtered(kalman, started(kalman, first, idle), samples)
+            run = filtered(kalman, started(kalman, first, idle), samples)
         else:
-            found = estimated(estimator, first, idle, samples)
-    wrong = ~np.isfinite(np.asarray(found.states.mean)).all(axis=1)
+            run = estimated(estimator, first, idle, samples)
+    wrong = ~np.isfinite(np.asarray(run.states.mean)).all(axis=1)
     if wrong.any():
         at = experiment.time[0] + float(np.cumsum(samples.dt)[int(wrong.argmax())])
         raise ObserverError(
             f"{experiment.name or 'experiment'}: the filter diverged at {at:g} s; expected values "
             "and noise with which the twin follows the recording"
         )
-    return Observed(experiment, kalman, samples, is_sample, found, estimator)
+    return Observed(experiment, kalman, samples, is_sample, run, estimator)
 
 
 def live_observer(
@@ -121,7 +121,7 @@ def live_observer(
     """
     levels = _usual_levels(twin, sample_time) if noise is None else noise
     levels.check()
-    step = min(sample_time, LONGEST_STEP)
+    step = min(sample_time, MAX_STEP)
     if stepper is None:
         stepper, step = stable_stepper(twin, step)
     none = np.zeros((0, 0))
@@ -140,7 +140,9 @@ def usual_noise(
     that are uncertain by a part of the time between samples, and a part of the heat at full
     duty."""
     twin = fit.twin if isinstance(fit, Fit) else fit
-    sample = float(np.median(np.concatenate([np.diff(one.time) for one in experiments])))
+    sample = float(
+        np.median(np.concatenate([np.diff(experiment.time) for experiment in experiments]))
+    )
     return _usual_levels(twin, sample, names)
 
 
@@ -159,7 +161,7 @@ def _mean_full_heat(system: System) -> Float[Array, ""]:
 
 def _usual_levels(twin: Twin, sample_time: float, names: Sequence[str] = ()) -> ProcessNoise:
     rig = twin.rig
-    heat = UNEXPLAINED * _full_heat(twin)
+    heat = UNEXPLAINED_HEAT_FRACTION * _full_heat(twin)
     noise = ProcessNoise(
         heat=heat,
         disturbance=heat,
@@ -200,7 +202,7 @@ def filter_for(
         twin, known, covariance = fit, {}, np.zeros((0, 0))
     columns = [twin.channels.index(name) for name in channels]
     sample_time = float(np.median(np.diff(experiment.time)))
-    stepper, step = stable_stepper(twin, min(sample_time, LONGEST_STEP))
+    stepper, step = stable_stepper(twin, min(sample_time, MAX_STEP))
     directions = uncertain_directions(twin, known, covariance, experiment, noise.names)
     with own_settings():
         spread = room_spread(fit)

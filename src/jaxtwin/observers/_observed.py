@@ -11,12 +11,12 @@ from jaxtyping import Bool, Float
 
 from .._arguments import finite_number
 from .._display import html_table, picture
-from .._errors import ObserverError
 from .._jax_settings import own_settings
+from ..errors import ObserverError
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
 from ._estimates import Estimates
-from ._filter_run import Filtered, Samples, moments_of, samples_between
+from ._filter_run import Filtered, FilterSamples, moments_of, samples_between
 from ._forecast import Forecast
 from ._forecast_run import expected_ahead, expected_from, starts_of
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
@@ -48,7 +48,7 @@ class Observed:
 
     experiment: Experiment
     observer: ExtendedKalmanFilter
-    samples: Samples
+    samples: FilterSamples
     is_sample: Bool[np.ndarray, " times"]
     filtered: Filtered
     estimator: MovingHorizonEstimator | None = None
@@ -135,8 +135,8 @@ class Observed:
     def estimates(self) -> Estimates:
         """The state of the rig at each sample, given the readings up to it."""
         with own_settings():
-            found = moments_of(self.observer, self.filtered.states)
-        return self._estimates("filtered", found)
+            result = moments_of(self.observer, self.filtered.states)
+        return self._estimates("filtered", result)
 
     def smooth(self) -> Estimates:
         """Returns the state of the rig at each sample, given all readings.
@@ -150,8 +150,8 @@ class Observed:
                 "horizon as long as the recording takes in all readings"
             )
         with own_settings():
-            found = smoothed(self.observer, self.filtered.states, self.samples)
-        return self._estimates("smoothed", found)
+            result = smoothed(self.observer, self.filtered.states, self.samples)
+        return self._estimates("smoothed", result)
 
     def ahead(self, seconds: float) -> Forecast:
         """Returns what was expected of each reading some seconds before it.
@@ -172,10 +172,10 @@ class Observed:
             )
         ends, counts = starts_of(self.samples, self.is_sample, lead)
         with own_settings():
-            found = expected_ahead(self.observer, self.filtered.states, self.samples, ends, counts)
+            result = expected_ahead(self.observer, self.filtered.states, self.samples, ends, counts)
         place = np.cumsum(self.is_sample)[ends] - 1
         return self._forecast(
-            lead, self.time[place], np.asarray(found.mean), np.asarray(found.spread),
+            lead, self.time[place], np.asarray(result.mean), np.asarray(result.spread),
             self._recorded[place],
         )  # fmt: skip
 
@@ -218,9 +218,9 @@ class Observed:
             if self._levels is not None:
                 levels = self._levels[np.searchsorted(self.time, middle, side="right") - 1]
             samples = samples_between(commands, step, len(self.channels), self.observer, levels)
-            found = expected_from(self.observer, state, samples)
-        each = len(np.asarray(found.mean)) // count
-        mean, spread = (np.asarray(part)[each - 1 :: each] for part in found)
+            result = expected_from(self.observer, state, samples)
+        each = len(np.asarray(result.mean)) // count
+        mean, spread = (np.asarray(part)[each - 1 :: each] for part in result)
         return self._forecast(math.nan, times, mean, spread, None)
 
     def to_xarray(self) -> "xarray.Dataset":

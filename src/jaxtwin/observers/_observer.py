@@ -6,8 +6,8 @@ from typing import Generic, TypeVar
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+# The state of an observer: a PyTree of arrays.
 State = TypeVar("State")
-"""The state of an observer: a PyTree of arrays."""
 
 
 class AbstractObserver(eqx.Module, Generic[State]):

@@ -10,12 +10,12 @@ from ..physics import System, Twin
 from ..simulation import Stepper, StepperState
 from ._observer import AbstractObserver
 
+# The step of the stepper, s. Its error is far below a camera's noise, and ten steps a second cost
+# little.
 STEP_SECONDS = 0.1
-"""The step of the stepper, s. Its error is far below a camera's noise, and ten steps a second cost
-little."""
 
-ROUNDING = 1e-6
-"""The part of a step by which a time may be short of a step, by rounding."""
+# The part of a step by which a time may be short of a step, by rounding.
+STEP_TOLERANCE = 1e-6
 
 
 @final
@@ -71,7 +71,7 @@ class OpenLoop(AbstractObserver[OpenLoopState]):
     ) -> OpenLoopState:
         ambient = self._room(ambient)
         passed = jnp.asarray(state.rest) + jnp.asarray(dt)
-        steps = jnp.floor(passed / self.step_size + ROUNDING).astype(int)
+        steps = jnp.floor(passed / self.step_size + STEP_TOLERANCE).astype(int)
         twin = self.stepper.step(state.twin, duty, ambient, steps=steps)
         return OpenLoopState(twin, passed - steps * self.step_size)
 

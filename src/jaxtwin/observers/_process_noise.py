@@ -14,11 +14,15 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from .._arguments import path_of
-from .._errors import ObserverError
 from .._whole_file import write_whole_file
+from ..errors import ObserverError
 
 Level = Float[ArrayLike, ""]
 
+# The levels that are estimated, with the standard deviation of the prior of their logarithm, or of
+# themselves if they are `SIGNED_LEVELS`. How far parameters drift is not: recordings that were
+# matched together say nothing of later weeks. How far the values of the fit may be from those of
+# the rig is what the fit says.
 SPREADS = {
     "reading": 0.5,
     "reading_time": 1.0,
@@ -34,18 +38,14 @@ SPREADS = {
     "channel": 0.7,
     "channel_time": 0.7,
 }
-"""The levels that are estimated, with the standard deviation of the prior of their logarithm, or of
-themselves if they are `SIGNED`. How far parameters drift is not: recordings that were matched
-together say nothing of later weeks. How far the values of the fit may be from those of the rig is
-what the fit says."""
 
-SIGNED = ("jump_mean",)
-"""The levels that may be below 0."""
+# The levels that may be below 0.
+SIGNED_LEVELS = ("jump_mean",)
 
 ABOVE_ZERO = "a number above 0"
 
-DETERMINED = 0.5
-"""A level is found if recordings leave less than this part of the variance of its prior."""
+# A level is found if recordings leave less than this part of the variance of its prior.
+MAX_VARIANCE_FRACTION = 0.5
 
 UNITS = {
     "reading": "K",
@@ -160,8 +160,12 @@ class ProcessNoise(eqx.Module):
             kind = "not estimated"
             if error is not None:
                 share = 1 - (error / SPREADS[name]) ** 2
-                error = error if name not in SIGNED else error / abs(level)
-                kind = "found" if share > DETERMINED else "assumed, the recordings do not show it"
+                error = error if name not in SIGNED_LEVELS else error / abs(level)
+                kind = (
+                    "found"
+                    if share > MAX_VARIANCE_FRACTION
+                    else "assumed, the recordings do not show it"
+                )
             percent = "" if error is None else f"{100 * error:.0f}"
             lines.append(f"{name:18}{level:10.3g}  {UNITS[name]:10}{percent:>6}  {kind}")
         if self.names:
@@ -239,8 +243,8 @@ def _is_number(entry: object) -> TypeGuard[int | float]:
 
 
 def _is_level(name: str, level: int | float) -> bool:
-    return math.isfinite(level) and (level > 0 or name in SIGNED)
+    return math.isfinite(level) and (level > 0 or name in SIGNED_LEVELS)
 
 
 def _expected(name: str) -> str:
-    return "a finite number" if name in SIGNED else ABOVE_ZERO
+    return "a finite number" if name in SIGNED_LEVELS else ABOVE_ZERO

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit
-from ._filter_run import Samples
+from ._filter_run import FilterSamples
 from ._gaussian import Correction, symmetric
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moments import Moments, moments
@@ -28,7 +28,7 @@ Adjoint = tuple[Float[Array, " state"], Float[Array, "state state"]]
 
 
 @persistent_jit
-def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples) -> Moments:
+def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: FilterSamples) -> Moments:
     """The moments of the state at each sample, given all readings.
 
     **Arguments:**
@@ -37,27 +37,27 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Samples
     """
 
     def take(
-        later: Adjoint, at: tuple[KalmanState, KalmanState, Samples]
+        later: Adjoint, at: tuple[KalmanState, KalmanState, FilterSamples]
     ) -> tuple[Adjoint, Moments]:
         before, after, sample = at
         vector, matrix = later
         mean = after.mean - after.covariance @ vector
         covariance = after.covariance - after.covariance @ matrix @ after.covariance
-        found = moments(kalman.model, mean, covariance)
+        result = moments(kalman.model, mean, covariance)
         predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
         correction = kalman.correction(
             predicted, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
         vector, matrix = _before_readings(later, correction)
         matrix = step.slope.T @ matrix @ step.slope
-        return (step.slope.T @ vector, symmetric(matrix)), found
+        return (step.slope.T @ vector, symmetric(matrix)), result
 
     # The first sample is corrected as well, but what is before it is of no interest.
     before = jax.tree.map(lambda leaf: jnp.concatenate([leaf[:1], leaf[:-1]]), states)
     size = states.mean.shape[1]
     none = jnp.zeros(size, states.mean.dtype), jnp.zeros((size, size), states.mean.dtype)
-    _, found = jax.lax.scan(take, none, (before, states, samples), reverse=True)
-    return found
+    _, result = jax.lax.scan(take, none, (before, states, samples), reverse=True)
+    return result
 
 
 def _before_readings(after: Adjoint, correction: Correction) -> Adjoint:

@@ -26,15 +26,15 @@ from ..matching._start import first_sample
 from ._augmented_model import AugmentedModel
 from ._gaussian import Gaussian
 
+# Scale of the Cauchy prior of the difference between the first reading and the room, K; and the
+# size of the heat of a rig at rest, as the change of the reading that it leaves.
 REST_SCALE = 1.0
-"""Scale of the Cauchy prior of the difference between the first reading and the room, K; and the
-size of the heat of a rig at rest, as the change of the reading that it leaves."""
 
+# How far the mean temperature may be from the first reading, K.
 READ_SPREAD = 0.3
-"""How far the mean temperature may be from the first reading, K."""
 
+# The standard deviation of temperatures that are given for all nodes, K.
 GIVEN_SPREAD = 0.1
-"""The standard deviation of temperatures that are given for all nodes, K."""
 
 GRID = np.linspace(-1.0, 1.0, 401)
 

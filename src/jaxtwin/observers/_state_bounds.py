@@ -10,12 +10,12 @@ from jaxtyping import Array, Float
 
 from .._arguments import of_kind
 from .._celsius import ZERO_CELSIUS
-from .._errors import ObserverError
 from .._name_suggestions import unknown_name
+from ..errors import ObserverError
 from ._augmented_model import AugmentedModel
 
+# The lowest and the highest value; None for any.
 Bound = Sequence[float | int | None]
-"""The lowest and the highest value; None for any."""
 
 
 @final

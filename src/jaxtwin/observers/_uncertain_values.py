@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._errors import ObserverError
 from .._name_suggestions import did_you_mean
+from ..errors import ObserverError
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._fit import solution_of
@@ -35,29 +35,29 @@ from ..rig import Parameter, Rig
 from ..simulation import simulate_batch
 from ._process_noise import Level, ProcessNoise
 
-KEPT = 6
-"""The number of directions that are kept. It is the same for all recordings, which then share their
-compiled programs."""
+# The number of directions that are kept. It is the same for all recordings, which then share their
+# compiled programs.
+DIRECTIONS = 6
 
-LARGEST = 0.3
-"""The largest change of a logarithm. A change enters as a heat that is held during a step. However
-stiff a conductance is, this is stable as long as no rate is more than twice that in the modes, and
-1.3 / 0.7, a larger conductance with a smaller heat capacity, is less than 2."""
+# The largest change of a logarithm. A change enters as a heat that is held during a step. However
+# stiff a conductance is, this is stable as long as no rate is more than twice that in the modes,
+# and 1.3 / 0.7, a larger conductance with a smaller heat capacity, is less than 2.
+MAX_LOG_CHANGE = 0.3
 
-MANY = 5.0
-"""The largest change of another value, in standard deviations."""
+# The largest change of another value, in standard deviations.
+MAX_CHANGE_SIGMAS = 5.0
 
-WITHIN = 3.0
-"""A logarithm that the fit hardly knows has its limit at so many standard deviations."""
+# A logarithm that the fit hardly knows has its limit at so many standard deviations.
+LOG_LIMIT_SIGMAS = 3.0
 
+# The power of the smooth limit.
 SHARPNESS = 8
-"""The power of the smooth limit."""
 
-SLOW = 0.05
-"""A usual standard deviation of the logarithm of a parameter that drifts."""
+# A usual standard deviation of the logarithm of a parameter that drifts.
+USUAL_DRIFT = 0.05
 
-STEP = 0.1
-"""The step of the differences, in standard deviations."""
+# The step of the differences, in standard deviations.
+DIFFERENCE_STEP = 0.1
 
 
 @final
@@ -151,7 +151,7 @@ def uncertain_directions(
     if root.shape[1] and experiment is not None:
         effects = _effects(twin, rows, root, experiment)
         _, _, rotation = np.linalg.svd(effects, full_matrices=False)
-        directions = root @ rotation[:KEPT].T
+        directions = root @ rotation[:DIRECTIONS].T
     names = [row.name for row in rows]
     places = [names.index(name) if name in names else None for name in slow]
     names += [name for name, place in zip(slow, places, strict=True) if place is None]
@@ -163,9 +163,10 @@ def uncertain_directions(
         return None
     is_logarithmic = np.array([name in slow or table[name].is_logarithmic for name in names])
     spreads = np.linalg.norm(
-        matrix * np.where(np.arange(matrix.shape[1]) < directions.shape[1], 1.0, SLOW), axis=1
+        matrix * np.where(np.arange(matrix.shape[1]) < directions.shape[1], 1.0, USUAL_DRIFT),
+        axis=1,
     )
-    shrunk = np.minimum(1.0, LARGEST / (WITHIN * np.maximum(spreads, 1e-12)))
+    shrunk = np.minimum(1.0, MAX_LOG_CHANGE / (LOG_LIMIT_SIGMAS * np.maximum(spreads, 1e-12)))
     matrix = np.where(is_logarithmic, shrunk, 1.0)[:, None] * matrix
     return UncertainDirections(
         names=tuple(names),
@@ -173,7 +174,9 @@ def uncertain_directions(
         slow=len(slow),
         values=np.array([float(twin.values[name]) for name in names]),
         matrix=matrix,
-        limits=np.where(is_logarithmic, LARGEST, MANY * np.maximum(spreads, 1e-12)),
+        limits=np.where(
+            is_logarithmic, MAX_LOG_CHANGE, MAX_CHANGE_SIGMAS * np.maximum(spreads, 1e-12)
+        ),
     )
 
 
@@ -239,11 +242,11 @@ def _effects(
     that the length of a column is the root mean square of the change, K."""
     names = [row.name for row in rows]
     at = np.array([float(twin.values[name]) for name in names])
-    steps = STEP * np.concatenate([root, -root], axis=1).T
+    steps = DIFFERENCE_STEP * np.concatenate([root, -root], axis=1).T
     is_logarithmic = np.array([row.is_logarithmic for row in rows])
     values = np.where(is_logarithmic, at * np.exp(steps), at + steps)
     draws = {name: values[:, number] for number, name in enumerate(names)}
     simulated = np.asarray(simulate_batch(twin, experiment, draws))
     up, down = np.split(simulated, 2)
-    effects = ((up - down) / (2 * STEP)).reshape(len(up), -1).T
+    effects = ((up - down) / (2 * DIFFERENCE_STEP)).reshape(len(up), -1).T
     return np.nan_to_num(effects) / np.sqrt(len(effects))

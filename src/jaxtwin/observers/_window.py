@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._augmented_model import Reading, Transition
+from ._augmented_model import ExpectedReading, Transition
 from ._commands import Commands
 from ._expected_correction import Jump
 from ._gaussian import Gaussian
@@ -31,7 +31,7 @@ class Step(NamedTuple):
     jump: Jump
 
 
-class Window(NamedTuple):
+class SmoothingWindow(NamedTuple):
     """A number of steps with the samples at their ends, before the first of which is another.
 
     - `start`: the state at the first sample, given its readings and all before: the arrival cost.
@@ -48,15 +48,17 @@ class Window(NamedTuple):
     estimates: Float[Array, "samples state"]
 
 
-class Linearised(NamedTuple):
+class LinearisedWindow(NamedTuple):
     """Steps and the readings after each of them, linearised: `step` at the states before, `read` at
     those after."""
 
     step: Transition
-    read: Reading
+    read: ExpectedReading
 
 
-def begun(kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: int) -> Window:
+def begun(
+    kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: int
+) -> SmoothingWindow:
     """A window in which nothing has happened yet."""
     dtype = start.mean.dtype
     size, readings = len(start.mean), 1 + len(kalman.model.columns)
@@ -72,7 +74,7 @@ def begun(kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: in
     )
     steps, measured = _repeated((step, measured), horizon)
     path = jnp.tile(start.mean, (horizon + 1, 1))
-    return Window(start, steps, measured, path, path)
+    return SmoothingWindow(start, steps, measured, path, path)
 
 
 def linearised(
@@ -80,23 +82,25 @@ def linearised(
     step: Step,
     before: Float[Array, "steps state"],
     after: Float[Array, "steps state"],
-) -> tuple[Linearised, Float[Array, "steps cells"]]:
+) -> tuple[LinearisedWindow, Float[Array, "steps cells"]]:
     """Linearises several steps side by side, each at its own state, with exact derivatives; and the
     duty that reaches the cells after each."""
 
-    def one(step: Step, before: Array, after: Array) -> tuple[Linearised, Array]:
+    def one(step: Step, before: Array, after: Array) -> tuple[LinearisedWindow, Array]:
         moved, duty = kalman.model.exact_step(
             before, step.reached, step.commands, step.dt, step.levels
         )
         moved = moved._replace(
             mean=moved.mean + step.jump.mean, noise=moved.noise + jnp.diag(step.jump.variance)
         )
-        return Linearised(moved, kalman.expected(after)), duty
+        return LinearisedWindow(moved, kalman.expected(after)), duty
 
     return jax.vmap(one)(step, before, after)
 
 
-def later(window: Window, start: Gaussian, step: Step, expected: Float[Array, " state"]) -> Window:
+def later(
+    window: SmoothingWindow, start: Gaussian, step: Step, expected: Float[Array, " state"]
+) -> SmoothingWindow:
     """The window a step later: its first sample is left out, and a new one expected.
 
     **Arguments:**
@@ -107,12 +111,12 @@ def later(window: Window, start: Gaussian, step: Step, expected: Float[Array, " 
     unread = jax.tree.map(lambda rows: jnp.zeros_like(rows[0]), window.measured)
     unread = unread._replace(variance=jnp.ones_like(unread.variance))
     measured = _pushed(window.measured, unread)
-    return Window(
+    return SmoothingWindow(
         start, steps, measured, _pushed(window.path, expected), _pushed(window.estimates, expected)
     )
 
 
-def read(window: Window, measured: Measured) -> Window:
+def read(window: SmoothingWindow, measured: Measured) -> SmoothingWindow:
     """The window with readings at its last sample, beside those that it had there."""
     rows = window.measured
     old = jax.tree.map(lambda many: many[-1], rows)

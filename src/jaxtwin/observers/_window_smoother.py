@@ -20,14 +20,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._quadratic_program import QuadraticProgram, minimised
-from ._augmented_model import Reading, Transition
+from ._augmented_model import ExpectedReading, Transition
 from ._gaussian import Correction, Gaussian, corrected, moved, symmetric
 from ._kalman_filter import Measured
 from ._state_bounds import BoundRows
-from ._window import Linearised
+from ._window import LinearisedWindow
 
+# How far the missing side of a bound is away, in standard deviations.
 OPEN_SIDE = 50.0
-"""How far the missing side of a bound is away, in standard deviations."""
 
 
 class Passed(NamedTuple):
@@ -46,18 +46,18 @@ class Passed(NamedTuple):
 def filtered_window(
     start: Gaussian,
     path: Float[Array, "samples state"],
-    steps: Linearised,
+    steps: LinearisedWindow,
     measured: Measured,
 ) -> Passed:
     """Goes through a window as a Kalman filter of the linearised equations."""
 
-    def take(state: Gaussian, at: tuple[Array, Array, Linearised, Measured]) -> tuple:
+    def take(state: Gaussian, at: tuple[Array, Array, LinearisedWindow, Measured]) -> tuple:
         before, after, step, read = at
-        found = corrected_by(moved_by(state, before, step.step), after, step.read, read)
-        return found.state, found
+        result = corrected_by(moved_by(state, before, step.step), after, step.read, read)
+        return result.state, result
 
-    _, found = jax.lax.scan(take, start, (path[:-1], path[1:], steps, measured))
-    return Passed(start, found, jax.vmap(lambda step: step.slope)(steps.step))
+    _, result = jax.lax.scan(take, start, (path[:-1], path[1:], steps, measured))
+    return Passed(start, result, jax.vmap(lambda step: step.slope)(steps.step))
 
 
 def moved_by(state: Gaussian, before: Float[Array, " state"], step: Transition) -> Gaussian:
@@ -68,7 +68,7 @@ def moved_by(state: Gaussian, before: Float[Array, " state"], step: Transition) 
 
 
 def corrected_by(
-    state: Gaussian, after: Float[Array, " state"], seen: Reading, measured: Measured
+    state: Gaussian, after: Float[Array, " state"], seen: ExpectedReading, measured: Measured
 ) -> Correction:
     """The state after readings that are linearised at another state."""
     innovation = measured.values - seen.mean - seen.slope @ (state.mean - after)
@@ -78,10 +78,10 @@ def corrected_by(
 
 def most_likely(passed: Passed, bounds: BoundRows) -> Float[Array, "samples state"]:
     """The most likely states of a window within the bounds."""
-    found = passed.corrections
-    means = jnp.concatenate([passed.start.mean[None], found.state.mean])
+    result = passed.corrections
+    means = jnp.concatenate([passed.start.mean[None], result.state.mean])
     samples, size = means.shape
-    free = _smoothed(passed, means, found.whitened, jnp.zeros_like(means))
+    free = _smoothed(passed, means, result.whitened, jnp.zeros_like(means))
     rows = jnp.asarray(bounds.matrix, means.dtype)
     if not len(rows):
         return free
@@ -129,7 +129,7 @@ def _response(
     passed: Passed, forces: Float[Array, "samples state"]
 ) -> Float[Array, "samples state"]:
     """How far forces on the states of the samples move the most likely ones: $\\Sigma f$."""
-    found = passed.corrections
+    result = passed.corrections
 
     def take(change: Array, at: tuple[Array, Correction, Array]) -> tuple:
         slope, one, force = at
@@ -139,7 +139,7 @@ def _response(
         return change, (change, whitened)
 
     first = passed.start.covariance @ forces[0]
-    _, (changes, whitened) = jax.lax.scan(take, first, (passed.slopes, found, forces[1:]))
+    _, (changes, whitened) = jax.lax.scan(take, first, (passed.slopes, result, forces[1:]))
     return _smoothed(passed, jnp.concatenate([first[None], changes]), whitened, forces)
 
 
@@ -150,7 +150,7 @@ def _smoothed(
     forces: Float[Array, "samples state"],
 ) -> Float[Array, "samples state"]:
     """The states given all readings and forces, for those given the ones before."""
-    found = passed.corrections
+    result = passed.corrections
 
     def take(adjoint: Array, at: tuple[Array, Correction, Array, Array, Array]) -> tuple:
         slope, one, mean, error, force = at
@@ -159,7 +159,7 @@ def _smoothed(
         before = before - one.slope.T @ (one.gain.T @ before + error)
         return slope.T @ before, smoothed
 
-    rows = passed.slopes, found, means[1:], whitened, forces[1:]
+    rows = passed.slopes, result, means[1:], whitened, forces[1:]
     adjoint, smoothed = jax.lax.scan(take, jnp.zeros_like(means[0]), rows, reverse=True)
     first = means[0] - passed.start.covariance @ adjoint
     return jnp.concatenate([first[None], smoothed])

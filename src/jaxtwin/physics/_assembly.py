@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from .._arguments import of_kind
-from .._errors import RigError
 from .._name_suggestions import unknown_name
+from ..errors import RigError
 from ..rig import Heater, Rig, Value
 from ..rig._plate import AMBIENT
 from ._netlist import (
@@ -18,7 +18,7 @@ from ._netlist import (
 )
 from ._placed import bare_faces
 from ._plate import (
-    WHOLE,
+    FULL_FACE,
     circuit_links,
     element_capacitance,
     exposed_area,
@@ -144,7 +144,7 @@ def _loss(rig: Rig) -> Loss | None:
     if plate.emissivity is not None:
         bare = bare_faces(rig)
         for name in plate.element_names:
-            area = exposed_area(plate, name, bare.get(name, WHOLE))
+            area = exposed_area(plate, name, bare.get(name, FULL_FACE))
             radiators.append((name, tuple(plate.emissivity * term for term in area)))
     if plate.film_exponent is None and not radiators:
         return None

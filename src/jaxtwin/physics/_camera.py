@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from .._arguments import of_kind
-from .._errors import RigError
+from ..errors import RigError
 from ..rig import Camera, Rig
 
 

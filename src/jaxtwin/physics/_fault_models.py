@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int
 
-from .._errors import SimulationError
 from .._jax_settings import settings_for
 from .._name_suggestions import unknown_name
+from ..errors import SimulationError
 from ..rig import Registration, Rig, Value, ZoneSensor
 from ._registration import RegisteredZones
 from ._system import System
@@ -27,8 +27,8 @@ Fault: TypeAlias = Callable[[System], System]
 FaultModel: TypeAlias = Callable[[Twin, str, Float[ArrayLike, ""]], Fault]
 """A twin, the part of its rig that is faulty, and the size of the fault -> the fault."""
 
-INTERRUPTED = 1e9
-"""The resistance of a circuit that is interrupted, ohm."""
+# The resistance of a circuit that is interrupted, ohm.
+OPEN_CIRCUIT_OHM = 1e9
 
 
 def loosened_contact(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
@@ -61,8 +61,8 @@ def open_circuit(twin: Twin, cell: str, share: Float[ArrayLike, ""] = 1.0) -> Fa
 
     def fault(system: System) -> System:
         before = jnp.asarray(system.module.electrical_resistance)
-        closed = (1 - share) * INTERRUPTED / before[number]
-        resistance = before.at[number].set(INTERRUPTED / (share + closed))
+        closed = (1 - share) * OPEN_CIRCUIT_OHM / before[number]
+        resistance = before.at[number].set(OPEN_CIRCUIT_OHM / (share + closed))
         return eqx.tree_at(lambda s: s.module.electrical_resistance, system, resistance)
 
     return fault

@@ -6,7 +6,7 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ._fault_models import FAULT_MODELS, Fault
 from ._twin import Twin
 
@@ -96,10 +96,10 @@ def _value(key: str, text: str) -> object:
 
 def _timed(model: str, text: str) -> TimedFault:
     """A fault of the rig, PART@TIME/SIZE; without a size it is 1."""
-    found = re.fullmatch(r"([^@]+)@([^/]+)(?:/(.+))?", text)
-    if found is None:
+    result = re.fullmatch(r"([^@]+)@([^/]+)(?:/(.+))?", text)
+    if result is None:
         raise ValueError
-    part, time, size = found.groups()
+    part, time, size = result.groups()
     number = 1.0 if size is None else float(size)
     is_signed = model in ("move", "offset")  # the others are factors, shares and times
     if not (-1e9 if is_signed else 0) < number < 1e9:

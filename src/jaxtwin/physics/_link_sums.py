@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-LARGEST_TABLE = 1 << 18
-"""The largest number of entries of a dense table of rows and links. A product with a larger table
-takes longer than adding up the few entries that are not 0, and its compilation takes minutes."""
+# The largest number of entries of a dense table of rows and links. A product with a larger table
+# takes longer than adding up the few entries that are not 0, and its compilation takes minutes.
+MAX_TABLE = 1 << 18
 
 
 @final
@@ -28,7 +28,7 @@ class LinkSums:
         self.rows = rows
         self.members = np.array(members, dtype=np.int32).reshape(-1, 2).T
         self.table = None
-        if rows * links <= LARGEST_TABLE:
+        if rows * links <= MAX_TABLE:
             self.table = np.zeros((rows, links))
             self.table[*self.members] = 1.0
 

@@ -94,8 +94,8 @@ class Link:
         return sum(value.evaluate(values_si) for value in self.resistances)
 
 
+# The voltage of the supply of a heater of a given power, V: its resistance is $V^2 / P$.
 OWN_VOLTAGE = Value(1.0)
-"""The voltage of the supply of a heater of a given power, V: its resistance is $V^2 / P$."""
 
 
 @final

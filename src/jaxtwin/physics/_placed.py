@@ -13,12 +13,12 @@ from typing import Any
 from ..rig import Placement, Rig, Value
 from ..rig._placement import bare_name
 
-LEAST_BARE = 1e-6
-"""The smallest part of an element's faces that is left bare, so that its film has a resistance."""
+# The smallest part of an element's faces that is left bare, so that its film has a resistance.
+MIN_BARE = 1e-6
 
 
-MISSING = 1e-6
-"""The share of a face beside the elements that it may touch which is taken as a rounding error."""
+# The share of a face beside the elements that it may touch which is taken as a rounding error.
+SHARE_TOLERANCE = 1e-6
 
 
 def all_values(rig: Rig, values_si: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,19 +58,19 @@ def _placed(rig: Rig, values_si: Mapping[str, Any]) -> dict[str, Any]:
     moving = [placement for placement in rig.placements if not placement.is_fixed]
     if not moving:
         return {}
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     fixed = _covered_faces(rig)
     covered: dict[str, Any] = {name: fixed.get(name, 0.0) for name in _movably_covered(rig)}
     for placement in moving:
         areas = placement.overlaps(plate, values_si)
         for number, element in enumerate(placement.elements(plate)):
             area = areas[..., number]
-            found[placement.share_name(element)] = area / placement.area
+            result[placement.share_name(element)] = area / placement.area
             covered[element] = covered[element] + area / (2 * plate.area(element))
-        found[_on_plate(placement)] = areas.sum(axis=-1) / placement.area - 1 + MISSING
+        result[_on_plate(placement)] = areas.sum(axis=-1) / placement.area - 1 + SHARE_TOLERANCE
     for element, part in covered.items():
-        found[bare_name(element)] = (1 - part).clip(LEAST_BARE)
-    return found
+        result[bare_name(element)] = (1 - part).clip(MIN_BARE)
+    return result
 
 
 def _on_plate(placement: Placement) -> str:

@@ -6,8 +6,8 @@ from ..rig import Circuit, Input, Plate, Value
 from ..rig._plate import AMBIENT
 from ._netlist import Link
 
-WHOLE = Value(1.0)
-"""The part of the faces of an element that nothing covers, if nothing touches it."""
+# The part of the faces of an element that nothing covers, if nothing touches it.
+FULL_FACE = Value(1.0)
 
 
 def element_capacitance(plate: Plate, element: str) -> Value:
@@ -47,7 +47,7 @@ def finite_volume_links(plate: Plate, bare: Mapping[str, Value]) -> list[Link]:
             left, right, top, bottom = plate.extent(name)
             width, height = right - left, bottom - top
             film = _film_coefficient(plate, r, c)
-            faces = Value(2 * width * height) * bare.get(name, WHOLE)
+            faces = Value(2 * width * height) * bare.get(name, FULL_FACE)
             if faces.factor > 0:
                 half = _half_z(plate, faces)
                 links.append(Link(name, AMBIENT, (half, 1 / (film * faces)), "film"))

@@ -7,20 +7,20 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from .._arguments import of_kind
-from .._errors import RigError
+from ..errors import RigError
 from ..rig import Rig
 from ._camera import checked_frames
 
-MARGIN = 0.25
-"""The distance from an edge's place in the rig file within which it is searched, as a fraction of
-the plate's size."""
+# The distance from an edge's place in the rig file within which it is searched, as a fraction of
+# the plate's size.
+SEARCH_FRACTION = 0.25
 
-LEAST_OUTSIDE = 2
-"""The number of pixels beside the plate that are necessary to detect an edge."""
+# The number of pixels beside the plate that are necessary to detect an edge.
+MIN_OUTSIDE = 2
 
-CLEAR = 5.0
-"""A step between two pixels that is larger than this multiple of the camera's noise is an edge of
-the plate."""
+# A step between two pixels that is larger than this multiple of the camera's noise is an edge of
+# the plate.
+EDGE_SIGMAS = 5.0
 
 Lines = Float[np.ndarray, "lines 2"]
 
@@ -110,10 +110,10 @@ def _edges(
     along = ((rows + 0.5 - first) / (last - first) - 0.5) * size_along
     lines = []
     for edge in view_across:
-        reach = MARGIN * (view_across[1] - view_across[0])
+        reach = SEARCH_FRACTION * (view_across[1] - view_across[0])
         low, high = max(0, round(edge - reach)), min(pixels.shape[1], round(edge + reach))
         outside = edge - low if edge == view_across[0] else high - edge
-        if outside < LEAST_OUTSIDE:
+        if outside < MIN_OUTSIDE:
             return None
         places = np.array([_step(pixels[row, low:high], noise) for row in rows]) + low
         visible = np.isfinite(places)
@@ -128,7 +128,7 @@ def _step(profile: Float[np.ndarray, " pixels"], noise: float) -> float:
     """The position of the largest step of a row of pixels, in pixels; NaN if none is clear."""
     steps = np.diff(profile)
     at = int(np.argmax(np.abs(steps)))
-    if abs(steps[at]) <= CLEAR * noise:
+    if abs(steps[at]) <= EDGE_SIGMAS * noise:
         return math.nan
     # A pixel that the edge cuts shares the step between both of its sides.
     near = slice(max(at - 1, 0), at + 2)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import of_kind, whole_number
-from .._errors import ParameterError
+from ..errors import ParameterError
 from ..rig import Rig
 from ..rig._plate_needed import check_has_plate
 

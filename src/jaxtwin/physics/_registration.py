@@ -25,10 +25,10 @@ from ..rig import Registration, Rig, ZoneSensor
 from ..rig._zone_means import mean_weights
 from ._expressions import Expressions
 
+# The number of tiles into which a zone is divided in each direction. The tiles move with the
+# picture and stay parallel to the plate's edges, which is exact without rotation. With rotation the
+# edge of a zone becomes a staircase, whose steps at 5 degrees have 2 % of the zone's height.
 TILES = 4
-"""The number of tiles into which a zone is divided in each direction. The tiles move with the
-picture and stay parallel to the plate's edges, which is exact without rotation. With rotation the
-edge of a zone becomes a staircase, whose steps at 5 degrees have 2 % of the zone's height."""
 
 
 @final

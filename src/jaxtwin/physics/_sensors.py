@@ -17,12 +17,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RigError
+from ..errors import RigError
 from ..rig import Rig
 from ._netlist import Link, Netlist, Node
 
+# The heat capacity of a sensor, as a fraction of an element's.
 RELATIVE_CAPACITY = 1e-6
-"""The heat capacity of a sensor, as a fraction of an element's."""
 
 
 def lagging_sensors(rig: Rig, nodes: Sequence[Node]) -> tuple[list[Node], list[Link]]:

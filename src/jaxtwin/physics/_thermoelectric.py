@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float
 
-from .._errors import ParameterError
 from .._jax_settings import own_settings
+from ..errors import ParameterError
 from ..rig import load_module
 from ._dc_sweep import DCSweep
 

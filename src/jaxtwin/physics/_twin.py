@@ -15,10 +15,10 @@ from jaxtyping import Array, Float
 
 from .._arguments import mapping_of, of_kind
 from .._celsius import ZERO_CELSIUS
-from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._name_suggestions import did_you_mean, unknown_name
 from .._pint_quantities import in_unit
 from .._twin_address import twin_address
+from ..errors import JaxtwinError, ParameterError, SimulationError
 from ..rig import Parameter, Rig, load_rig, read_parameters
 from ..rig._load import rig_of_stored_twin
 from ..rig._units import Kind, parse_quantity

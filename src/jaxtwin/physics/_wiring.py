@@ -12,22 +12,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._errors import RigError
+from ..errors import RigError
 from ..rig import Driver, Input, Rig, Value
 from ..rig._plate import AMBIENT
 from ._assembly import build_netlist
 from ._expressions import Expressions
 from ._input_effects import InputWiring
-from ._link_sums import LARGEST_TABLE, LinkSums
+from ._link_sums import MAX_TABLE, LinkSums
 from ._lumping import lump
 from ._netlist import Netlist
 from ._placed import on_plate_names
 from ._registration import RegisteredZones
 from ._sensors import node_weights
 
-MOST_ELEMENTS = 4000
-"""The largest number of elements of a plate. Their modes take a minute, and tables of their pairs a
-gigabyte."""
+# The largest number of elements of a plate. Their modes take a minute, and tables of their pairs a
+# gigabyte.
+MAX_ELEMENTS = 4000
 
 
 @final
@@ -153,7 +153,7 @@ class Wiring:
         self.pair_sums = LinkSums(len(pairs), between, len(links))
         self.pairs = np.array(list(pairs), dtype=np.int32).reshape(-1, 2).T
         self.pair_of = None
-        if count**2 <= LARGEST_TABLE:
+        if count**2 <= MAX_TABLE:
             self.pair_of = np.full((count, count), len(pairs), dtype=np.int32)
             self.pair_of[*self.pairs] = self.pair_of[*self.pairs[::-1]] = np.arange(len(pairs))
 
@@ -271,9 +271,9 @@ def wiring_of(rig: Rig, lumped: bool = False) -> Wiring:
     **Raises:** `RigError` if the plate has more elements than a twin can have.
     """
     elements = len(rig.plate.element_names)
-    if elements > MOST_ELEMENTS:
+    if elements > MAX_ELEMENTS:
         raise RigError(
-            f"{rig.source}: plate: expected at most {MOST_ELEMENTS} elements in a twin, got "
+            f"{rig.source}: plate: expected at most {MAX_ELEMENTS} elements in a twin, got "
             f"{elements}; make the grid coarser"
         )
     netlist = build_netlist(rig)

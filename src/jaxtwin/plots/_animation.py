@@ -15,7 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from .._arguments import finite_number, whole_number
-from .._errors import ParameterError
+from ..errors import ParameterError
 from ..rig import Rig
 from ..simulation import Run
 from ._plate_map import HEAT, draw_cells, frame, rectangle
@@ -25,11 +25,11 @@ from ._style import line_of, palette, points, styled
 if TYPE_CHECKING:
     from ..control import ClosedLoopRun
 
+# The default number of frames, which makes a GIF of some hundred kilobytes.
 FRAMES = 100
-"""The default number of frames, which makes a GIF of some hundred kilobytes."""
 
+# Files that matplotlib writes with Pillow; for others it starts another program.
 PILLOW = (".gif", ".webp")
-"""Files that matplotlib writes with Pillow; for others it starts another program."""
 
 
 def animate_plate(
@@ -129,7 +129,10 @@ class _Film:
             axes.set_axis_off()
             frame(axes, plate)
             self._patches.append(
-                [axes.add_patch(rectangle(plate.extent(one))) for one in plate.element_names]
+                [
+                    axes.add_patch(rectangle(plate.extent(element_name)))
+                    for element_name in plate.element_names
+                ]
             )
             draw_cells(axes, self._rig)
             axes.set_title(name, loc="left")

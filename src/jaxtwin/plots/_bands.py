@@ -11,13 +11,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..observers import Forecast
 from ..simulation import Run
 from ._samples import joined_samples
 from ._style import palette, points, styled
 
-PANELS = 5  # panels in a row
+MAX_PANELS = 5  # panels in a row
 
 
 @styled
@@ -97,7 +97,7 @@ def draw_bands(
 ) -> Figure:
     """Draws a panel for each channel."""
     count = len(channels)
-    columns = min(count, PANELS)
+    columns = min(count, MAX_PANELS)
     rows = -(-count // columns)
     size = (1.0 + 2.5 * max(columns, 2), 0.8 + 2.3 * rows)
     figure = pyplot.figure(figsize=size, layout="constrained")

@@ -7,12 +7,12 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from .._errors import ControlError
 from ..control import LinearModel
+from ..errors import ControlError
 from ._style import line_of, palette, styled
 
-LEAST_GAIN = 1e-3
-"""The least gain, as a part of the largest, that is drawn by default."""
+# The least gain, as a part of the largest, that is drawn by default.
+MIN_GAIN = 1e-3
 
 
 @styled
@@ -74,7 +74,7 @@ def plot_bode(
         for row in grid
     )
     largest = float(gains.max())
-    least = max(float(gains.min()), largest * LEAST_GAIN)
+    least = max(float(gains.min()), largest * MIN_GAIN)
     grid[0, 0].set(ylabel="gain, K per unit of duty", ylim=(least / 2, largest * 5))
     low, high = np.floor(phases.min() / 90) * 90, np.ceil(phases.max() / 90) * 90
     grid[1, 0].set(ylabel="phase, degrees", ylim=(low - 10, high + 10))
@@ -85,11 +85,11 @@ def plot_bode(
 
 def bode_frequencies(model: LinearModel) -> np.ndarray:
     """The frequencies from a tenth of the slowest pole to ten times the lag, rad/s, or to where the
-    gain of all inputs has fallen to `LEAST_GAIN`."""
+    gain of all inputs has fallen to `MIN_GAIN`."""
     slowest = 1 / float(model.time_constants_s[0])
     slowest = slowest if slowest > 0 else 1e-3
     top = 10 / float(model.lag_s) if model.is_lagged else 100 * slowest
     omega = np.geomspace(slowest / 10, max(top, 10 * slowest), 400)
     mean = np.abs(np.asarray(model.frequency_response(omega)).mean(axis=1)).max(axis=1)
-    (seen,) = np.nonzero(mean >= LEAST_GAIN * mean.max())
+    (seen,) = np.nonzero(mean >= MIN_GAIN * mean.max())
     return np.geomspace(omega[0], max(omega[seen[-1]], 10 * slowest), 400)

@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from .._errors import ControlError
 from ..control import LinearModel
+from ..errors import ControlError
 from ._bode import bode_frequencies
 from ._style import palette, styled
 
+# The quantiles of the draws between which a band lies.
 SHARES = (0.05, 0.95)
-"""The quantiles of the draws between which a band lies."""
 
 
 @styled

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from .._errors import SimulationError
 from .._goodness_of_fit import fit_text, mean_fit_percent
+from ..errors import SimulationError
 from ..simulation import Run
 from ._labels import label_ends
 from ._samples import (
@@ -25,8 +25,8 @@ from ._samples import (
 )
 from ._style import palette, points, styled
 
-PANELS = 5  # panels in a row
-NARROWEST = 6.4  # inches, which the heading and the legend need beside each other
+MAX_PANELS = 5  # panels in a row
+MIN_WIDTH_INCHES = 6.4  # inches, which the heading and the legend need beside each other
 
 RECORDED, TWIN = 5.0, 1.0
 """The widths of the lines, points. The twin's is thin, so that the recording shows on both sides of
@@ -48,12 +48,12 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
     """
     fits = [run.fit_percent for run in runs]
     rows = [
-        (run, fit, run.channels[start : start + PANELS])
+        (run, fit, run.channels[start : start + MAX_PANELS])
         for run, fit in zip(runs, fits, strict=True)
-        for start in range(0, len(run.channels), PANELS)
+        for start in range(0, len(run.channels), MAX_PANELS)
     ]
     columns = max(len(channels) for _, _, channels in rows)
-    size = (max(1.0 + 2.35 * columns, NARROWEST), 0.8 + 1.95 * len(rows))
+    size = (max(1.0 + 2.35 * columns, MIN_WIDTH_INCHES), 0.8 + 1.95 * len(rows))
     figure = pyplot.figure(figsize=size, layout="constrained")
     grid = figure.subplots(len(rows), columns, sharex=True, sharey=True, squeeze=False)
     for panels, (run, fit, channels) in zip(grid, rows, strict=True):

@@ -5,16 +5,16 @@ from jaxtyping import Float
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from .._errors import ParameterError
+from ..errors import ParameterError
 from ..sensitivity_analysis import GlobalSensitivity, OneAtATime, indices_of
 from ._sensitivity_labels import INDEX_WORDS, title_output
 from ._style import palette, points, styled, symbol
 
-NAMED = 6
-"""The number of lines with a colour and a name; the others are grey."""
+# The number of lines with a colour and a name; the others are grey.
+MAX_NAMED_LINES = 6
 
-FEWEST = 8
-"""The smallest number of draws for which an index is drawn."""
+# The smallest number of draws for which an index is drawn.
+MIN_DRAWS = 8
 
 
 @styled
@@ -47,21 +47,21 @@ def plot_convergence(
         raise ParameterError(f"index: expected one of single parameters, got {name!r}")
     blocks = sensitivity.design.blocks
     has_parts = not (sensitivity.method.needs_slopes or isinstance(sensitivity.method, OneAtATime))
-    if not has_parts or blocks < 2 * FEWEST:
+    if not has_parts or blocks < 2 * MIN_DRAWS:
         raise ParameterError(
             f"sensitivity: expected a method whose first draws are an analysis by themselves, with "
-            f"{2 * FEWEST} draws at least, got {sensitivity.method.name} with {blocks}"
+            f"{2 * MIN_DRAWS} draws at least, got {sensitivity.method.name} with {blocks}"
         )
-    numbers = [1 << power for power in range(FEWEST.bit_length() - 1, blocks.bit_length())]
+    numbers = [1 << power for power in range(MIN_DRAWS.bit_length() - 1, blocks.bit_length())]
     if numbers[-1] != blocks:
         numbers.append(blocks)
-    found = [_ends(sensitivity, row, name, number) for number in numbers]
-    values, low, high = np.moveaxis(np.array(found), 1, 0)
+    result = [_ends(sensitivity, row, name, number) for number in numbers]
+    values, low, high = np.moveaxis(np.array(result), 1, 0)
     if ax is None:
         ax = pyplot.figure(figsize=(6.4, 3.8), layout="constrained").subplots()
     order = np.argsort(-np.abs(np.nan_to_num(values[-1])), kind="stable")
     for place, column in reversed(list(enumerate(order))):
-        is_named = place < NAMED
+        is_named = place < MAX_NAMED_LINES
         color = palette().cycle[place] if is_named else palette().muted
         ax.plot(
             numbers, values[:, column], "o-" if is_named else "-", ms=3.5, color=color,
@@ -76,7 +76,7 @@ def plot_convergence(
     shown = [number for number in numbers[:-1] if number < numbers[-1] / 1.5] + numbers[-1:]
     ax.set_xticks(shown, [str(number) for number in shown], minor=False)
     ax.tick_params(axis="x", labelsize=points(8))
-    ax.set_ylim(*_limits(values, *(end[:, order[:NAMED]] for end in (low, high))))
+    ax.set_ylim(*_limits(values, *(end[:, order[:MAX_NAMED_LINES]] for end in (low, high))))
     ax.set(xlabel="draws", ylabel=INDEX_WORDS.get(name, name), xlim=(numbers[0], numbers[-1]))
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -107,12 +107,12 @@ def _ends(
     """The index from the first draws, and the ends of its interval; NaN without one."""
     part = sensitivity.design.of_blocks(np.arange(sensitivity.design.blocks) < number)
     outputs = sensitivity.values[: len(part.unit), [row]]
-    found, _ = indices_of(sensitivity.method, part, outputs, seed=sensitivity.seed)
+    result, _ = indices_of(sensitivity.method, part, outputs, seed=sensitivity.seed)
     nothing = np.full((1, len(sensitivity.names)), np.nan)
-    value = found.get(name, nothing)
-    if f"{name}_low" in found:
-        ends = [found[f"{name}_low"], found[f"{name}_high"]]
+    value = result.get(name, nothing)
+    if f"{name}_low" in result:
+        ends = [result[f"{name}_low"], result[f"{name}_high"]]
     else:
-        half = found.get(f"{name}_conf", nothing)
+        half = result.get(f"{name}_conf", nothing)
         ends = [value - half, value + half]
     return np.stack([value[0], ends[0][0], ends[1][0]])

@@ -8,15 +8,15 @@ from ..matching import Fit
 from ._correlation_matrix import draw_correlation_matrix
 from ._style import styled, symbol
 
+# Correlations whose size is above this are written as numbers, if the cells are large enough.
 SHOWN = 0.5
-"""Correlations whose size is above this are written as numbers, if the cells are large enough."""
 
 CELL, WIDEST = 0.42, 11.0
 """The width of a cell, and the largest width of all cells together, inches; many cells become
 smaller."""
 
-LEAST_FOR_NUMBERS = 0.3
-"""The smallest width of a cell with a number in it, inches."""
+# The smallest width of a cell with a number in it, inches.
+MIN_FOR_NUMBERS = 0.3
 
 
 @styled
@@ -42,7 +42,7 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
         size = (2.4 + cell * count, 1.6 + 0.86 * cell * count)
         ax = pyplot.figure(figsize=size, layout="constrained").subplots()
     written = np.abs(np.nan_to_num(correlation)) > SHOWN
-    written &= ~np.eye(count, dtype=bool) & (cell > LEAST_FOR_NUMBERS)
+    written &= ~np.eye(count, dtype=bool) & (cell > MIN_FOR_NUMBERS)
     draw_correlation_matrix(ax, correlation, written)
     labels = [_label(label) for label in fit.uncertainty.labels]
     ax.set_xticks(range(count), labels, rotation=90)

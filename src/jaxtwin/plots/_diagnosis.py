@@ -6,15 +6,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..diagnosis import Diagnosis
-from ..diagnosis._diagnosis import HEALTHY, OTHER
+from ..diagnosis._diagnosis import HEALTHY, NONE_OF_THESE
 from ._readings import draw_readings
 from ._style import palette, points, styled
 
-LARGEST = 8
-"""The largest number of channels, and of faults with a colour of their own."""
+# The largest number of channels, and of faults with a colour of their own.
+MAX_CHANNELS = 8
 
+# A fault that is never likelier than this is among the others.
 SEEN = 0.05
-"""A fault that is never likelier than this is among the others."""
 
 
 @styled
@@ -46,9 +46,13 @@ def _probabilities(axes: Axes, diagnosis: Diagnosis) -> None:
     names = list(diagnosis.names)
     largest = table.max(axis=0)
     order = np.argsort(-largest)
-    shown = [int(n) for n in order if names[n] not in (HEALTHY, OTHER) and largest[n] >= SEEN]
-    shown = sorted(shown[:LARGEST], key=lambda n: int(table[:, n].argmax()))
-    rest = [n for n, name in enumerate(names) if n not in shown and name not in (HEALTHY, OTHER)]
+    shown = [
+        int(n) for n in order if names[n] not in (HEALTHY, NONE_OF_THESE) and largest[n] >= SEEN
+    ]
+    shown = sorted(shown[:MAX_CHANNELS], key=lambda n: int(table[:, n].argmax()))
+    rest = [
+        n for n, name in enumerate(names) if n not in shown and name not in (HEALTHY, NONE_OF_THESE)
+    ]
     layers = [(HEALTHY, table[:, names.index(HEALTHY)], palette().faint)]
     layers += [
         (names[n], table[:, n], palette().cycle[place % len(palette().cycle)])
@@ -56,9 +60,9 @@ def _probabilities(axes: Axes, diagnosis: Diagnosis) -> None:
     ]
     layers += [
         ("other suspects", table[:, rest].sum(axis=1), palette().muted),
-        (OTHER, table[:, names.index(OTHER)], palette().ink),
+        (NONE_OF_THESE, table[:, names.index(NONE_OF_THESE)], palette().ink),
     ]
-    kept = [one for one in layers if one[1].max() >= SEEN]
+    kept = [layer for layer in layers if layer[1].max() >= SEEN]
     axes.stackplot(
         diagnosis.time,
         [one[1] for one in kept],

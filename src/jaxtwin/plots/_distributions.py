@@ -11,25 +11,25 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ._style import palette, points, styled
 from ._units import unit_text
 
 if TYPE_CHECKING:
     import xarray
 
-MOST_DRAWS = 100_000
-"""The largest number of draws that are read: the quantiles of more draws would look the same."""
+# The largest number of draws that are read: the quantiles of more draws would look the same.
+MAX_DRAWS = 100_000
 
-PANELS = 3
-"""The largest number of panels side by side."""
+# The largest number of panels side by side.
+MAX_PANELS_ABREAST = 3
 
-ROWS = 40
-"""The largest number of values with a row each; more values are points of a curve."""
+# The largest number of values with a row each; more values are points of a curve.
+MAX_ROWS = 40
 
-LEAST_SPAN = 1e-4
-"""The shortest axis as a part of its largest number: draws that are the same but for their last
-digits lie on a line, and five digits distinguish the ticks."""
+# The shortest axis as a part of its largest number: draws that are the same but for their last
+# digits lie on a line, and five digits distinguish the ticks.
+MIN_SPAN = 1e-4
 
 
 @styled
@@ -61,9 +61,9 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
             f"plot_distributions: expected quantities over draws, got {', '.join(names) or 'none'} "
             f"over {draws.sizes.get('draw', 0)} draws; ask reduce_batch for them"
         )
-    first = draws[names].isel(draw=slice(MOST_DRAWS))
+    first = draws[names].isel(draw=slice(MAX_DRAWS))
     quantities = [_columns(first[name]) for name in names]
-    lines = math.ceil(len(names) / PANELS)
+    lines = math.ceil(len(names) / MAX_PANELS_ABREAST)
     across = math.ceil(len(names) / lines)
     heights = [_rows(labels) for labels, _ in quantities]
     tallest = [max(heights[line * across : (line + 1) * across]) for line in range(lines)]
@@ -75,7 +75,7 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
         axes = figure.add_subplot(grid[divmod(number, across)])
         unit = unit_text(str(draws[name].attrs.get("units", "")))
         axes.set_title(name)
-        if len(labels) > ROWS:
+        if len(labels) > MAX_ROWS:
             _draw_curve(axes, values)
             axes.set(xlabel=f"number of the value, {_infinite(values)}".rstrip(", "), ylabel=unit)
         else:
@@ -91,7 +91,7 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
 
 def _rows(labels: list[str]) -> int:
     """The height of a panel, in rows."""
-    return len(labels) if len(labels) <= ROWS else 6
+    return len(labels) if len(labels) <= MAX_ROWS else 6
 
 
 def _draw_rows(axes: Axes, labels: list[str], values: Float[np.ndarray, "draws rows"]) -> None:
@@ -130,8 +130,8 @@ def _draw_curve(axes: Axes, values: Float[np.ndarray, "draws points"]) -> None:
 
 
 def _widened(low: float, high: float) -> tuple[float, float]:
-    """The ends of an axis, at least `LEAST_SPAN` apart."""
-    least = LEAST_SPAN * max(abs(low), abs(high))
+    """The ends of an axis, at least `MIN_SPAN` apart."""
+    least = MIN_SPAN * max(abs(low), abs(high))
     if high - low >= least:
         return low, high
     middle = (low + high) / 2
@@ -166,9 +166,9 @@ def _columns(values: "xarray.DataArray") -> tuple[list[str], np.ndarray]:
 
 def _quantiles(values: np.ndarray) -> np.ndarray:
     """The 5, 25, 50, 75 and 95 % quantiles of each column, NaN for a column without numbers."""
-    found = np.full((5, values.shape[1]), np.nan)
+    result = np.full((5, values.shape[1]), np.nan)
     for number, column in enumerate(values.T):
         there = column[np.isfinite(column)]
         if there.size:
-            found[:, number] = np.quantile(there, (0.05, 0.25, 0.5, 0.75, 0.95))
-    return found
+            result[:, number] = np.quantile(there, (0.05, 0.25, 0.5, 0.75, 0.95))
+    return result

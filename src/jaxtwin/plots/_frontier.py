@@ -11,8 +11,8 @@ from ..control import MEASURES, Frontier
 from ._style import palette, points, rim, styled
 from ._units import unit_text
 
-NEAR = 0.02
-"""The part of the range of a panel within which dots cover each other."""
+# The part of the range of a panel within which dots cover each other.
+OVERLAP_FRACTION = 0.02
 
 
 @styled
@@ -82,7 +82,7 @@ def _neighbours(
     x: Float[np.ndarray, " points"], y: Float[np.ndarray, " points"], order: Int[np.ndarray, " n"]
 ) -> list[list[int]]:
     """Groups of points whose dots cover each other, so that their numbers share a text."""
-    near = [NEAR * np.ptp(values[order]) if len(order) else 0.0 for values in (x, y)]
+    near = [OVERLAP_FRACTION * np.ptp(values[order]) if len(order) else 0.0 for values in (x, y)]
     groups: list[list[int]] = []
     for point in order:
         for group in groups:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from .._arguments import names_of, of_kind
-from .._errors import MatchError
+from ..errors import MatchError
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..matching._fitted_parameters import interval_95
@@ -86,14 +86,14 @@ def _of_one_match(fit: Fit) -> dict[str, _Row]:
     errors, values = fit.uncertainty.standard_errors, fit.group_values
     rows = {}
     for parameter in parameters:
-        name, found, intervals = parameter.name, [], []
+        name, result, intervals = parameter.name, [], []
         for group in problem.group_names:
             value, error = values[group][name], errors[f"{name}[{group}]"]
             logarithmic = parameter.is_logarithmic
             relative = error / value if logarithmic else error
-            found.append(value)
+            result.append(value)
             intervals.append(interval_95(value, relative, is_logarithmic=logarithmic))
-        rows[name] = _Row(parameter, found, intervals, fit[name].interval)
+        rows[name] = _Row(parameter, result, intervals, fit[name].interval)
     return rows
 
 
@@ -104,11 +104,11 @@ def _of_several(fits: Mapping[str, Fit]) -> dict[str, _Row]:
     rows = {}
     for name, fitted in several[0].parameters.items():
         if fitted.free and fitted.scope != "recording":
-            found = [fit[name] for fit in several]
+            result = [fit[name] for fit in several]
             rows[name] = _Row(
                 several[0].twin.rig.parameters[name],
-                [row.value for row in found],
-                [row.interval for row in found],
+                [row.value for row in result],
+                [row.interval for row in result],
                 None,
             )
     return rows

@@ -15,8 +15,8 @@ from ._units import unit_text
 
 COLUMNS = 3
 
-LARGEST = 9
-"""The largest number of parameters; those with limits are first, then those that changed most."""
+# The largest number of parameters; those with limits are first, then those that changed most.
+MAX_PARAMETERS = 9
 
 
 @styled
@@ -33,7 +33,7 @@ def plot_health(health: Health) -> Figure:
 
     **Returns:** the figure.
     """
-    rows = sorted(health.parameters.values(), key=lambda row: row.limit is None)[:LARGEST]
+    rows = sorted(health.parameters.values(), key=lambda row: row.limit is None)[:MAX_PARAMETERS]
     columns = min(COLUMNS, len(rows))
     height = -(-len(rows) // columns)
     figure = pyplot.figure(figsize=(3.6 * columns, 1.0 + 2.3 * height), layout="constrained")

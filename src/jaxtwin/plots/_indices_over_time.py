@@ -4,14 +4,14 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 
-from .._errors import ParameterError
 from .._name_suggestions import did_you_mean
+from ..errors import ParameterError
 from ..sensitivity_analysis import GlobalSensitivity
 from ._sensitivity_labels import INDEX_WORDS
 from ._style import palette, points, styled, symbol
 
-NAMED = 6
-"""The number of lines with a colour and a name; the others are grey."""
+# The number of lines with a colour and a name; the others are grey.
+MAX_NAMED_LINES = 6
 
 
 @styled
@@ -52,7 +52,7 @@ def plot_indices_over_time(
     height = np.abs(np.nan_to_num(values)).max(axis=0)
     order = np.argsort(-height, kind="stable")
     for place, column in reversed(list(enumerate(order))):
-        is_named = place < NAMED
+        is_named = place < MAX_NAMED_LINES
         color = palette().cycle[place] if is_named else palette().muted
         ax.plot(
             times, values[:, column], color=color, lw=1.8 if is_named else 0.7,
@@ -71,9 +71,9 @@ def plot_indices_over_time(
     ax.set_xlim(min(0.0, times[0]), times[-1])
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
-    if len(sensitivity.names) > NAMED:
+    if len(sensitivity.names) > MAX_NAMED_LINES:
         ax.set_title(
-            f"{len(sensitivity.names) - NAMED} weaker parameters in grey",
+            f"{len(sensitivity.names) - MAX_NAMED_LINES} weaker parameters in grey",
             loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
         )  # fmt: skip
     return ax

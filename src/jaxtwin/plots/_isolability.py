@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from ..diagnosis import Isolability
 from ._style import palette, points, styled
 
-FEW = 24
-"""The largest number of faults whose times are written into the matrix."""
+# The largest number of faults whose times are written into the matrix.
+MAX_LABELLED_FAULTS = 24
 
 
 @styled
@@ -28,7 +28,7 @@ def plot_isolability(isolability: Isolability) -> Figure:
     """
     names = isolability.names
     count = len(names)
-    side = max(3.0, 0.34 * count if count <= FEW else 0.2 * count)
+    side = max(3.0, 0.34 * count if count <= MAX_LABELLED_FAULTS else 0.2 * count)
     figure = pyplot.figure(figsize=(side + 3.6, side + 1.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, max(count, 2)))
     norm = LogNorm(1.0, max(isolability.duration, 2.0))
@@ -42,14 +42,14 @@ def plot_isolability(isolability: Isolability) -> Figure:
         axes.grid(visible=False)
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
-        if count <= FEW:
+        if count <= MAX_LABELLED_FAULTS:
             for row, column in np.argwhere(np.isfinite(times)):
                 dark = float(times[row, column]) > isolability.duration**0.5
                 axes.annotate(
                     f"{times[row, column]:.0f}", (column, row), ha="center", va="center",
                     fontsize=points(7), color="#ffffff" if dark else "#000000",
                 )  # fmt: skip
-    size = points(8 if count <= FEW else 6)
+    size = points(8 if count <= MAX_LABELLED_FAULTS else 6)
     left.set_yticks(range(count), names, fontsize=size)
     left.set_xticks([0], ["found"], rotation=90, fontsize=size)
     right.set_xticks(range(count), names, rotation=90, fontsize=size)

@@ -10,19 +10,19 @@ from ..monitoring import Monitored
 from ._readings import draw_readings
 from ._style import palette, points, styled
 
-LARGEST = 8
-"""The largest number of channels with a line of their own, and of rows of findings."""
+# The largest number of channels with a line of their own, and of rows of findings.
+MAX_CHANNELS = 8
 
+# The kinds of findings, each with its colour.
 KINDS = ("sudden", "gone", "frozen", "implausible", "drift", "impossible", "changed")
-"""The kinds of findings, each with its colour."""
 
+# The lines of the scores -> the tests whose largest score they show.
 TESTS = {
     "innovations": ("sum", "ratio", "joint", "energy"),
     "states": ("state", "error"),
     "readings": ("frozen", "gone"),
     "match": ("changed",),
 }
-"""The lines of the scores -> the tests whose largest score they show."""
 
 
 @styled
@@ -39,7 +39,9 @@ def plot_monitored(monitored: Monitored) -> Figure:
 
     **Returns:** the figure.
     """
-    rows = list(dict.fromkeys((one.kind, one.channel) for one in monitored.findings))[:LARGEST]
+    rows = list(dict.fromkeys((finding.kind, finding.channel) for finding in monitored.findings))[
+        :MAX_CHANNELS
+    ]
     height = 0.6 + 0.3 * max(len(rows), 1)
     figure = pyplot.figure(figsize=(9.6, 4.8 + height), layout="constrained")
     grid = figure.subplots(3, 1, sharex=True, height_ratios=(2.6, height, 1.6))
@@ -52,14 +54,14 @@ def plot_monitored(monitored: Monitored) -> Figure:
 
 def _timeline(axes: Axes, monitored: Monitored, rows: list[tuple[str, str]]) -> None:
     end = float(monitored.time[-1])
-    for one in monitored.findings:
-        if (one.kind, one.channel) not in rows:
+    for finding in monitored.findings:
+        if (finding.kind, finding.channel) not in rows:
             continue
-        row, since = rows.index((one.kind, one.channel)), float(one.since or 0.0)
-        until = end if one.until is None else float(one.until)
-        color, alpha = _color(one.kind), 1.0 if one.is_alarm else 0.45
+        row, since = rows.index((finding.kind, finding.channel)), float(finding.since or 0.0)
+        until = end if finding.until is None else float(finding.until)
+        color, alpha = _color(finding.kind), 1.0 if finding.is_alarm else 0.45
         axes.barh(row, until - since, left=since, height=0.55, color=color, alpha=alpha)
-        axes.plot(float(one.found or since), row, ".", ms=6, color=palette().ink, zorder=3)
+        axes.plot(float(finding.found or since), row, ".", ms=6, color=palette().ink, zorder=3)
     axes.set_yticks(range(len(rows)), [f"{kind} {channel or 'all'}" for kind, channel in rows])
     axes.set_ylim(max(len(rows), 1) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")

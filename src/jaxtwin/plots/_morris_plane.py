@@ -9,8 +9,8 @@ from ._sensitivity_labels import title_output
 from ._style import palette, points, rim, styled, symbol
 from ._units import unit_text
 
-NAMED = 0.05
-"""The part of the largest effect from which on a parameter has its name beside its point."""
+# The part of the largest effect from which on a parameter has its name beside its point.
+NAMED_FRACTION = 0.05
 
 
 LINE, WORD = 0.055, 0.1
@@ -64,7 +64,7 @@ def plot_morris_plane(
     ax.set(xlim=(0, limit), ylim=(-0.02 * top, top))
     written: list[tuple[float, float]] = []
     for column in np.argsort(sigma, kind="stable"):
-        if mu_star[column] >= NAMED * mu_star.max():
+        if mu_star[column] >= NAMED_FRACTION * mu_star.max():
             x, y = mu_star[column] / limit, sigma[column] / top
             # A name is placed above that of a neighbour if the two would touch.
             above = max([y, *(other + LINE for at, other in written if abs(at - x) < WORD)])

@@ -12,7 +12,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from .._errors import ParameterError
+from ..errors import ParameterError
 from ..physics import Twin
 from ..physics._netlist import network_counts, network_text
 from ..physics._twin import check_twin

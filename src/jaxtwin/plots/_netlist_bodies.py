@@ -11,14 +11,14 @@ from ..physics import Twin
 from ..physics._sensors import sensor_name
 from ..rig._plate import AMBIENT
 from ._netlist_cells import ABOVE, draw_box, draw_note, heater_text, outlined
-from ._netlist_layout import BOX, BOX_HEIGHT, Layout
+from ._netlist_layout import BOX, BOX_HEIGHT, NetlistLayout
 from ._style import INK, palette, points
 
+# The distance between two bodies, inches.
 PITCH = 2.0
-"""The distance between two bodies, inches."""
 
+# The distance between two of the notes below a body, inches.
 LINE = 0.17
-"""The distance between two of the notes below a body, inches."""
 
 
 def draw_bodies(
@@ -26,7 +26,7 @@ def draw_bodies(
     twin: Twin,
     values: Mapping[str, float],
     texts: Mapping[str, str],
-    layout: Layout,
+    layout: NetlistLayout,
     top: float,
 ) -> float:
     """Draws each body as a box below the cells. The names of the bodies to which it is linked, with

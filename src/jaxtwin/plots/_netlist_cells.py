@@ -13,14 +13,14 @@ from .._celsius import ZERO_CELSIUS
 from ..physics import ThermoelectricElement, Twin
 from ..physics._netlist import OWN_VOLTAGE
 from ..rig._plate import AMBIENT
-from ._netlist_layout import BOX, BOX_HEIGHT, GAP, Layout
+from ._netlist_layout import BOX, BOX_HEIGHT, GAP, NetlistLayout
 from ._style import INK, palette, points
 
+# The distance between the plate and the first box of a cell, inches.
 ABOVE = 0.62
-"""The distance between the plate and the first box of a cell, inches."""
 
-NAMED = 4
-"""The largest number of contacts of a cell that are named one by one."""
+# The largest number of contacts of a cell that are named one by one.
+MAX_NAMED_CONTACTS = 4
 
 
 def outlined(width: float) -> list[AbstractPathEffect]:
@@ -28,7 +28,7 @@ def outlined(width: float) -> list[AbstractPathEffect]:
     return [withStroke(linewidth=width + 1.6, foreground=palette().ground, alpha=0.75)]
 
 
-def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: Layout) -> None:
+def draw_contacts(ax: Axes, twin: Twin, values: Mapping[str, float], layout: NetlistLayout) -> None:
     """Draws a stub from each element to each cell that touches it, with the contact's K/W, and to
     each heater whose heat goes into it, with its power or resistance. A cell or heater that the rig
     file places is drawn as it lies on the plate.
@@ -112,7 +112,11 @@ def heater_text(heater: ThermoelectricElement, values: Mapping[str, float]) -> s
 
 
 def draw_cells(
-    ax: Axes, twin: Twin, values: Mapping[str, float], texts: Mapping[str, str], layout: Layout
+    ax: Axes,
+    twin: Twin,
+    values: Mapping[str, float],
+    texts: Mapping[str, str],
+    layout: NetlistLayout,
 ) -> float:
     """Draws each cell as a column of boxes below the plate, in one row or several.
 
@@ -195,7 +199,7 @@ def _contact_names(twin: Twin, cell: ThermoelectricElement) -> str:
             width, height = (100 * side for side in placement.size)
             return f"on {width:g} cm × {height:g} cm of the plate"
     names = [link.a for link in twin.netlist.links if link.b == cell.cold]
-    if len(names) > NAMED:
+    if len(names) > MAX_NAMED_CONTACTS:
         return f"on {len(names)} elements"
     return f"on {', '.join(names)}"
 

@@ -9,8 +9,8 @@ from ..physics._sensors import sensor_name
 from ._netlist_cells import outlined
 from ._style import INK, palette, points
 
+# The directions of the stubs of an element's sensors, right and down, in lengths of a stub.
 DIRECTIONS = ((-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0))
-"""The directions of the stubs of an element's sensors, right and down, in lengths of a stub."""
 
 
 def draw_sensors(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:

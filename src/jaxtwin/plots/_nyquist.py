@@ -64,13 +64,13 @@ def plot_nyquist(margins: LoopMargins) -> Figure:
 
 def _curves(response: np.ndarray) -> np.ndarray:
     """The eigenvalues of the loop, (frequency, outputs), each along one curve."""
-    found = np.linalg.eigvals(response)
-    for number in range(1, len(found)):
-        left = list(range(found.shape[1]))
+    eigenvalues = np.linalg.eigvals(response)
+    for number in range(1, len(eigenvalues)):
+        left = list(range(eigenvalues.shape[1]))
         row = []
-        for value in found[number - 1]:
-            near = min(left, key=lambda k: abs(found[number, k] - value))
+        for value in eigenvalues[number - 1]:
+            near = min(left, key=lambda k: abs(eigenvalues[number, k] - value))
             left.remove(near)
             row.append(near)
-        found[number] = found[number, row]
-    return found
+        eigenvalues[number] = eigenvalues[number, row]
+    return eigenvalues

@@ -5,24 +5,24 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .._errors import ObserverError
 from .._normal_distribution import QUANTILE_975, normal_quantiles
 from .._residual_statistics import autocorrelation, partial_autocorrelation
+from ..errors import ObserverError
 from ..observers import Estimate, Observed
 from ._samples import joined_samples
 from ._style import palette, points, styled
 
+# The largest lag of the autocorrelations, samples.
 LAGS = 40
-"""The largest lag of the autocorrelations, samples."""
 
-LEAST = 50
-"""The smallest number of samples for a test."""
+# The smallest number of samples for a test.
+MIN_SAMPLES = 50
 
-AHEAD = (1, 2, 5, 10, 20, 50, 100, 200, 500)
-"""The times ahead at which forecasts are judged, samples."""
+# The times ahead at which forecasts are judged, samples.
+LEADS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
-LARGEST = 8
-"""The largest number of channels or nodes with a line of their own."""
+# The largest number of channels or nodes with a line of their own.
+MAX_CHANNELS = 8
 
 
 @styled
@@ -41,7 +41,7 @@ def plot_observed(observed: Observed) -> Figure:
     figure = pyplot.figure(figsize=(9.6, 8.4), layout="constrained")
     grid = figure.subplots(4, 1, sharex=True, height_ratios=(1.4, 1.4, 1, 1))
     estimates = observed.estimates
-    for number, channel in enumerate(observed.channels[:LARGEST]):
+    for number, channel in enumerate(observed.channels[:MAX_CHANNELS]):
         readings = observed.expected.recorded
         assert readings is not None
         color = palette().cycle[number % len(palette().cycle)]
@@ -51,11 +51,11 @@ def plot_observed(observed: Observed) -> Figure:
     grid[0].set_title(observed.experiment.name or "recording")
     unseen = [name for name in estimates.nodes if name not in observed.channels]
     hidden = [name for name in unseen if "." in name] or unseen
-    for number, name in enumerate(hidden[:LARGEST]):
+    for number, name in enumerate(hidden[:MAX_CHANNELS]):
         color = palette().cycle[number % len(palette().cycle)]
         _band(grid[1], observed, estimates.node(name), color, name)
     grid[1].set(ylabel="estimated, °C")
-    for number, cell in enumerate(estimates.cells[:LARGEST]):
+    for number, cell in enumerate(estimates.cells[:MAX_CHANNELS]):
         color = palette().cycle[number % len(palette().cycle)]
         _band(grid[2], observed, estimates.heat(cell), color, cell)
     grid[2].set(ylabel="unexplained heat, W")
@@ -84,10 +84,11 @@ def plot_innovations(observed: Observed) -> Figure:
     **Raises:** `ObserverError` if a channel has fewer than 50 readings.
     """
     counts = np.isfinite(observed.standardised).sum(axis=0)
-    if counts.min() < LEAST:
+    if counts.min() < MIN_SAMPLES:
         raise ObserverError(
             f"{observed.experiment.name or 'experiment'}: channel "
-            f"{observed.channels[int(counts.argmin())]}: expected at least {LEAST} readings for a "
+            f"{observed.channels[int(counts.argmin())]}: expected at least {MIN_SAMPLES} readings "
+            "for a "
             f"test, got {counts.min()}"
         )
     figure = pyplot.figure(figsize=(11.0, 6.4), layout="constrained")
@@ -114,9 +115,9 @@ def plot_innovations(observed: Observed) -> Figure:
         axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
         axes.set(xlabel="lag, samples", ylabel=label, ylim=(-0.5, 1.0))
     step = float(np.median(np.diff(observed.time)))
-    leads = [step * count for count in AHEAD if step * count < observed.experiment.duration / 2]
+    leads = [step * count for count in LEADS if step * count < observed.experiment.duration / 2]
     forecasts = [observed.ahead(lead) for lead in leads]
-    expected = [float(np.sqrt(np.mean(one.spread**2))) for one in forecasts]
+    expected = [float(np.sqrt(np.mean(forecast.spread**2))) for forecast in forecasts]
     ahead.plot(
         leads, [one.rmse for one in forecasts], "o-", color=palette().vermilion, label="found"
     )

@@ -13,15 +13,15 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
-from .._errors import ParameterError
+from ..errors import ParameterError
 from ..rig import Cell, Channel, Heater, Plate, Rig
 from ..rig._plate_needed import check_has_plate
 from ._style import INK, PALE, palette, points, styled
 
 _MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # width of a panel and room above it, inches
 
+# The colours of temperatures. The coldest is a dark violet, because black shows no differences.
 HEAT = ListedColormap(colormaps["inferno"](np.linspace(0.18, 1.0, 256)))
-"""The colours of temperatures. The coldest is a dark violet, because black shows no differences."""
 
 
 @overload

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 
-from .._errors import ControlError
 from ..control import ClosedLoopRun, OperatingPoint
+from ..errors import ControlError
 from ._style import line_of, palette, styled
 
 

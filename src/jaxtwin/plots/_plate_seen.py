@@ -8,8 +8,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from .._errors import ControlError
 from ..control import ClosedLoopRun, OperatingPoint
+from ..errors import ControlError
 from ..rig import Rig
 from ..rig._plate_needed import check_has_plate
 from ._plate_map import HEAT, draw_cells, draw_scale, frame, rectangle

@@ -9,7 +9,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from .._errors import ParameterError
+from ..errors import ParameterError
 from ..rig import Rig
 from ..rig._plate_needed import check_has_plate
 from ..simulation import Run

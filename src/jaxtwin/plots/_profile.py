@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from ..matching import Profile
 from ._style import palette, points, styled, symbol
 
-LIMIT = 3.841
-"""95 % quantile of chi-squared with one degree of freedom."""
+# 95 % quantile of chi-squared with one degree of freedom.
+CHI2_95 = 3.841
 
 
 @styled
@@ -30,9 +30,9 @@ def plot_profile(profile: Profile, *, ax: Axes | None = None) -> Axes:
     low, high = np.clip(profile.interval, profile.values[0], profile.values[-1])
     ax.axvspan(low, high, color=palette().sky, alpha=0.35, lw=0, label="95 % interval")
     ax.plot(profile.values, profile.excess, "o-", color=palette().vermilion, ms=5)
-    ax.axhline(LIMIT, color=palette().muted, lw=1.0, ls=(0, (4, 3)))
+    ax.axhline(CHI2_95, color=palette().muted, lw=1.0, ls=(0, (4, 3)))
     ax.annotate(
-        f"{LIMIT:.2f}", (1, LIMIT), xycoords=("axes fraction", "data"), xytext=(3, 0),
+        f"{CHI2_95:.2f}", (1, CHI2_95), xycoords=("axes fraction", "data"), xytext=(3, 0),
         textcoords="offset points", va="center", color=palette().ink, fontsize=points(9),
     )  # fmt: skip
     ax.set_ylim(bottom=min(0.0, float(profile.excess.min())))

@@ -7,14 +7,14 @@ from ..observers import Observed
 from ._samples import joined_samples
 from ._style import palette, points
 
-LARGEST = 8
-"""The largest number of channels."""
+# The largest number of channels.
+MAX_CHANNELS = 8
 
 
 def draw_readings(axes: Axes, observed: Observed) -> None:
     """Draws the readings of the first channels as dots and what was expected as lines."""
     readings = np.asarray(observed.experiment.temperatures)
-    for number, channel in enumerate(observed.channels[:LARGEST]):
+    for number, channel in enumerate(observed.channels[:MAX_CHANNELS]):
         color = palette().cycle[number % len(palette().cycle)]
         axes.plot(*joined_samples(observed.time, readings[:, number]), ".", ms=1.5, color=color)
         expected = observed.expected.mean[:, number]

@@ -6,19 +6,19 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 
-from .._errors import SimulationError
 from .._normal_distribution import QUANTILE_975, normal_quantiles
 from .._residual_statistics import autocorrelation, ljung_box
+from ..errors import SimulationError
 from ..simulation import Run
 from ._labels import label_ends
 from ._samples import means_of_last_samples
 from ._style import palette, points, styled
 
-LONGEST = 300
-"""The largest lag of the autocorrelation that is shown, samples."""
+# The largest lag of the autocorrelation that is shown, samples.
+MAX_LAG = 300
 
-LEAST = 10
-"""The smallest number of samples of a channel for a test of whiteness."""
+# The smallest number of samples of a channel for a test of whiteness.
+MIN_SAMPLES = 10
 
 
 @styled
@@ -50,11 +50,11 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
                 f"{label}: expected recorded temperatures to compare with, got none"
             )
         counts = np.count_nonzero(run.experiment.sampled, axis=0)
-        if counts.min() < LEAST:
+        if counts.min() < MIN_SAMPLES:
             label = run.experiment.name or "the experiment"
             raise SimulationError(
                 f"{label}: channel {run.channels[int(counts.argmin())]}: expected at least "
-                f"{LEAST} samples for a test, got {counts.min()}"
+                f"{MIN_SAMPLES} samples for a test, got {counts.min()}"
             )
         residuals = run.experiment.temperatures - run.temperatures
         for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):
@@ -70,7 +70,7 @@ def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: st
     over_time, against_itself, against_normal = row
     over_time.plot(run.time, series, color=color, lw=0.9)
     sample = float(np.median(np.diff(run.time)))
-    lags = min(LONGEST, len(series) // 2)
+    lags = min(MAX_LAG, len(series) // 2)
     against_itself.plot(
         sample * np.arange(lags + 1), autocorrelation(series, lags), color=color, lw=1.2
     )

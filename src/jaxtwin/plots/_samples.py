@@ -85,7 +85,7 @@ def joined_samples(
     there = ~np.isnan(readings)
     if np.count_nonzero(there) < 2 or np.median(np.diff(np.flatnonzero(there))) <= 1:
         return time, readings  # as often as the rows
-    found, values = time[there], readings[there]
-    steps = np.diff(found)
+    result, values = time[there], readings[there]
+    steps = np.diff(result)
     (lost,) = np.nonzero(steps > GAP_FACTOR * np.median(steps))
-    return np.insert(found, lost + 1, np.nan), np.insert(values, lost + 1, np.nan)
+    return np.insert(result, lost + 1, np.nan), np.insert(values, lost + 1, np.nan)

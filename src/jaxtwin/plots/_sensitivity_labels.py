@@ -9,6 +9,7 @@ from numpy import ndarray
 from ..sensitivity_analysis import GlobalSensitivity
 from ._style import palette, points, symbol
 
+# Name of an index -> its name on an axis.
 INDEX_WORDS = {
     "pearson": "Pearson correlation",
     "spearman": "Spearman rank correlation",
@@ -21,7 +22,6 @@ INDEX_WORDS = {
     "dgsm": "bound of the total index",
     "Sh": "Shapley effect, part of the variance",
 }
-"""Name of an index -> its name on an axis."""
 
 
 def label_rows(axes: Axes, names: Sequence[str], places: Float[ndarray, " parameters"]) -> None:

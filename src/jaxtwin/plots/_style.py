@@ -21,21 +21,21 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._arguments import finite_number
-from .._errors import ParameterError
+from ..errors import ParameterError
 
 StyleName = Literal["paper", "grey", "dark"]
 
+# The width of a column of a two-column journal, inches.
 COLUMN = 3.5
-"""The width of a column of a two-column journal, inches."""
 
+# The scale of text and lines in a column: 8 points in place of the 10 on a screen.
 PAPER_SCALE = 0.8
-"""The scale of text and lines in a column: 8 points in place of the 10 on a screen."""
 
 INK, PALE = "#1f2933", "white"
 """The colours of letters on maps and matrices, whose background does not change with the style."""
 
+# The gid of a figure in which texts have fixed places, so that no style makes it narrower.
 OF_FIXED_SIZE = "of fixed size"
-"""The gid of a figure in which texts have fixed places, so that no style makes it narrower."""
 
 Dashes = tuple[float, tuple[float, ...]]
 

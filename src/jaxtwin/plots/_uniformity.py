@@ -10,7 +10,7 @@ from matplotlib.colors import CenteredNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..physics import plate_map
 from ..rig import Channel, Rig
 from ..rig._plate_needed import check_has_plate

@@ -1,7 +1,7 @@
 """Units as pictures show them."""
 
+# What a unit of a rig file or a dataset has, and what is shown for it.
 SIGNS = {"degC": "°C", "ohm": "Ω", "^2": "²", "K2": "K²"}
-"""What a unit of a rig file or a dataset has, and what is shown for it."""
 
 
 def unit_text(unit: str) -> str:

@@ -9,16 +9,16 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number, mapping_of, names_of, of_kind
-from .._errors import MatchError, ParameterError
 from .._name_suggestions import unknown_name
+from ..errors import MatchError, ParameterError
 from ..matching import Fit
 from ..monitoring._thresholds import DAY
 from ..observers import Observed
 from ..rig import Rig
 from ..twin_store import TwinStore, TwinVersion
 from ._health import Health, ParameterHealth
-from ._session_estimates import Session, SessionEstimate, session_of
-from ._trend import FEWEST, random_effects_trend
+from ._session_estimates import EstimatedSession, SessionEstimate, session_of
+from ._trend import MIN_SESSIONS, random_effects_trend
 
 Time = float | int | str | date
 
@@ -29,7 +29,7 @@ SESSION = "a Fit of this session by itself, or an Observed recording"
 class _Sessions(NamedTuple):
     """The sessions by name, and what is known of their times."""
 
-    found: dict[str, Session]
+    found: dict[str, EstimatedSession]
     made: tuple[datetime, ...] | None
 
 
@@ -87,21 +87,22 @@ def health(
     for name in (*wanted, *bounds):
         if name not in rows:
             raise ParameterError(f"health: {unknown_name('parameter', name, rows)}")
-    found, undetermined = [], []
+    result, undetermined = [], []
     for name in dict.fromkeys([*wanted, *bounds]):
         row = _parameter(rig, name, when, [each.get(name) for each in estimates])
         if row is None and name in bounds:
             raise MatchError(
-                f"health: limits: {name}: expected a parameter that {FEWEST} sessions determine, "
+                f"health: limits: {name}: expected a parameter that {MIN_SESSIONS} sessions "
+                "determine, "
                 "got one that fewer do"
             )
         if row is None:
             undetermined.append(name)
         else:
-            found.append(replace(row, limit=bounds.get(name)))
-    if not found:
+            result.append(replace(row, limit=bounds.get(name)))
+    if not result:
         raise MatchError(
-            f"health: expected a parameter that {FEWEST} sessions determine, got none among "
+            f"health: expected a parameter that {MIN_SESSIONS} sessions determine, got none among "
             f"{', '.join(wanted) or '(none)'}"
         )
     return Health(
@@ -110,7 +111,7 @@ def health(
         times=when,
         time_unit=unit,
         converged=tuple(one.has_converged for one in known.found.values()),
-        parameters={row.name: row for row in _by_change(found)},
+        parameters={row.name: row for row in _by_change(result)},
         undetermined=tuple(undetermined),
         within=ahead,
     )
@@ -123,15 +124,15 @@ def _parameter(
     estimates: Sequence[SessionEstimate | None],
 ) -> ParameterHealth | None:
     """A parameter over sessions; None if fewer than three at different times determine it."""
-    entries = np.array([np.nan if one is None else one.value for one in estimates])
+    entries = np.array([np.nan if estimate is None else estimate.value for estimate in estimates])
     errors = np.array([np.nan if one is None else one.error for one in estimates])
     there = np.isfinite(entries)
-    if there.sum() < FEWEST or np.ptp(when[there]) == 0:
+    if there.sum() < MIN_SESSIONS or np.ptp(when[there]) == 0:
         return None
     row = rig.parameters[name]
     at, seen, sure = when[there], entries[there], errors[there]
     distance, chance = np.nan, np.nan
-    if there[-1] and len(at) > FEWEST and np.ptp(at[:-1]) > 0:
+    if there[-1] and len(at) > MIN_SESSIONS and np.ptp(at[:-1]) > 0:
         before = random_effects_trend(at[:-1], seen[:-1], sure[:-1])
         distance, chance = before.distance(float(at[-1]), float(seen[-1]), float(sure[-1]))
     return ParameterHealth(
@@ -167,7 +168,7 @@ def _sessions(
     if isinstance(given, TwinStore):
         versions = _line(given)
         several: dict[str, Fit | Observed] = {f"version {v.number}": v.fit() for v in versions}
-        made = tuple(datetime.fromisoformat(one.made) for one in versions)
+        made = tuple(datetime.fromisoformat(version.made) for version in versions)
     elif isinstance(given, Mapping):
         several = dict(given)
     else:
@@ -179,27 +180,28 @@ def _sessions(
         several = _named(list(given))
     for name, one in several.items():
         of_kind(f"health: {name}", one, (Fit, Observed), SESSION, MatchError)
-    if len(several) < FEWEST:
+    if len(several) < MIN_SESSIONS:
         raise MatchError(
-            f"health: sessions: expected {FEWEST} or more, because two always lie on a line, got "
+            f"health: sessions: expected {MIN_SESSIONS} or more, because two always lie on a "
+            "line, got "
             f"{len(several)}"
         )
-    found = {name: session_of(one) for name, one in several.items()}
-    rigs = dict.fromkeys(one.rig.name for one in found.values())
+    result = {name: session_of(one) for name, one in several.items()}
+    rigs = dict.fromkeys(one.rig.name for one in result.values())
     if len(rigs) > 1:
         raise MatchError(f"health: sessions: expected those of one rig, got {', '.join(rigs)}")
-    return _Sessions(found, made)
+    return _Sessions(result, made)
 
 
 def _named(several: Sequence[Fit | Observed]) -> dict[str, Fit | Observed]:
     """Sessions by the names of their recordings; a name that occurs again gets a number."""
-    found: dict[str, Fit | Observed] = {}
-    for number, one in enumerate(several, start=1):
-        of_kind(f"health: session {number}", one, (Fit, Observed), SESSION, MatchError)
-        names = [one.experiment.name] if isinstance(one, Observed) else one.recordings
+    result: dict[str, Fit | Observed] = {}
+    for number, fit in enumerate(several, start=1):
+        of_kind(f"health: session {number}", fit, (Fit, Observed), SESSION, MatchError)
+        names = [fit.experiment.name] if isinstance(fit, Observed) else fit.recordings
         name = ", ".join(names) or "session"
-        found[f"{name} ({number})" if name in found else name] = one
-    return found
+        result[f"{name} ({number})" if name in result else name] = fit
+    return result
 
 
 def _line(store: TwinStore) -> list[TwinVersion]:
@@ -256,12 +258,12 @@ def _day(number: int, time: object) -> float:
 
 def _limits(given: Mapping[str, float | int] | None, rig: Rig) -> dict[str, float]:
     named = mapping_of("health: limits", given or {}, "parameter -> limit", MatchError)
-    found = {
+    result = {
         name: finite_number(f"health: limits: {name}", limit, MatchError)
         for name, limit in named.items()
     }
-    for name, limit in found.items():
+    for name, limit in result.items():
         row = rig.parameters.get(name)
         if row is not None and row.is_logarithmic and limit <= 0:
             raise MatchError(f"health: limits: {name}: expected a number above 0, got {limit:g}")
-    return found
+    return result

@@ -10,10 +10,10 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from .._display import html_table, picture
-from .._errors import ParameterError
 from .._json_values import json_value
 from .._name_suggestions import unknown_name
 from .._number_text import short_number
+from ..errors import ParameterError
 from ._trend import Trend
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-HEAD = ("parameter", "at the end", "unit", "change", "95 %", "p", "spread", "last", "limit")
+TABLE_HEAD = ("parameter", "at the end", "unit", "change", "95 %", "p", "spread", "last", "limit")
 
 
 @final
@@ -202,7 +202,7 @@ class Health:
             for row in self.parameters.values()
             if row.last_p_value * len(self.parameters) < 0.05
         ]
-        table = [HEAD, *self._rows()]
+        table = [TABLE_HEAD, *self._rows()]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         lines += [
             "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
@@ -317,7 +317,7 @@ class Health:
         )
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), HEAD, self._rows())
+        return html_table(repr(self), TABLE_HEAD, self._rows())
 
 
 def _amount(row: ParameterHealth, change: float) -> str:

@@ -25,8 +25,8 @@ from ..matching import Fit, FittedParameter
 from ..observers import Observed
 from ..rig import Rig
 
-MOST_PRIOR = 0.9
-"""A session of whose estimate the prior is a larger part than this says nothing of a parameter."""
+# A session of whose estimate the prior is a larger part than this says nothing of a parameter.
+MAX_PRIOR = 0.9
 
 
 @final
@@ -38,7 +38,7 @@ class SessionEstimate(NamedTuple):
 
 
 @final
-class Session(NamedTuple):
+class EstimatedSession(NamedTuple):
     """What a session says of its rig.
 
     - `free`: the parameters that were estimated. `estimates`: of those that the session determines.
@@ -51,20 +51,20 @@ class Session(NamedTuple):
     has_converged: bool
 
 
-def session_of(found: Fit | Observed) -> Session:
+def session_of(found: Fit | Observed) -> EstimatedSession:
     """What a match, or an observer, found in a session."""
     if isinstance(found, Observed):
         rig = found.observer.model.twin.rig
-        return Session(rig, tuple(found.estimates.parameters), _observed(found, rig), True)
+        return EstimatedSession(rig, tuple(found.estimates.parameters), _observed(found, rig), True)
     free = (n for n, row in found.parameters.items() if row.free and row.scope != "recording")
-    return Session(found.twin.rig, tuple(free), _matched(found), found.converged)
+    return EstimatedSession(found.twin.rig, tuple(free), _matched(found), found.converged)
 
 
 def _matched(fit: Fit) -> dict[str, SessionEstimate]:
     """What the recordings of a fit say of each parameter that belongs to the rig, and not to a
     recording. Parameters that were held, ended at a bound or are undetermined are left out."""
     places = {label: place for place, label in enumerate(fit.uncertainty.labels)}
-    found = {}
+    result = {}
     for name, row in fit.parameters.items():
         if row.scope != "recording" and name in places and math.isfinite(row.standard_error):
             at = (places[name], places[name])
@@ -74,8 +74,8 @@ def _matched(fit: Fit) -> dict[str, SessionEstimate]:
                 float(fit.uncertainty.inverse_hessian[at]),
             )
             if estimate is not None:
-                found[name] = estimate
-    return found
+                result[name] = estimate
+    return result
 
 
 def _observed(found: Observed, rig: Rig) -> dict[str, SessionEstimate]:
@@ -104,8 +104,8 @@ def _in_entries_of(
     if rig.parameters[name].is_logarithmic:
         return SessionEstimate(math.log(value) + change.value, change.error)
     if is_logarithmic:
-        found = value * math.exp(change.value)
-        return SessionEstimate(found, found * change.error)
+        result = value * math.exp(change.value)
+        return SessionEstimate(result, result * change.error)
     return SessionEstimate(value + change.value, change.error)
 
 
@@ -126,7 +126,7 @@ def _without_prior(
     """The estimate without a prior of this mean and standard deviation; None if the prior is most
     of it."""
     part = model_variance / spread**2 if spread > 0 else 1.0
-    if not 0 < part < MOST_PRIOR:
+    if not 0 < part < MAX_PRIOR:
         return None
     # Nothing becomes surer without its prior: rounding, and noise below that of the match, could
     # otherwise say so.

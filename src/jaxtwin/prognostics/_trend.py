@@ -21,14 +21,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-FEWEST = 3
-"""The fewest sessions that a trend can be found in: two of them always lie on a line."""
+# The fewest sessions that a trend can be found in: two of them always lie on a line.
+MIN_SESSIONS = 3
 
-SURE = 0.975
-"""The quantile at the upper end of an interval of 95 %."""
+# The quantile at the upper end of an interval of 95 %.
+UPPER_QUANTILE = 0.975
 
-POINTS = 1001
-"""The number of values of the line at one time over which its value at another is integrated."""
+# The number of values of the line at one time over which its value at another is integrated.
+QUADRATURE_POINTS = 1001
 
 
 @final
@@ -67,7 +67,7 @@ class Trend:
         """How many standard errors an interval of 95 % reaches to each side."""
         from scipy.stats import t
 
-        return float(t.ppf(SURE, self.degrees_of_freedom))
+        return float(t.ppf(UPPER_QUANTILE, self.degrees_of_freedom))
 
     def line(self, times: ArrayLike | float | int) -> Float[np.ndarray, "..."]:
         """The line at some times."""
@@ -110,7 +110,7 @@ class Trend:
         from scipy.stats import t
 
         nu, then = self.degrees_of_freedom, now + within
-        z = t.ppf((np.arange(POINTS) + 0.5) / POINTS, nu)
+        z = t.ppf((np.arange(QUADRATURE_POINTS) + 0.5) / QUADRATURE_POINTS, nu)
         first = self.line(now) + z * self.line_error(now)
         covariance = self.level_error**2 + self.slope_error**2 * (now - self.centre) * (
             then - self.centre
@@ -144,7 +144,7 @@ def random_effects_trend(
     variance = _variance_at(float(freedom), times, values, errors)
     ends = [
         _variance_at(float(chi2.ppf(part, freedom)), times, values, errors)
-        for part in (SURE, 1 - SURE)
+        for part in (UPPER_QUANTILE, 1 - UPPER_QUANTILE)
     ]
     weights = 1 / (errors**2 + variance)
     centre, level, slope = _weighted_line(times, values, weights)

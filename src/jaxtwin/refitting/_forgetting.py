@@ -20,14 +20,14 @@ from jaxtyping import Float
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..matching._group_values import group_and_shared_values, new_group_values
-from ..matching._match_group import HELD
+from ..matching._match_group import HELD_SPREAD
 from ..rig import Parameter
 
-LEAST_DRIFT = 0.01
-"""A step that is allowed between sessions in any case, of a logarithm or in the value's unit."""
+# A step that is allowed between sessions in any case, of a logarithm or in the value's unit.
+MIN_DRIFT = 0.01
 
+# How far a value may change that has no prior in the rig file: a factor of e, or its unit.
 UNKNOWN_CHANGE = 1.0
-"""How far a value may change that has no prior in the rig file: a factor of e, or its unit."""
 
 
 @final
@@ -78,10 +78,10 @@ def session_prior(fit: Fit, group: str, forgetting: float) -> SessionPrior:
     number = names.index(group) if group in names else None
     known = group_and_shared_values(unknowns, solution.vector, number)
     step = np.diag((forgetting * fit.uncertainty.between_recordings) ** 2)
-    drift = known.covariance(step) + np.diag(np.full(len(known.mean), LEAST_DRIFT**2))
+    drift = known.covariance(step) + np.diag(np.full(len(known.mean), MIN_DRIFT**2))
     covariance = known.covariance(fit.uncertainty.vector_covariance + step)
     # A value that was held at a bound stays there.
-    covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD**2))
+    covariance += np.diag(np.where(np.diag(covariance) > 0, 0.0, HELD_SPREAD**2))
     table = fit.twin.rig.parameters
     spreads = [table[row.name].standard_deviation for row in known.rows]
     changes = [UNKNOWN_CHANGE if spread is None else spread for spread in spreads]

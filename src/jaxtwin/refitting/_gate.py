@@ -12,43 +12,43 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._errors import ControlError
 from ..control.controllers._controller import AbstractController
 from ..control.linear._margins import USUAL_PEAK
 from ..control.loops._loop_margins import loop_margins
+from ..errors import ControlError
 from ..matching import Fit
 from ..monitoring import Monitored
 from ..rig._units import unit_scale
 from ..simulation import Run
 from ..simulation._exceeded_limits import exceeded_limits
-from ._held_out import Replay, block_errors
+from ._held_out import HeldOutReplay, block_errors
 from ._mistakes import BETTER, POSSIBLE, Mistake
 from ._session_match import SessionMatch
 
+# The kinds of findings that no change of a rig explains.
 BROKEN = ("frozen", "gone")
-"""The kinds of findings that no change of a rig explains."""
 
+# The error of a part of a recording, at most, in errors of the last fit.
 RESIDUALS = 3.0
-"""The error of a part of a recording, at most, in errors of the last fit."""
 
-LARGEST = 4.0
-"""The factor by which a value changes at most on a rig that is still the same."""
+# The factor by which a value changes at most on a rig that is still the same.
+MAX_CHANGE_FACTOR = 4.0
 
+# The units of heat capacities and Seebeck coefficients: they stay while the parts are the same.
 MATTER = ("J/K", "V/K")
-"""The units of heat capacities and Seebeck coefficients: they stay while the parts are the same."""
 
+# The distance from the rig file's priors, at most, in standard deviations.
 PRIORS = 3.5
-"""The distance from the rig file's priors, at most, in standard deviations."""
 
+# An error of forecasts that is larger by this factor is worse.
 WORSE = 1.05
-"""An error of forecasts that is larger by this factor is worse."""
 
-COVERED = 0.7
-"""The part of the readings that bands of 95 % contain, at least, if those of the last twin do."""
+# The part of the readings that bands of 95 % contain, at least, if those of the last twin do.
+MIN_COVERAGE = 0.7
 
+# A new twin is worth a promotion if what was held out is so many times as probable with it. It is
+# the factor by which one explanation is better than another everywhere else in the gate.
 WORTH = 20.0
-"""A new twin is worth a promotion if what was held out is so many times as probable with it. It is
-the factor by which one explanation is better than another everywhere else in the gate."""
 
 Verdict = Literal["reject", "ask", "keep"]
 
@@ -78,7 +78,7 @@ class GateCheck:
 def check_readings(monitored: Monitored) -> GateCheck:
     """Whether all channels are alive: a frozen one, or one that has gone to the room, is no
     change of the rig."""
-    broken = [one for one in monitored.findings if one.kind in BROKEN]
+    broken = [finding for finding in monitored.findings if finding.kind in BROKEN]
     text = f"{broken[0].detail} from {broken[0].since:.0f} s on" if broken else ""
     name = monitored.experiment.name or "the recording"
     return GateCheck(
@@ -102,9 +102,9 @@ def check_mistakes(mistakes: Sequence[Mistake], match: SessionMatch, last: Fit) 
     # Those that are about as good as the best, and not merely no worse than no mistake.
     least = BETTER if gain > BETTER else -BETTER
     likely = [
-        one.sentence
-        for one in mistakes
-        if one.cost <= mistakes[0].cost + BETTER and match.cost - one.cost >= least
+        mistake.sentence
+        for mistake in mistakes
+        if mistake.cost <= mistakes[0].cost + BETTER and match.cost - mistake.cost >= least
     ] or [mistakes[0].sentence]
     told = ", or ".join(likely)
     if gain > BETTER:
@@ -149,22 +149,27 @@ def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
     """Whether the session is explained by drift and by what changes on a rig that is still the
     same: few values, none of them many times, and no constant of its matter."""
     names = ", ".join(match.changed)
-    found = match.explanation
-    passed = found.is_enough
+    result = match.explanation
+    passed = result.is_enough
     text = f"{names or 'nothing'} changed beyond the drift between sessions"
     if not passed:
         text = (
             f"{names or 'drift'} alone does not explain the session, with an error of "
-            f"{found.error:.3g} K: this looks like another rig, or one that changed meanwhile"
+            f"{result.error:.3g} K: this looks like another rig, or one that changed meanwhile"
         )
     for name in match.changed:
         row, before = match.fit[name], last[name]
         moved = f"{name} would have changed from {before.value:.3g} to {row.value:.3g} {row.unit}"
-        if row.is_logarithmic and abs(math.log(row.value / before.value)) > math.log(LARGEST):
-            passed, text = False, f"{moved.rstrip()}, more than {LARGEST:g} times: another rig"
+        if row.is_logarithmic and abs(math.log(row.value / before.value)) > math.log(
+            MAX_CHANGE_FACTOR
+        ):
+            passed, text = (
+                False,
+                f"{moved.rstrip()}, more than {MAX_CHANGE_FACTOR:g} times: another rig",
+            )
         elif any(_measures(row.unit, unit) for unit in MATTER):
             passed, text = False, f"{moved}, which rigs do not do by themselves: another rig"
-    return GateCheck("changes", passed, found.error, found.limit, text)
+    return GateCheck("changes", passed, result.error, result.limit, text)
 
 
 def _measures(unit: str, other: str) -> bool:
@@ -215,10 +220,10 @@ def check_limits(runs: list[Run]) -> GateCheck:
     """Whether the new twin stays below the limits of the rig in the recordings: a twin whose cells
     melt in a session that went well is wrong. A limit that the recorded readings exceed themselves
     says nothing about the twin."""
-    found = [text for run in runs for text in _beyond_limits(run)]
+    result = [text for run in runs for text in _beyond_limits(run)]
     hottest = max(float(np.max(run.states)) for run in runs)
-    text = found[0] if found else f"the hottest node of the new twin reaches {hottest:.1f} degC"
-    return GateCheck("limits", not found, hottest, math.nan, text)
+    text = result[0] if result else f"the hottest node of the new twin reaches {hottest:.1f} degC"
+    return GateCheck("limits", not result, hottest, math.nan, text)
 
 
 def _beyond_limits(run: Run) -> tuple[str, ...]:
@@ -231,7 +236,7 @@ def _beyond_limits(run: Run) -> tuple[str, ...]:
     return exceeded_limits(run, run.twin.rig, float(hottest))
 
 
-def check_likelihood(last: Replay, new: Replay) -> GateCheck:
+def check_likelihood(last: HeldOutReplay, new: HeldOutReplay) -> GateCheck:
     """Whether readings that the new twin has not seen are so much more probable than for the last
     one that it is worth a promotion: 20 times.
 
@@ -254,7 +259,7 @@ def check_likelihood(last: Replay, new: Replay) -> GateCheck:
     return GateCheck("likelihood", gain >= limit, gain, limit, text, verdict)
 
 
-def check_forecast(last: Replay, new: Replay) -> GateCheck:
+def check_forecast(last: HeldOutReplay, new: HeldOutReplay) -> GateCheck:
     """Whether the new twin forecasts them as well."""
     limit = WORSE * last.forecast.rmse
     text = (
@@ -264,12 +269,12 @@ def check_forecast(last: Replay, new: Replay) -> GateCheck:
     return GateCheck("forecast", new.forecast.rmse <= limit, new.forecast.rmse, limit, text)
 
 
-def check_coverage(last: Replay, new: Replay) -> GateCheck:
+def check_coverage(last: HeldOutReplay, new: HeldOutReplay) -> GateCheck:
     """Whether the bands contain as many readings as they promise, or as those of the last twin."""
-    limit = min(COVERED, last.forecast.coverage)
-    found = new.forecast.coverage
-    text = f"bands of 95 % contain {100 * found:.0f} % of the held-out readings"
-    return GateCheck("coverage", found >= limit, found, limit, text)
+    limit = min(MIN_COVERAGE, last.forecast.coverage)
+    result = new.forecast.coverage
+    text = f"bands of 95 % contain {100 * result:.0f} % of the held-out readings"
+    return GateCheck("coverage", result >= limit, result, limit, text)
 
 
 def check_loop(
@@ -277,15 +282,15 @@ def check_loop(
 ) -> GateCheck:
     """Whether the loop of a controller is as safe on the new twin as it should be."""
     try:
-        found = loop_margins(new, controller, reference)
+        margins = loop_margins(new, controller, reference)
         before = loop_margins(last, controller, reference)
     except ControlError as problem:
         text = f"the loop of the controller cannot be judged: {problem}"
         return GateCheck("loop", False, math.nan, USUAL_PEAK, text, "ask")
-    peak = found.sensitivity_peak
-    if not found.is_stable:
+    peak = margins.sensitivity_peak
+    if not margins.is_stable:
         text = "the loop of the controller is not stable on the new twin"
         return GateCheck("loop", False, math.inf, USUAL_PEAK, text, "ask", is_alarm=True)
     limit = max(USUAL_PEAK, before.sensitivity_peak if before.is_stable else 0.0)
-    text = f"the loop of the controller: {found.summary()}"
+    text = f"the loop of the controller: {margins.summary()}"
     return GateCheck("loop", peak <= limit, peak, limit, text, "ask")

@@ -7,25 +7,25 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import MatchError
+from ..errors import MatchError
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._noise_model import estimate_noise
 from ..observers import Forecast, Observed, ProcessNoise, observe
 from ..simulation import Run, simulate
 
-SHARE = 2 / 3
-"""The part of a single recording that the refit sees; of several, it sees all but the last."""
+# The part of a single recording that the refit sees; of several, it sees all but the last.
+FITTED_FRACTION = 2 / 3
 
-LEAST = 60.0
-"""The shortest part that is held out, s."""
+# The shortest part that is held out, s.
+MIN_HELD_OUT_SECONDS = 60.0
 
+# The least number of readings of a channel that are held out: with fewer, one disturbance decides
+# about a twin.
 READINGS = 30
-"""The least number of readings of a channel that are held out: with fewer, one disturbance decides
-about a twin."""
 
+# A recording is judged in so many parts of equal length, so that no part hides behind others.
 BLOCKS = 12
-"""A recording is judged in so many parts of equal length, so that no part hides behind others."""
 
 
 @final
@@ -43,7 +43,7 @@ class Split(NamedTuple):
 
 
 @final
-class Replay(NamedTuple):
+class HeldOutReplay(NamedTuple):
     """How a twin follows a recording whose end it has not seen.
 
     - `observed`: the recording as an observer follows it.
@@ -73,10 +73,11 @@ def split(recordings: Sequence[Experiment], lead: float, channels: frozenset[str
     """
     *seen, last = recordings
     begin, duration = float(last.time[0]), last.duration
-    since = begin if seen else begin + SHARE * duration
-    if begin + duration - since < max(LEAST, 2 * lead):
+    since = begin if seen else begin + FITTED_FRACTION * duration
+    if begin + duration - since < max(MIN_HELD_OUT_SECONDS, 2 * lead):
         raise MatchError(
-            f"{last.name or 'recording'}: refit: expected at least {max(LEAST, 2 * lead):g} s that "
+            f"{last.name or 'recording'}: refit: expected at least "
+            f"{max(MIN_HELD_OUT_SECONDS, 2 * lead):g} s that "
             f"are held out, got {begin + duration - since:.0f} s; give a longer recording, or more "
             "recordings"
         )
@@ -102,7 +103,7 @@ def _check_readings(recording: Experiment, since: float, channels: frozenset[str
 
 def replay(
     fit: Fit, recording: Experiment, since: float, noise: ProcessNoise | None, lead: float
-) -> Replay:
+) -> HeldOutReplay:
     """Follows a recording with an observer, and forecasts the part from a time on.
 
     **Raises:** the errors of `jaxtwin.observe`.
@@ -115,7 +116,7 @@ def replay(
     correlation = estimate_noise([np.nan_to_num(innovations)], readings).autocorrelation_time
     likelihood = float(densities[counted].sum())
     forecast = observed.ahead(lead).after(since)
-    return Replay(observed, forecast, likelihood, readings, correlation)
+    return HeldOutReplay(observed, forecast, likelihood, readings, correlation)
 
 
 def run_of_refit(fit: Fit, recording: Experiment, seen: Sequence[Experiment]) -> Run:

@@ -4,8 +4,8 @@ from ..io import Experiment
 from ..twin_store import TwinStore, TwinVersion
 from ._refit import Refit
 
+# Tags of the version that judged a recording: `refit` and the beginning of its fingerprint.
 TAG = "refit"
-"""Tags of the version that judged a recording: `refit` and the beginning of its fingerprint."""
 
 
 def keep_refit(

@@ -25,35 +25,35 @@ from ..matching._start import room_temperature
 from ..observers import ProcessNoise
 from ..rig import Input
 from ._forgetting import SessionPrior
-from ._held_out import Replay, replay
+from ._held_out import HeldOutReplay, replay
 from ._sensor_errors import SENSOR_ERRORS, SensorError, smallest
 from ._session_match import SessionMatch, descend_each, match_session, session_problem
 
 Vector = Float[np.ndarray, " unknowns"]
 
+# Factors of the duty that are tried: a reversed one, and other full counts.
 DUTY_FACTORS = (-1.0, 0.4, 0.5, 0.625, 0.8, 1.25, 1.6, 2.2)
-"""Factors of the duty that are tried: a reversed one, and other full counts."""
 
+# Those next to 1.
 BESIDE = (0.8, 1.25)
-"""Those next to 1."""
 
+# The logarithms of further factors around the best of these.
 NEIGHBOURS = (-0.16, -0.08, 0.0, 0.08, 0.16)
-"""The logarithms of further factors around the best of these."""
 
-MOST_CHANNELS = 8
-"""With more channels, only neighbours in the order of the rig are exchanged."""
+# With more channels, only neighbours in the order of the rig are exchanged.
+MAX_CHANNELS = 8
 
+# A rival that explains a recording is near after a few steps.
 ITERATIONS = 4
-"""A rival that explains a recording is near after a few steps."""
 
+# The limit for the match of a rival that then predicts what was held out.
 DRIFT_ITERATIONS = 20
-"""The limit for the match of a rival that then predicts what was held out."""
 
+# A rival wins by this difference of the logarithm of its probability, a factor of 20.
 BETTER = 3.0
-"""A rival wins by this difference of the logarithm of its probability, a factor of 20."""
 
+# Where nothing has changed, a rival is worth a look from this difference on, a factor of e.
 POSSIBLE = 1.0
-"""Where nothing has changed, a rival is worth a look from this difference on, a factor of e."""
 
 
 @final
@@ -77,14 +77,14 @@ def likely_mistakes(
 ) -> list[Mistake]:
     """The mistake that explains recordings best, and those that are about as good, the best
     first."""
-    found = [_sensor_error(one, fit, prior, match, recordings) for one in SENSOR_ERRORS]
-    if any(np.any(one.duty) for one in recordings.values()):
-        found.append(_wrong_duty(fit, prior, match, recordings))
+    result = [_sensor_error(one, fit, prior, match, recordings) for one in SENSOR_ERRORS]
+    if any(np.any(recording.duty) for recording in recordings.values()):
+        result.append(_wrong_duty(fit, prior, match, recordings))
     for sentence, corrected in _rivals(fit, recordings):
         (cost,) = _costs(_descents(fit, prior, match, [_each(recordings, corrected)], match.start))
-        found.append(Mistake(sentence, cost, corrected))
-    found.sort(key=lambda mistake: mistake.cost)
-    return [mistake for mistake in found if mistake.cost <= found[0].cost + BETTER]
+        result.append(Mistake(sentence, cost, corrected))
+    result.sort(key=lambda mistake: mistake.cost)
+    return [mistake for mistake in result if mistake.cost <= result[0].cost + BETTER]
 
 
 def weighed(
@@ -92,7 +92,7 @@ def weighed(
     fit: Fit,
     prior: SessionPrior,
     recordings: dict[str, Experiment],
-    held_out: Sequence[tuple[Experiment, float, Replay]],
+    held_out: Sequence[tuple[Experiment, float, HeldOutReplay]],
     noise: ProcessNoise | None,
     lead: float,
 ) -> list[Mistake]:
@@ -105,7 +105,7 @@ def weighed(
     - `held_out`: recordings, the time of each from which they were not seen, and how the new twin
       follows them.
     """
-    found = []
+    result = []
     for mistake in mistakes:
         cost = mistake.cost
         # The new twin has drifted with the session, and so must its rival.
@@ -118,14 +118,14 @@ def weighed(
             # The density of a reading is that of the corrected one, which is spread less widely.
             density = rival.log_likelihood - rival.readings * math.log(mistake.gain)
             cost += (new.log_likelihood - density) / new.correlation
-        found.append(mistake._replace(cost=cost))
-    return sorted(found, key=lambda mistake: mistake.cost)
+        result.append(mistake._replace(cost=cost))
+    return sorted(result, key=lambda mistake: mistake.cost)
 
 
 def _each(
     recordings: dict[str, Experiment], corrected: Callable[[Experiment], Experiment]
 ) -> dict[str, Experiment]:
-    return {name: corrected(one) for name, one in recordings.items()}
+    return {name: corrected(recording) for name, recording in recordings.items()}
 
 
 def _sensor_error(
@@ -144,17 +144,17 @@ def _sensor_error(
         return lambda one: error.corrected(one, room, size)
 
     def costs(sizes: Sequence[float]) -> list[float]:
-        found = []
+        result = []
         for size in sizes:
             problem = session_problem(fit, prior, _each(recordings, without(size)))
             model = _of_corrected(
                 match.noise_model, recordings, error.gain(size), error.clock(size)
             )
-            found += descend_each([problem], model, match.start, ITERATIONS)
-        return _costs(found)
+            result += descend_each([problem], model, match.start, ITERATIONS)
+        return _costs(result)
 
     size, cost = smallest(costs, error, match.drift_cost)
-    has_room = any(one.ambient is not None for one in recordings.values())
+    has_room = any(recording.ambient is not None for recording in recordings.values())
     return Mistake(error.sentence(size, has_room), cost, without(size), error.gain(size))
 
 
@@ -167,8 +167,8 @@ def _of_corrected(
     largest gain would explain any noise best. The camera's corrections move with the clock.
     """
     events = tuple(
-        tuple(float(one.time[0] + (time - one.time[0]) / rate) for time in times)
-        for one, times in zip(recordings.values(), model.events, strict=True)
+        tuple(float(recording.time[0] + (time - recording.time[0]) / rate) for time in times)
+        for recording, times in zip(recordings.values(), model.events, strict=True)
     )
     channel, common = model.channel, model.common_mode
     return replace(
@@ -250,7 +250,7 @@ def _rivals(
             partial(_exchanged, pair=pair),
         )
     for row in fit.twin.rig.inputs:
-        if any(row.name in one.inputs for one in recordings.values()):
+        if any(row.name in recording.inputs for recording in recordings.values()):
             for number, state in enumerate(row.states):
                 if all(np.all(_numbers(one, row) == number) for one in recordings.values()):
                     continue  # which is what they say
@@ -272,8 +272,8 @@ def _numbers(recording: Experiment, row: Input) -> Float[np.ndarray, " times"]:
 def _exchanges(recordings: dict[str, Experiment]) -> list[tuple[str, str]]:
     """The pairs of channels that all recordings have."""
     first, *others = recordings.values()
-    names = [name for name in first.channels if all(name in one.channels for one in others)]
-    if len(names) <= MOST_CHANNELS:
+    names = [name for name in first.channels if all(name in other.channels for other in others)]
+    if len(names) <= MAX_CHANNELS:
         return list(combinations(names, 2))
     return list(pairwise(names))
 

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind, whole_number
 from .._display import html_table
-from .._errors import MatchError
 from .._json_values import json_value
 from .._waiting import announced
 from ..control.controllers._controller import AbstractController
+from ..errors import MatchError
 from ..io import Experiment
 from ..io._experiment import Recordings, as_experiments
 from ..matching import Fit, named_recordings
@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 
 Decision = Literal["promoted", "unchanged", "rejected", "ask"]
 
+# The time ahead of the forecasts that are compared, s.
 LEAD = 60.0
-"""The time ahead of the forecasts that are compared, s."""
 
 
 @final
@@ -300,11 +300,15 @@ def _in_window(recordings: Sequence[Experiment], window: float | int | None) -> 
     if left <= 0:
         raise MatchError(f"refit: window: expected a number of seconds above 0, got {left:g}")
     kept: list[Experiment] = []
-    for one in reversed(recordings):
+    for recording in reversed(recordings):
         if left <= 0:
             break
-        kept.append(one if one.duration <= left else one.between(one.time[-1] - left, None))
-        left -= one.duration
+        kept.append(
+            recording
+            if recording.duration <= left
+            else recording.between(recording.time[-1] - left, None)
+        )
+        left -= recording.duration
     return kept[::-1]
 
 
@@ -316,7 +320,7 @@ def _check_new(fit: Fit, recordings: Sequence[Experiment]) -> None:
                 f"refit: expected recordings that the fit has not seen, got {one.name!r}, which it "
                 "was matched to"
             )
-    groups = sorted({one.group for one in recordings})
+    groups = sorted({recording.group for recording in recordings})
     if len(groups) > 1:
         raise MatchError(
             f"refit: expected recordings of one group, got {', '.join(map(repr, groups))}; refit "

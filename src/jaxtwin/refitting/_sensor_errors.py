@@ -16,8 +16,8 @@ import numpy as np
 
 from ..io import Experiment
 
-MOST_STEPS = 4
-"""The number of steps to either side of no error within which its size is sought."""
+# The number of steps to either side of no error within which its size is sought.
+MAX_STEPS = 4
 
 
 @final
@@ -65,6 +65,8 @@ def _offset_sentence(size: float, has_room: bool) -> str:
     return f"if all its readings were {abs(size):.2g} K too {high}{room}"
 
 
+# The errors that are tried. Gains and rates of clocks are logarithms: those of sensors and counters
+# that were set up wrongly, rather than what their makers state.
 SENSOR_ERRORS = (
     SensorError(
         _without_gain,
@@ -84,8 +86,6 @@ SENSOR_ERRORS = (
         clock=math.exp,
     ),
 )
-"""The errors that are tried. Gains and rates of clocks are logarithms: those of sensors and
-counters that were set up wrongly, rather than what their makers state."""
 
 
 def smallest(
@@ -104,13 +104,13 @@ def smallest(
     known = {0: without}
 
     def add(places: Sequence[int]) -> None:
-        found = costs_of([place * error.step for place in places])
-        for place, cost in zip(places, found, strict=True):
+        result = costs_of([place * error.step for place in places])
+        for place, cost in zip(places, result, strict=True):
             known[place] = cost + (place * error.step / error.spread) ** 2 / 2
 
     add((-1, 1))
     best = min(known, key=known.__getitem__)
-    while best != 0 and abs(best) < MOST_STEPS and best + int(np.sign(best)) not in known:
+    while best != 0 and abs(best) < MAX_STEPS and best + int(np.sign(best)) not in known:
         add((best + int(np.sign(best)),))
         best = min(known, key=known.__getitem__)
     size, cost = best * error.step, known[best]

@@ -27,11 +27,11 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import MatchError
+from ..errors import MatchError
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._descent import descend
-from ..matching._descent_result import DescentResult, Estimate, make_optimum
+from ..matching._descent_result import DescentResult, MatchEstimate, make_optimum
 from ..matching._fit import solution_of
 from ..matching._match import default_solver, make_fit
 from ..matching._match_group import descend_with_noise
@@ -39,23 +39,23 @@ from ..matching._noise_model import NoiseModel
 from ..matching._objective import make_objective
 from ..matching._problem import LinearPrior, MatchProblem, make_match_problem
 from ..matching._unknowns import Unknowns
-from ._forgetting import LEAST_DRIFT, SessionPrior, rows_with_priors, with_spread_of
+from ._forgetting import MIN_DRIFT, SessionPrior, rows_with_priors, with_spread_of
 
-EXPLAINED = 1.5
-"""A session is explained by an error of at most so many times that of the last fit."""
+# A session is explained by an error of at most so many times that of the last fit.
+MAX_ERROR_RATIO = 1.5
 
-SURE = 1e-4
-"""The probability of a distance from the last fit that still counts as drift."""
+# The probability of a distance from the last fit that still counts as drift.
+DRIFT_PROBABILITY = 1e-4
 
+# The probability that any of the values of a rig which has only drifted seems to have changed.
 CHANCE = 0.1
-"""The probability that any of the values of a rig which has only drifted seems to have changed."""
 
-TRIED = 3
-"""The number of values of which the release is tried."""
+# The number of values of which the release is tried.
+MAX_RELEASED = 3
 
 
 @final
-class Explanation(NamedTuple):
+class SessionExplanation(NamedTuple):
     """How well drift and the values that have changed explain a session, and what is enough.
 
     - `error`, `limit`: the root mean square error that they leave, K.
@@ -99,7 +99,7 @@ class SessionMatch(NamedTuple):
     cost: float
     drift_cost: float
     changed: tuple[str, ...]
-    explanation: Explanation
+    explanation: SessionExplanation
     noise_model: NoiseModel
     start: Float[np.ndarray, " unknowns"]
 
@@ -164,9 +164,9 @@ def match_session(
     shared = tuple(replace(row, value=own.value) for row, own in pairs)
     solved = replace(solved, unknowns=replace(problem.unknowns, shared=shared))
     optima = (make_optimum(solved, result, 0, result),)
-    found = make_fit(solved, Estimate(result, noise_model), 0, optima, began)
+    solution = make_fit(solved, MatchEstimate(result, noise_model), 0, optima, began)
     return SessionMatch(
-        with_spread_of(found, fit),
+        with_spread_of(solution, fit),
         cost,
         drift_cost,
         tuple(prior.rows[place].name for place in places),
@@ -201,15 +201,15 @@ def _release(
     max_iterations: int,
 ) -> tuple[int, DescentResult]:
     """Releases the value that explains the session best; returns its place and the descent."""
-    best = np.argsort(gains)[::-1][:TRIED]
+    best = np.argsort(gains)[::-1][:MAX_RELEASED]
     chosen = [int(place) for place in best if gains[place] > 0] or [int(best[0])]
     problems = [
         _with_covariance(problem, prior, prior.drift_and((*places, place))) for place in chosen
     ]
-    found = descend_each(problems, noise_model, result.vector, max_iterations)
-    costs = [each.cost for each in found]
+    solution = descend_each(problems, noise_model, result.vector, max_iterations)
+    costs = [each.cost for each in solution]
     number = int(np.nanargmin(costs))
-    return chosen[number], found[number]
+    return chosen[number], solution[number]
 
 
 def _gains(
@@ -230,15 +230,15 @@ def _gains(
 
 def _explanation(
     fit: Fit, prior: SessionPrior, result: DescentResult, places: tuple[int, ...]
-) -> Explanation:
+) -> SessionExplanation:
     from scipy.stats import chi2  # takes a while to import
 
     values = len(prior.mean)
-    return Explanation(
+    return SessionExplanation(
         error=float(np.sqrt(result.mean_square)),
-        limit=EXPLAINED * fit.rmse,
+        limit=MAX_ERROR_RATIO * fit.rmse,
         distance=_distance(result, prior, places),
-        furthest=float(chi2.isf(SURE, values)),
+        furthest=float(chi2.isf(DRIFT_PROBABILITY, values)),
         gains=_gains(prior, result, places),
         most_gain=0.5 * float(chi2.isf(CHANCE / values, 1)),
     )
@@ -246,7 +246,7 @@ def _explanation(
 
 def _distance(result: DescentResult, prior: SessionPrior, places: tuple[int, ...]) -> float:
     away = result.vector[: len(prior.mean)] - prior.mean
-    known = prior.covariance_and(places) + LEAST_DRIFT**2 * np.eye(len(away))
+    known = prior.covariance_and(places) + MIN_DRIFT**2 * np.eye(len(away))
     return float(away @ np.linalg.solve(known, away))
 
 

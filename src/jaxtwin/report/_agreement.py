@@ -16,11 +16,11 @@ from ..plots import (
 )
 from ..simulation import Run
 from ..validation import whiteness_of_channels
-from ._blocks import Block, Picture, Section, Table, Text
+from ._blocks import Block, ReportPicture, ReportTable, Section, Text
 from ._recordings import recorded
 
-LEAST_SAMPLES = 10
-"""The smallest number of samples of a channel for a test of its residuals."""
+# The smallest number of samples of a channel for a test of its residuals.
+MIN_SAMPLES = 10
 
 
 def agreement_section(fit: Fit, title: str) -> Section:
@@ -28,7 +28,7 @@ def agreement_section(fit: Fit, title: str) -> Section:
     return Section(
         title,
         (
-            Picture(
+            ReportPicture(
                 "response",
                 to_png(plot_comparison(list(fit.runs.values()))),
                 "Matched twin against recording. The fit of a channel is "
@@ -43,7 +43,7 @@ def residuals_section(fit: Fit, title: str) -> Section:
     """Residuals over time, the camera's share in them, and tests of the remaining residuals."""
     runs = list(fit.runs.values())
     blocks: list[Block] = [
-        Picture(
+        ReportPicture(
             "residuals",
             to_png(plot_residuals(runs, weights=list(fit.weights.values()))),
             "Recorded minus simulated temperature. The black line is the mean of the channels. "
@@ -56,7 +56,7 @@ def residuals_section(fit: Fit, title: str) -> Section:
                 "The camera has an error that all channels share. The match estimated it together "
                 "with the parameters, and the tests below are of the residuals without it."
             ),
-            Picture(
+            ReportPicture(
                 "camera-error",
                 to_png(plot_camera_error(fit)),
                 "The mean residual of the channels with the camera's error (top) and without it "
@@ -67,7 +67,7 @@ def residuals_section(fit: Fit, title: str) -> Section:
     tested = [run for run in read if _can_be_tested(run)]
     if tested:
         blocks += [
-            Picture(
+            ReportPicture(
                 "residual-tests",
                 to_png(plot_residual_tests(tested)),
                 "Residuals over time, their autocorrelation, and their quantiles beside those of "
@@ -78,7 +78,7 @@ def residuals_section(fit: Fit, title: str) -> Section:
     return Section(title, tuple(blocks))
 
 
-def _fit_table(fit: Fit) -> Table:
+def _fit_table(fit: Fit) -> ReportTable:
     has_camera = fit.camera_error > 0
     plant = fit.plant_fit_percent
     rows = []
@@ -99,7 +99,7 @@ def _fit_table(fit: Fit) -> Table:
         " The first fit includes the estimated error of the camera; the second fit and the RMSE "
         "are of the twin of the plate alone."
     )
-    return Table(
+    return ReportTable(
         f"NRMSE fit of each channel, %, and RMSE, K.{camera * has_camera}",
         ("recording", "channel", "fit", *["fit without camera"] * has_camera, "RMSE"),
         rows,
@@ -113,10 +113,10 @@ def _as_read(fit: Fit, name: str) -> Run:
 
 
 def _can_be_tested(run: Run) -> bool:
-    return int(np.count_nonzero(run.experiment.sampled, axis=0).min()) >= LEAST_SAMPLES
+    return int(np.count_nonzero(run.experiment.sampled, axis=0).min()) >= MIN_SAMPLES
 
 
-def _whiteness_table(runs: list[Run]) -> Table:
+def _whiteness_table(runs: list[Run]) -> ReportTable:
     rows = []
     for run in runs:
         step = float(np.median(np.diff(run.time)))
@@ -133,7 +133,7 @@ def _whiteness_table(runs: list[Run]) -> Table:
                     short_number(test.p_value, 2),
                 )
             )
-    return Table(
+    return ReportTable(
         "Tests of the residuals. Samples within the autocorrelation time count as one. A p-value "
         "of Ljung and Box's test below 0.01, adjusted for the number of channels (Holm), means "
         "that the residuals are not white noise.",

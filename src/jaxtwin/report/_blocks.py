@@ -15,7 +15,7 @@ class Text:
 
 @final
 @dataclass(frozen=True)
-class Numbers:
+class KeyNumbers:
     """Numbers that stand out: pairs of value and label."""
 
     entries: tuple[tuple[str, str], ...]
@@ -23,7 +23,7 @@ class Numbers:
 
 @final
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A table. Cells that begin with ! are marked, without the sign."""
 
     caption: str
@@ -33,7 +33,7 @@ class Table:
 
 @final
 @dataclass(frozen=True)
-class Picture:
+class ReportPicture:
     """A picture: its file name without ending, its content, and its caption."""
 
     name: str
@@ -41,7 +41,7 @@ class Picture:
     caption: str
 
 
-Block = Text | Numbers | Table | Picture
+Block = Text | KeyNumbers | ReportTable | ReportPicture
 
 
 @final

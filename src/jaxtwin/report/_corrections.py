@@ -8,8 +8,8 @@ from ..matching._camera_error import detect_events
 from ..simulation import Run
 from ._recordings import recorded
 
+# The number of corrections that make a sawtooth; a single jump may have another cause.
 SAWTOOTH = 3
-"""The number of corrections that make a sawtooth; a single jump may have another cause."""
 
 
 def shows_sawtooth(runs: Iterable[Run]) -> bool:

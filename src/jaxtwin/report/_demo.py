@@ -10,7 +10,7 @@ from ..data import table
 from ..matching import Fit
 from ..physics import Twin
 from ..rig import load_rig
-from ._blocks import Block, Numbers, Section, Table, Text
+from ._blocks import Block, KeyNumbers, ReportTable, Section, Text
 from ._demo_checks import check_table
 from ._demo_match import match_ambient_per_recording, match_fixed, recover_truth
 from ._demo_sensitivity import analyse
@@ -127,7 +127,7 @@ def write_demo(
                 "(Electronics 2024, 13, 1419): define, document, simulate, match, deploy."
             ),
             Text(source.note),
-            Numbers(
+            KeyNumbers(
                 (
                     (f"{headline['published_mean_fit_percent']:.1f} %", "fit, published values"),
                     (f"{fixed.mean_fit_percent:.1f} %", "fit, matched, ambient 15 °C"),
@@ -164,7 +164,7 @@ def _document(source: Source) -> Section:
                 source.experiments,
                 "Recorded temperatures and the duty cycle of both cells (the paper's Fig. 6).",
             ),
-            Table(
+            ReportTable(
                 "Tables 1 to 4 of the paper are bundled with jaxtwin as data. Where their numbers "
                 "disagree with each other or with the authors' model file:",
                 ("table", "entry", "note"),

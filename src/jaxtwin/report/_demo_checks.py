@@ -1,10 +1,10 @@
 """The demo's numbers beside their expected values."""
 
-from ._blocks import Table
+from ._blocks import ReportTable
 
 # Number -> (what it is, what it should be, lowest, highest). Counts and sums are those of the
 # authors' model file; the fit of the published values is that of an independent implementation.
-EXPECTED = {
+EXPECTED_NUMBERS = {
     "plate_nodes": ("plate elements", "24", 24, 24),
     "plate_resistances": ("resistances on the plate", "83", 83, 83),
     "states": ("states", "28", 28, 28),
@@ -19,7 +19,7 @@ EXPECTED_OF_RECORDINGS = {
 }
 
 
-def check_table(numbers: dict[str, float | int], real: bool) -> Table:
+def check_table(numbers: dict[str, float | int], real: bool) -> ReportTable:
     """A table of the demo's numbers beside numbers that are known from elsewhere.
 
     **Arguments:**
@@ -27,11 +27,11 @@ def check_table(numbers: dict[str, float | int], real: bool) -> Table:
     - `numbers`: the numbers of the demo.
     - `real`: whether the recordings are the paper's; otherwise there is less to compare with.
     """
-    expected = EXPECTED | (EXPECTED_OF_RECORDINGS if real else {})
+    expected = EXPECTED_NUMBERS | (EXPECTED_OF_RECORDINGS if real else {})
     rows = []
     for key, (what, should, low, high) in expected.items():
         right = low <= numbers[key] <= high
         rows.append(
             (what, should, f"{numbers[key]:.4g}", "as it should be" if right else "!differs")
         )
-    return Table("What can be checked.", ("", "should be", "here", ""), rows)
+    return ReportTable("What can be checked.", ("", "should be", "here", ""), rows)

@@ -15,7 +15,7 @@ from ..physics import Twin
 from ..plots import plot_comparison, plot_history, plot_parameters, plot_residuals, to_png
 from ..rig import Rig, read_parameters
 from ..simulation import Run
-from ._blocks import Numbers, Picture, Section, Table, Text
+from ._blocks import KeyNumbers, ReportPicture, ReportTable, Section, Text
 from ._corrections import shows_sawtooth
 from ._demo_source import Source, synthetic_source
 from ._parameters import fit_numbers, parameter_table
@@ -24,9 +24,9 @@ from ._recordings import recorded
 STARTS = 3
 AMBIENT, START = "T_amb", "T_start"
 
+# The links from the edges of the plate to the air. In the synthetic truth their heat loss is 6 % of
+# that of the faces and partly in parallel with it, so that noise of 0.1 K hides them.
 EDGES = ("R_Tey", "R_Tex1", "R_Tey1", "R_Tey2", "R_Tey3")
-"""The links from the edges of the plate to the air. In the synthetic truth their heat loss is 6 %
-of that of the faces and partly in parallel with it, so that noise of 0.1 K hides them."""
 
 
 def match_fixed(
@@ -55,14 +55,14 @@ def match_fixed(
                 "the table's initial values, by Levenberg-Marquardt with exact derivatives."
             ),
             fit_numbers(fit, f"mean fit (published values: {before:.1f} %)"),
-            Picture(
+            ReportPicture(
                 "history",
                 to_png(plot_history(fit)),
                 "The best start: RMSE and parameters over the iterations (the paper's Fig. 14). "
                 "Dotted: bounds. Coloured names end on a bound: the data would rather have them "
                 "beyond, a sign that the circuit lacks something.",
             ),
-            Picture(
+            ReportPicture(
                 "parameters",
                 to_png(plot_parameters(fit)),
                 "Between their bounds, on logarithmic scales: initial, published and matched, with "
@@ -70,7 +70,7 @@ def match_fixed(
                 "bounds alone.",
             ),
             parameter_table(fit, "The paper's Table 4 beside the matched values."),
-            Table(
+            ReportTable(
                 "Where each start ended.",
                 ("start", "RMSE, K", "iterations", "why it stopped"),
                 [
@@ -111,18 +111,18 @@ def match_ambient_per_recording(
                 "parameters fit better:"
             ),
             fit_numbers(fit, f"mean fit (ambient 15 °C: {fixed.mean_fit_percent:.1f} %)"),
-            Picture(
+            ReportPicture(
                 "response",
                 to_png(plot_comparison(runs)),
                 "Matched twin against recording (the paper's Fig. 15).",
             ),
             _fit_table(published, fixed, fit),
-            Picture(
+            ReportPicture(
                 "residuals",
                 to_png(plot_residuals(runs)),
                 _what_is_left(source, runs),
             ),
-            Table(
+            ReportTable(
                 "Ambient temperatures of this match, °C. They are what the circuit needs to fit, "
                 "not what a thermometer read.",
                 ("recording", "matched ambient", "recorded at the start"),
@@ -167,7 +167,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
                 "Held at their true values are the five resistances of the plate's edges: they "
                 "carry 6 % of what the faces lose, and such noise hides them."
             ),
-            Numbers(
+            KeyNumbers(
                 (
                     (f"{inside} of {len(rows)}", "within two standard errors of the truth"),
                     (f"{100 * worst:.1f} %", "largest error of a parameter"),
@@ -175,7 +175,7 @@ def recover_truth(rig: Rig, progress: Progress) -> tuple[Section, dict[str, Any]
                     (f"{fit.wall_time:.1f} s", f"for {fit.history[-1].number} iterations"),
                 )
             ),
-            Table(
+            ReportTable(
                 "Truth and match; the ratio is that of the error to the standard error, both of "
                 "the logarithm, by which positive parameters are matched.",
                 (
@@ -234,7 +234,7 @@ def _what_is_left(source: Source, runs: list[Run]) -> str:
     )
 
 
-def _fit_table(published: list[Run], fixed: Fit, own: Fit) -> Table:
+def _fit_table(published: list[Run], fixed: Fit, own: Fit) -> ReportTable:
     rows = []
     for run in published:
         name = run.experiment.name
@@ -244,7 +244,7 @@ def _fit_table(published: list[Run], fixed: Fit, own: Fit) -> Table:
     means = (_mean_fit(published), fixed.mean_fit_percent, own.mean_fit_percent)
     rows.append(("mean", "", *(f"!{value:.1f}" for value in means)))
     head = ("recording", "channel", "published", "ambient 15 °C", "ambient per recording")
-    return Table("NRMSE fit of each channel, %.", head, rows)
+    return ReportTable("NRMSE fit of each channel, %.", head, rows)
 
 
 def _mean_fit(runs: Iterable[Run]) -> float:

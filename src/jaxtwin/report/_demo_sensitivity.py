@@ -9,7 +9,7 @@ from .._progress import Progress
 from ..matching import Fit
 from ..plots import plot_tornado, styled, to_png
 from ..sensitivity_analysis import Sensitivity
-from ._blocks import Picture, Section, Text
+from ._blocks import ReportPicture, Section, Text
 from ._sensitivity import (
     draw,
     drawing_numbers,
@@ -19,8 +19,8 @@ from ._sensitivity import (
     strongest_table,
 )
 
-FEW = 50
-"""The number of draws in the paper."""
+# The number of draws in the paper.
+PAPER_DRAWS = 50
 
 
 def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitivity, Sensitivity]:
@@ -29,7 +29,7 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
 
     **Returns:** the section, the small analysis and the large one.
     """
-    few, many = (draw(fit, count, progress) for count in (FEW, draws))
+    few, many = (draw(fit, count, progress) for count in (PAPER_DRAWS, draws))
     section = Section(
         "Sensitivity: which parameters matter",
         (
@@ -41,10 +41,10 @@ def analyse(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitiv
                 + significance_text(few, many)
             ),
             drawing_numbers(many, fit),
-            Picture(
+            ReportPicture(
                 "tornado",
                 to_png(_side_by_side((few, many))),
-                f"{FEW} draws as in the paper (its Fig. 16), and {grouped(draws)}.",
+                f"{PAPER_DRAWS} draws as in the paper (its Fig. 16), and {grouped(draws)}.",
             ),
             matrix_picture(many),
             strongest_table(many),

@@ -12,19 +12,19 @@ from ..physics import ThermoelectricModule, Twin
 from ..plots import plot_comparison, plot_dc_sweep, plot_plate_map, to_png
 from ..rig import load_module
 from ..simulation import Run
-from ._blocks import Numbers, Picture, Section, Text
+from ._blocks import KeyNumbers, ReportPicture, Section, Text
 from ._demo_source import Source
 
-REPORTED = 69.2
-"""The mean fit of the paper's values on the paper's circuit, %, by an independent implementation
-(scipy's LSODA); the paper reports "an average accuracy of 70 %"."""
+# The mean fit of the paper's values on the paper's circuit, %, by an independent implementation
+# (scipy's LSODA); the paper reports "an average accuracy of 70 %".
+REPORTED_FIT_PERCENT = 69.2
 
+# The times of the maps, s; the first three are those of the paper's Fig. 5.
 MAP_TIMES = (100.0, 300.0, 500.0, 600.0, 1000.0)
-"""The times of the maps, s; the first three are those of the paper's Fig. 5."""
 
 
+# The modules of the paper's tables and of its model file.
 MODULES = ("CP10-127-05", "TEC1-12706")
-"""The modules of the paper's tables and of its model file."""
 
 
 def dc_sweeps() -> Section:
@@ -39,7 +39,7 @@ def dc_sweeps() -> Section:
         most = module.dc_sweep([best], [0.0], hot).heat_flow.item()
         largest = _largest_difference(module, hot)
         pictures.append(
-            Picture(
+            ReportPicture(
                 f"dc-sweep-{name}",
                 to_png(figure),
                 f"{name}: {float(np.asarray(module.seebeck_coefficient)):.4f} V/K, "
@@ -77,7 +77,8 @@ def simulate_published(twin: Twin, source: Source) -> tuple[Section, list[Run], 
     if source.real:
         said = (
             f"The mean fit of {numbers['mean_fit_percent']:.1f} % is the “average accuracy of "
-            f"70 %” that the paper reports ({REPORTED} % by an independent implementation)."
+            f"70 %” that the paper reports ({REPORTED_FIT_PERCENT} % by an independent "
+            "implementation)."
         )
     else:
         said = "The values were published for another rig's recordings, and fit these badly."
@@ -90,7 +91,7 @@ def simulate_published(twin: Twin, source: Source) -> tuple[Section, list[Run], 
                 f"cell at {numbers['hottest_node_degC']:.0f} °C: they fit the plate without "
                 "describing the cells."
             ),
-            Numbers(
+            KeyNumbers(
                 (
                     (f"{numbers['mean_fit_percent']:.1f} %", "mean NRMSE fit"),
                     (f"{numbers['rmse_K']:.2f} K", "RMSE"),
@@ -98,7 +99,7 @@ def simulate_published(twin: Twin, source: Source) -> tuple[Section, list[Run], 
                     (f"{1e3 * numbers['warm_simulation_s']:.1f} ms", "a 1000 s run, compiled"),
                 )
             ),
-            Picture(
+            ReportPicture(
                 "published-response",
                 to_png(plot_comparison(runs)),
                 "Published twin against recording; the fit of a channel is "
@@ -124,7 +125,7 @@ def plate_map(fit: Fit) -> Section:
     return Section(
         "The plate over time",
         (
-            Picture(
+            ReportPicture(
                 "plate-map",
                 to_png(figure),
                 "Temperatures of the plate's elements (the paper's Figs. 5 and 13b), by the twin "

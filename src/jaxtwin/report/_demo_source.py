@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-from .._errors import RecordingError
 from ..data import synthetic_recordings
+from ..errors import RecordingError
 from ..io import Experiment, find_recordings, read_recording
 
 VARIABLE = "JAXTWIN_RECORDINGS"

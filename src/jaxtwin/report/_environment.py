@@ -1,17 +1,17 @@
 """The machine and the versions with which a report was computed, and the files beside it."""
 
 from ..doctor import examine
-from ._blocks import Section, Table, Text
+from ._blocks import ReportTable, Section, Text
 
 
-def files_table(files: dict[str, str]) -> Table:
+def files_table(files: dict[str, str]) -> ReportTable:
     """The files beside the page.
 
     **Arguments:**
 
     - `files`: name -> contents.
     """
-    return Table("Files beside this page.", ("file", "what it holds"), list(files.items()))
+    return ReportTable("Files beside this page.", ("file", "what it holds"), list(files.items()))
 
 
 def environment_section(wall_time: float) -> Section:
@@ -22,7 +22,7 @@ def environment_section(wall_time: float) -> Section:
     - `wall_time`: the computing time of the whole report so far, s.
     """
     tables = tuple(
-        Table(section[0].upper() + section[1:] + ".", ("", ""), list(entries.items()))
+        ReportTable(section[0].upper() + section[1:] + ".", ("", ""), list(entries.items()))
         for section, entries in examine().items()
     )
     return Section(

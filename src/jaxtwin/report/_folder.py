@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from .._errors import JaxtwinError
-from ._blocks import Picture, Section
+from ..errors import JaxtwinError
+from ._blocks import ReportPicture, Section
 from ._page import GENERATOR
 
 PAGE = "index.html"
@@ -82,7 +82,7 @@ def write_page(
     (folder / "numbers.json").write_text(text + "\n", encoding="utf-8")
     for section in sections:
         for block in section.blocks:
-            if isinstance(block, Picture):
+            if isinstance(block, ReportPicture):
                 (folder / f"{block.name}.png").write_bytes(block.png)
 
 

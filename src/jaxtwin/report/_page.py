@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from html import escape
 from importlib import resources
 
-from ._blocks import Block, Numbers, Picture, Section, Table, Text
+from ._blocks import Block, KeyNumbers, ReportPicture, ReportTable, Section, Text
 
+# A line in every page, by which a report of jaxtwin is recognised.
 GENERATOR = '<meta name="generator" content="jaxtwin">'
-"""A line in every page, by which a report of jaxtwin is recognised."""
 
 SHORT = 16  # the most characters of a cell that is not broken into lines
 
@@ -62,19 +62,19 @@ def _block(block: Block) -> str:
     match block:
         case Text():
             return f"<p>{_inline(block.text)}</p>"
-        case Numbers():
+        case KeyNumbers():
             entries = "".join(
                 f"<div><dt>{_inline(label)}</dt><dd>{escape(value)}</dd></div>"
                 for value, label in block.entries
             )
             return f"<dl>{entries}</dl>"
-        case Table():
+        case ReportTable():
             return _table(block)
-        case Picture():
+        case ReportPicture():
             return _picture(block)
 
 
-def _picture(picture: Picture) -> str:
+def _picture(picture: ReportPicture) -> str:
     """A figure that a click shows at its true size over the whole window, and another click hides.
 
     The style sheet does this by `:target`, so that the page needs no script and contains each
@@ -92,7 +92,7 @@ def _picture(picture: Picture) -> str:
     )
 
 
-def _table(table: Table) -> str:
+def _table(table: ReportTable) -> str:
     # A column of numbers and its heading are aligned to the right.
     right = [
         all(_NUMBER.fullmatch(row[column]) for row in table.rows)

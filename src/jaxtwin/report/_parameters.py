@@ -6,8 +6,9 @@ from .._number_text import interval_text, short_number
 from ..matching import Fit, FittedParameter
 from ..matching._summary import prior_text
 from ..plots import plot_correlation, plot_history, plot_parameters, to_png
-from ._blocks import Block, Numbers, Picture, Section, Table, Text
+from ._blocks import Block, KeyNumbers, ReportPicture, ReportTable, Section, Text
 
+# The meanings of the warnings of a match.
 MEANINGS = {
     "at bound": "the optimum is at a bound",
     "near bound": "the optimum is near a bound",
@@ -17,14 +18,13 @@ MEANINGS = {
     "no effect": "no sample of the recordings depends on the parameter",
     "correlated": "another parameter can replace it",
 }
-"""The meanings of the warnings of a match."""
 
 
 def parameters_section(fit: Fit, title: str) -> Section:
     """The parameters with intervals and priors, and how they depend on each other."""
     blocks: list[Block] = [
         parameter_table(fit, "The free parameters that all recordings share."),
-        Picture(
+        ReportPicture(
             "parameters",
             to_png(plot_parameters(fit)),
             "Matched values between their bounds, with the 95 % interval as far as the bounds "
@@ -34,17 +34,19 @@ def parameters_section(fit: Fit, title: str) -> Section:
     if (own := own_values_table(fit)) is not None:
         blocks.append(own)
     blocks += [
-        Picture("history", to_png(plot_history(fit)), "RMSE and parameters over the iterations."),
+        ReportPicture(
+            "history", to_png(plot_history(fit)), "RMSE and parameters over the iterations."
+        ),
         *_correlation(fit),
     ]
     return Section(title, tuple(blocks))
 
 
-def fit_numbers(fit: Fit, label: str = "mean fit") -> Numbers:
+def fit_numbers(fit: Fit, label: str = "mean fit") -> KeyNumbers:
     """The most important numbers of a match."""
     free = [row for row in fit.parameters.values() if row.free]
     steps = sum(end.iterations for end in fit.optima)
-    return Numbers(
+    return KeyNumbers(
         (
             (f"{fit.mean_fit_percent:.1f} %", label),
             (f"{fit.rmse:.2f} K" if fit.rmse >= 0.1 else f"{fit.rmse:.3f} K", "RMSE"),
@@ -54,7 +56,7 @@ def fit_numbers(fit: Fit, label: str = "mean fit") -> Numbers:
     )
 
 
-def parameter_table(fit: Fit, caption: str) -> Table:
+def parameter_table(fit: Fit, caption: str) -> ReportTable:
     """The parameters that all recordings share, with published values and priors if there are any.
 
     **Arguments:**
@@ -68,17 +70,17 @@ def parameter_table(fit: Fit, caption: str) -> Table:
     head = ("parameter", "", "initial", *["published"] * has_published, "matched")
     head += ("95 % interval", *["prior"] * has_prior, "min", "max", "unit", "")
     cells = [_cells(row, has_published, has_prior) for row in rows]
-    return Table(" ".join([caption, *_meanings(rows)]), head, cells)
+    return ReportTable(" ".join([caption, *_meanings(rows)]), head, cells)
 
 
-def own_values_table(fit: Fit) -> Table | None:
+def own_values_table(fit: Fit) -> ReportTable | None:
     """The values that belong to single recordings, with their standard errors; None without any."""
     rows = [row for row in fit.parameters.values() if row.free and row.scope == "recording"]
     if not rows:
         return None
     errors = fit.uncertainty.standard_errors
     head = ("recording", *(f"{row.name}, {row.unit or '1'}" for row in rows))
-    return Table(
+    return ReportTable(
         "The values that belong to single recordings, ± their standard errors.",
         head,
         [
@@ -131,7 +133,7 @@ def _correlation(fit: Fit) -> list[Block]:
     )
     blocks: list[Block] = [
         Text(words),
-        Picture(
+        ReportPicture(
             "correlation",
             to_png(plot_correlation(fit)),
             "Correlation of the errors of the matched values. Two values with a correlation near "
@@ -140,7 +142,7 @@ def _correlation(fit: Fit) -> list[Block]:
     ]
     if known.unidentifiable:
         blocks.append(
-            Table(
+            ReportTable(
                 "Combinations that the recordings determine less than the prior does. The ratio "
                 "is the prior's standard deviation over the one that the recordings alone would "
                 "give.",

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ..io import Experiment
 from ..plots import plot_recordings, to_png
-from ._blocks import Block, Picture, Table
+from ._blocks import Block, ReportPicture, ReportTable
 
+# A drive with more levels of duty than these is described by its range.
 MANY_LEVELS = 6
-"""A drive with more levels of duty than these is described by its range."""
 
 
 def recordings_blocks(
@@ -26,8 +26,8 @@ def recordings_blocks(
     - `caption`: the caption of the picture.
     """
     return (
-        Picture("recordings", to_png(plot_recordings(experiments)), caption),
-        Table(
+        ReportPicture("recordings", to_png(plot_recordings(experiments)), caption),
+        ReportTable(
             "The recordings. Start and end are the lowest and highest channel, averaged over the "
             "first 5 and the last 50 samples.",
             ("recording", "samples", "duration, s", "duty, %", "start, °C", "end, °C"),

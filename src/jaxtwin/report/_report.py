@@ -7,9 +7,9 @@ from typing import Any
 
 from .. import __version__
 from .._arguments import of_kind, path_of, whole_number
-from .._errors import JaxtwinError
 from .._json_values import json_value
 from .._progress import NullProgress, Progress
+from ..errors import JaxtwinError
 from ..matching import Fit
 from ..rig import bundled_rigs
 from ._agreement import agreement_section, residuals_section

@@ -3,8 +3,9 @@
 from ..physics import Twin
 from ..physics._netlist import network_counts
 from ..plots import plot_netlist, to_png
-from ._blocks import Numbers, Picture, Section, Text
+from ._blocks import KeyNumbers, ReportPicture, Section, Text
 
+# Count of a network, its form, and what it is.
 _COUNTS = (
     ("plate_nodes", "{:.0f}", "plate elements"),
     ("plate_resistances", "{:.0f}", "resistances on the plate"),
@@ -15,7 +16,6 @@ _COUNTS = (
     ("capacitance_J_per_K", "{:.1f} J/K", "heat capacity"),
     ("to_ambient_W_per_K", "{:.3f} W/K", "to ambient"),
 )
-"""Count of a network, its form, and what it is."""
 
 
 def rig_section(
@@ -39,14 +39,14 @@ def rig_section(
         title,
         (
             *(Text(paragraph) for paragraph in words if paragraph),
-            Numbers(
+            KeyNumbers(
                 tuple(
                     (form.format(counts[key]), words)
                     for key, form, words in _COUNTS
                     if key in counts
                 )
             ),
-            Picture("netlist", to_png(plot_netlist(twin)), caption),
+            ReportPicture("netlist", to_png(plot_netlist(twin)), caption),
         ),
     )
     return section, counts

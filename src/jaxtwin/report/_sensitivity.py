@@ -6,7 +6,7 @@ from .._progress import Progress
 from ..matching import Fit
 from ..plots import plot_sensitivity_matrix, plot_tornado, to_png
 from ..sensitivity_analysis import Sensitivity, sensitivity
-from ._blocks import Numbers, Picture, Section, Table, Text
+from ._blocks import KeyNumbers, ReportPicture, ReportTable, Section, Text
 
 
 def sensitivity_section(fit: Fit, draws: int, progress: Progress) -> tuple[Section, Sensitivity]:
@@ -29,7 +29,7 @@ def sensitivity_section(fit: Fit, draws: int, progress: Progress) -> tuple[Secti
                 f"differs from 0 at 95 %, with its sign: {signs}."
             ),
             drawing_numbers(analysis, fit),
-            Picture(
+            ReportPicture(
                 "tornado",
                 to_png(figure),
                 f"{grouped(draws)} draws, mean of all channels. Lines are 95 % intervals.",
@@ -54,11 +54,11 @@ def draw(fit: Fit, draws: int, progress: Progress) -> Sensitivity:
     return sensitivity(fit, draws=draws, on_progress=show)
 
 
-def drawing_numbers(analysis: Sensitivity, fit: Fit) -> Numbers:
+def drawing_numbers(analysis: Sensitivity, fit: Fit) -> KeyNumbers:
     """The strongest parameters, and the computing time of the draws."""
     draws = len(analysis.samples)
     rate = draws * len(fit.experiments) / analysis.wall_time
-    return Numbers(
+    return KeyNumbers(
         (
             (", ".join(analysis.ranking()[:3]), "strongest on the mean of all channels"),
             (f"{analysis.wall_time:.1f} s", f"{grouped(draws)} draws, with compilation"),
@@ -68,9 +68,9 @@ def drawing_numbers(analysis: Sensitivity, fit: Fit) -> Numbers:
     )
 
 
-def matrix_picture(analysis: Sensitivity) -> Picture:
+def matrix_picture(analysis: Sensitivity) -> ReportPicture:
     """The matrix of the correlations of all channels with all parameters."""
-    return Picture(
+    return ReportPicture(
         "sensitivity-matrix",
         to_png(plot_sensitivity_matrix(analysis)),
         f"All channels, {grouped(len(analysis.samples))} draws. A number is shown if the 95 % "
@@ -78,9 +78,9 @@ def matrix_picture(analysis: Sensitivity) -> Picture:
     )
 
 
-def strongest_table(analysis: Sensitivity) -> Table:
+def strongest_table(analysis: Sensitivity) -> ReportTable:
     """The parameters on which each channel depends most."""
-    return Table(
+    return ReportTable(
         "The strongest three parameters of each channel, with their correlation.",
         ("channel", "first", "second", "third"),
         [

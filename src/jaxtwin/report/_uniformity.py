@@ -5,11 +5,11 @@ import numpy as np
 from ..matching import Fit
 from ..plots import plot_plate_beside, plot_uniformity, to_png
 from ..simulation import Run
-from ._blocks import Picture, Section, Table, Text
+from ._blocks import ReportPicture, ReportTable, Section, Text
 from ._corrections import shows_sawtooth
 
+# The times of the maps, as parts of a recording.
 MAP_PARTS = (0.1, 0.5, 1.0)
-"""The times of the maps, as parts of a recording."""
 
 
 def uniformity_section(fit: Fit, *, level: int = 2) -> tuple[Section, dict[str, dict[str, float]]]:
@@ -36,7 +36,7 @@ def uniformity_section(fit: Fit, *, level: int = 2) -> tuple[Section, dict[str, 
         "Uniformity",
         (
             Text(words),
-            Table(
+            ReportTable(
                 "Means over time, K. The range of the plate is that of all its elements, of which "
                 "the channels see a part.",
                 (
@@ -52,12 +52,12 @@ def uniformity_section(fit: Fit, *, level: int = 2) -> tuple[Section, dict[str, 
                     for name, row in numbers.items()
                 ],
             ),
-            Picture(
+            ReportPicture(
                 "uniformity",
                 to_png(plot_uniformity(runs)),
                 "Range and standard deviation over the channels, recorded and simulated.",
             ),
-            Picture(
+            ReportPicture(
                 "plate-beside",
                 to_png(plot_plate_beside(fit.twin.rig, together, _map_times(together))),
                 "From top to bottom: the simulated plate between its nodes, its simulated "

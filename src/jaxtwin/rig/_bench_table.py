@@ -30,8 +30,8 @@ from ._units import (
     Kind,
 )
 
+# The keys of `[driver]` that a rig with cells needs.
 _OF_CELLS = ("supply_voltage", "on_resistance", "counts", "polarity", "averaging")
-"""The keys of `[driver]` that a rig with cells needs."""
 
 
 def build_driver(
@@ -103,8 +103,8 @@ def build_driver(
     )
 
 
-LONGEST_RELAY = 32
-"""The largest number of characters of a relay's name, which a device repeats in its greeting."""
+# The largest number of characters of a relay's name, which a device repeats in its greeting.
+MAX_RELAY = 32
 
 
 def build_limits(table: LimitsTable, fields: Fields) -> Limits:
@@ -129,9 +129,9 @@ def build_limits(table: LimitsTable, fields: Fields) -> Limits:
         relay=table.relay,
     )
     name = limits.relay
-    if name is not None and not (0 < len(name) <= LONGEST_RELAY and name.isprintable()):
+    if name is not None and not (0 < len(name) <= MAX_RELAY and name.isprintable()):
         fields.refuse(
-            "limits.relay", f"expected 1 to {LONGEST_RELAY} printable characters, got {name!r}"
+            "limits.relay", f"expected 1 to {MAX_RELAY} printable characters, got {name!r}"
         )
     if limits.lowest is not None and limits.lowest >= limits.temperature:
         fields.refuse(

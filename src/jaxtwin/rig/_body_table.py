@@ -39,8 +39,8 @@ def body_of(table: BodyTable, at: str, plate: Plate, fields: Fields) -> Body:
             f"{AMBIENT!r}, got {table.name!r}",
         )
     if (table.capacitance is None) == (table.temperature is None):
-        found = "neither" if table.capacitance is None else "both"
-        fields.refuse(at, f"expected either a capacitance or a temperature, got {found}")
+        result = "neither" if table.capacitance is None else "both"
+        fields.refuse(at, f"expected either a capacitance or a temperature, got {result}")
     if table.temperature is not None and table.initial_temperature is not None:
         fields.refuse(
             f"{at}.initial_temperature", "expected none beside a temperature; remove one of them"

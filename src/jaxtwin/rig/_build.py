@@ -64,8 +64,8 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     fields.check_unique("heaters", [part.name for part in (*table.cells, *table.heaters)])
     fields.check_unique("channels", [channel.name for channel in table.channels])
     if (table.camera is None) == (table.sensors is None):
-        found = "neither a camera nor sensors" if table.camera is None else "both"
-        fields.refuse("camera", f"expected either [camera] or [sensors], got {found}")
+        result = "neither a camera nor sensors" if table.camera is None else "both"
+        fields.refuse("camera", f"expected either [camera] or [sensors], got {result}")
     if table.plate is None:
         _check_needs_no_plate(table, fields)
     plate = table.plate and build_plate(table.plate, table.circuit is not None, fields)

@@ -6,9 +6,9 @@ from typing import Any
 
 from .._arguments import path_of
 from .._data_folder import data_folder
-from .._errors import JaxtwinError, RigError
 from .._name_suggestions import unknown_name
 from .._twin_address import read_stored_fit, twin_address
+from ..errors import JaxtwinError, RigError
 from ._problems import refuse
 
 

@@ -80,12 +80,12 @@ def _sensor_class(table: "ChannelTable", at: str, fields: Fields) -> type[Abstra
     named = None if table.sensor is None else sensor_kinds()[table.sensor]
     if named not in (None, NodesSensor, ZoneSensor, PointSensor):
         return named
-    found = _kind_of_keys(table, at, fields)
-    if named not in (None, found):
+    result = _kind_of_keys(table, at, fields)
+    if named not in (None, result):
         fields.refuse(
-            f"{at}.sensor", f"expected {found.kind!r} beside these keys, got {table.sensor!r}"
+            f"{at}.sensor", f"expected {result.kind!r} beside these keys, got {table.sensor!r}"
         )
-    return found
+    return result
 
 
 def _kind_of_keys(table: "ChannelTable", at: str, fields: Fields) -> type[AbstractSensor]:

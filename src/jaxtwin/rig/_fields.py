@@ -71,8 +71,8 @@ class Fields:
         for which, number in self._numbers(parameter):
             problem = range_problem(parameter.to_si(number), kind)
             if problem:
-                found = f"{number:g} {parameter.unit}".strip()
-                self.refuse(field, f"expected {problem}, got {found} as the {which} of {text!r}")
+                result = f"{number:g} {parameter.unit}".strip()
+                self.refuse(field, f"expected {problem}, got {result} as the {which} of {text!r}")
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 

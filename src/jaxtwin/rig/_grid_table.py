@@ -7,10 +7,10 @@ from ._fields import Fields
 from ._schema import PlateTable
 from ._units import LENGTH
 
-ROUNDING = 1e-9
-MOST_ELEMENTS = 100_000
-"""The largest number of elements that a resolution may ask for, so that a wrong unit does not fill
-the memory."""
+RELATIVE_TOLERANCE = 1e-9
+# The largest number of elements that a resolution may ask for, so that a wrong unit does not fill
+# the memory.
+MAX_ELEMENTS = 100_000
 
 Sizes = tuple[float, ...]
 
@@ -44,16 +44,16 @@ def build_grid(table: PlateTable, fields: Fields) -> tuple[Sizes, Sizes]:
         fields.constant(f"plate.{name}", getattr(table, name), LENGTH) for name in measured
     )
     smaller = min(width, height)
-    if resolution > smaller * (1 + ROUNDING):
+    if resolution > smaller * (1 + RELATIVE_TOLERANCE):
         fields.refuse(
             "plate.resolution",
             f"expected at most the plate's smaller side, {100 * smaller:g} cm, got "
             f"{table.resolution!r}",
         )
-    if width * height / resolution**2 > MOST_ELEMENTS:
+    if width * height / resolution**2 > MAX_ELEMENTS:
         fields.refuse(
             "plate.resolution",
-            f"expected at most {MOST_ELEMENTS} elements, got {table.resolution!r}, which makes "
+            f"expected at most {MAX_ELEMENTS} elements, got {table.resolution!r}, which makes "
             "more; make it coarser",
         )
     return (
@@ -68,7 +68,7 @@ def _parts(given: Any) -> int:
 
 def _equal(size: float, resolution: float, parts: int) -> Sizes:
     """Equal sizes of at most the resolution, as many as a multiple of the parts."""
-    in_part = math.ceil(size / parts / resolution - ROUNDING)
+    in_part = math.ceil(size / parts / resolution - RELATIVE_TOLERANCE)
     return (size / (parts * in_part),) * (parts * in_part)
 
 

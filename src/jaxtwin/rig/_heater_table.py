@@ -28,7 +28,7 @@ def heater_bodies(
     **Raises:** `RigError` if a value is wrong, or a heater has the name of a node.
     """
     starts = {body.name: body.temperature or body.initial_temperature for body in bodies}
-    found: list[Body] = []
+    result: list[Body] = []
     for table in tables:
         if table.capacitance is None:
             if table.initial_temperature is not None:
@@ -44,7 +44,7 @@ def heater_bodies(
             initial_temperature=table.initial_temperature,
         )
         at = f"heaters[{table.name}]"
-        if any(table.name == body.name for body in (*bodies, *found)):
+        if any(table.name == body.name for body in (*bodies, *result)):
             fields.refuse(
                 f"{at}.name",
                 f"expected no name of a body, because a heater with a capacitance is one itself, "
@@ -54,8 +54,8 @@ def heater_bodies(
         if body.initial_temperature is None:
             touched = [starts[name] for name in table.contacts or () if name in starts]
             body = replace(body, initial_temperature=touched[0] if touched else None)
-        found.append(body)
-    return tuple(found)
+        result.append(body)
+    return tuple(result)
 
 
 def heater_links(
@@ -130,8 +130,8 @@ def build_heater(
     """
     at = f"heaters[{table.name}]"
     if (table.power is None) == (table.electrical_resistance is None):
-        found = "neither" if table.power is None else "both"
-        fields.refuse(at, f"expected either a power or an electrical_resistance, got {found}")
+        result = "neither" if table.power is None else "both"
+        fields.refuse(at, f"expected either a power or an electrical_resistance, got {result}")
     return Heater(
         name=table.name,
         node=table.name if table.capacitance is not None else _heated(table, plate, bodies, fields),

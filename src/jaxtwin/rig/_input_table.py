@@ -7,8 +7,8 @@ from ._problems import refuse
 from ._schema import InputTable
 from ._units import unit_scale
 
-RESERVED = ("time", "timestamp", "date", "ambient", "by")
-"""Names that mean something else in a recording or in a rig file."""
+# Names that mean something else in a recording or in a rig file.
+RESERVED_NAMES = ("time", "timestamp", "date", "ambient", "by")
 
 
 def build_inputs(
@@ -23,12 +23,12 @@ def build_inputs(
     built = []
     for table in tables:
         at = f"inputs[{table.name}]"
-        if not table.name.isidentifier() or table.name in (*parameters, *RESERVED):
+        if not table.name.isidentifier() or table.name in (*parameters, *RESERVED_NAMES):
             refuse(
                 source,
                 f"{at}.name",
                 "expected letters, digits and _, and neither the name of a parameter nor one of "
-                f"{', '.join(RESERVED)}, got {table.name!r}",
+                f"{', '.join(RESERVED_NAMES)}, got {table.name!r}",
             )
         if names.count(table.name) > 1:
             refuse(source, f"{at}.name", f"expected each name once, got {table.name!r} twice")
@@ -61,12 +61,12 @@ def _with_states(table: InputTable, at: str, source: str) -> Input:
 
 def _number(table: InputTable, at: str, source: str) -> Input:
     if isinstance(table.value, str) or table.value is None:
-        found = "none" if table.value is None else repr(table.value)
+        result = "none" if table.value is None else repr(table.value)
         refuse(
             source,
             f"{at}.value",
             "expected a number, which applies where none is stated, or states such as "
-            f'["closed", "open"] beside it, got {found}',
+            f'["closed", "open"] beside it, got {result}',
         )
     unit = table.unit or ""
     try:

@@ -13,13 +13,13 @@ def json_schema() -> dict[str, Any]:
     """
     from ._schema import RigTable  # with pydantic, which only readers of a rig should pay for
 
-    found: dict[str, Any] = {"$schema": DIALECT, **_without_null(RigTable.model_json_schema())}
-    found["title"] = "jaxtwin rig file"
-    found["description"] = (
+    result: dict[str, Any] = {"$schema": DIALECT, **_without_null(RigTable.model_json_schema())}
+    result["title"] = "jaxtwin rig file"
+    result["description"] = (
         "A thermal rig: plate or bodies, cells, heaters, driver, camera or sensors, channels and "
         "parameters."
     )
-    return found
+    return result
 
 
 def _without_null(part: object) -> Any:

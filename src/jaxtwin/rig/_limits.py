@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import final
 
+# The melting point of bismuth-tin, the softest solder of ordinary modules, degC: the default limit
+# of a cell.
 SOLDER = 138.0
-"""The melting point of bismuth-tin, the softest solder of ordinary modules, degC: the default limit
-of a cell."""
 
 
 @final

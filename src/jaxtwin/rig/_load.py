@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from .._arguments import path_of
-from .._errors import RigError
 from .._name_suggestions import unknown_name
 from .._twin_address import TwinAddress, read_stored_fit, twin_address
+from ..errors import RigError
 from ._bundled import bundled_content, bundled_rigs, file_content, parse_toml
 from ._problems import refuse
 from ._rig import Rig

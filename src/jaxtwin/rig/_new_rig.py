@@ -16,20 +16,20 @@ from ._material import load_material
 from ._plate import Plate
 from ._value import Value
 
+# The size of the plate's elements, m; it is larger on large plates.
 ELEMENT = 0.01
-"""The size of the plate's elements, m; it is larger on large plates."""
 
-MOST_ELEMENTS = 16
-"""The largest number of elements along a side."""
+# The largest number of elements along a side.
+MAX_ELEMENTS = 16
 
+# Thermal resistance of a layer of thermal grease, 50 um at 1 W/(m K), m^2 K/W.
 GREASE = 0.5e-4
-"""Thermal resistance of a layer of thermal grease, 50 um at 1 W/(m K), m^2 K/W."""
 
+# Heat capacity of a module's side, J/(m^2 K): 0.7 mm of aluminium oxide.
 CERAMIC = 2.1e3
-"""Heat capacity of a module's side, J/(m^2 K): 0.7 mm of aluminium oxide."""
 
+# The length of the side of a module whose datasheet does not state it, m.
 FACE = 0.04
-"""The length of the side of a module whose datasheet does not state it, m."""
 
 MOST_CELLS, MOST_ZONES = 100, 100
 
@@ -162,7 +162,7 @@ def divided_plate(width: float, height: float, thickness: float) -> Plate:
     sizes, m, are known yet."""
 
     def divided(size: float) -> tuple[float, ...]:
-        count = max(1, min(MOST_ELEMENTS, round(size / ELEMENT)))
+        count = max(1, min(MAX_ELEMENTS, round(size / ELEMENT)))
         return (round(size / count, 9),) * count
 
     return Plate(divided(width), divided(height), thickness=Value(thickness))

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 RIGHT_ANGLE = math.pi / 2
+# The angle below which a rectangle is taken as parallel to the grid, rad.
 PARALLEL = 1e-9
-"""The angle below which a rectangle is taken as parallel to the grid, rad."""
 
 
 def overlap_areas(

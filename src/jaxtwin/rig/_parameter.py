@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
+# Whether there is one value for all recordings, one for each group, or one for each recording.
 Scope = Literal["shared", "group", "recording"]
-"""Whether there is one value for all recordings, one for each group, or one for each recording."""
 
 
 @final

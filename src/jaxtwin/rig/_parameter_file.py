@@ -20,9 +20,9 @@ from dataclasses import replace
 from typing import Any, NoReturn
 
 from .._arguments import of_kind
-from .._errors import ParameterError
 from .._name_suggestions import unknown_name
 from .._whole_file import check_ending, write_whole_file
+from ..errors import ParameterError
 from ._bundled import read_toml
 from ._parameter import Parameter
 from ._problems import refuse

@@ -79,12 +79,12 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
                 f"expected a value within its bounds, {lower:g} to {upper:g}, got {prior_value:g}",
             )
     if (row.scope == "group") != (group_spread is not None):
-        found = "none" if group_spread is None else f"{group_spread:g}"
+        result = "none" if group_spread is None else f"{group_spread:g}"
         refuse(
             source,
             f"{field}.prior.between_groups",
             'expected a spread between groups with scope = "group", and none with any other, got '
-            f"{found} with scope = {row.scope!r}",
+            f"{result} with scope = {row.scope!r}",
         )
     return Parameter(
         name=name,

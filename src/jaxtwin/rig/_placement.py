@@ -10,9 +10,9 @@ from ._overlap import bounding_box, corners, overlap_areas
 from ._plate import Plate
 from ._value import Value
 
-SMALLEST_SHARE = 1e-9
-"""The share of a face that is taken as none: it is the rounding error of an edge that lies on a
-line of the grid."""
+# The share of a face that is taken as none: it is the rounding error of an edge that lies on a line
+# of the grid.
+MIN_SHARE = 1e-9
 
 _AT = "@"
 
@@ -94,11 +94,11 @@ class Placement:
         if not self.is_fixed:
             return {name: Value(1.0, ((self.share_name(name), 1.0),)) for name in elements}
         # Rounded, so that mirror images on a symmetric plate are equal.
-        found = np.round(self.overlaps(plate, {}) / self.area, 12).tolist()
+        result = np.round(self.overlaps(plate, {}) / self.area, 12).tolist()
         return {
             name: Value(share)
-            for name, share in zip(elements, found, strict=True)
-            if share > SMALLEST_SHARE
+            for name, share in zip(elements, result, strict=True)
+            if share > MIN_SHARE
         }
 
     def share_name(self, element: str) -> str:
@@ -122,7 +122,7 @@ def bare_name(element: str) -> str:
 
 
 def _touched(edges: tuple[float, ...], low: float, high: float) -> range:
-    tiny = SMALLEST_SHARE * (high - low)
+    tiny = MIN_SHARE * (high - low)
     count = len(edges) - 1
     inside = [n for n in range(count) if edges[n + 1] > low + tiny and edges[n] < high - tiny]
     return range(inside[0], inside[-1] + 1)

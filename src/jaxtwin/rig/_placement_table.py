@@ -7,8 +7,8 @@ from ._schema import CellTable, HeaterTable
 from ._units import ANGLE, COORDINATE, LENGTH, THERMAL_RESISTANCE
 from ._value import Value
 
-ROUNDING = 1e-9
-"""The relative size of a part beside the plate that is a rounding error."""
+# The relative size of a part beside the plate that is a rounding error.
+RELATIVE_TOLERANCE = 1e-9
 
 
 def build_placement(
@@ -90,7 +90,7 @@ def _check_on_plate(
     for axis, text, (lowest, highest), side, size in zip(
         "xy", texts, ranges, placement.box, sizes, strict=True
     ):
-        tiny = ROUNDING * size
+        tiny = RELATIVE_TOLERANCE * size
         if side > size + tiny:
             fields.refuse(
                 f"{at}.size",

@@ -8,14 +8,14 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import RigError
+from ..errors import RigError
 from ._value import Value
 
+# The reserved name of the surroundings in links.
 AMBIENT = "ambient"
-"""The reserved name of the surroundings in links."""
 
+# The rise above the surroundings for which film coefficients are given, K.
 FILM_REFERENCE = 20.0
-"""The rise above the surroundings for which film coefficients are given, K."""
 
 
 @final
@@ -151,8 +151,8 @@ class Plate:
         return dict(zip(self.element_names, corners, strict=True))
 
 
+# The plate of a rig that has none: it has no elements.
 NO_PLATE = Plate((), (), Value(1.0))
-"""The plate of a rig that has none: it has no elements."""
 
 
 def names_of_elements(rows: int, columns: int) -> tuple[str, ...]:

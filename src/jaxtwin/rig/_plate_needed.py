@@ -1,6 +1,6 @@
 """The refusal of a rig without a plate by what shows or measures one."""
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ._rig import Rig
 
 

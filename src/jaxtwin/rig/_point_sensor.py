@@ -6,7 +6,7 @@ from typing import Any, ClassVar, final
 
 from ._fields import Fields
 from ._plate import Plate
-from ._sensor import ROUNDING, AbstractSensor, Extent, SensorSite, register_sensor
+from ._sensor import RELATIVE_TOLERANCE, AbstractSensor, Extent, SensorSite, register_sensor
 from ._units import COORDINATE
 
 
@@ -48,7 +48,7 @@ class PointSensor(AbstractSensor):
 
 def _place(field: str, text: str, size: float, fields: Fields) -> float:
     place = fields.constant(field, text, COORDINATE)
-    if place > size * (1 + ROUNDING):
+    if place > size * (1 + RELATIVE_TOLERANCE):
         fields.refuse(
             field, f"expected a position on the plate, 0 to {100 * size:g} cm, got {text!r}"
         )

@@ -2,7 +2,7 @@
 
 from typing import NoReturn
 
-from .._errors import JaxtwinError, RigError
+from ..errors import JaxtwinError, RigError
 
 
 def refuse(source: str, field: str, message: str, error: type[JaxtwinError] = RigError) -> NoReturn:

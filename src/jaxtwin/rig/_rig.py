@@ -22,8 +22,8 @@ from ._placement import Placement
 from ._plate import Plate
 from ._value import Value
 
+# The name of a cell or heater that is a number.
 _NUMBERED = re.compile(r"P([1-9]\d{0,3})")
-"""The name of a cell or heater that is a number."""
 
 
 @final
@@ -112,8 +112,8 @@ class Rig:
     @property
     def placements(self) -> tuple[Placement, ...]:
         """The places of the cells and heaters that have one, on the plate."""
-        found = (part.placement for part in (*self.cells, *self.heaters))
-        return tuple(placement for placement in found if placement is not None)
+        result = (part.placement for part in (*self.cells, *self.heaters))
+        return tuple(placement for placement in result if placement is not None)
 
     @property
     def nominal_inputs(self) -> Mapping[str, float]:

@@ -100,6 +100,7 @@ NamesOrResistances = Annotated[
         }
     ),
 ]
+# A quantity, or one for each state of an input, which `by` names.
 QuantityOrSwitch = Annotated[
     Any,
     BeforeValidator(_quantity_or_switch),
@@ -117,7 +118,6 @@ QuantityOrSwitch = Annotated[
         }
     ),
 ]
-"""A quantity, or one for each state of an input, which `by` names."""
 Place = Annotated[list[str] | None, BeforeValidator(_place), ONE_OR_SEVERAL]
 Bound = Annotated[float, Field(allow_inf_nan=True)]
 _PLACES = ("nodes", "x", "y")  # the keys of a channel that say where its sensor is

@@ -5,19 +5,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
-from .._errors import RigError
 from .._kinds import add_kind
+from ..errors import RigError
 from ._body import Body
 from ._fields import Fields
 from ._plate import Plate
 from ._units import Kind
 
+# Left, right, top and bottom of a rectangle of the plate, m.
 Extent: TypeAlias = tuple[float, float, float, float]
-"""Left, right, top and bottom of a rectangle of the plate, m."""
 
 
-ROUNDING = 1e-9
-"""Of the plate's size: sums of element sizes need not meet its edge exactly."""
+# Of the plate's size: sums of element sizes need not meet its edge exactly.
+RELATIVE_TOLERANCE = 1e-9
 
 
 class SensorSite(NamedTuple):
@@ -85,8 +85,8 @@ class AbstractSensor(ABC):
 
 Registered = TypeVar("Registered", bound=type[AbstractSensor])
 
+# Kind of sensor -> its class.
 _KINDS: dict[str, type[AbstractSensor]] = {}
-"""Kind of sensor -> its class."""
 
 
 def register_sensor(sensor: Registered) -> Registered:

@@ -11,8 +11,8 @@ _HEADER = re.compile(r"^[ \t]*\[{1,2}[ \t]*([A-Za-z0-9_.-]+)[ \t]*\]{1,2}[ \t]*(
 _NAME = re.compile(r"""^([ \t]*name[ \t]*=[ \t]*)(["'])(.*?)\2""", re.M)
 _AT = re.compile(r"^([ \t]*at[ \t]*=[ \t]*)\[[^\]]*\]", re.M)
 
+# x and y of the middle of a face, m.
 Place = tuple[float, float]
-"""x and y of the middle of a face, m."""
 
 
 class _Table(NamedTuple):
@@ -65,7 +65,7 @@ def with_places(rig: Rig, places: Mapping[str, Place], copies: Mapping[str, str]
 
 def _parameters_of_places(rig: Rig, places: Mapping[str, Place]) -> set[str]:
     """The parameters of the places that are replaced."""
-    replaced = [one for one in rig.placements if one.name in places]
+    replaced = [placement for placement in rig.placements if placement.name in places]
     return {name for one in replaced for at in (one.x, one.y) for name, _ in at.powers}
 
 
@@ -82,21 +82,21 @@ def _tables(text: str) -> Sequence[_Table]:
     """The tables of cells and heaters. A table ends where the comments above the next one begin."""
     headers = [*_HEADER.finditer(text)]
     ends = [*(header.start() for header in headers[1:]), len(text)]
-    found: list[_Table] = []
+    result: list[_Table] = []
     for header, end in zip(headers, ends, strict=True):
         kind = header[1].split(".")
         if kind[0] not in ("cells", "heaters"):
             continue
         own = re.sub(r"(^[ \t]*#.*\n|^[ \t]*\n)+\Z", "", text[header.start() : end], flags=re.M)
-        if len(kind) > 1 and found:  # a table of a cell, such as [cells.fan]
-            found[-1] = found[-1]._replace(end=header.start() + len(own))
+        if len(kind) > 1 and result:  # a table of a cell, such as [cells.fan]
+            result[-1] = result[-1]._replace(end=header.start() + len(own))
         elif (name := _NAME.search(own)) is not None:
-            found.append(_Table(name[3], header.start(), header.start() + len(own)))
-    return found
+            result.append(_Table(name[3], header.start(), header.start() + len(own)))
+    return result
 
 
 def _table(rig: Rig, tables: Sequence[_Table], name: str) -> _Table:
-    found = next((table for table in tables if table.name == name), None)
-    if found is None:
+    result = next((table for table in tables if table.name == name), None)
+    if result is None:
         refuse(rig.source, name, "expected a table [[cells]] or [[heaters]] of this name, got none")
-    return found
+    return result

@@ -22,14 +22,14 @@ def with_resolution(rig: Rig, resolution: float) -> Rig:
 
     data = parse_toml(rig.text.encode(), rig.source)
     if "resolution" not in data.get("plate", {}):
-        found = "columns and rows" if rig.has_plate else "no plate"
+        result = "columns and rows" if rig.has_plate else "no plate"
         if not rig.text:
-            found = "a rig that was not read from a file"
+            result = "a rig that was not read from a file"
         refuse(
             rig.source,
             "plate.resolution",
             "expected a plate with width, height and resolution, whose grid may be refined, got "
-            f"{found}",
+            f"{result}",
         )
     for field, element in _elements(rig):
         refuse(

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, final
 
 from ._fields import Fields
 from ._plate import Plate
-from ._sensor import ROUNDING, AbstractSensor, Extent, SensorSite, register_sensor
+from ._sensor import RELATIVE_TOLERANCE, AbstractSensor, Extent, SensorSite, register_sensor
 from ._units import COORDINATE
 
 
@@ -40,7 +40,7 @@ class ZoneSensor(AbstractSensor):
 
 def _range(field: str, texts: list[str], size: float, fields: Fields) -> tuple[float, float]:
     first, last = (fields.constant(field, text, COORDINATE) for text in texts)
-    if not first < last <= size * (1 + ROUNDING):
+    if not first < last <= size * (1 + RELATIVE_TOLERANCE):
         fields.refuse(
             field, f"expected a range inside the plate, 0 to {100 * size:g} cm, got {texts}"
         )

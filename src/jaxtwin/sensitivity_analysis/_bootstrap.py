@@ -5,8 +5,8 @@ from jaxtyping import Float
 
 from .._normal_distribution import QUANTILE_975
 
+# The number of bootstrap resamples: that of SALib.
 RESAMPLES = 100
-"""The number of bootstrap resamples: that of SALib."""
 
 
 def resample_weights(blocks: int, seed: int) -> Float[np.ndarray, "resamples blocks"]:

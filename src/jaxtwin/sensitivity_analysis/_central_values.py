@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import names_of
-from .._errors import ParameterError
 from .._name_suggestions import did_you_mean
+from ..errors import ParameterError
 from ..physics import Twin
 
 

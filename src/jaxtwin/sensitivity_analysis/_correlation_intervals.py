@@ -26,16 +26,16 @@ from scipy.special import stdtrit
 
 from ._correlation_coefficients import pearson, ranks, standardised
 
-PARTS = 10
-"""The number of parts into which draws are divided to estimate how a correlation changes with the
-number of draws."""
+# The number of parts into which draws are divided to estimate how a correlation changes with the
+# number of draws.
+JACKKNIFE_PARTS = 10
 
-LEAST = 5
-"""The smallest number of draws in a part. With fewer, correlations are near -1 or 1 by chance."""
+# The smallest number of draws in a part. With fewer, correlations are near -1 or 1 by chance.
+MIN_DRAWS_IN_PART = 5
 
+# The number of further tenfold increases of the draws after which the correlation is to remain
+# inside the interval.
 TENFOLDS = 2.0
-"""The number of further tenfold increases of the draws after which the correlation is to remain
-inside the interval."""
 
 
 def pearson_interval(
@@ -125,7 +125,7 @@ def _trend(
     outputs: Float[np.ndarray, "draws outputs"], samples: Float[np.ndarray, "draws parameters"]
 ) -> Float[np.ndarray, "outputs parameters"] | float:
     """The change of a correlation that more draws may bring, on Fisher's scale."""
-    parts = min(PARTS, len(outputs) // LEAST)
+    parts = min(JACKKNIFE_PARTS, len(outputs) // MIN_DRAWS_IN_PART)
     if parts < 2:
         return 0.0
     size = len(outputs) // parts

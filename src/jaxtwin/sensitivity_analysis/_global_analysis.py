@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, whole_number
-from .._errors import SimulationError
 from .._executor import Executor, check_executor
 from .._waiting import announced, counting
+from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
@@ -40,8 +40,8 @@ from ._sampling import checked_seed, checked_spread
 from ._slopes import slopes_of
 from ._unit_samples import SampleKind, checked_kind
 
+# The analysis, in messages.
 WHERE = "sensitivity"
-"""The analysis, in messages."""
 
 
 @announced("sensitivity analysis")

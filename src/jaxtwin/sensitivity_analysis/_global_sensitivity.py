@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._display import html_table, picture
-from .._errors import ParameterError
 from .._json_values import json_value
 from .._name_suggestions import did_you_mean
+from ..errors import ParameterError
 from ._method import AbstractMethod, Design
 from ._outputs import Output, labels_of
 from ._sensitivity import MEAN

@@ -7,8 +7,8 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from .._arguments import mapping_of
-from .._errors import ParameterError
 from .._name_suggestions import did_you_mean
+from ..errors import ParameterError
 from ..matching import Fit
 from ..matching._fit import solution_of
 from ..physics import Twin
@@ -19,8 +19,8 @@ from ._marginals import AbstractMarginal, LogNormal, Normal, Uniform
 
 InputKind: TypeAlias = Literal["normal", "lognormal", "bounds", "priors", "posterior"]
 
+# A kind, or name -> distribution.
 InputChoice: TypeAlias = InputKind | Mapping[str, AbstractMarginal]
-"""A kind, or name -> distribution."""
 
 
 def resolve_inputs(

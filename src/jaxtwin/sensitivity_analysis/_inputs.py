@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
-from .._errors import ParameterError
-from ._marginals import SMALLEST, AbstractMarginal
+from ..errors import ParameterError
+from ._marginals import MIN_PROBABILITY, AbstractMarginal
 
 
 @final
@@ -47,7 +47,7 @@ class Inputs:
         parameters."""
         if self.correlation is None:
             return unit
-        return ndtr(ndtri(np.clip(unit, SMALLEST, 1 - 2.0**-53)) @ self.root.T)
+        return ndtr(ndtri(np.clip(unit, MIN_PROBABILITY, 1 - 2.0**-53)) @ self.root.T)
 
     @cached_property
     def root(self) -> Float[np.ndarray, "parameters parameters"]:

@@ -10,18 +10,18 @@ from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 from .._arguments import finite_number
-from .._errors import ParameterError
-from ._sampling import FARTHEST
+from ..errors import ParameterError
+from ._sampling import MAX_NORMAL_SCORE
 
-SMALLEST = 2.0**-54
-"""A probability that replaces 0. It is smaller than any other number of a generator of float64. The
-quantile of 0 is the end of a distribution, where a resistance may be 0."""
+# A probability that replaces 0. It is smaller than any other number of a generator of float64. The
+# quantile of 0 is the end of a distribution, where a resistance may be 0.
+MIN_PROBABILITY = 2.0**-54
 
+# The probability on each side that a grid leaves out if a distribution has tails.
 TAIL = 0.025
-"""The probability on each side that a grid leaves out if a distribution has tails."""
 
+# The name and the numbers of a distribution, as in SALib's `dists` and `bounds`.
 SALibDistribution = tuple[Literal["unif", "norm", "truncnorm", "lognorm"], list[float]]
-"""The name and the numbers of a distribution, as in SALib's `dists` and `bounds`."""
 
 
 class AbstractMarginal(abc.ABC):
@@ -84,7 +84,7 @@ class Normal(AbstractMarginal):
     def quantile(self, probability: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         below, above = self._probabilities()
         inside = below + _open(probability) * (above - below)
-        return self.mean + self.std * ndtri(np.clip(inside, SMALLEST, 1 - 2.0**-53))
+        return self.mean + self.std * ndtri(np.clip(inside, MIN_PROBABILITY, 1 - 2.0**-53))
 
     def poincare_weight(self, values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         # Cutting a normal distribution off makes the constant no larger (Bakry and Emery 1985).
@@ -93,7 +93,7 @@ class Normal(AbstractMarginal):
     def to_salib(self) -> SALibDistribution:
         if math.isinf(self.low) and math.isinf(self.high):
             return "norm", [self.mean, self.std]
-        farthest = FARTHEST * self.std
+        farthest = MAX_NORMAL_SCORE * self.std
         low, high = max(self.low, self.mean - farthest), min(self.high, self.mean + farthest)
         return "truncnorm", [low, high, self.mean, self.std]
 
@@ -171,7 +171,7 @@ class LogNormal(AbstractMarginal):
 
 def _open(probability: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Replaces the probabilities 0 and 1, whose quantiles are the ends of the distribution."""
-    return np.clip(probability, SMALLEST, 1 - 2.0**-53)
+    return np.clip(probability, MIN_PROBABILITY, 1 - 2.0**-53)
 
 
 def _check_finite(where: str, **numbers: float) -> None:

@@ -16,20 +16,20 @@ from jaxtyping import Bool, Float, Int
 from ._inputs import Inputs
 from ._unit_samples import SampleKind, unit_samples
 
+# The number of outputs that are analysed at a time, so that products of blocks, parameters and
+# outputs stay small.
 COLUMNS = 64
-"""The number of outputs that are analysed at a time, so that products of blocks, parameters and
-outputs stay small."""
 
-LEAST_BLOCKS = 2
-"""The smallest number of complete blocks from which indices of an output are estimated."""
+# The smallest number of complete blocks from which indices of an output are estimated.
+MIN_BLOCKS = 2
 
+# An output whose values differ by less than this fraction of their size counts as constant: the
+# differences are rounding.
 CONSTANT = 1e-12
-"""An output whose values differ by less than this fraction of their size counts as constant: the
-differences are rounding."""
 
+# Name -> index of each output `(outputs,)`, of each of its parameters `(outputs, parameters)`, or
+# of each pair of them `(outputs, parameters, parameters)`.
 Indices = dict[str, Float[np.ndarray, "outputs ..."]]
-"""Name -> index of each output `(outputs,)`, of each of its parameters `(outputs, parameters)`, or
-of each pair of them `(outputs, parameters, parameters)`."""
 
 
 @final
@@ -163,7 +163,7 @@ def indices_of(
     indices: Indices = {}
     for number, mask in enumerate(patterns.T):
         columns = np.flatnonzero(group.ravel() == number)
-        if np.count_nonzero(mask) < LEAST_BLOCKS:
+        if np.count_nonzero(mask) < MIN_BLOCKS:
             continue
         part = design.of_blocks(mask)
         runs = np.repeat(mask, design.block)

@@ -3,8 +3,8 @@
 from typing import Literal, TypeAlias
 
 from .._arguments import of_kind
-from .._errors import SimulationError
 from .._name_suggestions import did_you_mean
+from ..errors import SimulationError
 from ._correlations import Pearson, Spearman
 from ._derivative_based import DerivativeBased
 from ._method import AbstractMethod

@@ -6,15 +6,15 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..simulation import REDUCTIONS, Reductions
 from ._outputs import Column, Output, columns_of_values
 
+# From parameter -> values `(runs,)`, in the unit of the rig's table, to output -> values `(runs,)`
+# or `(runs, ...)`, NaN if a run failed; or to `Reductions`.
 Model: TypeAlias = Callable[
     [dict[str, Float[np.ndarray, " runs"]]], Mapping[str, ArrayLike] | Reductions
 ]
-"""From parameter -> values `(runs,)`, in the unit of the rig's table, to output -> values
-`(runs,)` or `(runs, ...)`, NaN if a run failed; or to `Reductions`."""
 
 
 def run_model(model: Model, draws: dict[str, Float[np.ndarray, " runs"]]) -> list[Column]:

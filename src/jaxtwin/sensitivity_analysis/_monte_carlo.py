@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from .._arguments import whole_number
-from .._errors import SimulationError
 from .._executor import Executor
 from .._waiting import announced
+from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -23,8 +23,8 @@ from ._paired_twins import distinct_names, paired_twins
 from ._sampling import checked_seed, checked_spread
 from ._sensitivity import MEAN, Sensitivity
 
+# Its draws are those of the paper: independent and random, each a run.
 METHOD = Pearson()
-"""Its draws are those of the paper: independent and random, each a run."""
 
 
 @announced("sensitivity analysis")

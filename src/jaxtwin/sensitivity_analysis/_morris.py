@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import whole_number
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ._bootstrap import half_width, resample_weights
 from ._inputs import Inputs
 from ._method import AbstractMethod, Design, Indices

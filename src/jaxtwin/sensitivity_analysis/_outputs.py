@@ -9,23 +9,23 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 
 from .._arguments import finite_number, names_of
-from .._errors import SimulationError
 from .._name_suggestions import did_you_mean
+from ..errors import SimulationError
 from ..io import Experiment
 from ..simulation import REDUCTIONS, ReductionName, Reductions
 from ..simulation._reductions import ReductionFunction
 from ._paired_twins import distinct_names
 from ._sensitivity import MEAN
 
+# The name of a reduction (see `jaxtwin.simulation.Reductions`); the "uniformity", the range over
+# the channels on average over time, K; or the "temperature" of each channel at several times.
 OutputName: TypeAlias = ReductionName | Literal["uniformity", "temperature"]
-"""The name of a reduction (see `jaxtwin.simulation.Reductions`); the "uniformity", the range over
-the channels on average over time, K; or the "temperature" of each channel at several times."""
 
+# Names of outputs, or name -> the same name, or a JAX function of a trajectory.
 OutputChoice: TypeAlias = Iterable[OutputName] | Mapping[str, OutputName | ReductionFunction]
-"""Names of outputs, or name -> the same name, or a JAX function of a trajectory."""
 
+# The default number of times at which temperatures are outputs.
 TIMES = 25
-"""The default number of times at which temperatures are outputs."""
 
 
 @final

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit

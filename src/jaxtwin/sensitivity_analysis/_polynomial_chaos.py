@@ -18,11 +18,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri
 
-from ._marginals import SMALLEST
+from ._marginals import MIN_PROBABILITY
 from ._method import AbstractPlainMethod, Design, Indices
 
-MOST_TERMS = 2000
-"""The largest number of terms of a polynomial; the work grows with its square."""
+# The largest number of terms of a polynomial; the work grows with its square.
+MAX_TERMS = 2000
 
 
 @final
@@ -52,8 +52,10 @@ class PolynomialChaos(AbstractPlainMethod):
         columns = outputs.shape[1]
         variance = outputs.var(axis=0)
         names = {"S1": (count,), "ST": (count,), "S2": (count, count)}
-        found: Indices = {name: np.full((columns, *shape), np.nan) for name, shape in names.items()}
-        found |= {"loo_error": np.full(columns, np.inf), "degree": np.full(columns, np.nan)}
+        result: Indices = {
+            name: np.full((columns, *shape), np.nan) for name, shape in names.items()
+        }
+        result |= {"loo_error": np.full(columns, np.inf), "degree": np.full(columns, np.nan)}
         for degree, powers in _candidates(runs, count):
             basis = _basis(design, powers)
             directions, triangle = np.linalg.qr(basis)
@@ -64,12 +66,12 @@ class PolynomialChaos(AbstractPlainMethod):
             leverage = np.minimum(np.sum(directions**2, axis=1), 1 - 1e-9)[:, None]
             residuals = (outputs - directions @ projected) / (1 - leverage)
             error = np.mean(residuals**2, axis=0) / variance
-            better = error < found["loo_error"]
-            found["loo_error"][better], found["degree"][better] = error[better], degree
+            better = error < result["loo_error"]
+            result["loo_error"][better], result["degree"][better] = error[better], degree
             for name, index in _shares(coefficients[:, better], powers).items():
-                found[name][better] = index
-        found["loo_error"][np.isinf(found["loo_error"])] = np.nan
-        return found
+                result[name][better] = index
+        result["loo_error"][np.isinf(result["loo_error"])] = np.nan
+        return result
 
 
 def _candidates(
@@ -78,7 +80,7 @@ def _candidates(
     """Returns the total degrees with at most half as many terms as runs, and the powers of each
     term, the constant first."""
     degree = 1
-    while comb(parameters + degree, degree) <= min(runs // 2, MOST_TERMS):
+    while comb(parameters + degree, degree) <= min(runs // 2, MAX_TERMS):
         chosen = [
             np.bincount(np.array(term, int), minlength=parameters)
             for total in range(degree + 1)
@@ -110,7 +112,7 @@ def _legendre(unit: Float[np.ndarray, " runs"], highest: int) -> Float[np.ndarra
 
 
 def _hermite(unit: Float[np.ndarray, " runs"], highest: int) -> Float[np.ndarray, "runs degrees"]:
-    z = ndtri(np.clip(unit, SMALLEST, 1 - 2.0**-53))
+    z = ndtri(np.clip(unit, MIN_PROBABILITY, 1 - 2.0**-53))
     rows = [np.ones_like(z), z]
     for k in range(1, highest):
         rows.append((z * rows[k] - np.sqrt(k) * rows[k - 1]) / np.sqrt(k + 1))

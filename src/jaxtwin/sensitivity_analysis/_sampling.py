@@ -7,23 +7,23 @@ from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 from .._arguments import finite_number, whole_number
-from .._errors import SimulationError
+from ..errors import SimulationError
 
-BLOCK = 1024
-"""The number of draws from one state of the generator; a part of a long sweep starts at a block."""
+# The number of draws from one state of the generator; a part of a long sweep starts at a block.
+DRAWS_OF_A_KEY = 1024
 
-FARTHEST = float(ndtri(1 - 2.0**-53))
-"""The largest normal score that a uniform number of float64 gives, 8.2 standard deviations."""
+# The largest normal score that a uniform number of float64 gives, 8.2 standard deviations.
+MAX_NORMAL_SCORE = float(ndtri(1 - 2.0**-53))
 
 
 def limits(value: float, spread: float) -> tuple[float, float]:
     """The smallest and the largest number that `normal_draws` can draw around a value."""
-    farthest = value * (1 + spread * FARTHEST)
+    farthest = value * (1 + spread * MAX_NORMAL_SCORE)
     return min(0.0, farthest), max(0.0, farthest)
 
 
-LARGEST_SEED = 2**128 - 1
-"""The key of the generator has 128 bits."""
+# The key of the generator has 128 bits.
+MAX_SEED = 2**128 - 1
 
 
 def checked_seed(where: str, seed: int) -> int:
@@ -32,7 +32,7 @@ def checked_seed(where: str, seed: int) -> int:
     **Raises:** `SimulationError` if it is no whole number from 0 to 2**128 - 1.
     """
     number = whole_number(where, seed, 0, SimulationError)
-    if number > LARGEST_SEED:
+    if number > MAX_SEED:
         raise SimulationError(f"{where}: expected a whole number up to 2**128 - 1, got {number}")
     return number
 
@@ -85,13 +85,13 @@ def uniform_draws(
     - `seed`: the same seed gives the same numbers, whatever `start` and `stop`.
     - `stop`, `start`: the rows number start to stop - 1 of the sequence are made.
     """
-    first = start // BLOCK
-    blocks = range(first, -(-stop // BLOCK))
+    first = start // DRAWS_OF_A_KEY
+    blocks = range(first, -(-stop // DRAWS_OF_A_KEY))
     return np.concatenate(
         [
             np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, block])).random(
-                (BLOCK, columns)
+                (DRAWS_OF_A_KEY, columns)
             )
             for block in blocks
         ]
-    )[start - first * BLOCK : stop - first * BLOCK]
+    )[start - first * DRAWS_OF_A_KEY : stop - first * DRAWS_OF_A_KEY]

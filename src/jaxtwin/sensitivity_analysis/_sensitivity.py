@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 
 from .._arguments import true_or_false
 from .._display import html_table, picture
-from .._errors import ParameterError
 from .._name_suggestions import did_you_mean
+from ..errors import ParameterError
 from ._sampling import limits
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.axes import Axes
 
+# The name of the mean cost of all channels, which is in the result as a further channel.
 MEAN = "mean"
-"""The name of the mean cost of all channels, which is in the result as a further channel."""
 
 
 @final

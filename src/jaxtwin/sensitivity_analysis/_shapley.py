@@ -25,8 +25,8 @@ from ._inputs import Inputs
 from ._method import AbstractMethod, Design, Indices
 from ._unit_samples import SampleKind
 
+# The number of inner samples.
 INNER = 3
-"""The number of inner samples."""
 
 
 @final

@@ -9,8 +9,8 @@ from jaxtyping import Array, Float, Int
 
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
-from .._errors import SimulationError
 from .._jax_settings import own_settings
+from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation import Reductions, TimeGrid
@@ -21,8 +21,8 @@ from ..simulation._refinement import needs_shorter_steps
 from ..simulation._simulate import _run_exponential, checked_channels
 from ..simulation._workers import work_in_chunks
 
+# The number of draws that a core differentiates at a time, each with respect to all parameters.
 CHUNK = 32
-"""The number of draws that a core differentiates at a time, each with respect to all parameters."""
 
 
 def slopes_of(

@@ -93,7 +93,7 @@ class Sobol(AbstractMethod):
 
         S1, S1_again = shares(first)
         ST, ST_again = shares(total)
-        found = {
+        result = {
             "S1": S1.T,
             "S1_conf": half_width(S1_again).T,
             "ST": ST.T,
@@ -102,15 +102,15 @@ class Sobol(AbstractMethod):
         if self.second_order:
             from_a = rows[:, count + 1 : 2 * count + 1]
             shape = (outputs.shape[1], count, count)
-            found["S2"], found["S2_conf"] = np.full(shape, np.nan), np.full(shape, np.nan)
+            result["S2"], result["S2_conf"] = np.full(shape, np.nan), np.full(shape, np.nan)
             for j in range(count - 1):
                 products = from_a[:, [j]] * from_b[:, j + 1 :] - (a * b)[:, None]
                 both, both_again = shares(products)
                 pair = both - S1[[j]] - S1[j + 1 :]
                 again = both_again - S1_again[:, [j]] - S1_again[:, j + 1 :]
-                found["S2"][:, j, j + 1 :] = pair.T
-                found["S2_conf"][:, j, j + 1 :] = half_width(again).T
-        return found
+                result["S2"][:, j, j + 1 :] = pair.T
+                result["S2_conf"][:, j, j + 1 :] = half_width(again).T
+        return result
 
 
 def _variance(moments: Float[np.ndarray, "2 *shape"]) -> Float[np.ndarray, "*shape"]:

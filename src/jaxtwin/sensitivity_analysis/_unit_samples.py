@@ -5,13 +5,13 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import SimulationError
 from .._name_suggestions import did_you_mean
+from ..errors import SimulationError
 from ._sampling import uniform_draws
 
+# Independent random numbers, as the paper takes them; a Latin hypercube, which has a sample in each
+# of equally likely intervals of each parameter; or Sobol's sequence, scrambled (Owen).
 SampleKind: TypeAlias = Literal["random", "latin-hypercube", "sobol"]
-"""Independent random numbers, as the paper takes them; a Latin hypercube, which has a sample in
-each of equally likely intervals of each parameter; or Sobol's sequence, scrambled (Owen)."""
 
 
 def unit_samples(

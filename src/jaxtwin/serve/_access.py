@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
-LARGEST_BODY = 4096
-"""The largest body of a command, bytes."""
+# The largest body of a command, bytes.
+MAX_BODY = 4096
 
+# The longest time in which a body must arrive, s.
 BODY_SECONDS = 2.0
-"""The longest time in which a body must arrive, s."""
 
+# The names of this machine for itself.
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
-"""The names of this machine for itself."""
 
 _HOST = re.compile(r"(\[[0-9a-f:]{2,45}\]|[a-z0-9.-]{1,253})(:[0-9]{1,5})?")
 
@@ -96,8 +96,8 @@ class Access:
         length = headers.get("content-length", "0")
         if not re.fullmatch("[0-9]{1,9}", length):
             return Refusal(400, "content-length: expected a number of bytes")
-        if int(length) > LARGEST_BODY:
-            return Refusal(413, f"expected at most {LARGEST_BODY} bytes")
+        if int(length) > MAX_BODY:
+            return Refusal(413, f"expected at most {MAX_BODY} bytes")
         kind, _, given = headers.get("authorization", "").partition(" ")
         if kind != "Bearer" or not given:
             return Refusal(401, "authorization: expected the token that the server printed")

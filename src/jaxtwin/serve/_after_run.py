@@ -3,7 +3,7 @@
 from typing import final
 
 from ..live import Finding, Guard, Record, Replay, RigConnection, RigState
-from ..live._switch_off import HEATS
+from ..live._switch_off import STILL_HEATS
 from ..live.safety._off_watch import OffWatch, heat_sentence
 from ._page import Page
 
@@ -71,6 +71,6 @@ class AfterRun:
         if watch.verdict == "heats" and not self._stops:
             text = heat_sentence(watch.detail)
             self._page.heats = text
-            self._page.on_finding(Finding(HEATS, text, severity="critical"))
+            self._page.on_finding(Finding(STILL_HEATS, text, severity="critical"))
             watch.again(state, now)
             self._watch, self._stops = watch, True

@@ -16,25 +16,25 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from .._errors import JaxtwinError
-from ._access import BODY_SECONDS, LARGEST_BODY, Access, Refusal
+from ..errors import JaxtwinError
+from ._access import BODY_SECONDS, MAX_BODY, Access, Refusal
 from ._desk import Desk
 from ._metrics import CONTENT_TYPE, metrics_text
 from ._orders import KINDS, check_names, fields_of, order_of
 from ._page import Page
 from ._stream import stream
 
-MOST_STREAMS = 200
-"""The largest number of streams at a time."""
+# The largest number of streams at a time.
+MAX_STREAMS = 200
 
+# The longest time until an order is obeyed or a stop is reported by the device, s.
 ANSWER_SECONDS = 10.0
-"""The longest time until an order is obeyed or a stop is reported by the device, s."""
 
-LONGEST_SPAN = 8 * 86_400.0
-"""The longest history, s."""
+# The longest history, s.
+MAX_SPAN = 8 * 86_400.0
 
+# The time without a turn of the loop after which the server is not healthy, s.
 STUCK_SECONDS = 10.0
-"""The time without a turn of the loop after which the server is not healthy, s."""
 
 HEADERS = {
     # Everything comes from this server, and nothing may be embedded.
@@ -113,8 +113,8 @@ class _Web:
     async def events(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
             return _refused(refusal)
-        if self._streams >= MOST_STREAMS:
-            return _refused(Refusal(503, f"there are {MOST_STREAMS} clients already"))
+        if self._streams >= MAX_STREAMS:
+            return _refused(Refusal(503, f"there are {MAX_STREAMS} clients already"))
         self._streams += 1  # before anything else runs: streams that open together count too
         last = request.headers.get("last-event-id") or request.query_params.get("after", "")
         headers = {**HEADERS, "cache-control": "no-store", "x-accel-buffering": "no"}
@@ -125,10 +125,10 @@ class _Web:
         if refusal := self._access.refuse_read(request.headers):
             return _refused(refusal)
         text = request.query_params.get("span", "300")
-        if not re.fullmatch(r"[0-9]{1,6}", text) or not 1 <= int(text) <= LONGEST_SPAN:
-            return _refused(Refusal(400, f"span: expected 1 to {LONGEST_SPAN:.0f} s"))
-        found = await asyncio.to_thread(self._page.history.over, float(text))
-        return JSONResponse(found, headers={**HEADERS, "cache-control": "no-store"})
+        if not re.fullmatch(r"[0-9]{1,6}", text) or not 1 <= int(text) <= MAX_SPAN:
+            return _refused(Refusal(400, f"span: expected 1 to {MAX_SPAN:.0f} s"))
+        result = await asyncio.to_thread(self._page.history.over, float(text))
+        return JSONResponse(result, headers={**HEADERS, "cache-control": "no-store"})
 
     async def metrics(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
@@ -195,8 +195,8 @@ class _Web:
             body = b""
             async for part in request.stream():
                 body += part
-                if len(body) > LARGEST_BODY:
-                    return Refusal(413, f"expected at most {LARGEST_BODY} bytes")
+                if len(body) > MAX_BODY:
+                    return Refusal(413, f"expected at most {MAX_BODY} bytes")
             return body
 
         try:

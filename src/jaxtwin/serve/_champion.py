@@ -8,8 +8,8 @@ from ._twin_beside import TwinBeside
 if TYPE_CHECKING:  # a page without a store does not import it
     from ..twin_store import TwinStore, TwinVersion
 
+# The time between two looks at the store, s, which another process may change.
 LOOK_SECONDS = 5.0
-"""The time between two looks at the store, s, which another process may change."""
 
 
 @final
@@ -65,13 +65,13 @@ class Champion:
             "followed": self.number,
             "versions": [
                 {
-                    "number": one.number,
-                    "made": one.made,
-                    "parent": one.parent,
-                    "reason": one.reason,
-                    "aliases": list(one.aliases),
+                    "number": version.number,
+                    "made": version.made,
+                    "parent": version.parent,
+                    "reason": version.reason,
+                    "aliases": list(version.aliases),
                 }
-                for one in reversed(self.store.versions[-20:])
+                for version in reversed(self.store.versions[-20:])
             ],
         }
 

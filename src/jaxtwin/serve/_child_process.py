@@ -15,10 +15,10 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, NamedTuple, final
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 
+# The niceness of such a process: the loop around the rig goes first.
 NICE = 10
-"""The niceness of such a process: the loop around the rig goes first."""
 
 
 class Outcome(NamedTuple):

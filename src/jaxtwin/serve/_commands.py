@@ -5,9 +5,9 @@ from typing import Any, NamedTuple, TypeAlias, final
 
 import numpy as np
 
-from .._errors import ControlError
 from ..control import AbstractController
 from ..control.controllers._duty_limits import bounds_of
+from ..errors import ControlError
 from ..io import Experiment
 from ..live import Moment, RigConnection
 from ..physics import Twin
@@ -102,4 +102,4 @@ def described(order: RunOrder) -> str:
     """An order in words, behind "the rig is"."""
     if isinstance(order, DriveOrder):
         return f"driven with a duty of {', '.join(f'{100 * part:.0f} %' for part in order.duty)}"
-    return f"held at {', '.join(f'{one:g} °C' for one in order.references)}"
+    return f"held at {', '.join(f'{reference:g} °C' for reference in order.references)}"

@@ -65,8 +65,8 @@ class RefitOrder:
     seconds: float
 
 
+# What commands the rig: it begins a run, or changes one that goes on.
 RunOrder = DriveOrder | HoldOrder
-"""What commands the rig: it begins a run, or changes one that goes on."""
 
 Order = RunOrder | RefitOrder | PromoteOrder | RollbackOrder
 

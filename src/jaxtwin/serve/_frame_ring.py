@@ -12,8 +12,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple, final
 
-FRAMES = 1200
-"""The number of frames that a ring holds: two minutes of a page that gets ten in a second."""
+# The number of frames that a ring holds: two minutes of a page that gets ten in a second.
+RING_FRAMES = 1200
 
 
 class Batch(NamedTuple):
@@ -43,7 +43,7 @@ class FrameRing:
 
     def __init__(
         self,
-        size: int = FRAMES,
+        size: int = RING_FRAMES,
         name: str | None = None,
         on_frame: Callable[[str, str], object] = lambda kind, text: None,
     ):
@@ -97,19 +97,21 @@ class FrameRing:
     def newest_contents(self) -> list[tuple[str, str]]:
         """Returns kind and content, as JSON, of the newest frame of each kind, by their numbers."""
         with self._lock:
-            found = sorted((number, kind, text) for kind, (number, _, text) in self._newest.items())
-        return [(kind, text) for _, kind, text in found]
+            result = sorted(
+                (number, kind, text) for kind, (number, _, text) in self._newest.items()
+            )
+        return [(kind, text) for _, kind, text in result]
 
     def newest_of(self, kind: str) -> Any:
         """Returns the content of the newest frame of a kind; None if there is none."""
-        found = self._newest.get(kind)
-        return None if found is None else json.loads(found[2])
+        result = self._newest.get(kind)
+        return None if result is None else json.loads(result[2])
 
     def cursor_of(self, event_id: str) -> int | None:
         """Returns the cursor of a client that comes back with the id of its last frame; None if
         frames behind it are gone, or it is an id of another server."""
-        found = re.fullmatch(r"([0-9a-z]{1,32})-([0-9]{1,15})", event_id)
-        if found is None or found[1] != self.name:
+        result = re.fullmatch(r"([0-9a-z]{1,32})-([0-9]{1,15})", event_id)
+        if result is None or result[1] != self.name:
             return None
-        cursor = int(found[2])
+        cursor = int(result[2])
         return cursor if self._count - len(self._frames) <= cursor <= self._count else None

@@ -12,15 +12,15 @@ from .._json_values import json_value
 from ..observers._estimates import Estimate
 from ._contents import significant
 
+# The lengths of the intervals, s, and their numbers: an hour, a day and a week.
 LEVELS = ((1.0, 3600), (10.0, 8640), (60.0, 10_080))
-"""The lengths of the intervals, s, and their numbers: an hour, a day and a week."""
 
-MOST_POINTS = 600
-"""The largest number of intervals of an answer, which is that of the pixels of a chart."""
+# The largest number of intervals of an answer, which is that of the pixels of a chart.
+MAX_POINTS = 600
 
 
+# What is kept of the uncertain parameters: the estimate, and the edges of its 95 % band.
 PARAMETERS = ("parameter", "parameter_lower", "parameter_upper")
-"""What is kept of the uncertain parameters: the estimate, and the edges of its 95 % band."""
 
 
 @final
@@ -77,7 +77,7 @@ class History:
             for level in self._levels:
                 level.add(time, readings, expected, band, duty, parameters)
 
-    def over(self, span: float, points: int = MOST_POINTS) -> dict[str, Any]:
+    def over(self, span: float, points: int = MAX_POINTS) -> dict[str, Any]:
         """Returns the last `span` seconds in at most `points` intervals, by the finest level that
         reaches back so far.
 

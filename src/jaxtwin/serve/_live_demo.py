@@ -17,35 +17,35 @@ from ..simulation import simulate
 from ..twin_store import TwinStore
 from ._desk import Desk, DriveOrder, RefitOrder
 from ._page import Page
-from ._rig_loop import STOPPED
+from ._rig_loop import STOPPED_BY_HAND
 
 RIG = "single-cell"
 
 SESSION, SESSIONS = 900, 4
 """The length of a session from which the first twin is matched, s, and their number."""
 
-STEP = 60.0
-"""The time between two steps of the duty, s of the rig."""
+# The time between two steps of the duty, s of the rig.
+STEP_SECONDS = 60.0
 
+# When the contact comes loose, s of the rig.
 LOOSE_AT = 360.0
-"""When the contact comes loose, s of the rig."""
 
+# The time after that at which the twin is refitted to it, s of the rig.
 REFIT_AFTER = 600.0
-"""The time after that at which the twin is refitted to it, s of the rig."""
 
-REST = LOOSE_AT + STEP
-"""When the cell rests for a step, s of the rig."""
+# When the cell rests for a step, s of the rig.
+REST_AT = LOOSE_AT + STEP_SECONDS
 
-REFIT_LENGTH = LOOSE_AT + REFIT_AFTER - REST - STEP + 5.0
-"""The time to which it is refitted, s of the rig. It begins at the end of the rest: only then do
-the temperatures at the start of a session describe the rig, whose cell and plate differ by several
-K while heat flows through the loose contact."""
+# The time to which it is refitted, s of the rig. It begins at the end of the rest: only then do the
+# temperatures at the start of a session describe the rig, whose cell and plate differ by several K
+# while heat flows through the loose contact.
+REFIT_LENGTH = LOOSE_AT + REFIT_AFTER - REST_AT - STEP_SECONDS + 5.0
 
-LATE = 0.1
-"""How late a command may reach the rig, s of the host."""
+# How late a command may reach the rig, s of the host.
+MAX_LATENESS_SECONDS = 0.1
 
+# The lowest and the highest duty of the steps.
 DUTY = (0.0, 0.5)
-"""The lowest and the highest duty of the steps."""
 
 
 def demo_faults() -> Faults:
@@ -65,8 +65,8 @@ def demo_store(folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
     twin, random = Twin(RIG), np.random.default_rng(seed)
     sessions = []
     for number in range(SESSIONS):
-        steps = random.uniform(*DUTY, SESSION // int(STEP) + 1)
-        duty = np.repeat(steps, int(STEP))[: SESSION + 1, None]
+        steps = random.uniform(*DUTY, SESSION // int(STEP_SECONDS) + 1)
+        duty = np.repeat(steps, int(STEP_SECONDS))[: SESSION + 1, None]
         plan = Experiment(np.arange(SESSION + 1.0), duty, channels=twin.channels)
         run = simulate(twin, plan)
         sessions.append(run.to_recording(seed=seed + number, name=f"session {number + 1}"))
@@ -74,7 +74,7 @@ def demo_store(folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
     fit = match(twin, sessions)
     noise = usual_noise(fit, sessions)
     # The faster a rig runs, the later in its own time a command reaches it.
-    late = max(float(np.asarray(noise.command_time)), LATE * speed)
+    late = max(float(np.asarray(noise.command_time)), MAX_LATENESS_SECONDS * speed)
     noise = replace(noise, command_time=late)
     store.add(fit, reason="matched to four sessions", noise=noise, aliases=["champion"])
     return store
@@ -110,10 +110,10 @@ class DemoScript:
         """Leaves the orders that are due."""
         if self._first is None or self._is_stopped():
             return
-        if self._time >= STEP * self._steps:
+        if self._time >= STEP_SECONDS * self._steps:
             self._steps += 1
             duty = round(float(self._random.uniform(*DUTY)), 2)
-            if self._steps == round(REST / STEP) + 1:
+            if self._steps == round(REST_AT / STEP_SECONDS) + 1:
                 duty = 0.0
             # An interlock may have ended the run, on a machine that was busy with other things.
             self._desk.ask(DriveOrder((duty,), 86_400.0, reset=self._steps > 1))
@@ -131,4 +131,4 @@ class DemoScript:
         return True
 
     def _is_stopped(self) -> bool:
-        return self._page.ring.newest_of("run")["text"].startswith(STOPPED)
+        return self._page.ring.newest_of("run")["text"].startswith(STOPPED_BY_HAND)

@@ -11,11 +11,11 @@ from ..physics import Twin
 from ._child_process import ChildProcess, Outcome
 from ._recent_samples import RecentSamples
 
+# The times after a finding at which is diagnosed, s of the rig: later, more is known.
 DELAYS = (60.0, 300.0)
-"""The times after a finding at which is diagnosed, s of the rig: later, more is known."""
 
-LEAST = 180
-"""The smallest number of samples of a diagnosis: an observer needs two minutes to find the rig."""
+# The smallest number of samples of a diagnosis: an observer needs two minutes to find the rig.
+MIN_SAMPLES = 180
 
 
 @final
@@ -67,12 +67,12 @@ class LiveDiagnosis:
         is_due = bool(self._due) and self._recent.now >= self._due[0]
         if is_due and not self._process.is_running:
             self._due = [time for time in self._due if time > self._recent.now]
-            if len(self._recent) >= LEAST:
+            if len(self._recent) >= MIN_SAMPLES:
                 self._show({"state": "running", "causes": self._causes})
                 recorded = self._recent.recorded()
                 self._process.begin(causes_of, self._twin, recorded, self._noise)
             elif not self._due:
-                text = f"expected {LEAST} samples, got {len(self._recent)}"
+                text = f"expected {MIN_SAMPLES} samples, got {len(self._recent)}"
                 self._show({"state": "failed", "text": text, "causes": self._causes})
 
     def close(self) -> None:

@@ -65,6 +65,6 @@ def refit_champion(store: "TwinStore", recorded: Experiment) -> str:
     from ..refitting._keep_refit import keep_refit
 
     champion = store.version("champion")
-    found = refit(champion.fit(), recorded, noise=champion.noise)
-    keep_refit(store, champion, recorded, found)
-    return f"{found.decision}: {found.reason}"
+    result = refit(champion.fit(), recorded, noise=champion.noise)
+    keep_refit(store, champion, recorded, result)
+    return f"{result.decision}: {result.reason}"

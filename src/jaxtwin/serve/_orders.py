@@ -5,24 +5,24 @@ from collections.abc import Sequence
 from reprlib import repr as shortened
 from typing import Any
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ._desk import DriveOrder, HoldOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
-from ._recent_samples import KEPT, SPACING
+from ._recent_samples import MAX_SAMPLES, SPACING_SECONDS
 
-LONGEST = 86_400.0
-"""The longest time for which a duty is held, s of the rig."""
+# The longest time for which a duty is held, s of the rig.
+MAX_HOLD_SECONDS = 86_400.0
 
-LONGEST_TEXT = 300
-"""The longest reason, letters."""
+# The longest reason, letters.
+MAX_TEXT = 300
 
-LARGEST_VERSION = 2**63
-"""Above all numbers of versions, which are those of SQLite."""
+# Above all numbers of versions, which are those of SQLite.
+MAX_VERSION = 2**63
 
 COLDEST, HOTTEST = -100.0, 500.0
 """The range of references, degC; those that no duty can hold are refused when they are tried."""
 
+# The kinds of orders, which are the ends of their addresses.
 KINDS = ("drive", "hold", "promote", "rollback", "refit")
-"""The kinds of orders, which are the ends of their addresses."""
 
 
 def order_of(kind: str, body: bytes, lowest: Sequence[float], outputs: int) -> Order:
@@ -52,7 +52,9 @@ def order_of(kind: str, body: bytes, lowest: Sequence[float], outputs: int) -> O
             return PromoteOrder(_version(fields), _reason(fields))
         case "refit":
             check_names(fields, {"seconds"})
-            return RefitOrder(_number("seconds", fields.get("seconds"), 300.0, KEPT * SPACING))
+            return RefitOrder(
+                _number("seconds", fields.get("seconds"), 300.0, MAX_SAMPLES * SPACING_SECONDS)
+            )
         case "rollback":
             check_names(fields, {"reason"})
             return RollbackOrder(_reason(fields))
@@ -65,12 +67,12 @@ def fields_of(body: bytes) -> dict[str, Any]:
     **Raises:** `JaxtwinError` if it is something else.
     """
     try:
-        found = json.loads(body or b"{}")
+        result = json.loads(body or b"{}")
     except (ValueError, RecursionError):
         raise JaxtwinError("expected JSON") from None
-    if not isinstance(found, dict):
-        raise JaxtwinError(f"expected an object, got {type(found).__name__}")
-    return found
+    if not isinstance(result, dict):
+        raise JaxtwinError(f"expected an object, got {type(result).__name__}")
+    return result
 
 
 def check_names(fields: dict[str, Any], known: set[str]) -> None:
@@ -95,7 +97,7 @@ def _numbers(
 
 
 def _seconds(fields: dict[str, Any]) -> float:
-    return _number("seconds", fields.get("seconds"), 1.0, LONGEST)
+    return _number("seconds", fields.get("seconds"), 1.0, MAX_HOLD_SECONDS)
 
 
 def _reset(fields: dict[str, Any]) -> bool:
@@ -118,8 +120,8 @@ def _version(fields: dict[str, Any]) -> str:
     version = fields.get("version")
     is_known = isinstance(version, int | str) and not isinstance(version, bool)
     text = str(version) if is_known else ""
-    is_text = bool(text) and text.isprintable() and len(text) <= LONGEST_TEXT
-    if not is_text or (text.isdecimal() and int(text) >= LARGEST_VERSION):
+    is_text = bool(text) and text.isprintable() and len(text) <= MAX_TEXT
+    if not is_text or (text.isdecimal() and int(text) >= MAX_VERSION):
         raise JaxtwinError(f"version: expected a number or an alias, got {shortened(version)}")
     return text
 
@@ -128,6 +130,6 @@ def _reason(fields: dict[str, Any]) -> str:
     reason = fields.get("reason")
     text = " ".join(reason.split()) if isinstance(reason, str) else ""
     # What cannot be printed, such as half a character of UTF-16, cannot be stored either.
-    if not text or not text.isprintable() or len(text) > LONGEST_TEXT:
-        raise JaxtwinError(f"reason: expected a sentence of at most {LONGEST_TEXT} letters")
+    if not text or not text.isprintable() or len(text) > MAX_TEXT:
+        raise JaxtwinError(f"reason: expected a sentence of at most {MAX_TEXT} letters")
     return text

@@ -11,14 +11,14 @@ from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._filter_run import Samples, samples_between
+from ..observers._filter_run import FilterSamples, samples_between
 from ..observers._moments import Moment, Moments, moments
 
+# The length of the forecast, s of the rig.
 HORIZON = 60.0
-"""The length of the forecast, s of the rig."""
 
+# The number of times in it.
 STEPS = 12
-"""The number of times in it."""
 
 
 @final
@@ -53,17 +53,17 @@ def look_ahead(
     held = np.repeat(np.asarray(duty, float)[None], STEPS, axis=0)
     with own_settings():
         samples = samples_between(held, HORIZON / STEPS, len(kalman.model.columns), kalman)
-        found = jax.tree.map(np.asarray, _outlook(kalman, state, samples))
-    each = len(found.readings.mean) // STEPS
-    ends = jax.tree.map(lambda part: part[each - 1 :: each], found.readings)
-    return found._replace(readings=ends)
+        result = jax.tree.map(np.asarray, _outlook(kalman, state, samples))
+    each = len(result.readings.mean) // STEPS
+    ends = jax.tree.map(lambda part: part[each - 1 :: each], result.readings)
+    return result._replace(readings=ends)
 
 
 @persistent_jit
-def _outlook(kalman: ExtendedKalmanFilter, state: KalmanState, samples: Samples) -> Outlook:
+def _outlook(kalman: ExtendedKalmanFilter, state: KalmanState, samples: FilterSamples) -> Outlook:
     model = kalman.model
 
-    def take(state: KalmanState, sample: Samples) -> tuple[KalmanState, Moment]:
+    def take(state: KalmanState, sample: FilterSamples) -> tuple[KalmanState, Moment]:
         state = kalman.step(state, sample.duty, sample.dt)
         variance = jnp.diag(kalman.reading_covariance(state))
         return state, Moment(kalman.readings(state, sample.ambient), jnp.sqrt(variance))

@@ -30,19 +30,19 @@ from ._rig_layout import rig_layout
 from ._story import Situation, is_rig_well, is_twin_right, what_comes
 from ._twin_beside import TwinBeside
 
+# The mean time between two pictures of the readings, ns of the host, and the shortest but for what
+# one of them is late.
 SAMPLE_NS = 100_000_000
-"""The mean time between two pictures of the readings, ns of the host, and the shortest but for what
-one of them is late."""
 
+# The time between two pictures of what the twin says, ns of the host.
 OUTLOOK_NS = 1_000_000_000
-"""The time between two pictures of what the twin says, ns of the host."""
 
-SEVERAL = 2
-"""The number of readings above which a picture stands for several: those of a rig that is as fast
-as pictures are come in pairs now and then."""
+# The number of readings above which a picture stands for several: those of a rig that is as fast as
+# pictures are come in pairs now and then.
+MAX_SINGLE_READINGS = 2
 
+# The number of lines of the log that the page shows.
 LINES = 60
-"""The number of lines of the log that the page shows."""
 
 _COUNTED = frozenset({"garbage", "nonsense", "duplicate"})  # events that the state counts
 _MEMORY = 60.0  # s of the rig over which errors are averaged
@@ -138,8 +138,8 @@ class Page:
         before is over then, and so is its diagnosis."""
         if beside is not self._beside:
             self._before += tuple(
-                one if one.until is not None else replace(one, until=self._looked)
-                for one in self._beside.monitor.findings
+                finding if finding.until is not None else replace(finding, until=self._looked)
+                for finding in self._beside.monitor.findings
             )
             self._before = self._before[-LINES:]
         self._beside = beside
@@ -245,7 +245,7 @@ class Page:
     def pause(self, now: int) -> float:
         """How long the readings may gather from host time `now`, ns, on: until the next picture if
         there are several for each, s. Each turn of the loop costs as much as some readings."""
-        return max(seconds(self._due - now), 0.0) if self._apart > SEVERAL else 0.0
+        return max(seconds(self._due - now), 0.0) if self._apart > MAX_SINGLE_READINGS else 0.0
 
     @property
     def metrics(self) -> list[Metric]:
@@ -339,11 +339,11 @@ class Page:
         self.ring.append("outlook", content)
 
     def _show_findings(self) -> None:
-        found = (*self._before, *self._beside.monitor.findings)
-        if found == self._findings:
+        result = (*self._before, *self._beside.monitor.findings)
+        if result == self._findings:
             return
-        self._findings = found
-        self.ring.append("findings", [finding_as_json(one) for one in reversed(found[-LINES:])])
+        self._findings = result
+        self.ring.append("findings", [finding_as_json(one) for one in reversed(result[-LINES:])])
 
     def _show_story(self, state: RigState, now: int) -> None:
         rig, follower = self.twin.rig, self._follower

@@ -6,9 +6,9 @@ from typing import Any, final
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+# The longest time from the open connection, or from the first byte of a later request, to the end
+# of the headers, s.
 HEAD_SECONDS = 10.0
-"""The longest time from the open connection, or from the first byte of a later request, to the end
-of the headers, s."""
 
 
 @final

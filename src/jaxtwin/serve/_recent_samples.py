@@ -5,17 +5,17 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from .._errors import RecordingError
+from ..errors import RecordingError
 from ..io import Experiment
 from ..live import Reading, Record, RigState, Sample
 from ..live.protocol._clock import seconds
 from ..physics import Twin
 
-SPACING = 1.0
-"""The time between two samples that are kept, s of the rig."""
+# The time between two samples that are kept, s of the rig.
+SPACING_SECONDS = 1.0
 
-KEPT = 1500
-"""The number of samples that are kept."""
+# The number of samples that are kept.
+MAX_SAMPLES = 1500
 
 
 class _Row(NamedTuple):
@@ -38,7 +38,7 @@ class RecentSamples:
 
     def __init__(self, twin: Twin):
         self._twin = twin
-        self._rows: deque[_Row] = deque(maxlen=KEPT)
+        self._rows: deque[_Row] = deque(maxlen=MAX_SAMPLES)
         self._last: tuple[int, float] | None = None  # host time, ns, and that of the rig, s
         self._origin = 0.0
         self._rate = 1.0
@@ -76,7 +76,7 @@ class RecentSamples:
         self._last, self._rate = (max(at, self._last[0]), elapsed), state.rate
         if self._rows:
             last = self._rows[-1]
-            if elapsed - last.time < SPACING:
+            if elapsed - last.time < SPACING_SECONDS:
                 return
             self._sum_until(elapsed)
             self._rows[-1] = last._replace(duty=self._sum / (elapsed - last.time))

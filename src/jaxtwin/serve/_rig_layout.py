@@ -9,8 +9,8 @@ from ..physics import Twin
 from ..rig._cell import Cell
 from ..rig._heater import Heater
 
+# The digits of a place, m.
 METRE_DIGITS = 5
-"""The digits of a place, m."""
 
 
 def rig_layout(twin: Twin) -> dict[str, Any]:

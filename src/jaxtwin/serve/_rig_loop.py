@@ -6,8 +6,8 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from .._errors import JaxtwinError, RecordingError, SafetyStop, StoreError
 from ..control import AbstractController
+from ..errors import JaxtwinError, RecordingError, SafetyStop, StoreError
 from ..live import (
     AlarmInterlock,
     Document,
@@ -45,16 +45,16 @@ from ._live_refit import LiveRefit
 from ._order_in_force import OrderInForce
 from ._page import Page
 
+# The time between two turns after a replay has ended, s.
 IDLE_SECONDS = 0.2
-"""The time between two turns after a replay has ended, s."""
 
-STOPPED = "stopped by hand"
-"""How a run has ended that somebody stopped."""
+# How a run has ended that somebody stopped.
+STOPPED_BY_HAND = "stopped by hand"
 
 log = logging.getLogger("jaxtwin.serve")
 
+# `starting` until the device has acknowledged a command of the order.
 RunState = Literal["idle", "starting", "driving"]
-"""`starting` until the device has acknowledged a command of the order."""
 
 
 @final
@@ -245,7 +245,7 @@ class RigLoop:
                 on_end=ends.append,
                 confirm_off=False,  # the page goes on meanwhile, see `AfterRun`
             )
-            text = "the time is over" if outcome == "completed" else STOPPED
+            text = "the time is over" if outcome == "completed" else STOPPED_BY_HAND
             text, is_off = f"{text}; {ends[-1]}", True
         except SafetyStop as error:
             level, text = "critical", str(error)

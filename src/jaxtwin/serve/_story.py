@@ -12,15 +12,15 @@ from ..live import Finding
 from ..monitoring._monitor import SETTLE
 from ..observers._moments import Moment
 
+# The age from which on readings say nothing about the present, s.
 OLD_SECONDS = 3.0
-"""The age from which on readings say nothing about the present, s."""
 
-SURPRISE = 2.0
-"""The mean normalised innovation squared above which a twin expects readings worse than it says; it
-is 1 if noise and twin are right."""
+# The mean normalised innovation squared above which a twin expects readings worse than it says; it
+# is 1 if noise and twin are right.
+SURPRISING_NIS = 2.0
 
+# A change in the next minute that is smaller than this is none.
 STEADY_KELVIN = 0.2
-"""A change in the next minute that is smaller than this is none."""
 
 Level = Literal["good", "unknown", "notice", "warning", "critical"]
 
@@ -140,7 +140,7 @@ def is_twin_right(now: Situation) -> Sentence:
     notices = [finding for finding in now.findings if not finding.is_alarm]
     if notices:
         return Sentence("notice", "The twin has to adapt", f"{_capital(notices[0].detail)}.")
-    if now.surprise > SURPRISE:
+    if now.surprise > SURPRISING_NIS:
         text = f"{off} That is {np.sqrt(now.surprise):.1f} times what it takes for usual."
         return Sentence("notice", "The twin is less exact than usual", text)
     return Sentence("good", "The twin is right", off)

@@ -5,11 +5,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 
 from ._frame_ring import FrameRing
 
-PACE = 0.05
-"""The time between two looks of a client at the ring, s: all frames between are sent together."""
+# The time between two looks of a client at the ring, s: all frames between are sent together.
+POLL_SECONDS = 0.05
 
-QUIET = 5.0
-"""The time after which a line without meaning is sent, s, so that proxies keep the connection."""
+# The time after which a line without meaning is sent, s, so that proxies keep the connection.
+KEEPALIVE_SECONDS = 5.0
 
 
 async def stream(
@@ -45,11 +45,11 @@ async def stream(
                 continue
             if batch.frames:
                 yield b"".join(batch.frames)
-            elif quiet >= QUIET:
+            elif quiet >= KEEPALIVE_SECONDS:
                 yield b":\n\n"
-        quiet = 0.0 if batch.frames or quiet >= QUIET else quiet + PACE
+        quiet = 0.0 if batch.frames or quiet >= KEEPALIVE_SECONDS else quiet + POLL_SECONDS
         cursor = batch.cursor
-        await wait(PACE)
+        await wait(POLL_SECONDS)
 
 
 def _hello(ring: FrameRing, cursor: int, lost: int) -> bytes:

@@ -11,8 +11,8 @@ from ..observers import ExtendedKalmanFilter, ProcessNoise, live_observer
 from ..physics import Twin
 from ._outlook import look_ahead
 
+# The usual time between two readings for which an observer is made, s.
 SAMPLE_TIME = 1.0
-"""The usual time between two readings for which an observer is made, s."""
 
 
 @final

@@ -6,21 +6,21 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import final
 
-from .._errors import JaxtwinError, LinkError
+from ..errors import JaxtwinError, LinkError
 from ..live import SystemClock, TcpServer, VirtualRig
 from ..live import serve as serve_device
 from ..physics import Faults, Twin
 from ._child_process import end_with_parent
 
+# The longest time until it is ready, s: it compiles its twin.
 START_SECONDS = 120.0
-"""The longest time until it is ready, s: it compiles its twin."""
 
 
-FRAMES = 10.0
-"""The frames of its camera in a second of the host: a page shows no more pictures."""
+# The frames of its camera in a second of the host: a page shows no more pictures.
+FRAMES_PER_SECOND = 10.0
 
-SLOWEST = 0.5
-"""The smallest number of them in a second of the rig, which an observer needs."""
+# The smallest number of them in a second of the rig, which an observer needs.
+MIN_FRAMES_PER_SECOND = 0.5
 
 
 @final
@@ -77,7 +77,7 @@ class VirtualLink:
 def _run(answer: Connection, twin: Twin, speed: float, faults: Faults, seed: int) -> None:
     end_with_parent()
     try:
-        frames = min(max(FRAMES / speed, SLOWEST), FRAMES)
+        frames = min(max(FRAMES_PER_SECOND / speed, MIN_FRAMES_PER_SECOND), FRAMES_PER_SECOND)
         device = VirtualRig(twin, speed=speed, seed=seed, camera_rate=frames, faults=faults)
         server = TcpServer("127.0.0.1:0")
     except JaxtwinError as error:

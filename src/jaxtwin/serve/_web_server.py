@@ -7,13 +7,13 @@ import threading
 from types import TracebackType
 from typing import TYPE_CHECKING, final
 
-from .._errors import LinkError
+from ..errors import LinkError
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
 
+# The longest time for which open connections delay the end, s.
 CLOSE_SECONDS = 3
-"""The longest time for which open connections delay the end, s."""
 
 
 def listening(host: str, port: int) -> socket.socket:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._celsius import COLDEST_ROOM, ZERO_CELSIUS
-from .._errors import ParameterError
+from ..errors import ParameterError
 from ..physics import Twin, build_netlist
 from ..physics._placed import placed_names
 from ..rig import Rig, Value
@@ -26,11 +26,11 @@ def check_values(twin: Twin, where: str | None = None) -> None:
     """
     values = {name: np.float64(value) for name, value in twin.numbers_si.items()}
     for what, value, (lowest, highest) in _places(twin.rig):
-        found = float(value.evaluate(values))
-        if not lowest <= found <= highest:
+        result = float(value.evaluate(values))
+        if not lowest <= result <= highest:
             raise ParameterError(
                 f"{where or twin.rig.name}: {what} ({value}): expected its bounds, "
-                f"{100 * lowest:g} cm to {100 * highest:g} cm, got {100 * found:g} cm"
+                f"{100 * lowest:g} cm to {100 * highest:g} cm, got {100 * result:g} cm"
             )
     room = float(twin.rig.ambient_temperature.evaluate(values)) - ZERO_CELSIUS
     if room < COLDEST_ROOM:
@@ -41,11 +41,11 @@ def check_values(twin: Twin, where: str | None = None) -> None:
         )
     values |= _unit_shares(twin.rig)
     for what, value in _positive_values(twin.rig):
-        found = _evaluated(value, values)
-        if not _is_positive(found):
+        result = _evaluated(value, values)
+        if not _is_positive(result):
             raise ParameterError(
                 f"{where or twin.rig.name}: {what} ({value}): expected a value above 0, got "
-                f"{float(found):g} in SI units"
+                f"{float(result):g} in SI units"
             )
 
 

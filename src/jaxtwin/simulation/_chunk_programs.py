@@ -208,10 +208,10 @@ def sample_power(
         assert stepped.sides is not None
         drive = draw.drive(grid)
         sides = stepped.sides.at_samples(drive.grid) + drive.reference
-        found = supply_power(
+        result = supply_power(
             draw.system, sides, grid.times, commands, grid.steady_start, grid.levels_at
         )
-        return jax.tree.map(lambda values: jnp.where(stepped.failed, jnp.nan, values), found)
+        return jax.tree.map(lambda values: jnp.where(stepped.failed, jnp.nan, values), result)
 
     return jax.vmap(sample_draw)(prepared, stepped)
 

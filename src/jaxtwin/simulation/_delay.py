@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._arguments import finite_number
-from .._errors import JaxtwinError
 from .._jax_settings import is_traced
+from ..errors import JaxtwinError
 from ..physics import Twin
 from ._held_inputs import held_quadratics, mean_of
 from ._interpolation import sample_weights, step_polynomials
@@ -25,11 +25,11 @@ from ._time_grid import TimeGrid
 
 FINEST, FIRST, GROWN = 2.0**-9, 2.0**-5, 16
 GROWING = np.diff([0.0, *np.geomspace(FINEST, FIRST, 5), *np.geomspace(FIRST, 1.0, GROWN + 1)[1:]])
-BEFORE = np.append(GROWING, 0.0)
-"""Steps before the first command arrives, as fractions of the delay. They are short at first,
-because a plate that does not start in a steady state changes fastest then, and grow by a quarter
-each. With fewer steps, the error between their ends is a tenth of a kelvin for a delay of a
-minute. The step of no length at the end is that of `step_polynomials`."""
+# Steps before the first command arrives, as fractions of the delay. They are short at first,
+# because a plate that does not start in a steady state changes fastest then, and grow by a quarter
+# each. With fewer steps, the error between their ends is a tenth of a kelvin for a delay of a
+# minute. The step of no length at the end is that of `step_polynomials`.
+STEPS_BEFORE_COMMAND = np.append(GROWING, 0.0)
 
 
 def checked_longest_delay(
@@ -77,12 +77,14 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     - `delay`: the delay, s, above 0.
     """
     dtype = delay.dtype
-    before = len(BEFORE)
-    sizes = jnp.concatenate([delay * jnp.asarray(BEFORE, dtype), jnp.asarray(grid.sizes, dtype)])
+    before = len(STEPS_BEFORE_COMMAND)
+    sizes = jnp.concatenate(
+        [delay * jnp.asarray(STEPS_BEFORE_COMMAND, dtype), jnp.asarray(grid.sizes, dtype)]
+    )
     size = jnp.concatenate([jnp.arange(before), before + jnp.asarray(grid.size)])
     duty = jnp.asarray(grid.duty, dtype)
     first = duty[:1] if grid.steady_start else jnp.zeros_like(duty[:1])
-    wait = jnp.asarray(step_polynomials([BEFORE, np.ones(1)])[:before], dtype)
+    wait = jnp.asarray(step_polynomials([STEPS_BEFORE_COMMAND, np.ones(1)])[:before], dtype)
     polynomials = jnp.asarray(grid.polynomials, dtype)
     # The odd rows are slopes, per second.
     scale = jnp.stack([jnp.ones_like(delay), delay] * 3)

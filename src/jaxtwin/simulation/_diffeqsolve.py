@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arguments import finite_number, of_kind
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import System
 from ..rig import Input
@@ -22,10 +22,10 @@ from ._network_exponential import HeldInputs, NetworkProblem, network_field
 from ._rodas5p import Rodas5P
 from ._time_grid import time_grid
 
+# The largest mean number of steps of the stiff solver between two changes of the input. It usually
+# needs some hundreds, and many more where its tolerance is near the rounding errors of the network:
+# of 4000 draws between all bounds of `paper-2024`, three fail.
 RESCUE_STEPS = 5000
-"""The largest mean number of steps of the stiff solver between two changes of the input. It usually
-needs some hundreds, and many more where its tolerance is near the rounding errors of the network:
-of 4000 draws between all bounds of `paper-2024`, three fail."""
 
 
 @final

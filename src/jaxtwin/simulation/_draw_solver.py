@@ -37,7 +37,7 @@ from ._native_chunk import (
 )
 from ._numbered_chunk import numbered_chunk_size, numbered_grid, prepare_numbered, step_numbered
 from ._padding import padded, padded_time_grid
-from ._reductions import Readings, Reduction, reduce_readings
+from ._reductions import BatchReadings, Reduction, reduce_readings
 from ._refinement import Results, needs_shorter_steps
 from ._time_grid import TimeGrid
 from ._workers import fill_in_chunks, is_accelerated, usual_chunk_size, work_in_chunks
@@ -45,11 +45,11 @@ from ._workers import fill_in_chunks, is_accelerated, usual_chunk_size, work_in_
 if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
 
+# The reductions that `rodas5p.c` computes.
 NATIVE = frozenset(OF_CHANNELS + OF_SUPPLY)
-"""The reductions that `rodas5p.c` computes."""
 
+# Name of a parameter -> its values in the unit of the rig's table.
 Draws: TypeAlias = Mapping[str, Float[np.ndarray, " draws"]]
-"""Name of a parameter -> its values in the unit of the rig's table."""
 
 
 @final
@@ -176,7 +176,7 @@ class DrawSolver:
                     return {"failed": failed, "temperatures": temperatures}
                 energy, peak = (None, None) if drawn is None else (drawn.energy[:, -1], drawn.peak)
                 end = temperatures[:, -1]
-                readings = Readings(temperatures, temperatures, end, plate, energy, peak)
+                readings = BatchReadings(temperatures, temperatures, end, plate, energy, peak)
                 return {"failed": failed, **reduce_readings(self.reductions, readings, recorded)}
 
         # On a CPU, the linear algebra of two chunks at once would deadlock (`_lapack`).
@@ -229,9 +229,9 @@ class DrawSolver:
             size, read = len(next(iter(chunk.values()))), None
             if run.samples:
                 read = np.empty((size, run.samples, len(self.columns)), dtype)
-            found = run.solve(chunk, number, read)
-            reduced = self._native_reduced(found, read)
-            return {**found, **reduced}
+            result = run.solve(chunk, number, read)
+            reduced = self._native_reduced(result, read)
+            return {**result, **reduced}
 
         few = run.samples <= 1 or self.reductions is None
         results = fill_in_chunks(
@@ -261,7 +261,7 @@ class DrawSolver:
         plate = found.pop("plate_end").astype(dtype) if "plate_end" in found else None
         end = None if read is None else read[:, -1]
         with own_settings(float64=self.precision == "float64"):
-            reduced = reduce_readings(reductions, Readings(read, None, end, plate), None)
+            reduced = reduce_readings(reductions, BatchReadings(read, None, end, plate), None)
             return results | {name: np.asarray(values) for name, values in reduced.items()}
 
     def _usual_chunk_size(self, numbered: TimeGrid | None, is_compressed: bool) -> int:
@@ -287,7 +287,7 @@ class DrawSolver:
         return None if drifts or recorded is None else compress(grid, recorded)
 
     def _reads(self, *readings: str) -> bool:
-        """Whether a reduction reads one of these fields of `Readings`."""
+        """Whether a reduction reads one of these fields of `BatchReadings`."""
         reductions = {} if self.reductions is None else self.reductions
         return any(reduction.reads in readings for reduction in reductions.values())
 
@@ -331,7 +331,7 @@ class DrawSolver:
             readings |= {"energy": drawn.energy[:, -1], "peak_power": drawn.peak}
         recorded = self.experiment.temperatures
         recorded = None if recorded is None else padded(recorded, np.nan)
-        return {**results, **reduce_readings(reductions, Readings(**readings), recorded)}
+        return {**results, **reduce_readings(reductions, BatchReadings(**readings), recorded)}
 
 
 def _delayed_as(twin: Twin, commanded: TimeGrid) -> TimeGrid:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from .._errors import SimulationError
 from .._executor import Executor, work_in_units
+from ..errors import SimulationError
 from ._draw_solver import Draws, DrawSolver
 from ._refinement import Results
 from ._workers import CHUNK_CPU
@@ -22,14 +22,14 @@ from ._workers import CHUNK_CPU
 if TYPE_CHECKING:
     from ._diffeqsolve import DiffraxMethod
 
+# The number of draws in a unit: about a second of CPU time, for some hundred kilobytes of data.
 UNIT = 4096
-"""The number of draws in a unit: about a second of CPU time, for some hundred kilobytes of data."""
 
-LARGEST_RESULT = 64 << 20
-"""The largest size of the result of a unit with trajectories, bytes."""
+# The largest size of the result of a unit with trajectories, bytes.
+MAX_RESULT = 64 << 20
 
+# The way to solve: the number of halvings for the default solver, or a method of diffrax.
 Way: TypeAlias = "int | DiffraxMethod"
-"""The way to solve: the number of halvings for the default solver, or a method of diffrax."""
 
 
 def solve_draws(
@@ -60,9 +60,9 @@ def solve_draws(
     ]
     results: Results = {}
     with closing(work_in_units("executor", executor, _solve_unit, units, SimulationError)) as done:
-        for number, found in done:
+        for number, result in done:
             part = parts[number]
-            for name, values in found.items():
+            for name, values in result.items():
                 if name not in results:
                     results[name] = np.empty((total, *values.shape[1:]), values.dtype)
                 results[name][part] = values
@@ -93,6 +93,6 @@ def _unit_size(solver: DrawSolver) -> int:
     reductions = solver.reductions
     trajectory = solver.experiment.time.size * max(1, solver.columns.size) * 8
     is_short = reductions and all(r.dimension != "unknown" for r in reductions.values())
-    most = UNIT if is_short else min(UNIT, LARGEST_RESULT // trajectory)
+    most = UNIT if is_short else min(UNIT, MAX_RESULT // trajectory)
     chunk = solver.chunk_size or CHUNK_CPU
     return max(1, most // chunk) * chunk

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..physics import System
 from ..physics._input_effects import Conditions
 from ._delay import delayed_time_grid, lagged_duty
-from ._exponential import Inputs
+from ._exponential import StepInputs
 from ._time_grid import TimeGrid, reference_temperature
 
 
@@ -46,12 +46,12 @@ class Drive(eqx.Module):
             conditions = jax.vmap(system.conditions)(levels)
         return cls(grid, reference, system.lag, drift, conditions)
 
-    def inputs(self) -> Inputs:
+    def inputs(self) -> StepInputs:
         """The inputs of all steps. If the driver has a lag or the ambient drifts, these are the
         inputs at the start, in the middle and at the end of each step."""
         dtype = self.reference.dtype
         steps = jnp.asarray(self.grid.sizes, dtype)[self.grid.size]
-        return Inputs(self._duty(steps), self._ambient(steps), conditions=self.conditions)
+        return StepInputs(self._duty(steps), self._ambient(steps), conditions=self.conditions)
 
     def ambient_at_samples(self, which: slice = slice(None)) -> Float[Array, "times 1"] | float:
         """The ambient temperature's deviation from the reference at all or some of the samples,

@@ -21,21 +21,21 @@ def exceeded_limits(run: "Run", rig: Rig, recorded: float = -math.inf) -> tuple[
 
     - `recorded`: the hottest reading of the rig itself, degC. Limits below it are left out.
     """
-    found = []
+    result = []
     if rig.limits is not None:
         limit = rig.limits.temperature - ZERO_CELSIUS
         if limit >= recorded:
-            found += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
+            result += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
     given = None if rig.limits is None else rig.limits.cell_temperature
     limit = SOLDER if given is None else given - ZERO_CELSIUS
     if limit < recorded:
-        return tuple(found)
+        return tuple(result)
     sides = [f"{cell.name}.{side}" for cell in rig.cells for side in ("TC", "TH")]
     if given is not None:  # a heater has no solder between two plates
         sides += [heater.node for heater in rig.heaters]
     states = run.states[:, [run.nodes.index(node) for node in sides]]
     what = "at which solder melts" if given is None else "the limit of cells"
-    return (*found, *_beyond(run, tuple(sides), states, limit, what))
+    return (*result, *_beyond(run, tuple(sides), states, limit, what))
 
 
 def _beyond(

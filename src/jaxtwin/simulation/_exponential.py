@@ -34,7 +34,7 @@ from ._modes import Modes
 
 
 @final
-class Inputs(eqx.Module):
+class StepInputs(eqx.Module):
     """The inputs during a step: duty cycles, and the ambient's deviation from the reference, K.
 
     If the driver has a lag, the duty cycles change within the step, and have one row each for its
@@ -50,12 +50,12 @@ class Inputs(eqx.Module):
     heat: Float[Array, "*stages modes"] | None = None
     conditions: Conditions | None = None
 
-    def at(self, stage: int) -> "Inputs":
+    def at(self, stage: int) -> "StepInputs":
         """Returns the inputs at the start (0), in the middle (1) or at the end (2) of the step."""
         duty = self.duty if self.duty.ndim == 1 else self.duty[stage]
         ambient = self.ambient if self.ambient.ndim == 0 else self.ambient[stage]
         heat = self.heat if self.heat is None or self.heat.ndim == 1 else self.heat[stage]
-        return Inputs(duty, ambient, heat, self.conditions)
+        return StepInputs(duty, ambient, heat, self.conditions)
 
 
 @runtime_checkable
@@ -63,7 +63,7 @@ class Field(Protocol):
     """The forces on the modes."""
 
     def force(
-        self, amplitudes: Float[Array, " modes"], inputs: Inputs
+        self, amplitudes: Float[Array, " modes"], inputs: StepInputs
     ) -> Float[Array, " modes"]: ...
 
 
@@ -121,7 +121,9 @@ class ModalField(eqx.Module):
         )
 
     @eqx.filter_jit  # traced once for all stages of a step
-    def force(self, amplitudes: Float[Array, " modes"], inputs: Inputs) -> Float[Array, " modes"]:
+    def force(
+        self, amplitudes: Float[Array, " modes"], inputs: StepInputs
+    ) -> Float[Array, " modes"]:
         """Computes the right-hand side without the decay of the modes: the heat of the cells, of
         the surroundings and of nonlinear losses."""
         system, modes, conditions = self.system, self.modes, inputs.conditions
@@ -149,7 +151,7 @@ class ModalField(eqx.Module):
         return force - bent - vanishing(self.mass, slope)
 
     def _switched_heat(
-        self, system: System, amplitudes: Float[Array, " modes"], inputs: Inputs
+        self, system: System, amplitudes: Float[Array, " modes"], inputs: StepInputs
     ) -> Float[Array, " links"]:
         """Computes the heat in the links that inputs change, beyond the modes' network, W."""
         assert self.modes.switched is not None
@@ -289,7 +291,7 @@ def step_factors(rates: Float[Array, " modes"], sizes: Float[Array, "*sizes"]) -
     return decay_functions(rates, sizes).factors()
 
 
-class StepResult(NamedTuple):
+class ExponentialStep(NamedTuple):
     """The result of a step.
 
     - `amplitudes`: those at the end of the step.
@@ -311,8 +313,8 @@ def exponential_step(
     force_0: Float[Array, " modes"],
     factors: StepFactors,
     field: Field,
-    inputs: Inputs,
-) -> StepResult:
+    inputs: StepInputs,
+) -> ExponentialStep:
     """Computes one step.
 
     **Arguments:**
@@ -334,7 +336,7 @@ def exponential_step(
         + factors.middle * (force_a + force_b)
         + factors.last * force_c
     )
-    return StepResult(end, force_c, factors.middle * (force_b - force_a))
+    return ExponentialStep(end, force_c, factors.middle * (force_b - force_a))
 
 
 def _phi(

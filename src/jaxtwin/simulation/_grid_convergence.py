@@ -14,11 +14,11 @@ import numpy as np
 
 from .._arguments import finite_number
 from .._display import html_table
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ..physics._twin import check_twin
-from ..physics._wiring import MOST_ELEMENTS
+from ..physics._wiring import MAX_ELEMENTS
 from ..rig._plate_needed import check_has_plate
 from ..rig._with_resolution import with_resolution
 from ._simulate import simulate
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray
 
-COARSEST = 0.5
-"""The resolution of the first grid, as a fraction of the smaller side of the plate."""
+# The resolution of the first grid, as a fraction of the smaller side of the plate.
+FIRST_RESOLUTION = 0.5
 
-FINER = math.sqrt(0.5)
-"""The resolution of each grid as a fraction of that of the one before."""
+# The resolution of each grid as a fraction of that of the one before.
+REFINEMENT_RATIO = math.sqrt(0.5)
 
 
 @final
@@ -155,18 +155,18 @@ def grid_convergence(
     if finite_number("grid_convergence: tolerance", tolerance, SimulationError) <= 0:
         raise SimulationError(f"grid_convergence: tolerance: expected above 0 K, got {tolerance}")
     plate = twin.rig.plate
-    resolution = COARSEST * min(plate.width, plate.height)
+    resolution = FIRST_RESOLUTION * min(plate.width, plate.height)
     sizes, elements, readings = [], [], []
     while True:
         rig = with_resolution(twin.rig, resolution)
-        if len(rig.plate.element_names) > MOST_ELEMENTS:
+        if len(rig.plate.element_names) > MAX_ELEMENTS:
             break
         sizes.append(resolution)
         elements.append(len(rig.plate.element_names))
         readings.append(simulate(Twin(rig, twin.values), experiment).temperatures)
         if _agree([_largest(reading - readings[-1]) for reading in readings], tolerance):
             break
-        resolution *= FINER
+        resolution *= REFINEMENT_RATIO
     changes = [math.nan, *(_largest(b - a) for a, b in itertools.pairwise(readings))]
     errors = [_largest(reading - readings[-1]) for reading in readings]
     grids = tuple(Grid(*row) for row in zip(sizes, elements, changes, errors, strict=True))

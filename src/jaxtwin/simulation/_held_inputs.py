@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array, Float
 
+# Sums of step sizes and times of samples differ by less than this, s.
 ROUNDING = 1e-7
-"""Sums of step sizes and times of samples differ by less than this, s."""
 
 
 def held_quadratics(

@@ -10,21 +10,21 @@ from numpy.typing import ArrayLike
 
 from .._arguments import finite_number
 from .._celsius import ZERO_CELSIUS, is_probably_kelvin
-from .._errors import JaxtwinError, SimulationError
 from .._jax_settings import is_traced
 from .._name_suggestions import unknown_name
+from ..errors import JaxtwinError, SimulationError
 from ..physics import System, Twin
 
+# Initial temperatures as a user gives them. None: those of the rig. "steady": the steady state
+# under the first input. A number: a uniform temperature, degC. An array `(nodes,)`: the temperature
+# of each node, in the order of `twin.netlist.nodes`, degC. Names of nodes -> degC: these nodes,
+# while the others begin as the rig says.
 Initial = Literal["steady"] | float | ArrayLike | Mapping[str, float | int] | None
-"""Initial temperatures as a user gives them. None: those of the rig. "steady": the steady state
-under the first input. A number: a uniform temperature, degC. An array `(nodes,)`: the temperature
-of each node, in the order of `twin.netlist.nodes`, degC. Names of nodes -> degC: these nodes, while
-the others begin as the rig says."""
 
 
+# Checked initial temperatures: absolute, K, a temperature for each node or a single temperature for
+# all. NaN stands for that of the rig.
 CheckedInitial: TypeAlias = Literal["steady"] | Float[Array | np.ndarray, " starts"] | None
-"""Checked initial temperatures: absolute, K, a temperature for each node or a single temperature
-for all. NaN stands for that of the rig."""
 
 
 def initial_temperatures(

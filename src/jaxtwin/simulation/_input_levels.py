@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from .._errors import JaxtwinError, SimulationError
 from .._name_suggestions import unknown_name
+from ..errors import JaxtwinError, SimulationError
 from ..io import Experiment
 from ..rig import Input
 
-MOST_REGIMES = 8
-"""The largest number of regimes. An eigenproblem is solved for each."""
+# The largest number of regimes. An eigenproblem is solved for each.
+MAX_REGIMES = 8
 
 
 def input_levels(
@@ -60,8 +60,8 @@ def _numbers(
         for state in dict.fromkeys(given.ravel().tolist()):
             if state not in source.states:
                 raise error(f"{where}: {unknown_name('state', state, source.states)}")
-        found = [source.states.index(state) for state in given.ravel().tolist()]
-        return np.array(found, float).reshape(given.shape)
+        result = [source.states.index(state) for state in given.ravel().tolist()]
+        return np.array(result, float).reshape(given.shape)
     if source.states:
         last = len(source.states) - 1
         outside = (given < 0) | (given > last)
@@ -117,7 +117,7 @@ def regimes(
     scale = np.where(np.ptp(distinct, axis=0) > 0, np.ptp(distinct, axis=0), 1.0)
     chosen = [0]
     distance = np.full(len(distinct), np.inf)
-    while len(chosen) < min(MOST_REGIMES, len(distinct)):
+    while len(chosen) < min(MAX_REGIMES, len(distinct)):
         beside = np.abs((distinct - distinct[chosen[-1]]) / scale).max(axis=1)
         distance = np.minimum(distance, beside)
         chosen.append(int(np.argmax(distance)))

@@ -18,21 +18,21 @@ from ..physics._wiring import Wiring
 from ..rig import Input, Rig
 from ..rig._plate import AMBIENT
 
+# The times after a change, s.
 TIMES = (1.0, 4.0, 16.0, 64.0)
-"""The times after a change, s."""
 
+# The rate of full duty, K/s. Those of the bundled rigs are 0.3 to 3; at parameters that a match
+# finds, or a batch draws, they are others.
 OF_DUTY = 2.0
-"""The rate of full duty, K/s. Those of the bundled rigs are 0.3 to 3; at parameters that a match
-finds, or a batch draws, they are others."""
 
 TYPICAL_TEMPERATURE, TYPICAL_DIFFERENCE = 300.0, 20.0
 """The temperature of a cell's sides, and the difference along a link that an input changes, K."""
 
-MOST_DENSE = 600
-"""The number of nodes up to which a full matrix is solved."""
+# The number of nodes up to which a full matrix is solved.
+MAX_DENSE = 600
 
+# The change of an input for its derivative, as a part of its value.
 DIFFERENCE = 1e-3
-"""The change of an input for its derivative, as a part of its value."""
 
 
 @lru_cache(maxsize=64)
@@ -66,7 +66,7 @@ def _solved(
     heat: Float[np.ndarray, "nodes inputs"],
 ) -> Float[np.ndarray, "nodes inputs"]:
     conductance, rows, columns = entries
-    if len(capacitance) > MOST_DENSE:
+    if len(capacitance) > MAX_DENSE:
         from scipy import sparse  # takes a quarter of a second to import
         from scipy.sparse.linalg import splu
 
@@ -112,7 +112,7 @@ def _heat(wiring: Wiring, values: dict[str, float]) -> list[Float[np.ndarray, " 
     of_ambient = held(AMBIENT)
     if effects is None:
         return [of_ambient]
-    bodies = [held(one.name) for one in wiring.netlist.reservoirs]
+    bodies = [held(reservoir.name) for reservoir in wiring.netlist.reservoirs]
 
     def of_input(source: Input) -> Float[np.ndarray, " nodes"]:
         change = DIFFERENCE * max(abs(source.level), 1.0)

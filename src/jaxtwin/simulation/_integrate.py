@@ -14,7 +14,7 @@ from ._exponential import ModalField, decay_functions, exponential_step
 from ._interpolation import SLOPE_AT_END
 from ._modes import Modes, run_modes
 from ._regimes import integrate_in_regimes
-from ._step_readings import FAST, SLOPE_WEIGHT, StepReadings, largest
+from ._step_readings import FAST_RATE_TIMES_STEP, SLOPE_WEIGHT, StepReadings, largest
 from ._time_grid import TimeGrid
 
 
@@ -73,7 +73,7 @@ def integrate(
         # The force that starts the next step, under its inputs. Errors decay as amplitudes do.
         force = field.force(end.amplitudes, next_inputs)
         error = of_size.decay * error + end.error
-        is_fast = modes.rates * jnp.asarray(grid.sizes, dtype)[size] > FAST
+        is_fast = modes.rates * jnp.asarray(grid.sizes, dtype)[size] > FAST_RATE_TIMES_STEP
         of_slope = jnp.where(is_held & is_fast, end.last_force, force)
         return (end.amplitudes, force, error), (end.amplitudes, of_slope, error)
 

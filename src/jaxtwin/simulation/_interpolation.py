@@ -7,17 +7,17 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+# NumPy numbers, or numbers that JAX traces.
 Arrays = TypeVar("Arrays", np.ndarray, jax.Array)
-"""NumPy numbers, or numbers that JAX traces."""
 
+# The number of coefficients of a polynomial, which is the number of values and slopes.
 POWERS = 6
-"""The number of coefficients of a polynomial, which is the number of values and slopes."""
 
+# The row of a step's polynomials that belongs to the slope at its end.
 SLOPE_AT_END = 3
-"""The row of a step's polynomials that belongs to the slope at its end."""
 
-STANDING = np.diag([1.0, *[0.0] * (POWERS - 1)])
-"""The polynomials of a step of no length: the value at its start."""
+# The polynomials of a step of no length: the value at its start.
+CONSTANT_POLYNOMIALS = np.diag([1.0, *[0.0] * (POWERS - 1)])
 
 
 def step_polynomials(
@@ -44,7 +44,7 @@ def step_polynomials(
     for number, steps in enumerate(spans):
         for k, step in enumerate(steps):
             if step == 0:
-                rows.append(STANDING)
+                rows.append(CONSTANT_POLYNOMIALS)
                 continue
             before = steps[k - 1] / step if k else None
             ends = k == len(steps) - 1 and number != last
@@ -83,6 +83,6 @@ def _polynomials(before: float | None, slope_at_end: bool) -> Float[np.ndarray, 
         at**powers if order == 0 else powers * at ** np.maximum(powers - 1, 0)
         for _, at, order in nodes
     ]
-    found = np.zeros((6, POWERS))
-    found[[place for place, *_ in nodes], : len(nodes)] = np.linalg.inv(np.stack(rows)).T
-    return found
+    result = np.zeros((6, POWERS))
+    result[[place for place, *_ in nodes], : len(nodes)] = np.linalg.inv(np.stack(rows)).T
+    return result

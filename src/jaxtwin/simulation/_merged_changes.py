@@ -8,8 +8,8 @@ the input. Runs of changes for which this is small are merged, in blocks of powe
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+# The largest integral of what a step leaves out of its inputs, K.
 ROUGHNESS = 5e-5
-"""The largest integral of what a step leaves out of its inputs, K."""
 
 
 def merged_changes(

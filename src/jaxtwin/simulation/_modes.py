@@ -22,21 +22,19 @@ from jaxtyping import Array, Float, Int
 from .._elimination import eliminate
 from .._lapack import eigh, solve, solve_definite
 from ..physics import System
-from ._resolution import LARGEST_SPAN, network_span
+from ._resolution import MAX_SPAN, network_span
 from ._time_grid import InputSummary, reference_temperature
 
+# The temperatures of a cell's sides at which the search for the operating point starts, K.
 TYPICAL_TEMPERATURE = 330.0
-"""The temperatures of a cell's sides at which the search for the operating point starts, K."""
 
 NEWTON_STEPS = 4
 
+# The largest number of unknowns for which a loop of elimination is fastest, including compilation.
 FEW_SIDES = 32
-"""The largest number of unknowns for which a loop of elimination is fastest, including
-compilation."""
 
+# Bounds of an operating point, K, because the parameters of a draw may describe an unstable rig.
 BELIEVABLE = (200.0, 600.0)
-"""Bounds of an operating point, K, because the parameters of a draw may describe an unstable
-rig."""
 
 
 @final
@@ -174,7 +172,7 @@ def run_modes(system: System, inputs: InputSummary) -> Modes:
     def modes_of(system: System) -> Modes:
         modes = network_modes(system, duty, reference_temperature(system, inputs))
         span = network_span(system, modes.rates[0], jnp.asarray(inputs.duration, dtype))
-        is_resolved = span <= LARGEST_SPAN
+        is_resolved = span <= MAX_SPAN
         rates = jnp.where(is_resolved, modes.rates, jnp.nan)
         return eqx.tree_at(lambda modes: modes.rates, modes, rates)
 

@@ -24,34 +24,34 @@ from ._input_rates import input_rates
 from ._native_library import native_library
 from ._native_network import Outputs, native_network, pack_draws
 from ._native_steps import POWERS, NativeSteps, commanded_steps, shared_delay
-from ._resolution import LARGEST_SPAN
+from ._resolution import MAX_SPAN
 from ._time_grid import TimeGrid, longest_lateness
 
+# The largest error estimate of a solution that is accepted, K. Around the bundled rigs all are
+# smaller; of draws between all bounds none with a smaller estimate had an error above 1e-3 K.
 ERROR_TOLERANCE = 4.5e-4
-"""The largest error estimate of a solution that is accepted, K. Around the bundled rigs all are
-smaller; of draws between all bounds none with a smaller estimate had an error above 1e-3 K."""
 
-MOST_NODES = 400
-"""The largest network. The code for a larger one takes long to compile, and its factors as long as
-the modes of a draw."""
+# The largest network. The code for a larger one takes long to compile, and its factors as long as
+# the modes of a draw.
+MAX_NODES = 400
 
+# The number of draws in a chunk.
 NATIVE_CHUNK = 256
-"""The number of draws in a chunk."""
 
+# Whether the temperatures of the channels are written at all samples, the last one or none.
 Samples: TypeAlias = Literal["all", "last", "none"]
-"""Whether the temperatures of the channels are written at all samples, the last one or none."""
 
 OF_CHANNELS, OF_SUPPLY = ("cost", "minimum", "maximum"), ("energy", "peak_power")
 """The reductions that `rodas5p.c` computes: for each channel, and for all cells together."""
 
-WIDEST = 8
-"""The largest number of lanes of a vector."""
+# The largest number of lanes of a vector.
+MAX_LANES = 8
 
 POINTER = ctypes.c_void_p
 
 
 @final
-class Recording(ctypes.Structure):
+class NativeRecording(ctypes.Structure):
     """`struct recording` of `rodas5p.c`."""
 
     _fields_ = [
@@ -75,7 +75,7 @@ class Run(ctypes.Structure):
         *((name, POINTER) for name in ("size", "ambient", "duty", "first_duty", "input", "time")),
         *((name, POINTER) for name in ("ambient_at", "output_row", "output_node")),
         *((name, ctypes.c_int) for name in ("first_read", "first_written")),
-        ("recording", Recording),
+        ("recording", NativeRecording),
     ]
 
 
@@ -133,7 +133,7 @@ class NativeRun:
         self.elements, self.reductions = len(outputs.others), tuple(reductions)
         first_written = {"all": 0, "last": len(time) - 1, "none": len(time)}[samples]
         self.samples = len(time) - first_written
-        recording = Recording()
+        recording = NativeRecording()
         if recorded is not None:
             drifts = self.twin.wiring.ambient_drift is not None or bool(np.any(ambient))
             recording = self._recording(
@@ -155,7 +155,7 @@ class NativeRun:
             outputs=outputs.count,
             weights=len(outputs.nodes),
             duration=float(self.inputs.duration),
-            largest_span=LARGEST_SPAN,
+            largest_span=MAX_SPAN,
             size=self._double(steps.size),
             ambient=self._double(steps.ambient),
             duty=self._double(steps.duty),
@@ -194,23 +194,23 @@ class NativeRun:
                     self.twin, draws, self.inputs, self.initial, self.columns, self.with_plate
                 )
             )
-        found: dict[str, np.ndarray] = {
+        result: dict[str, np.ndarray] = {
             "error_estimate": np.empty(count),
             "failed": np.empty(count, np.uint8),
         }
         for name in self.reductions:
-            found[name] = np.empty((count, len(self.columns)) if name in OF_CHANNELS else count)
+            result[name] = np.empty((count, len(self.columns)) if name in OF_CHANNELS else count)
         if self.with_plate:
-            found["plate_end"] = np.empty((count, self.elements))
+            result["plate_end"] = np.empty((count, self.elements))
         is_single = temperatures is not None and temperatures.dtype == np.float32
         to = Results(
             rows=0 if temperatures is None else temperatures.shape[1],
             temperatures=None if is_single else _address(temperatures),
             temperatures_32=_address(temperatures) if is_single else None,
-            **{name: _address(found[name]) for name in self.reductions},
-            others=_address(found.get("plate_end")),
-            error_estimates=_address(found["error_estimate"]),
-            failed=_address(found["failed"]),
+            **{name: _address(result[name]) for name in self.reductions},
+            others=_address(result.get("plate_end")),
+            error_estimates=_address(result["error_estimate"]),
+            failed=_address(result["failed"]),
         )
         columns, wanted = ctypes.c_size_t(numbers.shape[1]), ctypes.c_size_t(count)
         code = self.library.jaxtwin_solve(
@@ -219,15 +219,15 @@ class NativeRun:
         )  # fmt: skip
         if code:
             raise MemoryError("the draws of a chunk do not fit into memory")
-        found["failed"] = found["failed"] != 0
-        found["refused"] = ~(found.pop("error_estimate") <= ERROR_TOLERANCE)
-        return found
+        result["failed"] = result["failed"] != 0
+        result["refused"] = ~(result.pop("error_estimate") <= ERROR_TOLERANCE)
+        return result
 
     def _recording(
         self,
         recorded: Float[np.ndarray, "times channels"],
         few: CompressedRecording | None,
-    ) -> Recording:
+    ) -> NativeRecording:
         """The recording, in a few rows for each step if it is compressed."""
         there = ~np.isnan(recorded)
         target, counted = np.nan_to_num(recorded), there.astype(float)
@@ -241,10 +241,10 @@ class NativeRun:
                 for table in (few.grid.step_of, few.grid.weights, few.target, few.counted)
             )
         # Whole vectors are read, beyond the last channel of the last row too.
-        target, counted = (np.append(table, np.zeros(WIDEST)) for table in (target, counted))
+        target, counted = (np.append(table, np.zeros(MAX_LANES)) for table in (target, counted))
         doubles = (weight, target, counted, number, beyond)
         rows = self._int(step), *map(self._double, doubles)
-        return Recording(few is None, len(step), *rows)
+        return NativeRecording(few is None, len(step), *rows)
 
     def _double(self, values: Any) -> int:
         return self._keep(np.ascontiguousarray(values, float))
@@ -280,7 +280,7 @@ def native_run(
     - The others are as in `NativeRun`.
     """
     wiring = wiring_of(twin.rig, keeps_symmetry(initial))
-    if len(wiring.netlist.nodes) > MOST_NODES:
+    if len(wiring.netlist.nodes) > MAX_NODES:
         return None
     lags, inputs = wiring.lag is not None, wiring.inputs_and_effects
     rates, lateness = input_rates(twin.rig), longest_lateness(twin)

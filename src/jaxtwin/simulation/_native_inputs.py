@@ -16,7 +16,7 @@ from ..physics._wiring import Wiring
 from ..rig import Value
 
 
-class Layout(NamedTuple):
+class InputLayout(NamedTuple):
     """Where the numbers of a draw that inputs may change begin, see `struct numbers`.
 
     - `entry` (nodes, nodes): the numbers of the entries of the conductance matrix.
@@ -43,7 +43,7 @@ class NativeInputs:
     - `cell`: of each term, the cell whose share of the supply's voltage is a factor; -1 for none.
     """
 
-    def __init__(self, wiring: Wiring, layout: Layout):
+    def __init__(self, wiring: Wiring, layout: InputLayout):
         effects = wiring.input_wiring
         self.inputs = wiring.inputs
         of_draws: list[Value] = []
@@ -126,7 +126,7 @@ def _sums(expressions: Expressions) -> list[list[Value]]:
 
 
 def _of_link(
-    layout: Layout,
+    layout: InputLayout,
     differences: Float[np.ndarray, " nodes"],
     to_reservoir: Float[np.ndarray, " bodies"],
 ) -> dict[int, int]:

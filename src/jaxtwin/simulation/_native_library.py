@@ -28,14 +28,14 @@ OFF = ("off", "0", "no", "false")
 
 SOURCE = Path(__file__).with_name("rodas5p.c")
 
+# Not -ffast-math: draws that fail are recognised by their NaN.
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared")
-"""Not -ffast-math: draws that fail are recognised by their NaN."""
 
+# For all instructions of this processor; left out where the compiler does not know the flag.
 OWN_PROCESSOR = ("-march=native",)
-"""For all instructions of this processor; left out where the compiler does not know the flag."""
 
+# The longest time that a compilation may take, s.
 PATIENCE = 60.0
-"""The longest time that a compilation may take, s."""
 
 
 class NativeState(NamedTuple):

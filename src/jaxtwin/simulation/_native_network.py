@@ -21,7 +21,7 @@ from ..physics._wiring import Wiring
 from ..rig._plate import FILM_REFERENCE
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._native_elimination import Elimination
-from ._native_inputs import Layout, NativeInputs
+from ._native_inputs import InputLayout, NativeInputs
 from ._numbered_network import network_pattern
 from ._rosenbrock_step import (
     CORRECTION,
@@ -34,11 +34,11 @@ from ._rosenbrock_step import (
 )
 from ._time_grid import InputSummary, reference_temperature
 
+# The number of numbers of a draw before those of its network.
 COMMON = 5
-"""The number of numbers of a draw before those of its network."""
 
+# The current limit of a driver without one, A.
 NO_LIMIT = 1e300
-"""The current limit of a driver without one, A."""
 
 
 @final
@@ -54,7 +54,7 @@ class NativeNetwork:
         self.inputs = NativeInputs(wiring, self._layout(wiring))
         self.header = self._header(wiring)
 
-    def _layout(self, wiring: Wiring) -> Layout:
+    def _layout(self, wiring: Wiring) -> InputLayout:
         """The places of numbers in `_numbers`."""
         table, at = self.elimination, self.position
         nodes, cells = len(table.order), len(wiring.cold)
@@ -66,7 +66,7 @@ class NativeNetwork:
         held = to_ambient + nodes
         to_held = held + bodies
         supply_voltage = to_held + (bodies + 1) * nodes + 2 * cells
-        return Layout(
+        return InputLayout(
             entry,
             to_ambient + at,
             held + np.arange(bodies),

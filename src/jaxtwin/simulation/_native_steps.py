@@ -19,9 +19,9 @@ from ._compressed import CompressedRecording, compress
 from ._held_inputs import held_quadratics
 from ._time_grid import StepRule, TimeGrid, build_time_grid, settling_after_reversals
 
+# The steps right after an input change, s: up to a quarter of a second, each ends four times as
+# late as the one before.
 RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
-"""The steps right after an input change, s: up to a quarter of a second, each ends four times as
-late as the one before."""
 
 GROWTH, LARGEST_STEP = 0.36, 256.0
 """The ratio of a step to the time since that change, and the longest step, s."""
@@ -29,15 +29,15 @@ GROWTH, LARGEST_STEP = 0.36, 256.0
 REACH, LEAST_REACH = 1.0, 1.6
 """As those of `_time_grid`, s."""
 
+# The integral of a jump within a step, times the rate at which channels answer, above which the
+# step is cut there, K.
 LATE_ROUGHNESS = 2e-4
-"""The integral of a jump within a step, times the rate at which channels answer, above which the
-step is cut there, K."""
 
-WAITING = np.array([1, 1, 2, 4, 8, 16]) / 32
-"""The steps before the first command arrives, as fractions of the driver's delay."""
+# The steps before the first command arrives, as fractions of the driver's delay.
+STEPS_BEFORE_COMMAND = np.array([1, 1, 2, 4, 8, 16]) / 32
 
+# The number of coefficients of a temperature within a step, as in `rodas5p.c`.
 POWERS = 6
-"""The number of coefficients of a temperature within a step, as in `rodas5p.c`."""
 
 
 @lru_cache(maxsize=64)
@@ -118,30 +118,32 @@ class NativeSteps:
         if levels is not None:
             if np.any(levels != levels[0]):
                 return None
-            levels = np.repeat(levels[:1], len(WAITING) + len(size), axis=0)
+            levels = np.repeat(levels[:1], len(STEPS_BEFORE_COMMAND) + len(size), axis=0)
         first = duty[:1] if grid.steady_start else np.zeros_like(duty[:1])
-        duty = np.concatenate([np.repeat(first, len(WAITING), axis=0), duty])
-        whole = np.concatenate([WAITING, size])
+        duty = np.concatenate([np.repeat(first, len(STEPS_BEFORE_COMMAND), axis=0), duty])
+        whole = np.concatenate([STEPS_BEFORE_COMMAND, size])
         changes = at is not None and bool(np.any(at != at[0]))
         if own_delays or delay is None:
             none = np.zeros((len(whole), 3))
-            return None if changes else cls(whole, duty, none, len(WAITING), None, levels)
-        ends = np.cumsum(np.concatenate([WAITING * delay, size]))
+            return (
+                None if changes else cls(whole, duty, none, len(STEPS_BEFORE_COMMAND), None, levels)
+            )
+        ends = np.cumsum(np.concatenate([STEPS_BEFORE_COMMAND * delay, size]))
         ambient = np.zeros((len(whole), 3))
         if changes and at is not None:
             # The delay moves steps across jumps of the room. Long ones are cut there.
             jumps, times = np.abs(np.diff(at)), np.asarray(grid.times)[1:]
             cut = np.minimum(np.searchsorted(ends, times), len(ends) - 1)
             rough = of_room * jumps * np.diff(ends, prepend=0.0)[cut] / 8
-            cuts = times[(rough > LATE_ROUGHNESS) & (cut >= len(WAITING))]
+            cuts = times[(rough > LATE_ROUGHNESS) & (cut >= len(STEPS_BEFORE_COMMAND))]
             cuts = cuts[np.abs(ends[:, None] - cuts).min(axis=0, initial=np.inf) > 1e-6]
             ends, before = np.union1d(ends, cuts), ends
             cut = np.minimum(np.searchsorted(before, ends - 1e-9), len(before) - 1)
             duty, levels = duty[cut], None if levels is None else levels[cut]
             sizes = np.diff(ends, prepend=0.0)
-            whole = np.concatenate([WAITING, sizes[len(WAITING) :]])
+            whole = np.concatenate([STEPS_BEFORE_COMMAND, sizes[len(STEPS_BEFORE_COMMAND) :]])
             ambient = _coefficients(held_quadratics(np.asarray(grid.times), at - at[0], sizes))
-        return cls(whole, duty, ambient, len(WAITING), ends, levels)
+        return cls(whole, duty, ambient, len(STEPS_BEFORE_COMMAND), ends, levels)
 
     def compressed(
         self, grid: TimeGrid, recorded: Float[np.ndarray, "times channels"]

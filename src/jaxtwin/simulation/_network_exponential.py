@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from ..physics import System
 from ..physics._input_effects import Conditions
 from ._delay import lagged_duty
-from ._exponential import Inputs, ModalField, StepFactors, exponential_step, step_factors
+from ._exponential import ModalField, StepFactors, StepInputs, exponential_step, step_factors
 from ._modes import Modes, network_modes
 
 RealScalarLike: TypeAlias = float | int | Float[Array | np.ndarray, ""]
@@ -23,7 +23,7 @@ _State: TypeAlias = Modes
 
 @final
 class HeldInputs(eqx.Module):
-    """Inputs that are held during spans of time: time -> `Inputs`.
+    """Inputs that are held during spans of time: time -> `StepInputs`.
 
     - `starts`: the start of each span, `(spans,)`, s.
     - `duty`: the duty in each span, `(spans, cells)`.
@@ -42,18 +42,18 @@ class HeldInputs(eqx.Module):
     drift: Float[Array, ""] | None = None
     conditions: Conditions | None = None
 
-    def __call__(self, t: RealScalarLike) -> Inputs:
+    def __call__(self, t: RealScalarLike) -> StepInputs:
         """The inputs at a time."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
         duty, ambient = self._duty(jnp.asarray(t), now), self._ambient(t, now)
-        return Inputs(duty, ambient, conditions=self._conditions(now))
+        return StepInputs(duty, ambient, conditions=self._conditions(now))
 
-    def over(self, t: RealScalarLike, size: RealScalarLike) -> Inputs:
+    def over(self, t: RealScalarLike, size: RealScalarLike) -> StepInputs:
         """The inputs during a step."""
         now = jnp.searchsorted(self.starts, t, side="right") - 1
         stages = jnp.asarray(t + size * jnp.array([0.0, 0.5, 1.0]))
         duty = self.duty[now] if self.lag is None else self._duty(stages, now)
-        return Inputs(duty, self._ambient(stages, now), conditions=self._conditions(now))
+        return StepInputs(duty, self._ambient(stages, now), conditions=self._conditions(now))
 
     def _conditions(self, now: Int[Array, ""]) -> Conditions | None:
         return jax.tree.map(lambda table: table[now], self.conditions)

@@ -22,7 +22,7 @@ from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate_numbers import integrate_numbers
 from ._numbered_network import NumberedNetwork
 from ._padding import SIZES, padded_count, with_padding
-from ._resolution import LARGEST_SPAN, network_span
+from ._resolution import MAX_SPAN, network_span
 from ._step_readings import StepReadings, largest
 from ._time_grid import (
     InputSummary,
@@ -39,23 +39,23 @@ longest step, s. The samples inside a step are less accurate than its end: with 
 errors around the bundled rigs are at most half a millikelvin at samples and some 1e-5 K at the
 end."""
 
-MOST_STEPS = 200
-"""With more steps, such as those of a drive that changes at every sample, the modes pay for
-themselves."""
+# With more steps, such as those of a drive that changes at every sample, the modes pay for
+# themselves.
+MAX_STEPS = 200
 
-MOST_NODES = 40
-"""The largest network. The compilation of a step takes half a minute for 30 nodes."""
+# The largest network. The compilation of a step takes half a minute for 30 nodes.
+MAX_NODES = 40
 
-LEAST_DRAWS = 1_000_000
-"""The number of draws from which on a compilation of up to half a minute more is worth its time."""
+# The number of draws from which on a compilation of up to half a minute more is worth its time.
+MIN_DRAWS = 1_000_000
 
 SMALL_CHUNK, LARGE_CHUNK = 32_768, 65_536
 """The number of draws in a chunk unless trajectories are kept, on a device with less and with more
 memory than `MUCH_MEMORY`. For 30 nodes in float64 two chunks take 19 and 27 GiB, and the larger
 ones are computed nearly twice as fast."""
 
+# Bytes of a device that JAX may use.
 MUCH_MEMORY = 2**35
-"""Bytes of a device that JAX may use."""
 
 
 def numbered_grid(
@@ -64,10 +64,10 @@ def numbered_grid(
     """The padded steps of Rodas5P for so many draws; None where the modes of the default solver are
     as good."""
     wiring = twin.wiring
-    if wiring.inputs or len(wiring.netlist.nodes) > MOST_NODES or draws < LEAST_DRAWS:
+    if wiring.inputs or len(wiring.netlist.nodes) > MAX_NODES or draws < MIN_DRAWS:
         return None
     grid = _padded_grid(experiment, wiring.lag is not None)
-    if len(grid.size) > MOST_STEPS:
+    if len(grid.size) > MAX_STEPS:
         return None
     return replace(grid, steady_start=True) if steady_start else grid
 
@@ -109,7 +109,7 @@ def prepare_numbered(
         # constant there may be is left to the default solver, which knows it.
         rest = jnp.zeros_like(reference)
         span = network_span(system, rest, jnp.asarray(inputs.duration, reference.dtype))
-        number = jnp.where(span <= LARGEST_SPAN, 0.0, jnp.inf)
+        number = jnp.where(span <= MAX_SPAN, 0.0, jnp.inf)
         return Prepared(system, None, start, number, None)
 
     prepared = jax.vmap(prepare_draw)(draws)

@@ -14,24 +14,24 @@ from jaxtyping import Float, Shaped
 
 from ..io import Experiment
 from ..physics import System, Twin
-from ._interpolation import STANDING
+from ._interpolation import CONSTANT_POLYNOMIALS
 from ._time_grid import GridOptions, TimeGrid, build_time_grid, twin_steps
 
-PARTS = 8
-"""The number of sizes in each octave, and the smallest size."""
+# The number of sizes in each octave, and the smallest size.
+SIZES_PER_OCTAVE = 8
 
-STEPS = 96
-"""The smallest number of steps. The first minute of a recording has 40 to 91 steps, which take some
-milliseconds."""
+# The smallest number of steps. The first minute of a recording has 40 to 91 steps, which take some
+# milliseconds.
+MIN_STEPS = 96
 
+# The number of step sizes is padded to a multiple of this. A drive that changes at every sample has
+# one step size, a drive that is held for long has 11 to 16; padding adds the size 0.
 SIZES = 20
-"""The number of step sizes is padded to a multiple of this. A drive that changes at every sample
-has one step size, a drive that is held for long has 11 to 16; padding adds the size 0."""
 
 
-def padded_count(count: int, least_part: int = PARTS) -> int:
+def padded_count(count: int, least_part: int = SIZES_PER_OCTAVE) -> int:
     """The number of rows after padding, a multiple of at least `least_part`."""
-    part = max(least_part, 2 ** (count.bit_length() - 1) // PARTS)
+    part = max(least_part, 2 ** (count.bit_length() - 1) // SIZES_PER_OCTAVE)
     return -(-count // part) * part
 
 
@@ -66,7 +66,7 @@ def padded_time_grid(
 def _padded_time_grid(experiment: Experiment, options: GridOptions) -> TimeGrid:
     grid = build_time_grid(experiment, *options)
     sizes = np.append(grid.sizes, np.zeros(SIZES - len(grid.sizes) % SIZES))
-    return with_padding(replace(grid, sizes=sizes), STEPS)
+    return with_padding(replace(grid, sizes=sizes), MIN_STEPS)
 
 
 def with_padding(grid: TimeGrid, least: int) -> TimeGrid:
@@ -80,7 +80,7 @@ def with_padding(grid: TimeGrid, least: int) -> TimeGrid:
         size=padded(np.asarray(grid.size), int(np.max(grid.size)) + 1, least),
         duty=padded(np.asarray(grid.duty), least=least),
         ambient=None if ambient is None else _standing(np.asarray(ambient), least),
-        polynomials=padded(np.asarray(grid.polynomials), STANDING, least),
+        polynomials=padded(np.asarray(grid.polynomials), CONSTANT_POLYNOMIALS, least),
         step_of=padded(np.asarray(grid.step_of)),
         weights=padded(np.asarray(grid.weights)),
         ambient_at=None if ambient_at is None else padded(np.asarray(ambient_at)),

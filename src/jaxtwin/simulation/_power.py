@@ -17,8 +17,8 @@ from .._compilation import persistent_jit
 from ..physics import System, Twin
 from ._delay import lagged_duty
 
-ROUNDING = 1e-9
-"""The rounding of times by which a command may seem to arrive late, s."""
+# The rounding of times by which a command may seem to arrive late, s.
+TIME_TOLERANCE_SECONDS = 1e-9
 
 
 class SupplyPower(NamedTuple):
@@ -84,7 +84,7 @@ def supply_power(
     mean = (together[0] + 4 * together[1] + together[2]) / 6
     drawn = jnp.append(0.0, jnp.cumsum(mean * jnp.diff(marks)))
     return SupplyPower(
-        power=power(times, times + ROUNDING),
+        power=power(times, times + TIME_TOLERANCE_SECONDS),
         energy=drawn[jnp.searchsorted(marks, times)],
         peak=jnp.where(jnp.diff(marks) > 0, together, -jnp.inf).max(),
     )

@@ -32,37 +32,37 @@ from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
 from ._modes import Linearisation, Modes, linearise, operating_point, side_nodes
 from ._refinement import stability_number
-from ._resolution import LARGEST_SPAN
+from ._resolution import MAX_SPAN
 from ._time_grid import TimeGrid, reference_temperature
 
 POLES, FASTEST_POLE = 12, 100.0
 """The number of rates at which responses are computed, without that at rest; and the largest,
 1/s."""
 
+# The number of responses, from the slowest, to which responses to nonlinear losses are added.
 RESPONSES_OF_LOSSES = 6
-"""The number of responses, from the slowest, to which responses to nonlinear losses are added."""
 
-DEPENDENT = 1e-10
-"""The relative size of the part of a response outside the space of the others, below which the
-response is left out."""
+# The relative size of the part of a response outside the space of the others, below which the
+# response is left out.
+INDEPENDENCE_TOLERANCE = 1e-10
 
-BLOCK = 32
-"""The number of modes is padded to a multiple of this, so that runs share compiled programs."""
+# The number of modes is padded to a multiple of this, so that runs share compiled programs.
+MODE_BLOCK = 32
 
-LARGEST_RESIDUAL = 3e-4
-"""The largest change of a temperature by the residual that is accepted, K."""
+# The largest change of a temperature by the residual that is accepted, K.
+MAX_RESIDUAL = 3e-4
 
 ROUNDS = 4
+# The largest number of times that the space grows, and the number of steps at which the residual is
+# evaluated.
 RESIDUAL_STEPS = 32
-"""The largest number of times that the space grows, and the number of steps at which the residual
-is evaluated."""
 
 
+# Absolute temperatures of the rig's nodes and of its channels at the samples, K, the
+# `stability_number`, and the error estimate of the steps, K.
 RunResult: TypeAlias = tuple[
     Float[Array, "times rig_nodes"], Float[Array, "times channels"], Array, Array
 ]
-"""Absolute temperatures of the rig's nodes and of its channels at the samples, K, the
-`stability_number`, and the error estimate of the steps, K."""
 
 
 @final
@@ -88,7 +88,7 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
     sides, count = side_nodes(system), system.capacitance.size
     capacitance = np.asarray(system.capacitance)
     duration = float(np.asarray(grid.sizes)[grid.size].sum())
-    if (network.diagonal() / capacitance).max() * duration > LARGEST_SPAN:
+    if (network.diagonal() / capacitance).max() * duration > MAX_SPAN:
         return None
     at_sides = np.zeros((count, sides.size))
     at_sides[sides, np.arange(sides.size)] = 1.0
@@ -122,7 +122,7 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
         residual = np.asarray(terms.heat).T - network @ np.asarray(terms.deviation).T
         missing = at_rest.solve(residual)
         size = np.abs(missing).max()
-        if size <= LARGEST_RESIDUAL or not np.isfinite(size):
+        if size <= MAX_RESIDUAL or not np.isfinite(size):
             nodes, channels = _at_samples(system, modes, grid, read)
             return nodes, channels, stability, read.error_estimate
         space.append(missing)
@@ -164,11 +164,11 @@ def _projected(
     factors: Any = scipy.linalg.qr(weighted, mode="economic", pivoting=True)
     basis, triangle, _ = factors
     sizes = np.abs(np.diag(triangle))
-    basis = basis[:, sizes > DEPENDENT * sizes[0]] / root[:, None]
+    basis = basis[:, sizes > INDEPENDENCE_TOLERANCE * sizes[0]] / root[:, None]
     rates, vectors = scipy.linalg.eigh(basis.T @ (linear @ basis))
     shapes = basis @ vectors
     # Modes of zero shape pad the number of modes to a multiple of `BLOCK`.
-    filling = -len(rates) % BLOCK
+    filling = -len(rates) % MODE_BLOCK
     rates = np.pad(rates, (0, filling), mode="edge")
     shapes = np.pad(shapes, ((0, 0), (0, filling)))
     plate = None if point.loss is None else shapes[: system.wiring.elements]

@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike
 
 from .._arguments import whole_number
 from .._compilation import persistent_jit
-from .._errors import SimulationError
 from .._jax_settings import is_traced, own_settings
+from ..errors import SimulationError
 from ._modes import Modes
 from ._step_preparation import check_stable, steps_in_modes
 from ._stepper import Stepper, advance, to_modal
 
-DEPENDENT = 1e-10
-"""Principal components below this part of the largest are rounding."""
+# Principal components below this part of the largest are rounding.
+INDEPENDENCE_TOLERANCE = 1e-10
 
 
 def reduce_stepper(stepper: Stepper, modes: int, duty: ArrayLike) -> Stepper:
@@ -86,12 +86,12 @@ def in_modes(where: str, stepper: Stepper, modes: Modes) -> Stepper:
     **Raises:** `SimulationError` if the steps are not stable in them.
     """
     size = stepper.sizes.sum()
-    found = steps_in_modes(stepper.system, modes, size, stepper.sizes)
-    check_stable(where, float(size), found.stability)
+    result = steps_in_modes(stepper.system, modes, size, stepper.sizes)
+    check_stable(where, float(size), result.stability)
     return eqx.tree_at(
         lambda made: (made.factors, made.field, made.plate, made.half_decay, made.half),
         stepper,
-        found[:-1],
+        result[:-1],
         is_leaf=lambda leaf: leaf is None,
     )
 
@@ -118,11 +118,11 @@ def _basis(
     first = uniform / np.linalg.norm(uniform)
     beside = states - np.outer(states @ first, first)
     _, sizes, components = np.linalg.svd(beside, full_matrices=False)
-    found = 1 + int((sizes > DEPENDENT * sizes[0]).sum())
-    if found < count:
+    result = 1 + int((sizes > INDEPENDENCE_TOLERANCE * sizes[0]).sum())
+    if result < count:
         raise SimulationError(
             f"{where}: duty: expected commands that move the rig in {count} directions, got "
-            f"{found}; give a longer example with more levels of each cell, or ask for fewer modes"
+            f"{result}; give a longer example with more levels of each cell, or ask for fewer modes"
         )
     return np.column_stack([first, components[: count - 1].T])
 

@@ -16,8 +16,8 @@ from jaxtyping import Array, Float, Shaped
 from .._arguments import names_of
 from .._compilation import persistent_jit
 from .._display import html_table, picture
-from .._errors import SimulationError
 from .._name_suggestions import did_you_mean
+from ..errors import SimulationError
 from ..io import Experiment
 from ..rig import Rig
 from ..rig._plate_needed import check_has_plate
@@ -32,13 +32,13 @@ ReductionName: TypeAlias = Literal[
 ]
 """The name of a reduction of `reduce_batch`; `Reductions` explains each."""
 
+# A reduction by the user: a pure JAX function of the trajectory of one draw, degC.
 ReductionFunction: TypeAlias = Callable[[Float[Array, "times channels"]], Shaped[Array, "..."]]
-"""A reduction by the user: a pure JAX function of the trajectory of one draw, degC."""
 
+# Names of reductions; or a mapping from the name of a result to a reduction or a function.
 ReductionChoice: TypeAlias = (
     Iterable[ReductionName] | Mapping[str, ReductionName | ReductionFunction]
 )
-"""Names of reductions; or a mapping from the name of a result to a reduction or a function."""
 
 
 @final
@@ -48,7 +48,7 @@ class Reduction:
 
     **Arguments:**
 
-    - `reads`: the field of `Readings` that the function takes.
+    - `reads`: the field of `BatchReadings` that the function takes.
     - `function`: a JAX function of that field for one draw. If it `needs_recording`, its second
       argument is the recorded temperatures.
     - `dimension`: the dimension of the result: "channel", or "recording" for a single number.
@@ -62,7 +62,7 @@ class Reduction:
     needs_recording: bool = False
 
 
-class Readings(NamedTuple):
+class BatchReadings(NamedTuple):
     """The readings of a chunk of draws from which reductions are computed; None for a field that no
     reduction needs.
 
@@ -187,13 +187,13 @@ class Reductions:
 
         **Raises:** `SimulationError` if it was not requested.
         """
-        found = self.custom.get(name, getattr(self, name) if name in REDUCTIONS else None)
-        if found is None:
+        result = self.custom.get(name, getattr(self, name) if name in REDUCTIONS else None)
+        if result is None:
             raise SimulationError(
                 f"reductions: expected one of {', '.join(self)}, got {name!r}; ask reduce_batch "
                 f"for it{did_you_mean([name], list(self))}"
             )
-        return found
+        return result
 
     def __iter__(self) -> Iterator[str]:
         """The names of the results."""
@@ -268,7 +268,7 @@ class Reductions:
 
 def reduce_readings(
     reductions: Mapping[str, Reduction],
-    readings: Readings,
+    readings: BatchReadings,
     recorded: Float[np.ndarray, "times channels"] | None,
 ) -> dict[str, Shaped[Array, "draws ..."]]:
     """Computes the results of a chunk of draws, by name.

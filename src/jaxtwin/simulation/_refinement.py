@@ -13,24 +13,24 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from ..physics import System
 from ._modes import Modes, heat_slope
-from ._resolution import LARGEST_SPAN, network_span, spanned
+from ._resolution import MAX_SPAN, network_span, spanned
 from ._time_grid import InputSummary, reference_temperature
 
+# The largest `stability_number` of steps that are short enough.
 STABILITY_LIMIT = 1.0
-"""The largest `stability_number` of steps that are short enough."""
 
+# The largest error estimate of a solution that is accepted, K. Of a thousand draws between all
+# bounds of `paper-2024`, `dual-cell` and `single-cell`, none with a smaller estimate had an error
+# above 1e-3 K.
 ERROR_TOLERANCE = 2e-3
-"""The largest error estimate of a solution that is accepted, K. Of a thousand draws between all
-bounds of `paper-2024`, `dual-cell` and `single-cell`, none with a smaller estimate had an error
-above 1e-3 K."""
 
+# The numbers of times that steps are halved, one after the other, before a stiff solver takes over.
+# Halving them once is not tried: it would suffice for half of the draws that need shorter steps,
+# and compiling it takes longer than thousands of draws.
 REFINEMENTS = (2, 3)
-"""The numbers of times that steps are halved, one after the other, before a stiff solver takes
-over. Halving them once is not tried: it would suffice for half of the draws that need shorter
-steps, and compiling it takes longer than thousands of draws."""
 
+# Name -> the results of the draws.
 Results: TypeAlias = dict[str, Shaped[np.ndarray, "draws ..."]]
-"""Name -> the results of the draws."""
 
 
 def stability_number(system: System, modes: Modes, inputs: InputSummary) -> Float[Array, ""]:
@@ -63,8 +63,8 @@ def stability_number(system: System, modes: Modes, inputs: InputSummary) -> Floa
     number = remainder_gain(system, modes, duties, reference, longest)
     duration = jnp.asarray(inputs.duration, dtype)
     slowest, fastest = modes.rates[0], modes.rates[-1]
-    is_trusted = jnp.isfinite(number) & (spanned(fastest, slowest, duration) <= LARGEST_SPAN)
-    is_resolved = network_span(system, slowest, duration) <= LARGEST_SPAN
+    is_trusted = jnp.isfinite(number) & (spanned(fastest, slowest, duration) <= MAX_SPAN)
+    is_resolved = network_span(system, slowest, duration) <= MAX_SPAN
     return jnp.where(is_resolved, jnp.where(is_trusted, number, jnp.inf), jnp.nan)
 
 

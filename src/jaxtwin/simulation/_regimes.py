@@ -19,7 +19,7 @@ from ._drive import Drive
 from ._exponential import ModalField, decay_functions, exponential_step
 from ._interpolation import SLOPE_AT_END
 from ._modes import Modes
-from ._step_readings import FAST, SLOPE_WEIGHT, StepReadings, largest
+from ._step_readings import FAST_RATE_TIMES_STEP, SLOPE_WEIGHT, StepReadings, largest
 from ._time_grid import TimeGrid
 
 
@@ -64,7 +64,7 @@ def integrate_in_regimes(
         # An error of a mode is also an error of its slope, times its rate. Samples inside a step
         # are interpolated from both.
         seen = own.shapes @ (error * (1 + SLOPE_WEIGHT * own.rates * sizes[size]))
-        is_fast = (own.rates * sizes[size] > FAST) & (now == following)
+        is_fast = (own.rates * sizes[size] > FAST_RATE_TIMES_STEP) & (now == following)
         of_slope = jnp.where(is_held & is_fast, end.last_force, force)
         slopes = field.modes.shapes @ (of_slope - field.modes.rates * after)
         state = after, force, changed(error, now, following)

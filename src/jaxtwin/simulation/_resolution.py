@@ -17,12 +17,12 @@ limit, and one of 1e-12 K/W is outside.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..physics import Link, System, Twin
 
-LARGEST_SPAN = 2e11
-"""The largest span of the rates. A network beyond it is refused. Modes beyond it, which losses or
-cells far from their linearisation can cause, are not used: a stiff solver takes over."""
+# The largest span of the rates. A network beyond it is refused. Modes beyond it, which losses or
+# cells far from their linearisation can cause, are not used: a stiff solver takes over.
+MAX_SPAN = 2e11
 
 
 def network_span(
@@ -55,7 +55,7 @@ def unresolved_network(twin: Twin) -> SimulationError:
     link = min(netlist.links, key=time_constant)
     return SimulationError(
         f"{twin.rig.name}: resistance {link.a} - {link.b}: expected rates that differ by a factor "
-        f"of at most {LARGEST_SPAN:g} within the run, which float64 can tell apart, got "
+        f"of at most {MAX_SPAN:g} within the run, which float64 can tell apart, got "
         f"{link.resistance(values):g} K/W, with which a node settles within "
         f"{time_constant(link):.2g} s; raise the resistance, or make one node of the two"
     )

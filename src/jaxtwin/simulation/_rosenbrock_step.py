@@ -38,6 +38,8 @@ TIME = (GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.
 TIME += (0.0, 0.0, 0.0)
 """$d_i$."""
 
+# $a_{ij}$ of the first six stages. The others are $u_7 = u_6 + k_6$ and $u_8 = u_7 + k_7$, and the
+# result is $u_8 + k_8$.
 STATES: tuple[tuple[float, ...], ...] = (
     (),
     (3.0,),
@@ -52,9 +54,8 @@ STATES: tuple[tuple[float, ...], ...] = (
         0.030198172008377946,
     ),
 )
-r"""$a_{ij}$ of the first six stages. The others are $u_7 = u_6 + k_6$ and $u_8 = u_7 + k_7$, and
-the result is $u_8 + k_8$."""
 
+# $C_{ij}$.
 SLOPES: tuple[tuple[float, ...], ...] = (
     (),
     (-14.155112264123755,),
@@ -86,7 +87,6 @@ SLOPES: tuple[tuple[float, ...], ...] = (
         -9.48861652309627,
     ),
 )
-"""$C_{ij}$."""
 
 DENSE: tuple[tuple[float, ...], ...] = (
     (
@@ -126,6 +126,10 @@ $$y(t_0 + s h) = (1 - s) y_0 + s y_1 + s (1 - s) (p_2 + s (p_3 + s p_4)).$$
 """
 
 
+# The weights of the powers of $s$ in a polynomial $c$ with which $y(t_0 + s h) + c(s) k_8$ is a
+# continuous output of fifth order for linear equations. Of $\dot y = \lambda y$ both $k_8$ and the
+# error of the output of fourth order begin with $(h \lambda)^5$, and $c$ is the ratio of the two.
+# It is 0 at both ends of the step.
 CORRECTION = (
     0.0,
     7.560298092921883,
@@ -134,10 +138,6 @@ CORRECTION = (
     -186.00271158389666,
     67.27806258749634,
 )
-r"""The weights of the powers of $s$ in a polynomial $c$ with which $y(t_0 + s h) + c(s) k_8$ is a
-continuous output of fifth order for linear equations. Of $\dot y = \lambda y$ both $k_8$ and the
-error of the output of fourth order begin with $(h \lambda)^5$, and $c$ is the ratio of the two. It
-is 0 at both ends of the step."""
 
 
 def _table(rows: Sequence[Sequence[float]]) -> Float[np.ndarray, "8 8"]:
@@ -149,8 +149,8 @@ def _table(rows: Sequence[Sequence[float]]) -> Float[np.ndarray, "8 8"]:
 
 
 STATE_TABLE = _table([*STATES, (*STATES[-1], 1.0), (*STATES[-1], 1.0, 1.0)])
+# All $a_{ij}$ and $C_{ij}$.
 SLOPE_TABLE = _table(SLOPES)
-"""All $a_{ij}$ and $C_{ij}$."""
 
 
 class RosenbrockStep(NamedTuple):

@@ -12,11 +12,11 @@ from jaxtyping import Float
 from .._arguments import finite_number, whole_number
 from .._celsius import ZERO_CELSIUS
 from .._display import html_table, picture
-from .._errors import RecordingError, SimulationError
 from .._goodness_of_fit import fit_percent, fit_text, rmse
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean, unknown_name
 from .._whole_file import check_ending
+from ..errors import RecordingError, SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ._exceeded_limits import exceeded_limits
@@ -159,7 +159,7 @@ class Run:
             )
         levels = input_levels(self.experiment, self.twin.rig.inputs)
         with own_settings():
-            found = power_of_states(
+            result = power_of_states(
                 self.twin,
                 padded(self.states + ZERO_CELSIUS),
                 padded(self.experiment.elapsed),
@@ -169,7 +169,7 @@ class Run:
             )
         count = len(self.time)
         return SupplyPower(
-            np.asarray(found.power)[:count], np.asarray(found.energy)[:count], found.peak
+            np.asarray(result.power)[:count], np.asarray(result.energy)[:count], result.peak
         )
 
     @property

@@ -9,10 +9,10 @@ from jaxtyping import Array, Float, Int
 from .._arguments import of_kind
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit, persistent_jit_unoptimised
-from .._errors import SimulationError
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from .._waiting import announced
+from ..errors import SimulationError
 from ..io import Experiment
 from ..io._duty_of_rig import check_duty_of_rig, of_rig
 from ..io._experiment import EXPERIMENT
@@ -101,14 +101,14 @@ def simulate(
 
     def solve(_: Int[np.ndarray, " draws"], refinement: int) -> Results:
         grid = padded_time_grid(twin, experiment, refinement, steady_start=isinstance(start, str))
-        found = None
+        solution = None
         if is_large(twin, start):
             from ._reduced_modes import run_reduced  # SciPy's sparse solvers take a while to import
 
-            found = run_reduced(twin, grid, start)
-        if found is None:
-            found = _run_exponential(twin, grid, start)
-        states, readings, number, error = found
+            solution = run_reduced(twin, grid, start)
+        if solution is None:
+            solution = _run_exponential(twin, grid, start)
+        states, readings, number, error = solution
         samples = slice(len(experiment.time))
         return {
             "states": np.array(states)[None, samples],

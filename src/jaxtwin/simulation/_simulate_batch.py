@@ -8,10 +8,10 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from .._arguments import check_callable, mapping_of, whole_number
-from .._errors import JaxtwinError, ParameterError, SimulationError
 from .._executor import Executor, check_executor
 from .._name_suggestions import did_you_mean
 from .._waiting import announced, counting
+from ..errors import JaxtwinError, ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ._chunk_programs import Precision
@@ -26,10 +26,10 @@ from ._twin_of_experiment import FittedTwins, twin_of_experiment
 if TYPE_CHECKING:
     import diffrax
 
-LEAST_PART = 64
-"""Draws that are solved again come in chunks at least as large as those of a 64th of all draws. Of
-thousands of draws a few then fill a whole chunk with copies, which costs some percent of the time
-at most, and share the compiled linear algebra of the first pass."""
+# Draws that are solved again come in chunks at least as large as those of a 64th of all draws. Of
+# thousands of draws a few then fill a whole chunk with copies, which costs some percent of the time
+# at most, and share the compiled linear algebra of the first pass.
+MIN_PART = 64
 
 
 class BatchOptions(TypedDict, total=False):
@@ -226,7 +226,7 @@ def _solve_batch(
 
     def solve(chosen: Int[np.ndarray, " some"], refinement: int) -> Results:
         first, into = (None, None) if refinement else (report, out)
-        least = total // LEAST_PART
+        least = total // MIN_PART
         return solve_draws(batch, some(chosen), refinement, executor, first, least, into)
 
     def rescue(chosen: Int[np.ndarray, " some"]) -> Results:
@@ -292,9 +292,9 @@ def checked_draws(
         checked[name] = array
     lengths = {name: len(array) for name, array in checked.items()}
     if len(set(lengths.values())) > 1:
-        found = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        result = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ParameterError(
-            f"{rig.name}: draws: expected the same number of draws for each, got {found}"
+            f"{rig.name}: draws: expected the same number of draws for each, got {result}"
         )
     return checked
 

@@ -9,20 +9,20 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._compilation import persistent_jit_unoptimised
-from .._errors import SimulationError
 from .._jax_settings import is_traced
+from ..errors import SimulationError
 from ..physics import System
 from ._delay import checked_longest_delay
 from ._exponential import ModalField, StepFactors, step_factors
 from ._modes import Modes, network_modes
 from ._refinement import STABILITY_LIMIT, remainder_gain
 
-WHOLE = 1e-9
-"""A delay counts as a multiple of the step size if the relative difference is below this."""
+# A delay counts as a multiple of the step size if the relative difference is below this.
+MULTIPLE_TOLERANCE = 1e-9
 
 
-MOST_COMMANDS = 1_000_000
-"""The most commands that a state holds on their way."""
+# The most commands that a state holds on their way.
+MAX_COMMANDS = 1_000_000
 
 
 class ModalSteps(NamedTuple):
@@ -50,7 +50,7 @@ def prepare_steps(
         whole, sizes = jnp.round(system.delay / step_size).astype(int), step_size[None]
     else:
         # Rounding must not split a delay of n steps into n - 1 steps and a remainder of a step.
-        whole = jnp.floor(system.delay / step_size * (1 + WHOLE)).astype(int)
+        whole = jnp.floor(system.delay / step_size * (1 + MULTIPLE_TOLERANCE)).astype(int)
         rest = jnp.maximum(system.delay - whole * step_size, 0.0)
         sizes = jnp.stack([rest, step_size - rest])
     return whole, sizes, steps_in_modes(system, modes, step_size, sizes)
@@ -91,7 +91,7 @@ def is_multiple(delay: Float[Array | np.ndarray, ""] | float | None, step_size: 
     if is_traced(delay):
         return False
     steps = float(delay) / step_size
-    return abs(steps - round(steps)) <= WHOLE * max(steps, 1.0)
+    return abs(steps - round(steps)) <= MULTIPLE_TOLERANCE * max(steps, 1.0)
 
 
 def queue_length(
@@ -106,9 +106,9 @@ def queue_length(
     if delay is None:
         return 0
     longest = checked_longest_delay("Stepper: longest_delay", longest_delay, delay, SimulationError)
-    if longest > MOST_COMMANDS * step_size:
+    if longest > MAX_COMMANDS * step_size:
         raise SimulationError(
-            f"Stepper: step_size: expected at least {longest / MOST_COMMANDS:g} s, as a delay of "
+            f"Stepper: step_size: expected at least {longest / MAX_COMMANDS:g} s, as a delay of "
             f"{longest:g} s holds a command for each step, got {step_size:g}; is it in another "
             "unit?"
         )

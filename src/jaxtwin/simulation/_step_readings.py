@@ -8,12 +8,12 @@ from jaxtyping import Array, Float
 
 from ._time_grid import TimeGrid
 
+# The largest weight of a slope within a step, as a multiple of the step size.
 SLOPE_WEIGHT = 0.15
-"""The largest weight of a slope within a step, as a multiple of the step size."""
 
-FAST = 16.0
-"""The rate times step size above which a mode is fast: the slope at the end of a step then follows
-from the last stage, see `StepResult`."""
+# The rate times step size above which a mode is fast: the slope at the end of a step then follows
+# from the last stage, see `StepResult`.
+FAST_RATE_TIMES_STEP = 16.0
 
 
 @final

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit_unoptimised
-from .._errors import SimulationError
 from .._jax_settings import in_precision, is_traced, settings_for
+from ..errors import SimulationError
 from ..physics import System, Twin
 from ..physics._input_effects import Conditions
 from ..physics._twin import check_twin
 from ._check_values import check_values
-from ._exponential import Inputs, ModalField, StepFactors, exponential_step, loss_force
+from ._exponential import ModalField, StepFactors, StepInputs, exponential_step, loss_force
 from ._input_levels import stated_levels
 from ._step_preparation import check_stable, is_multiple, prepare_steps, queue_length
 
@@ -297,7 +297,7 @@ def advance(
         delayed = commands[places]
     amplitudes, duty = state.amplitudes, state.duty
     now = delayed[0] if system.lag is None else duty
-    held = Inputs(now, surroundings, modal_heat, conditions)
+    held = StepInputs(now, surroundings, modal_heat, conditions)
     line = loss_line(stepper, amplitudes, held, loss_dtype)
     begin = jnp.zeros_like(stepper.sizes[0])
     for number in range(len(stepper.sizes)):
@@ -329,7 +329,7 @@ class _LossLine(NamedTuple):
 def loss_line(
     stepper: Stepper,
     amplitudes: Float[Array, " modes"],
-    held: Inputs,
+    held: StepInputs,
     dtype: DTypeLike | None,
 ) -> _LossLine | None:
     """Computes the losses of the plate beyond the modes' linear losses, with the heat of the inputs
@@ -398,14 +398,14 @@ def _inputs(
     size: Float[Array, ""],
     surroundings: Float[Array, ""],
     heat: Float[Array, "*stages modes"] | None,
-) -> tuple[Inputs, Float[Array, " cells"]]:
+) -> tuple[StepInputs, Float[Array, " cells"]]:
     """The inputs of a step under a command that has arrived, and the duty at its end."""
     if system.lag is None:
-        return Inputs(command, surroundings, heat), command
+        return StepInputs(command, surroundings, heat), command
     # du/dt = (command - u) / lag, at the start, in the middle and at the end.
     elapsed = size * _stages(size)
     stages = command + (duty - command) * jnp.exp(-elapsed / system.lag)[:, None]
-    return Inputs(stages, surroundings, heat), stages[-1]
+    return StepInputs(stages, surroundings, heat), stages[-1]
 
 
 @jax.jit

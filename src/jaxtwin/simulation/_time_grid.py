@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
 from ..rig import Input
@@ -34,47 +34,47 @@ FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
 """Step sizes without refinement: the first one, s; the largest one as a part of the time since the
 last change of an input; the largest one, s."""
 
+# The parts of the first step after a large change. Right after it the sides of a cell may settle
+# within milliseconds, which hardly affects temperatures elsewhere, but does affect derivatives with
+# respect to the resistances of the cell.
 FINE = np.array([1, 1, 2, 4, 8, 16, 32, 64, 128]) / 256
-"""The parts of the first step after a large change. Right after it the sides of a cell may settle
-within milliseconds, which hardly affects temperatures elsewhere, but does affect derivatives with
-respect to the resistances of the cell."""
 
+# The longest step after a change that moves channels by 1 K/s, s, if no sample is inside. It is
+# longer for a smaller change by the fourth root of its rate, and shorter by the factor `INSIDE`
+# where samples are inside, between which temperatures are interpolated.
 REACH = 1.5
-"""The longest step after a change that moves channels by 1 K/s, s, if no sample is inside. It is
-longer for a smaller change by the fourth root of its rate, and shorter by the factor `INSIDE` where
-samples are inside, between which temperatures are interpolated."""
 
 INSIDE = 1 / 3
 
-LEAST_REACH = 2.4
-"""Where that step is at least so long, s, the change is a small one: steps begin with this size. A
-large change starts with the short steps of `FINE`."""
+# Where that step is at least so long, s, the change is a small one: steps begin with this size. A
+# large change starts with the short steps of `FINE`.
+MIN_REACH = 2.4
 
+# The largest step if the driver has a delay and the rig other inputs, s. The grid moves with the
+# delay, so that these inputs change within a step, which takes their mean.
 DELAYED_STEP = 0.5
-"""The largest step if the driver has a delay and the rig other inputs, s. The grid moves with the
-delay, so that these inputs change within a step, which takes their mean."""
 
-MOST_STEPS = 1_000_000
-"""The largest number of steps without refinement, those of a year. More would fill the memory."""
+# The largest number of steps without refinement, those of a year. More would fill the memory.
+MAX_STEPS = 1_000_000
 
-SETTLING = 6.0
-"""The time after a change for which steps keep their first size if the driver has a lag, s. If the
-command is reversed, the duty passes zero within this time for lags of a few seconds, and the heat
-of an on/off drive has a kink there, which a longer step would miss."""
+# The time after a change for which steps keep their first size if the driver has a lag, s. If the
+# command is reversed, the duty passes zero within this time for lags of a few seconds, and the heat
+# of an on/off drive has a kink there, which a longer step would miss.
+SETTLING_SECONDS = 6.0
 
+# The size of a change if it is not known how fast channels answer: that of a large one, K/s.
 UNKNOWN_CHANGE = 1.0
-"""The size of a change if it is not known how fast channels answer: that of a large one, K/s."""
 
+# The longest span between two input changes that has equal steps if no sample is inside, s.
 SHORT_SPAN = 1.0
-"""The longest span between two input changes that has equal steps if no sample is inside, s."""
 
-SETTLED = 10.0
-"""The time after a change, s, from which interpolation does without the slope at the end of a
-span: with it, the errors of 1000 draws between all bounds of each of the paper's rigs are the same
-over spans of 500 s."""
+# The time after a change, s, from which interpolation does without the slope at the end of a span:
+# with it, the errors of 1000 draws between all bounds of each of the paper's rigs are the same over
+# spans of 500 s.
+SETTLED_SECONDS = 10.0
 
+# The number of these steps within the settling time of a reversal, elsewhere one.
 REVERSED_PARTS = 4
-"""The number of these steps within the settling time of a reversal, elsewhere one."""
 
 
 @final
@@ -202,7 +202,7 @@ class StepRule(NamedTuple):
     settling: float = 0.0
     parts: int = 1
     reach: float = REACH
-    least_reach: float = LEAST_REACH
+    least_reach: float = MIN_REACH
 
     def after(self, elapsed: float, change: float, has_samples: bool) -> float:
         """The longest step some time after a change.
@@ -228,21 +228,21 @@ class StepRule(NamedTuple):
         return min(max(step, ROUGHNESS / change), self.largest)
 
 
+# The arguments of `build_time_grid` other than the experiment.
 GridOptions: TypeAlias = tuple[StepRule, tuple[tuple[Input, bool], ...], tuple[float, ...], float]
-"""The arguments of `build_time_grid` other than the experiment."""
 
 
 def settling_after_reversals(experiment: Experiment, lags: bool) -> float:
     """The `settling` for a solver whose steps grow from the start: 0 unless the driver has a lag
     and a command is reversed, because a lagging duty then has a kink where it passes 0."""
     duty = experiment.duty
-    return SETTLING if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
+    return SETTLING_SECONDS if lags and bool(np.any(duty[1:] * duty[:-1] < 0)) else 0.0
 
 
 def twin_steps(twin: Twin | System, refinement: int) -> GridOptions:
     """The arguments of `build_time_grid` other than the experiment."""
     part = 0.5**refinement
-    settling = 0.0 if twin.wiring.lag is None else SETTLING
+    settling = 0.0 if twin.wiring.lag is None else SETTLING_SECONDS
     inputs, longest = twin.wiring.inputs_and_effects, LARGEST_STEP
     if twin.wiring.delay is not None and inputs:
         longest = DELAYED_STEP
@@ -263,7 +263,7 @@ def step_rule(part: float = 1.0, largest: float | None = None, settling: float =
         settling=settling,
         parts=round(1 / part),
         reach=part * REACH,
-        least_reach=part * LEAST_REACH,
+        least_reach=part * MIN_REACH,
     )
 
 
@@ -302,10 +302,10 @@ def build_time_grid(
     levels = input_levels(experiment, tuple(one for one, _ in inputs))
     duration = float(time[-1])
     least = duration / rule.largest
-    if least > MOST_STEPS * rule.parts:
+    if least > MAX_STEPS * rule.parts:
         raise SimulationError(
             f"{experiment.name or 'the experiment'}: expected at most "
-            f"{MOST_STEPS * rule.largest * rule.parts:g} s, got {duration:g} s, which takes "
+            f"{MAX_STEPS * rule.largest * rule.parts:g} s, got {duration:g} s, which takes "
             f"{least:.2g} steps of at most {rule.largest:g} s; simulate it in parts, with "
             "Experiment.between"
         )
@@ -454,5 +454,5 @@ def _span_steps(
         steps.append(float(min(size, left)))
         elapsed += steps[-1]
     contains_samples = time[-2] - time[0] > duration - steps[-1] + 1e-9
-    is_early = not rule.doubles or duration <= SETTLED or len(steps) == 1
+    is_early = not rule.doubles or duration <= SETTLED_SECONDS or len(steps) == 1
     return [*steps, 0.0] if contains_samples and is_early else steps

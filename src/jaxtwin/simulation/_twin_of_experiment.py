@@ -4,7 +4,7 @@ import os
 from typing import Protocol, runtime_checkable
 
 from .._arguments import of_kind
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..io import Experiment
 from ..io._experiment import EXPERIMENT
 from ..physics import Twin

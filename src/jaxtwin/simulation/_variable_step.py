@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..physics._input_effects import Conditions
-from ._exponential import Inputs, exponential_step, step_factors
+from ._exponential import StepInputs, exponential_step, step_factors
 from ._stepper import Stepper, loss_line
 
 
@@ -42,13 +42,13 @@ def variable_step(
         stepper,
         (length, factors.half_decay, factors.half),
     )
-    held = Inputs(duty[0], surroundings, heat, conditions)
+    held = StepInputs(duty[0], surroundings, heat, conditions)
     line = loss_line(sized, amplitudes, held, None)
     flow = heat
     if line is not None:
         elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
         flow = line.first + elapsed[:, None] * line.slope
-    inputs = Inputs(duty, surroundings, flow, conditions)
+    inputs = StepInputs(duty, surroundings, flow, conditions)
     force = stepper.field.force(amplitudes, inputs.at(0)) if line is None else line.force
     return exponential_step(amplitudes, force, factors, stepper.field, inputs).amplitudes
 
@@ -75,7 +75,7 @@ def linear_step(
     def column(
         amplitudes: Float[Array, " modes"], forces: Float[Array, "stages modes"]
     ) -> Float[Array, " modes"]:
-        inputs = Inputs(forces[0, :0], size, forces)
+        inputs = StepInputs(forces[0, :0], size, forces)
         first = field.force(amplitudes, inputs.at(0))
         return exponential_step(amplitudes, first, factors, field, inputs).amplitudes
 
@@ -88,6 +88,8 @@ class _LinearField(eqx.Module):
 
     matrix: Float[Array, "modes modes"]
 
-    def force(self, amplitudes: Float[Array, " modes"], inputs: Inputs) -> Float[Array, " modes"]:
+    def force(
+        self, amplitudes: Float[Array, " modes"], inputs: StepInputs
+    ) -> Float[Array, " modes"]:
         assert inputs.heat is not None
         return self.matrix @ amplitudes + inputs.heat

@@ -9,13 +9,13 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
+# The number of draws in a chunk on a CPU: large enough to hide the cost of a call, small enough for
+# the memory that `_keep_freed_memory` keeps.
 CHUNK_CPU = 64
-"""The number of draws in a chunk on a CPU: large enough to hide the cost of a call, small enough
-for the memory that `_keep_freed_memory` keeps."""
 
+# The number of draws in a chunk on an accelerator: enough to fill it, in some gigabytes of memory.
+# CUDA's batched eigensolvers take at most 65 535 matrices.
 CHUNK_ACCELERATOR = 16384
-"""The number of draws in a chunk on an accelerator: enough to fill it, in some gigabytes of memory.
-CUDA's batched eigensolvers take at most 65 535 matrices."""
 
 
 def work_in_chunks(
@@ -89,12 +89,12 @@ def fill_in_chunks(
         first = number * size
         chunk = {n: _padded(values[first : first + size], size) for n, values in draws.items()}
         part = slice(first, min(first + size, count))
-        found = work(chunk, part)
+        solution = work(chunk, part)
         with one_at_a_time:
-            for name, values in found.items():
+            for name, values in solution.items():
                 if name not in result:
                     result[name] = np.empty((count, *values.shape[1:]), values.dtype)
-        for name, values in found.items():
+        for name, values in solution.items():
             result[name][part] = values[: part.stop - first]
         if on_progress is not None:
             with one_at_a_time:

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
-from .._errors import SimulationError
 from .._jax_settings import own_settings
+from ..errors import SimulationError
 from ..io import Experiment
 from ..io._duty_of_rig import check_duty_of_rig
 from ..physics import Netlist, ThermoelectricElement, Twin
@@ -23,11 +23,11 @@ from ..rig import Rig, Value
 from ..rig._plate import AMBIENT, FILM_REFERENCE
 from ..simulation._twin_of_experiment import FittedTwins, twin_of_experiment
 
+# The duration of a step of the drive, s, because sources of SPICE are piecewise linear.
 _RAMP = 1e-6
-"""The duration of a step of the drive, s, because sources of SPICE are piecewise linear."""
 
-_LONGEST_STEP = 1.0
-"""The longest step of the solver, s; the tolerance requires shorter ones after changes."""
+# The longest step of the solver, s; the tolerance requires shorter ones after changes.
+_MAX_STEP = 1.0
 
 
 def to_spice(
@@ -249,7 +249,7 @@ def _run(
     reference: float,
     output: str,
 ) -> list[str]:
-    step = min(_LONGEST_STEP, float(np.median(np.diff(time))))
+    step = min(_MAX_STEP, float(np.median(np.diff(time))))
     nodes = [names[node.name] for node in netlist.nodes]
     offset = float(reference - ZERO_CELSIUS)
     return [

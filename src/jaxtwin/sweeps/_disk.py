@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 
 try:
     import fcntl

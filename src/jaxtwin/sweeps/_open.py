@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from .._arguments import path_of
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ._disk import disk_errors
 from ._store import read_identity
 
@@ -40,13 +40,13 @@ def open_sweep(folder: str | os.PathLike[str]) -> "xarray.Dataset":
         import xarray
         import zarr
 
-        from ._samples import Samples
+        from ._samples import SampledParameters
 
         done = np.asarray(zarr.open_group(place, mode="r")["done"]).astype(bool)
         stored = xarray.open_zarr(place, consolidated=False, chunks=None, mask_and_scale=False)
     drawn, size, draws = identity["drawn"], identity["chunk_size"], identity["draws"]
     table = stored.drop_vars("done").assign(
-        sample=(("draw", "parameter"), Samples.of(identity)),
+        sample=(("draw", "parameter"), SampledParameters.of(identity)),
         value=("parameter", list(drawn.values())),
     )
     table = table.assign_coords(

@@ -10,7 +10,7 @@ from jaxtyping import Float, Shaped
 
 from .. import __version__
 from .._arguments import whole_number
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -22,13 +22,13 @@ from ..simulation._reductions import checked_reductions
 from ..simulation._simulate import checked_channels
 from ..simulation._simulate_batch import checked_precision
 
+# The format of the store. It changes with the arrays and with the order of draws.
 FORMAT = 2
-"""The format of the store. It changes with the arrays and with the order of draws."""
 
+# Name of an array -> its second dimension and its unit.
 ROLES = {"failed": ("", "")} | {
     name: (reduction.dimension, reduction.unit) for name, reduction in REDUCTIONS.items()
 }
-"""Name of an array -> its second dimension and its unit."""
 
 
 @final

@@ -15,7 +15,7 @@ from ..sensitivity_analysis._sampling import normal_draws
 
 
 @final
-class Samples(BackendArray):
+class SampledParameters(BackendArray):
     """The parameters of a sweep's draws, `(draws, parameters)`, drawn from its seed.
 
     **Arguments:**

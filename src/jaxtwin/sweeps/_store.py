@@ -17,16 +17,16 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Bool, Shaped
 
-from .._errors import SimulationError
+from ..errors import SimulationError
 from ._disk import disk_errors, lock, put, to_disk
 from ._plan import ROLES, Plan
 
+# The attribute of the store that holds the identity of the sweep.
 KEY = "jaxtwin_sweep"
-"""The attribute of the store that holds the identity of the sweep."""
 
+# A chunk key format with a single folder for each array, so that fewer names are forced to the
+# disk.
 KEYS: Any = {"name": "v2", "separator": "."}
-"""A chunk key format with a single folder for each array, so that fewer names are forced to the
-disk."""
 
 
 @final

@@ -14,9 +14,9 @@ from jaxtyping import Shaped
 
 from .._arguments import check_callable, path_of
 from .._display import html_table, picture
-from .._errors import SimulationError
 from .._executor import Executor, check_executor, work_in_units
 from .._waiting import silent
+from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+# The number of draws in a chunk. A killed process loses at most one chunk, some seconds of CPU
+# time.
 CHUNK = 65536
-"""The number of draws in a chunk. A killed process loses at most one chunk, some seconds of CPU
-time."""
 
 
 @final
@@ -189,8 +189,8 @@ def sweep(
     )
 
 
+# Pairs of the number of a chunk and its results, name of the array -> values.
 Solved: TypeAlias = Generator[tuple[int, dict[str, Shaped[np.ndarray, "draws *columns"]]]]
-"""Pairs of the number of a chunk and its results, name of the array -> values."""
 
 
 def _solve_here(store: Store, chunks: list[int], meter: ProgressMeter) -> Solved:

@@ -7,8 +7,8 @@ always be looked up.
 import sqlite3
 from pathlib import Path
 
-from .._errors import StoreError
 from .._twin_address import APPLICATION, FORMAT, check_store
+from ..errors import StoreError
 
 TABLES = """
 CREATE TABLE versions (
@@ -44,8 +44,8 @@ CREATE TABLE tags (
 );
 """
 
+# The tables whose rows stay as they are.
 PERMANENT = ("versions", "moves")
-"""The tables whose rows stay as they are."""
 
 
 def make_tables(connection: sqlite3.Connection, file: Path) -> None:

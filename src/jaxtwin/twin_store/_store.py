@@ -12,9 +12,9 @@ import numpy as np
 
 from .. import __version__
 from .._arguments import mapping_of, of_kind, path_of
-from .._errors import StoreError
 from .._name_suggestions import did_you_mean
 from .._twin_address import ALIAS, connected, opened_store, version_number
+from ..errors import StoreError
 from ..io import Experiment
 from ..matching import Fit
 from ..matching._fit import solution_of
@@ -331,7 +331,7 @@ class TwinStore:
             rig=rig,
             recordings=json.loads(recordings),
             software=json.loads(software),
-            aliases=tuple(one[0] for one in names),
+            aliases=tuple(name[0] for name in names),
             tags=dict(connection.execute(query, (number,)).fetchall()),
             fit_text=fit,
             rig_text=rig_text,
@@ -361,9 +361,9 @@ def _posterior(fit: Fit) -> dict[str, Any]:
     known = fit.uncertainty
 
     def plain(array: Any) -> Any:
-        found = np.array(array, object)
-        found[~np.isfinite(array)] = None
-        return found.tolist()
+        result = np.array(array, object)
+        result[~np.isfinite(array)] = None
+        return result.tolist()
 
     return {
         "labels": list(known.labels),
@@ -380,11 +380,11 @@ def _sentence(where: str, text: object) -> str:
 
 
 def _texts(where: str, tags: Mapping[str, str] | None) -> dict[str, str]:
-    found = dict(mapping_of(f"TwinStore.{where}", tags or {}, "name -> text", StoreError))
-    for key, value in found.items():
+    result = dict(mapping_of(f"TwinStore.{where}", tags or {}, "name -> text", StoreError))
+    for key, value in result.items():
         if not isinstance(value, str):
             raise StoreError(f"TwinStore.{where}: {key}: expected text, got {value!r}")
-    return found
+    return result
 
 
 def _now() -> str:

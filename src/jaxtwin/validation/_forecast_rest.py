@@ -49,8 +49,8 @@ def forecast_rest(
     last = np.flatnonzero(is_given)[-1]
     table = twin.rig.parameters
     values = {
-        name: float(one.mean[last])
-        for name, one in estimates.parameters.items()
+        name: float(parameter.mean[last])
+        for name, parameter in estimates.parameters.items()
         if table[name].scope != "shared"
     }
     is_matched = recording.fingerprint in fit.fingerprints

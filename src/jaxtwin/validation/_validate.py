@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._arguments import check_callable, finite_number, names_of, of_kind
-from .._errors import MatchError
 from .._waiting import announced
+from ..errors import MatchError
 from ..io import Experiment
 from ..io._experiment import Recordings, as_experiments
 from ..matching import (
@@ -37,12 +37,12 @@ from ..simulation._simulate import prepare_simulation
 from ._forecast_rest import forecast_rest
 from ._validation import Prediction, Validation
 
-LEAST = 30
-"""The smallest number of samples of each channel in a predicted part."""
+# The smallest number of samples of each channel in a predicted part.
+MIN_SAMPLES = 30
 
-OUTSIDE = 0.2
-"""A prediction has a warning if it leaves the range of the given readings by more than this part of
-the range."""
+# A prediction has a warning if it leaves the range of the given readings by more than this part of
+# the range.
+EXTRAPOLATION_FRACTION = 0.2
 
 
 ONE_RECORDING = (
@@ -190,9 +190,10 @@ def validate_split(
         before, after = (
             _samples(recording, part) for part in (recording.time < at, recording.time >= at)
         )
-        if min(before, after) < LEAST:
+        if min(before, after) < MIN_SAMPLES:
             raise MatchError(
-                f"{name}: split at {at:g} s: expected at least {LEAST} samples in every channel "
+                f"{name}: split at {at:g} s: expected at least {MIN_SAMPLES} samples in every "
+                "channel "
                 f"before and after it, got {before} and {after}; the recording goes from "
                 f"{recording.time[0]:g} to {recording.time[-1]:g} s"
             )
@@ -296,19 +297,19 @@ def _predict(
     twin = nominal_twin("twin", fitted, MatchError)
     with ThreadPoolExecutor(1) as pool:
         pool.submit(prepare_simulation, twin, recording)
-        found = estimate_initial_conditions(
+        result = estimate_initial_conditions(
             fitted, recording, warm_up, names, group=group, initial=initial
         )
-    run = simulate(found.twin, recording, initial=initial).between(start)
-    band, is_matched, warnings = None, False, found.warnings
+    run = simulate(result.twin, recording, initial=initial).between(start)
+    band, is_matched, warnings = None, False, result.warnings
     if isinstance(fitted, Fit):
-        uncertain = values_of_unseen(fitted, recording.group if group is None else group, found)
+        uncertain = values_of_unseen(fitted, recording.group if group is None else group, result)
         band = partial(_band, fitted, recording, uncertain, start)
         is_matched = recording.fingerprint in fitted.fingerprints
         if len(fitted.recordings) == 1 and not is_matched:
             warnings = (*warnings, ONE_RECORDING)
     return Prediction(
-        name, run, found.twin, found.values, warnings, fit, is_matched, make_band=band
+        name, run, result.twin, result.values, warnings, fit, is_matched, make_band=band
     )
 
 
@@ -352,7 +353,7 @@ def _beyond_given(
     outside = np.maximum(later.max(axis=0) - high, low - later.min(axis=0))
     farthest = int(np.argmax(outside))
     span = float(high[farthest] - low[farthest])
-    if outside[farthest] <= OUTSIDE * span:
+    if outside[farthest] <= EXTRAPOLATION_FRACTION * span:
         return ()
     warning = (
         f"readings are predicted up to {outside[farthest]:.1f} K outside of the first {given:g} s, "
@@ -365,9 +366,9 @@ def _beyond_given(
 def _start_of_rest(name: str, recording: Experiment, what: str, span: float) -> float:
     start = recording.time[0] + span
     left = _samples(recording, recording.time >= start)
-    if left < LEAST:
+    if left < MIN_SAMPLES:
         raise MatchError(
-            f"{name}: {what} = {span:g} s: expected at least {LEAST} samples after it in "
+            f"{name}: {what} = {span:g} s: expected at least {MIN_SAMPLES} samples after it in "
             f"every channel, got {left}; give less"
         )
     return float(start)

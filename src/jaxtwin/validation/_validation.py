@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MATCHED = "matched, not a prediction: the fit has seen this recording"
+MATCHED_LABEL = "matched, not a prediction: the fit has seen this recording"
 
 
 @final
@@ -188,7 +188,7 @@ class Validation:
             for row in rows
         ]
         for prediction in self.predictions:
-            lines += [f"{prediction.name}: {MATCHED}"] * prediction.is_matched
+            lines += [f"{prediction.name}: {MATCHED_LABEL}"] * prediction.is_matched
             text = ", ".join(
                 f"{name} = {value:.4g}" for name, value in prediction.estimated.items()
             )

@@ -6,7 +6,7 @@ from typing import Any
 
 import traitlets
 
-from .._errors import JaxtwinError
+from ..errors import JaxtwinError
 from ._one_module import one_module
 
 try:

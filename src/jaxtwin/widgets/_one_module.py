@@ -13,7 +13,7 @@ from pathlib import Path
 from .. import serve
 
 PAGE = Path(serve.__path__[0]) / "assets"
-OWN = Path(__file__).with_name("assets")
+OWN_SOURCE = Path(__file__).with_name("assets")
 _IMPORT = re.compile(r'^import \{[^}]*\} from "\./(\w+)\.js";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:class|function|const) )", re.MULTILINE)
 _EXPORTED = re.compile(r"^export \{[^}]*\};\n", re.MULTILINE)
@@ -23,7 +23,7 @@ _EXPORTED = re.compile(r"^export \{[^}]*\};\n", re.MULTILINE)
 def one_module(entry: str) -> str:
     """Returns the module `entry` of this package with all that it imports, uPlot, and the style
     sheets as a constant `STYLES`."""
-    styles = [PAGE / "uplot" / "uPlot.min.css", PAGE / "page.css", OWN / "widgets.css"]
+    styles = [PAGE / "uplot" / "uPlot.min.css", PAGE / "page.css", OWN_SOURCE / "widgets.css"]
     text = "\n".join(file.read_text(encoding="utf-8") for file in styles)
     library = (PAGE / "uplot" / "uPlot.iife.min.js").read_text(encoding="utf-8")
     parts = [library, f"const STYLES = {json.dumps(text)};"]
@@ -34,7 +34,7 @@ def one_module(entry: str) -> str:
 def _add(name: str, parts: list[str], added: set[str]) -> None:
     """Adds a module behind those that it imports."""
     added.add(name)
-    own = OWN / f"{name}.js"
+    own = OWN_SOURCE / f"{name}.js"
     text = (own if own.exists() else PAGE / own.name).read_text(encoding="utf-8")
     for other in _IMPORT.findall(text):
         if other not in added:

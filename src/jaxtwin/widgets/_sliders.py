@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, final
 import numpy as np
 import traitlets
 
-from .._errors import ParameterError
 from .._name_suggestions import unknown_name
+from ..errors import ParameterError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
@@ -20,14 +20,14 @@ from ..simulation._twin_of_experiment import twin_of_experiment
 from ._newest_request import NewestRequest
 from ._notebook_widget import NotebookWidget
 
-FACTOR = 4.0
-"""How far a slider goes from the given value, unless the bounds are nearer."""
+# How far a slider goes from the given value, unless the bounds are nearer.
+RANGE_FACTOR = 4.0
 
-POINTS = 501
-"""The largest number of samples that are drawn, and that of a run at held duty."""
+# The largest number of samples that are drawn, and that of a run at held duty.
+MAX_POINTS = 501
 
+# The duty at which its sliders begin.
 HELD_DUTY = 0.5
-"""The duty at which its sliders begin."""
 
 
 class SliderRequest(NamedTuple):
@@ -73,8 +73,8 @@ class Sliders(NotebookWidget):
     ):
         rig = twin.twin.rig if isinstance(twin, Fit) else twin.rig
         held = [] if experiment is not None else [HELD_DUTY] * len(rig.driven)
-        time = np.linspace(0.0, float(duration), POINTS)
-        ran = (experiment or Experiment(time, np.tile(held, (POINTS, 1)))).for_rig(rig)
+        time = np.linspace(0.0, float(duration), MAX_POINTS)
+        ran = (experiment or Experiment(time, np.tile(held, (MAX_POINTS, 1)))).for_rig(rig)
         chosen_twin = twin_of_experiment(twin, ran)
         first = simulate(chosen_twin, ran)  # compiles, and refuses what does not fit
         rows = rig.parameters
@@ -126,7 +126,7 @@ class Sliders(NotebookWidget):
     def _drawn(self) -> np.ndarray:
         """The samples that are drawn."""
         count = len(self._experiment.time)
-        return np.unique(np.linspace(0, count - 1, min(count, POINTS)).round().astype(int))
+        return np.unique(np.linspace(0, count - 1, min(count, MAX_POINTS)).round().astype(int))
 
     def _ask(self) -> None:
         assert self._newest is not None
@@ -166,7 +166,7 @@ def _slider(parameter: Parameter, value: float) -> dict[str, Any]:
     """A slider's range: of the logarithm, a factor to both sides, or of the value itself."""
     middle = parameter.to_entry(value)
     if parameter.is_logarithmic:
-        reach = math.log(FACTOR)
+        reach = math.log(RANGE_FACTOR)
     else:
         spread = parameter.standard_deviation
         reach = 3 * spread if spread else max(abs(value), 1.0)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from scipy.linalg import block_diag
 
 from ..linear._riccati import regulator
-from ._plant import Plant
+from ._plant import DesignPlant
 
 
 class Condensed(NamedTuple):
@@ -88,7 +88,7 @@ class PredictedStates(NamedTuple):
     by_moves: Float[np.ndarray, "samples n moves"]
 
 
-def predict(plant: Plant, horizon: int, control_horizon: int) -> PredictedStates:
+def predict(plant: DesignPlant, horizon: int, control_horizon: int) -> PredictedStates:
     """Computes the states over a horizon, given in samples. From the last sample of the control
     horizon on, the duty is held."""
     (n, cells), unknown = plant.B.shape, plant.disturbed.shape[1]
@@ -106,7 +106,11 @@ def predict(plant: Plant, horizon: int, control_horizon: int) -> PredictedStates
 
 
 def condense(
-    plant: Plant, predicted: PredictedStates, deviations: Deviations, *, tracks_points: bool = False
+    plant: DesignPlant,
+    predicted: PredictedStates,
+    deviations: Deviations,
+    *,
+    tracks_points: bool = False,
 ) -> Condensed:
     r"""Condenses the cost to a function of the moves.
 
@@ -172,7 +176,7 @@ def rest_cost(
 
 
 def soft_limits(
-    plant: Plant, predicted: PredictedStates, limits: Float[np.ndarray, "limited 2"]
+    plant: DesignPlant, predicted: PredictedStates, limits: Float[np.ndarray, "limited 2"]
 ) -> SoftLimits:
     """Computes the predicted temperatures of the limited channels, the first ones of the watched.
 
@@ -186,7 +190,7 @@ def soft_limits(
 
 
 def even_points(
-    plant: Plant,
+    plant: DesignPlant,
     predicted: PredictedStates,
     by_errors: Float[np.ndarray, "points watched"],
 ) -> EvenPoints:

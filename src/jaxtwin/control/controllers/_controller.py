@@ -13,8 +13,8 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import finite_number, is_ordered
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ...rig import Rig
 from ._controller_fields import (
     ControllerField,
@@ -26,11 +26,11 @@ from ._controller_fields import (
 from ._controller_text import controller_text
 from ._law import Law
 
+# A parameter: a number or an array.
 Numbers: TypeAlias = npt.ArrayLike | float | int
-"""A parameter: a number or an array."""
 
+# The lowest and the highest duty: each a number, or one for each cell and heater.
 DutyLimits: TypeAlias = tuple[float | tuple[float, ...], float | tuple[float, ...]]
-"""The lowest and the highest duty: each a number, or one for each cell and heater."""
 
 Controller = TypeVar("Controller", bound="AbstractController")
 

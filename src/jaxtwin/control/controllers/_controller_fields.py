@@ -12,8 +12,8 @@ from jaxtyping import Float
 from ...rig import Rig
 from ...rig._units import Kind, parse_quantity, range_problem, unit_scale
 
+# A function of a field and a message that raises `ControlError`.
 Refuse: TypeAlias = Callable[[str, str], NoReturn]
-"""A function of a field and a message that raises `ControlError`."""
 
 
 @final
@@ -192,7 +192,7 @@ def field_arguments(
     **Raises:** `ControlError` for a value that is not allowed, or a list that is not one for each
     cell.
     """
-    found = {}
+    result = {}
     for name, field in fields.items():
         if field.is_own or name not in contents.data:
             continue
@@ -203,8 +203,8 @@ def field_arguments(
             contents.refuse,
             is_list=not field.is_single,
         )
-        found[argument_name(controller, name)] = value
-    return found
+        result[argument_name(controller, name)] = value
+    return result
 
 
 def check_cells_of_fields(

@@ -26,10 +26,10 @@ from typing import Any, NoReturn, TypeVar
 
 from scipy.linalg import LinAlgError
 
-from ..._errors import ControlError
 from ..._kinds import add_kind
 from ..._name_suggestions import did_you_mean, unknown_name
 from ..._whole_file import check_ending, write_whole_file
+from ...errors import ControlError
 from ...rig import Rig
 from ...rig._bundled import parse_toml, read_toml
 from ...rig._problems import refuse
@@ -58,8 +58,8 @@ FORMAT = 1
 
 _COMMON = ("format", "rig", "kind", "sample_time", "limits")
 
+# Kind of controller -> its class.
 _KINDS: dict[str, type[AbstractController]] = {}
-"""Kind of controller -> its class."""
 
 Registered = TypeVar("Registered")
 
@@ -140,8 +140,8 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
         )
     controller = controller.for_rig(rig)
     lines = [f"format = {FORMAT}"]
-    if (found := design_summary(controller)) is not None:
-        text, is_fragile = found
+    if (result := design_summary(controller)) is not None:
+        text, is_fragile = result
         lines.append(f"# on its own model: {text}")
         if is_fragile:
             log.warning("save_controller: %s: on its own model: %s", path, text)

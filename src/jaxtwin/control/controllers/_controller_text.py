@@ -10,8 +10,8 @@ from jax.core import Tracer
 
 from ..._number_text import short_number
 
-LARGEST_WRITTEN_ARRAY = 16
-"""The largest number of elements of an array that is written out."""
+# The largest number of elements of an array that is written out.
+MAX_WRITTEN_ARRAY = 16
 
 
 def controller_text(controller: Any) -> str:
@@ -40,7 +40,7 @@ def _named(name: str, value: Any, unit: str) -> str:
 
 
 def _value(value: Any) -> str:
-    if isinstance(value, Tracer) or np.size(value) > LARGEST_WRITTEN_ARRAY:
+    if isinstance(value, Tracer) or np.size(value) > MAX_WRITTEN_ARRAY:
         return eqx.tree_pformat(value)
     if isinstance(value, float | np.ndarray | jax.Array):
         return _numbers(np.asarray(value).tolist())

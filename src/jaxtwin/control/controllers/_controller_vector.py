@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ._controller import AbstractController, parameter_names, with_values
 
 

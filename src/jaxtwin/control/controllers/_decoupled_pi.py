@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ..._errors import ControlError
 from ..._jax_settings import own_settings
+from ...errors import ControlError
 from ._controller import (
     AbstractController,
     DutyLimits,
@@ -145,8 +145,8 @@ class DecoupledPI(AbstractDutyLimitedController):
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file, whose decoupling is a list of rows."""
         if "decoupling" in contents.data:
-            found = contents.data["decoupling"]
-            rows = found if isinstance(found, list) else [found]
+            result = contents.data["decoupling"]
+            rows = result if isinstance(result, list) else [result]
             matrix = [numbers(row, "decoupling", contents.refuse) for row in rows]
             contents = contents._replace(common={**contents.common, "decoupling": matrix})
         return super().from_file(contents)

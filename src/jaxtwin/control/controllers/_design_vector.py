@@ -12,14 +12,14 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ._controller import AbstractController
 from ._controller_vector import Line, labels_of, split
 
-DIFFERENCE = 1e-4
-"""The relative change of a weight. The truncation then leaves a relative error of 1e-8, and so does
-the rounding of the Riccati equation's solution."""
+# The relative change of a weight. The truncation then leaves a relative error of 1e-8, and so does
+# the rounding of the Riccati equation's solution.
+RELATIVE_STEP = 1e-4
 
 
 class ControllerNumbers(NamedTuple):
@@ -105,12 +105,12 @@ class DesignVector:
         """The designs beside that with the weights of a vector."""
         key = np.asarray(values, float).tobytes()
         if self._found is None or self._found[0] != key:
-            steps = DIFFERENCE * np.diag(values)
+            steps = RELATIVE_STEP * np.diag(values)
             pairs = tuple(
                 (self.controller_at(values + step), self.controller_at(values - step))
                 for step in steps
             )
-            self._found = key, Neighbours(pairs, 2 * DIFFERENCE * np.asarray(values, float))
+            self._found = key, Neighbours(pairs, 2 * RELATIVE_STEP * np.asarray(values, float))
         return self._found[1]
 
 

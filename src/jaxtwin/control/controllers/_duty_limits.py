@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
 
-from ..._errors import ControlError
+from ...errors import ControlError
 from ...rig import Rig
 from ._controller import AbstractChannelGroupController, DutyLimits
 
+# The lowest and the highest duty, each a number, or one for each cell and heater.
 GivenLimits: TypeAlias = Sequence[float | int | Sequence[float | int]]
-"""The lowest and the highest duty, each a number, or one for each cell and heater."""
 
 
 class AbstractDutyLimitedController(AbstractChannelGroupController):

@@ -12,7 +12,7 @@ from typing import ClassVar, final
 import equinox as eqx
 
 from ..._arguments import finite_number
-from ..._errors import ControlError
+from ...errors import ControlError
 
 
 class AbstractEvennessCost(eqx.Module):
@@ -91,7 +91,7 @@ class SquaresCost(AbstractEvennessCost):
     energy_price: float = eqx.field(static=True, default=0.0)
 
 
+# Name in controller files -> class.
 EVENNESS_COSTS: Mapping[str, type[RangeCost] | type[WorstPointCost] | type[SquaresCost]] = {
     cost.name: cost for cost in (RangeCost, WorstPointCost, SquaresCost)
 }
-"""Name in controller files -> class."""

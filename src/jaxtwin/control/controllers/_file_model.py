@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._celsius import ZERO_CELSIUS
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ...rig._units import TEMPERATURE, Kind
-from ..linear._riccati import LARGEST_STABLE_POLE
+from ..linear._riccati import MAX_STABLE_POLE
 from ._controller import AbstractController, TemperatureLimit, checked_measured, means_of
 from ._controller_fields import (
     REQUIRED_OWN,
@@ -30,12 +30,12 @@ from ._controller_fields import (
     quantity,
 )
 from ._kalman import KalmanFilter
-from ._plant import Plant, Temperatures, checked_plant
+from ._plant import DesignPlant, Temperatures, checked_plant
 
 Designed = TypeVar("Designed", bound=AbstractController)
 
+# Operating point and model, which every controller that is designed on a model has.
 MODEL_FIELDS = {"duty": REQUIRED_OWN, "outputs": REQUIRED_OWN, "model": REQUIRED_OWN}
-"""Operating point and model, which every controller that is designed on a model has."""
 
 PLAIN = Kind("a number without unit", "", "0.7", least="any")
 PER_STATE = Kind("a temperature", "K", "1 K", least="any")
@@ -52,7 +52,7 @@ class FileModel(NamedTuple):
     """The model of a controller file, the gain of its Kalman filter, and the gains of the filters
     of the watched channels."""
 
-    plant: Plant
+    plant: DesignPlant
     L: Float[np.ndarray, "state reading"]
     of_watched: Float[np.ndarray, " watched"]
 
@@ -68,8 +68,8 @@ class FileEvenness(NamedTuple):
 
 NONE = Temperatures(np.zeros((0, 0)), np.zeros(0))
 
+# That of a controller without such points.
 NOT_EVEN = FileEvenness(NONE, NONE, 0.0)
-"""That of a controller without such points."""
 
 
 def read_model(contents: FileContents, kind: str, evenness: FileEvenness = NOT_EVEN) -> FileModel:
@@ -99,13 +99,13 @@ def model_settings(controller: type[AbstractController], contents: FileContents)
 
 def temperature_limits(contents: FileContents) -> dict[str, TemperatureLimit]:
     """Reads the limits of each limited channel."""
-    found, refuse = {}, contents.refuse
+    result, refuse = {}, contents.refuse
     for name, row in contents.data.get("temperature_limits", {}).items():
         lowest, highest = (_celsius(row, name, key, refuse) for key in ("lowest", "highest"))
         field = f"temperature_limits.{name}.accepted_excess"
         excess = quantity(row["accepted_excess"], field, EXCESS, refuse, is_list=False)
-        found[name] = TemperatureLimit(lowest, highest, float(excess))
-    return found
+        result[name] = TemperatureLimit(lowest, highest, float(excess))
+    return result
 
 
 def limit_lines(
@@ -235,7 +235,7 @@ def gain_of_error(found: object, name: str, refuse: Refuse) -> float:
 def check_stable(transition: np.ndarray, field: str, expected: str, refuse: Refuse) -> None:
     """Refuses numbers of a file with which deviations do not die away."""
     largest = np.abs(np.linalg.eigvals(transition)).max()
-    if not largest < LARGEST_STABLE_POLE:
+    if not largest < MAX_STABLE_POLE:
         refuse(field, f"expected {expected}, got a pole at {largest:.9f} from 0")
 
 

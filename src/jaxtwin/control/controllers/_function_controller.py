@@ -10,12 +10,12 @@ import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import check_callable
-from ..._errors import ControlError
+from ...errors import ControlError
 from ...rig import Rig
 from ._controller import AbstractController, checked_sample_time
 
+# `(time_s, reference, measurement) -> duty`, with the temperatures of all channels, degC.
 ControlFunction: TypeAlias = Callable[[Array, Array, Array], npt.ArrayLike]
-"""`(time_s, reference, measurement) -> duty`, with the temperatures of all channels, degC."""
 
 
 @final

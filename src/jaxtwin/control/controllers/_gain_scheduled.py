@@ -24,8 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ...rig import Rig
 from ._controller import AbstractChannelGroupController, AbstractController, DutyLimits
 from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents
@@ -38,8 +38,8 @@ Schedulable: TypeAlias = PID | DecoupledPI
 _KINDS: Mapping[str, type[Schedulable]] = {kind.kind: kind for kind in (PID, DecoupledPI)}
 
 
-FOLLOWED = ("measurement", "reference")
-"""What the scheduling variable may be."""
+# What the scheduling variable may be.
+SCHEDULING_VARIABLES = ("measurement", "reference")
 
 
 class GainScheduledState(NamedTuple):
@@ -97,7 +97,7 @@ class GainScheduled(AbstractChannelGroupController):
         by: Literal["measurement", "reference"] = "measurement",
     ):
         where = "GainScheduled"
-        kinds = {type(one) for one in controllers}
+        kinds = {type(controller) for controller in controllers}
         if len(kinds) != 1 or not kinds <= set(_KINDS.values()):
             known = ", ".join(sorted(kind.__name__ for kind in kinds)) or "none"
             raise ControlError(
@@ -114,7 +114,7 @@ class GainScheduled(AbstractChannelGroupController):
                 f"{where}: at: expected a temperature for each of at least two controllers, in "
                 f"rising order, degC, got {at!r} for {len(controllers)}"
             )
-        if by not in FOLLOWED:
+        if by not in SCHEDULING_VARIABLES:
             raise ControlError(f"{where}: by: expected 'measurement' or 'reference', got {by!r}")
         self.by = by
         structures = [jax.tree.structure(one) for one in controllers]
@@ -199,7 +199,7 @@ class GainScheduled(AbstractChannelGroupController):
             at = [row.get("at")]
             temperatures += temperatures_of(at, f"points[{number}].at", 1, refuse)
         by: Any = data.get("by", "measurement")
-        if by not in FOLLOWED:
+        if by not in SCHEDULING_VARIABLES:
             refuse("by", f"expected 'measurement' or 'reference', got {by!r}")
         try:
             return cls(controllers, at=temperatures, by=by)

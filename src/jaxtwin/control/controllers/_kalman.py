@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 from ..linear._riccati import filter_gain
 from ._estimator import AbstractEstimator
 from ._law import Table
-from ._plant import Plant, Temperatures, checked_plant
+from ._plant import DesignPlant, Temperatures, checked_plant
 
 
 @final
@@ -111,7 +111,7 @@ def plant_of_filter(
     watched: Temperatures,
     sample_time_s: float,
     rig: str,
-) -> Plant:
+) -> DesignPlant:
     """Makes the plant that a filter of outputs was designed for.
 
     **Arguments:**
@@ -128,7 +128,7 @@ def plant_of_filter(
 
 def kalman_filter(
     where: str,
-    plant: Plant,
+    plant: DesignPlant,
     drift: Float[np.ndarray, " disturbance"],
     reading_noise: Float[np.ndarray, " reading"],
     sample_time_s: float,

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from ..._errors import ControlError
+from ...errors import ControlError
 
 LAWS = Path(__file__).with_name("laws")
 
@@ -68,13 +68,13 @@ def of_cells(name: str, value: object, cells: int) -> Float[np.ndarray, " cells"
 
     **Raises:** `ControlError` if the number of values is neither 1 nor that of the cells.
     """
-    found = np.asarray(value, float)
-    if found.shape not in ((), (cells,)):
+    result = np.asarray(value, float)
+    if result.shape not in ((), (cells,)):
         raise ControlError(
             f"export_c: {name}: expected one value, or one for each of the {cells} cells, got "
-            f"{found.tolist()}"
+            f"{result.tolist()}"
         )
-    return np.broadcast_to(found, (cells,)).copy()
+    return np.broadcast_to(result, (cells,)).copy()
 
 
 def check_designed_cells(designed: int, cells: int) -> None:

@@ -17,22 +17,21 @@ from ._duty_limits import bounds_of
 from ._lqi import LQI
 from ._mpc import MPC
 
-LOWEST_OMEGA = 1e-4
-"""The lowest frequency that is evaluated, rad/s."""
+# The lowest frequency that is evaluated, rad/s.
+MIN_OMEGA = 1e-4
 
+# The number of frequencies up to half the sample rate, in equal ratios: 4 % apart at a sample time
+# of 1 s.
 FREQUENCIES = 160
-"""The number of frequencies up to half the sample rate, in equal ratios: 4 % apart at a sample time
-of 1 s."""
 
+# The smallest distance of the duty at rest from the limits, relative to their width, so that the
+# controller is linear there.
 DISTANCE_FROM_LIMITS = 0.02
-"""The smallest distance of the duty at rest from the limits, relative to their width, so that the
-controller is linear there."""
 
 Matrix: TypeAlias = Float[np.ndarray, "..."]
 
+# A, B, C and D. Matrices of draws have a leading axis; derivatives have a last axis for parameters.
 Matrices: TypeAlias = tuple[Matrix, Matrix, Matrix, Matrix]
-"""A, B, C and D. Matrices of draws have a leading axis; derivatives have a last axis for
-parameters."""
 
 
 class SteadyReadings(NamedTuple):
@@ -74,7 +73,7 @@ def response(
 
 def frequencies(interval: float) -> Float[np.ndarray, " frequency"]:
     """The frequencies at which loops with a sample time are evaluated, rad/s."""
-    return np.geomspace(LOWEST_OMEGA, np.pi / interval, FREQUENCIES)
+    return np.geomspace(MIN_OMEGA, np.pi / interval, FREQUENCIES)
 
 
 def inside(
@@ -104,11 +103,11 @@ def design_summary(controller: AbstractController) -> tuple[str, bool] | None:
     )
     plant = A, B, C, np.zeros((len(C), B.shape[1]))
     with own_settings():
-        found: Any = jax.tree.map(np.asarray, linear_steps(controller, duty, at))
+        result: Any = jax.tree.map(np.asarray, linear_steps(controller, duty, at))
 
     def loop(omega: Float[np.ndarray, " frequency"]) -> Complex[np.ndarray, "frequency n n"]:
         z = np.exp(1j * omega * controller.sample_time_s)
-        return -response(plant, z) @ response(found, z)
+        return -response(plant, z) @ response(result, z)
 
     omega = frequencies(controller.sample_time_s)
     peak, at_omega = sensitivity_peak(loop, omega=omega)

@@ -57,16 +57,16 @@ from ._file_model import (
 from ._kalman import KalmanFilter, kalman_filter, kalman_tables, plant_of_filter
 from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
 from ._pid import WEIGHT, Parameter, as_parameter
-from ._plant import Plant, Temperatures, check_designed_for, plant_of
+from ._plant import DesignPlant, Temperatures, check_designed_for, plant_of
 from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
+# The gains of an LQI in its file.
 GAINS = {
     "Kx": PLAIN,
     "Ki": Kind("a gain", "1/(K s)", "1 1/(K s)", least="any"),
     "Kt": Kind("a gain", "K s", "1 K s", least="any"),
     "N": PER_KELVIN,
 }
-"""The gains of an LQI in its file."""
 
 
 class LQIWeights(NamedTuple):
@@ -103,7 +103,7 @@ class LQI(AbstractDutyLimitedController):
     **Arguments:** deviations and noises are single numbers, or one for each output or cell.
 
     - `model`: a model of the rig near its operating point, from `discretise`; delay and lag are
-      states. (A controller file has a `Plant`, the model of the outputs alone.)
+      states. (A controller file has a `DesignPlant`, the model of the outputs alone.)
     - `measured`: the outputs, at most as many as cells, each a channel or a group of channels that
       is averaged; None for the mean over all channels.
     - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: the accepted deviation of
@@ -151,7 +151,7 @@ class LQI(AbstractDutyLimitedController):
 
     def __init__(
         self,
-        model: DiscreteModel | Plant,
+        model: DiscreteModel | DesignPlant,
         *,
         measured: Sequence[str | Sequence[str]] | None = None,
         output_deviation: Numbers = 1.0,
@@ -263,10 +263,10 @@ class LQI(AbstractDutyLimitedController):
         settings = model_settings(cls, contents)
         check_cells_of_fields(cls, cls.fields, settings, contents)
         states, outputs = len(model.plant.A), len(model.plant.C)
-        found = read_table(contents.data["gains"], "gains", contents.refuse, GAINS)
+        result = read_table(contents.data["gains"], "gains", contents.refuse, GAINS)
         shapes = ((cells, states), (cells, outputs), (outputs, cells), (cells, outputs))
         gains = {
-            name: matrix(found[name], f"gains.{name}", unit, shape, contents.refuse)
+            name: matrix(result[name], f"gains.{name}", unit, shape, contents.refuse)
             for (name, unit), shape in zip(GAINS.items(), shapes, strict=True)
         }
         made = with_values(designed(cls, model, settings, contents.refuse), gains)
@@ -287,7 +287,7 @@ class LQI(AbstractDutyLimitedController):
             *model_lines(self.kalman),
         ]
 
-    def _loop_of(self, plant: Plant) -> Float[np.ndarray, "n n"]:
+    def _loop_of(self, plant: DesignPlant) -> Float[np.ndarray, "n n"]:
         """The transition of the states and the integrals in the loop without a filter."""
         Kx, Ki = np.asarray(self.Kx), np.asarray(self.Ki)
         return np.block(

@@ -33,8 +33,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import names_of, true_or_false, whole_number
-from ..._errors import ControlError
 from ..._quadratic_program import QuadraticProgram, minimised
+from ...errors import ControlError
 from ..linear._discrete_model import DiscreteModel
 from ._condensed_program import (
     Condensed,
@@ -91,13 +91,13 @@ from ._mpc_programs import (
     plan_program,
     rest_program,
 )
-from ._plant import Plant, Temperatures, plant_of
+from ._plant import DesignPlant, Temperatures, plant_of
 from ._predictive_controller import AbstractPredictiveController
 from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
+# How fast the allowance follows, relative to the slowest pole of the model. While a plate warms up,
+# what is not linear in it looks like a disturbance that will be over at rest.
 SLOWNESS = 1 / 3
-"""How fast the allowance follows, relative to the slowest pole of the model. While a plate warms
-up, what is not linear in it looks like a disturbance that will be over at rest."""
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
 _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
@@ -222,7 +222,7 @@ class MPC(AbstractPredictiveController):
 
     def __init__(
         self,
-        model: DiscreteModel | Plant,
+        model: DiscreteModel | DesignPlant,
         *,
         measured: Sequence[str | Sequence[str]] | None = None,
         horizon: int = 20,
@@ -503,9 +503,9 @@ class MPC(AbstractPredictiveController):
                 errors,
                 centre,
             )
-            found = minimised(program)
-            deviation = found[cells] if soft.has_bands else jnp.zeros_like(centre)
-            return Rest(found[:cells], deviation, centre)
+            optimum = minimised(program)
+            deviation = optimum[cells] if soft.has_bands else jnp.zeros_like(centre)
+            return Rest(optimum[:cells], deviation, centre)
 
         return jax.vmap(of_sample)(references)
 

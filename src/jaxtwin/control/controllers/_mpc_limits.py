@@ -8,16 +8,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._arguments import finite_number, mapping_of, whole_number
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ._condensed_program import EvenPoints
 from ._controller import TemperatureLimit
 from ._evenness import EVENNESS_COSTS, AbstractEvennessCost
-from ._plant import Plant
+from ._plant import DesignPlant
 
-SMALLEST_RESPONSE = 1e-6
-"""A point that the first move changes by less than this part of its change at rest within the
-horizon is not reached by it."""
+# A point that the first move changes by less than this part of its change at rest within the
+# horizon is not reached by it.
+MIN_RESPONSE = 1e-6
 
 
 def checked_temperature_limits(
@@ -37,7 +37,7 @@ def checked_temperature_limits(
     if limits is None:
         return ()
     mapping_of(where, limits, "name -> (lowest, highest)", ControlError)
-    found = []
+    result = []
     for name, pair in limits.items():
         if channels is not None and name not in channels:
             raise ControlError(f"{where}: {unknown_name('channel', name, channels)}")
@@ -51,8 +51,8 @@ def checked_temperature_limits(
                 f"{where}: {name}: expected the lowest and the highest temperature, degC, and, if "
                 f"it is not excess_deviation, an accepted excess above 0, K, got {pair!r}"
             ) from None
-        found.append((name, TemperatureLimit(lowest, highest, float(excess))))
-    return tuple(found)
+        result.append((name, TemperatureLimit(lowest, highest, float(excess))))
+    return tuple(result)
 
 
 def accepted_excesses(
@@ -114,7 +114,7 @@ def channels_of(measured: Sequence[Sequence[str]] | None, model: Any) -> tuple[s
     """Returns the channels of all outputs; those of the rig of the model for None."""
     if measured is not None:
         return tuple(name for group in measured for name in group)
-    if isinstance(model, Plant):
+    if isinstance(model, DesignPlant):
         raise ControlError("MPC: measured: expected the channels of the outputs with evenness")
     return tuple(model.output_names)
 
@@ -129,13 +129,13 @@ def checked_point_errors(
     """
     if shares is None:
         return np.array([[float(point == channel) for channel in channels] for point in points])
-    found = np.asarray(shares, float)
-    if found.shape != (len(points), len(channels)) or not np.isfinite(found).all():
+    result = np.asarray(shares, float)
+    if result.shape != (len(points), len(channels)) or not np.isfinite(result).all():
         raise ControlError(
             f"MPC: point_errors: expected finite numbers of {len(points)} points by "
-            f"{len(channels)} channels, got shape {found.shape}"
+            f"{len(channels)} channels, got shape {result.shape}"
         )
-    return found
+    return result
 
 
 def check_horizon(points: EvenPoints, horizon: int, sample_time_s: float) -> None:
@@ -145,7 +145,7 @@ def check_horizon(points: EvenPoints, horizon: int, sample_time_s: float) -> Non
     """
     cells = np.shape(points.rest_gain)[1]
     last = np.asarray(points.by_moves)[-len(points.at) :, :cells]
-    if not np.abs(last).max() > SMALLEST_RESPONSE * np.abs(points.rest_gain).max():
+    if not np.abs(last).max() > MIN_RESPONSE * np.abs(points.rest_gain).max():
         raise ControlError(
             f"MPC: horizon: expected more samples than the delay of the model takes, got {horizon} "
             f"of {sample_time_s:g} s"

@@ -10,24 +10,24 @@ from ..._quadratic_program import QuadraticProgram
 from ._condensed_program import Condensed, EvenPoints, SoftLimits, rest_cost
 from ._evenness import AbstractEvennessCost
 
+# The lowest and the highest duty of each cell, as deviations from the operating point.
 Limits: TypeAlias = tuple[Float[Array | np.ndarray, " cells"], Float[Array | np.ndarray, " cells"]]
-"""The lowest and the highest duty of each cell, as deviations from the operating point."""
 
+# The weight of the evenness at rest relative to the outputs. It moves them by millikelvins.
 EVENNESS_WEIGHT = 1e-3
-"""The weight of the evenness at rest relative to the outputs. It moves them by millikelvins."""
 
-NARROWEST_BAND = 0.01
-"""The smallest deviation from their centre that points are planned with, K: a program needs room
-between its limits."""
+# The smallest deviation from their centre that points are planned with, K: a program needs room
+# between its limits.
+MIN_BAND = 0.01
 
-WIDEST_BAND = 1e3
-"""The largest deviation of a point from the centre, K: a limit that no plate reaches."""
+# The largest deviation of a point from the centre, K: a limit that no plate reaches.
+MAX_BAND = 1e3
 
 
+# How far points may be from their centre on the way, relative to the farthest one at rest. A plate
+# that rises has a larger range than one at rest at the same mean, so that without this room its
+# last kelvin would take long.
 ROOM_ON_THE_WAY = 1.03
-"""How far points may be from their centre on the way, relative to the farthest one at rest. A plate
-that rises has a larger range than one at rest at the same mean, so that without this room its last
-kelvin would take long."""
 
 
 class SoftTemperatures(NamedTuple):
@@ -117,7 +117,7 @@ def plan_program(
         else:
             matrix = jnp.concatenate([matrix, by_moves])
             coming = coming - rest.centre[:, None]
-        wide = jnp.maximum(rest.deviation, NARROWEST_BAND)[:, None]
+        wide = jnp.maximum(rest.deviation, MIN_BAND)[:, None]
         low = jnp.concatenate([low, (-wide - coming).reshape(-1)])
         high = jnp.concatenate([high, (wide - coming).reshape(-1)])
     softness = _softness(soft, len(rest.duty), hard, len(low))
@@ -158,7 +158,7 @@ def rest_program(
     hessian = jnp.zeros((size, size), dtype).at[:cells, :cells].set(of_duty)
     slope = jnp.zeros(size, dtype).at[:cells].set(slope)
     if soft.has_bands:
-        low, high = (jnp.append(limit, end) for limit, end in ((low, 0.0), (high, WIDEST_BAND)))
+        low, high = (jnp.append(limit, end) for limit, end in ((low, 0.0), (high, MAX_BAND)))
     matrix, bands = jnp.eye(size, dtype=dtype), None
     softness = jnp.zeros(size, dtype)
     if soft.limits is not None:
@@ -186,7 +186,7 @@ def rest_program(
         bands = sums[None]
     else:
         matrix, coming = jnp.concatenate([matrix, sums]), coming - centre
-    wide = jnp.full_like(coming, WIDEST_BAND)
+    wide = jnp.full_like(coming, MAX_BAND)
     low = jnp.concatenate([low, -wide, -coming])
     high = jnp.concatenate([high, -coming, wide])
     softness = jnp.concatenate([softness, jnp.zeros(2 * len(coming), dtype)])

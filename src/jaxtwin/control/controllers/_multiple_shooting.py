@@ -19,7 +19,7 @@ from ...simulation._stepper import ModalState, advance
 from ..linear._operating_point import KINK_DISTANCE
 
 
-class Path(NamedTuple):
+class ShootingPath(NamedTuple):
     """The states of a twin at the samples of a horizon, as vectors, and the duty from each of them
     to the next."""
 
@@ -68,7 +68,7 @@ def condensed_path(
     stepper: Stepper,
     steps: int,
     first: Float[Array, " state"],
-    path: Path,
+    path: ShootingPath,
     heat: Float[Array, " nodes"],
     toward: Float[Array, " cells"],
     moves: int,
@@ -110,8 +110,8 @@ def condensed_path(
         return later, later
 
     start = first, jnp.zeros((len(first), moves * cells), first.dtype)
-    _, found = jax.lax.scan(further, start, (states, duty, ends, by_state, by_duty, of_moves))
-    return CondensedPath(*found)
+    _, result = jax.lax.scan(further, start, (states, duty, ends, by_state, by_duty, of_moves))
+    return CondensedPath(*result)
 
 
 def _beside_zero(

@@ -30,10 +30,10 @@ from jaxtyping import Array, ArrayLike, Float, Int, PyTree
 
 from ..._arguments import true_or_false, whole_number
 from ..._celsius import ZERO_CELSIUS
-from ..._errors import ControlError
 from ..._jax_settings import in_precision, to_numpy
 from ..._lapack import solve
 from ..._quadratic_program import QuadraticProgram, minimised
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
@@ -61,7 +61,7 @@ from ._mpc_limits import (
 from ._mpc_programs import Rest, SoftTemperatures, plan_program
 from ._multiple_shooting import (
     CondensedPath,
-    Path,
+    ShootingPath,
     after_interval,
     as_state,
     as_vector,
@@ -70,11 +70,11 @@ from ._multiple_shooting import (
 from ._plant import plant_of
 from ._predictive_controller import AbstractPredictiveController
 
-LONGEST_STEP = 2.0
-"""The longest step of the prediction, s: its errors are below a millikelvin on `dual-cell`."""
+# The longest step of the prediction, s: its errors are below a millikelvin on `dual-cell`.
+MAX_STEP = 2.0
 
+# Steps of the search for the state at rest with which a controller takes over.
 NEWTON_STEPS = 12
-"""Steps of the search for the state at rest with which a controller takes over."""
 
 
 class NonlinearMPCState(NamedTuple):
@@ -91,7 +91,7 @@ class NonlinearMPCState(NamedTuple):
     disturbance: Float[Array, " disturbances"]
     errors: Float[Array, " limited"]
     duty: Float[Array, " cells"]
-    path: Path
+    path: ShootingPath
 
 
 @final
@@ -269,7 +269,7 @@ class NonlinearMPC(AbstractPredictiveController):
         point = jax.lax.fori_loop(0, NEWTON_STEPS, newton, start)
         amplitudes = stepper.field.modes.amplitudes(point[:nodes])
         state = jnp.concatenate([amplitudes, jnp.tile(u, 1 + stepper.queue)])
-        path = Path(jnp.tile(state, (self.horizon + 1, 1)), jnp.tile(u, (self.horizon, 1)))
+        path = ShootingPath(jnp.tile(state, (self.horizon + 1, 1)), jnp.tile(u, (self.horizon, 1)))
         errors = (seen - self._read(stepper, point[:nodes]))[outputs:]
         return NonlinearMPCState(state, point[nodes:], errors, u, path)
 
@@ -285,7 +285,7 @@ class NonlinearMPC(AbstractPredictiveController):
         references = jnp.broadcast_to(references, (self.horizon, references.shape[1]))
         seen = self._corrected(stepper, state, jnp.asarray(measurement, dtype))
 
-        def improved(_: Int[Array, ""], path: Path) -> Path:
+        def improved(_: Int[Array, ""], path: ShootingPath) -> ShootingPath:
             return self._improved(stepper, seen._replace(path=path), references)
 
         path = jax.lax.fori_loop(0, self.iterations, improved, seen.path)
@@ -300,7 +300,7 @@ class NonlinearMPC(AbstractPredictiveController):
         expected, last = jax.vmap(
             lambda start, held: after_interval(stepper, self.steps, start, held, heat)
         )(starts, jnp.stack([now, path.duty[-1]]))
-        moved = Path(
+        moved = ShootingPath(
             jnp.concatenate([path.states[1:], last[None]]),
             jnp.concatenate([path.duty[1:], path.duty[-1:]]),
         )
@@ -332,14 +332,14 @@ class NonlinearMPC(AbstractPredictiveController):
         stepper: Stepper,
         seen: NonlinearMPCState,
         references: Float[Array, "horizon outputs"],
-    ) -> Path:
+    ) -> ShootingPath:
         """The plan after a step of the sequential quadratic programming."""
         dtype, outputs = references.dtype, len(self.output_deviation)
         shapes = stepper.field.modes.shapes
         now = self._read(stepper, shapes @ as_state(stepper, seen.estimate).amplitudes)[:outputs]
         wanted = jnp.asarray(self.inverse, dtype) @ (references[0] - now)
         upward = (wanted >= 0) | (self.duty_bounds(dtype)[0] >= 0)
-        found = condensed_path(
+        result = condensed_path(
             stepper,
             self.steps,
             seen.estimate,
@@ -348,10 +348,10 @@ class NonlinearMPC(AbstractPredictiveController):
             jnp.where(upward, 1.0, -1.0).astype(dtype),
             self.control_horizon,
         )
-        moves = minimised(self._program(stepper, found, references, seen))
+        moves = minimised(self._program(stepper, result, references, seen))
         samples = jnp.minimum(jnp.arange(self.horizon), self.control_horizon - 1)
-        later = found.still + found.by_moves @ moves
-        return Path(
+        later = result.still + result.by_moves @ moves
+        return ShootingPath(
             jnp.concatenate([seen.estimate[None], later]),
             moves.reshape(self.control_horizon, -1)[samples],
         )
@@ -425,7 +425,7 @@ class NonlinearMPC(AbstractPredictiveController):
     @property
     def steps(self) -> int:
         """The steps of the prediction in a sample."""
-        return math.ceil(self.sample_time_s / LONGEST_STEP * (1 - 1e-9))
+        return math.ceil(self.sample_time_s / MAX_STEP * (1 - 1e-9))
 
     def __repr__(self) -> str:
         outputs, cells = len(self.output_deviation), len(self.duty_change_deviation)

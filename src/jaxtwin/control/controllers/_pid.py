@@ -23,8 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ..._errors import ControlError
 from ..._jax_settings import own_settings
+from ...errors import ControlError
 from ._controller import (
     AbstractController,
     DutyLimits,
@@ -47,8 +47,8 @@ Parameter: TypeAlias = Float[Array | np.ndarray, "..."]
 
 AntiWindup: TypeAlias = Literal["back-calculation", "clamping"]
 
+# What the integral may do at a limit of the duty.
 ANTI_WINDUPS = ("back-calculation", "clamping")
-"""What the integral may do at a limit of the duty."""
 
 
 class PIDState(NamedTuple):
@@ -176,11 +176,11 @@ class PID(AbstractDutyLimitedController):
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file, in which the anti-windup is a word."""
         if "anti_windup" in contents.data:
-            found = contents.data["anti_windup"]
-            if found not in ANTI_WINDUPS:
+            result = contents.data["anti_windup"]
+            if result not in ANTI_WINDUPS:
                 expected = " or ".join(map(repr, ANTI_WINDUPS))
-                contents.refuse("anti_windup", f"expected {expected}, got {found!r}")
-            contents = contents._replace(common={**contents.common, "anti_windup": found})
+                contents.refuse("anti_windup", f"expected {expected}, got {result!r}")
+            contents = contents._replace(common={**contents.common, "anti_windup": result})
         return super().from_file(contents)
 
     def file_lines(self) -> list[str]:

@@ -7,14 +7,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._arguments import of_kind
-from ..._errors import ControlError
 from ..._jax_settings import is_traced
+from ...errors import ControlError
 from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel, check_at_rest
 from ._controller import means_of
 
-LARGEST_CONDITION = 1e6
-"""A larger condition number of the gain at rest means that all cells move the outputs alike."""
+# A larger condition number of the gain at rest means that all cells move the outputs alike.
+MAX_CONDITION = 1e6
 
 
 class Temperatures(NamedTuple):
@@ -33,7 +33,7 @@ class NodeProjection(NamedTuple):
     at: Float[np.ndarray, " node"]
 
 
-class Plant(NamedTuple):
+class DesignPlant(NamedTuple):
     """The plant $x_{k+1} = A x_k + B u_k$, $y_k = C x_k$, as deviations from `duty` and `outputs`.
 
     - `watched`: channels that are read beside the outputs. `points`: temperatures that are to be
@@ -81,8 +81,9 @@ def plant_of(
     measured: Sequence[Sequence[str]] | None,
     watched: Sequence[str] = (),
     points: Sequence[str] = (),
-) -> Plant:
-    """Makes the plant from the duty to means over some channels. A `Plant` is returned unchanged.
+) -> DesignPlant:
+    """Makes the plant from the duty to means over some channels. A `DesignPlant` is returned
+    unchanged.
 
     A model of reduced order has fast states that are always at rest: its outputs follow the command
     at once. A reading that is taken just before a new command still follows the last command, which
@@ -91,7 +92,7 @@ def plant_of(
     **Raises:** `ControlError` if the model is not a discrete model with numbers or has no steady
     state, or if there are more outputs than inputs, or all inputs move the outputs alike.
     """
-    if isinstance(model, Plant):
+    if isinstance(model, DesignPlant):
         return model
     expected = "a DiscreteModel, such as linearize(...).reduce(4).discretise(1.0)"
     of_kind(f"{where}: model", model, DiscreteModel, expected, ControlError)
@@ -139,13 +140,13 @@ def checked_plant(
     watched: Temperatures,
     points: Temperatures,
     sample_time_s: float,
-) -> Plant:
+) -> DesignPlant:
     """Makes a plant from its matrices.
 
     **Arguments:**
 
     - `matrices`: A, B and C. `point`: duty and outputs of the operating point.
-    - `watched`, `points`: as in `Plant`.
+    - `watched`, `points`: as in `DesignPlant`.
 
     **Raises:** the errors of `plant_of`.
     """
@@ -167,12 +168,12 @@ def checked_plant(
     gain, read = C @ rest_states, watched.C if len(points.at) else C
     for of_readings in (gain, read @ rest_states):
         condition = np.linalg.cond(of_readings)
-        if not condition < LARGEST_CONDITION:
+        if not condition < MAX_CONDITION:
             raise ControlError(
                 f"{where}: measured: expected outputs that the cells move differently, got a gain "
                 f"at rest with condition number {condition:.3g}; measure nearer to the cells"
             )
-    return Plant(
+    return DesignPlant(
         A,
         B,
         C,

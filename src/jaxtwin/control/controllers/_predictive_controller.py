@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import equinox as eqx
 
-from ..._errors import ControlError
+from ...errors import ControlError
 from ...rig import Rig
 from ._controller import TemperatureLimit
 from ._duty_limits import AbstractDutyLimitedController

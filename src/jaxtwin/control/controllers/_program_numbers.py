@@ -14,7 +14,7 @@ from ..._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
 from ._condensed_program import Condensed, Deviations, WatchedChannels
 from ._controller import TemperatureLimit
 from ._law import Table, parameter_text
-from ._mpc_programs import EVENNESS_WEIGHT, NARROWEST_BAND, WIDEST_BAND, SoftTemperatures
+from ._mpc_programs import EVENNESS_WEIGHT, MAX_BAND, MIN_BAND, SoftTemperatures
 
 
 class RestCost(NamedTuple):
@@ -115,8 +115,8 @@ def program_numbers(
             constants |= {
                 "BANDS": 1,
                 "DEVIATION_PRICE": 2 * price,
-                "WIDEST": WIDEST_BAND,
-                "NARROWEST": NARROWEST_BAND,
+                "WIDEST": MAX_BAND,
+                "NARROWEST": MIN_BAND,
                 "ADAPTATION": float(rest.adaptation),
                 "ROOM_ON_THE_WAY": rest.room_on_the_way,
                 "CENTRES_AT_REST": int(soft.cost.has_free_centre),

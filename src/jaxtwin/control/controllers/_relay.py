@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from ..._arguments import finite_number
-from ..._errors import ControlError
+from ...errors import ControlError
 from ._controller import (
     AbstractController,
     DutyLimits,

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from ..._arguments import of_kind
-from ..._errors import ControlError
+from ...errors import ControlError
 from ...observers import (
     ExtendedKalmanFilter,
     MovingHorizonEstimator,
@@ -32,10 +32,10 @@ from ...observers import (
 )
 from ._estimator import AbstractEstimator
 from ._kalman import KalmanFilter
-from ._plant import Plant
+from ._plant import DesignPlant
 
+# An observer of a twin that knows what the twin does next.
 TwinObserver = ExtendedKalmanFilter | MovingHorizonEstimator
-"""An observer of a twin that knows what the twin does next."""
 
 
 class TwinEstimate(NamedTuple):
@@ -80,7 +80,9 @@ class TwinEstimator(AbstractEstimator):
     parts: int = eqx.field(static=True)
     """The number of steps of the observer in a sample."""
 
-    def __init__(self, where: str, observer: TwinObserver, plant: Plant, kalman: KalmanFilter):
+    def __init__(
+        self, where: str, observer: TwinObserver, plant: DesignPlant, kalman: KalmanFilter
+    ):
         expected = "an observer of the rig, such as jaxtwin.observers.live_observer(twin)"
         kinds = ExtendedKalmanFilter, MovingHorizonEstimator
         of_kind(f"{where}: observer", observer, kinds, expected, ControlError)

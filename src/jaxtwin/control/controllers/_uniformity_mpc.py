@@ -15,13 +15,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._arguments import of_kind, whole_number
-from ..._errors import ControlError
+from ...errors import ControlError
 from ..linear._linear_model import LinearModel
 from ._evenness import AbstractEvennessCost, RangeCost
 from ._mpc import MPC
 
+# $\rho$, as a share of the mean variance of the channels' errors: the part that is noise.
 NOISE_SHARE = 0.01
-r"""$\rho$, as a share of the mean variance of the channels' errors: the part that is noise."""
 
 
 def UniformityMPC(

@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_continuous_lyapunov
 
-from ..._errors import ControlError
+from ...errors import ControlError
 
+# Hankel singular values below this part of the largest are rounding: they belong to states that no
+# input moves or no output shows, such as differences between mirror images on a symmetric plate.
 NEGLIGIBLE_HANKEL = 1e-11
-"""Hankel singular values below this part of the largest are rounding: they belong to states that no
-input moves or no output shows, such as differences between mirror images on a symmetric plate."""
 
 
 class Balanced(NamedTuple):

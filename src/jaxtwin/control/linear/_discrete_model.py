@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
-from ..._errors import ControlError
 from ..._jax_settings import is_traced, settings_for, to_numpy
 from ..._lapack import solve
+from ...errors import ControlError
 from ._operating_point import OperatingPoint
 from ._to_control import discrete
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ._linear_model import LinearModel
 
 
+# The number of frequencies whose matrices are in memory at the same time.
 AT_ONCE = 256
-"""The number of frequencies whose matrices are in memory at the same time."""
 
 
 def frequency_response(

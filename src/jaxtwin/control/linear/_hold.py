@@ -20,16 +20,16 @@ from ..._compilation import persistent_jit_unoptimised
 
 Matrices: TypeAlias = tuple[Any, Any, Any, Any]
 
+# Parts of a step below this are set to 0, so that a delay of n steps is a delay of n steps after
+# rounding.
 ROUNDING = 1e-9
-"""Parts of a step below this are set to 0, so that a delay of n steps is a delay of n steps after
-rounding."""
 
+# The number of terms of the series of a matrix exponential: for a norm of at most a half, the
+# remainder is below 1e-21.
 SERIES_TERMS = 18
-"""The number of terms of the series of a matrix exponential: for a norm of at most a half, the
-remainder is below 1e-21."""
 
+# The largest number of squarings of a matrix exponential.
 SQUARINGS = 40
-"""The largest number of squarings of a matrix exponential."""
 
 
 @persistent_jit_unoptimised

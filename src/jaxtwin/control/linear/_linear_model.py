@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number, whole_number
 from ..._display import html_table, picture
-from ..._errors import ControlError
 from ..._jax_settings import is_traced, settings_for, to_numpy
 from ..._lapack import solve
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ...simulation._delay import checked_longest_delay
 from ._balanced_truncation import Balanced, balanced, residualised
 from ._directions import Directions, directions
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_COMMANDS = 1000
-"""The most commands in transit that a discrete model has states for: each input has one for each,
-and matrices of thousands of states take minutes."""
+# The most commands in transit that a discrete model has states for: each input has one for each,
+# and matrices of thousands of states take minutes.
+MAX_COMMANDS = 1000
 
 
 @final
@@ -411,10 +411,10 @@ class LinearModel(eqx.Module):
         longest = checked_longest_delay(
             "discretise: longest_delay", longest_delay, self.delay_s, ControlError
         )
-        if longest > MOST_COMMANDS * sample_time * (1 + 1e-9):
+        if longest > MAX_COMMANDS * sample_time * (1 + 1e-9):
             raise ControlError(
-                f"discretise: sample_time_s: expected at least {longest / MOST_COMMANDS:g} s, as "
-                f"a delay of {longest:g} s has a state for each of at most {MOST_COMMANDS} "
+                f"discretise: sample_time_s: expected at least {longest / MAX_COMMANDS:g} s, as "
+                f"a delay of {longest:g} s has a state for each of at most {MAX_COMMANDS} "
                 f"commands, got {sample_time:g}; is it in another unit?"
             )
         # Rounding must not make n + 1 commands of a delay of n steps.

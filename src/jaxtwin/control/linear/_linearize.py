@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from ..._arguments import finite_number
 from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit_unoptimised
-from ..._errors import ControlError
 from ..._jax_settings import is_traced, own_settings, settings_for, to_numpy
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import System, Twin
@@ -31,11 +31,11 @@ from ._operating_point import (
 )
 from ._point_of_run import HasRun, PointOfRun, point_of_run
 
+# The largest heat flow into a node of a steady state, relative to all flows.
 REST_TOLERANCE = 1e-6
-"""The largest heat flow into a node of a steady state, relative to all flows."""
 
+# The largest distance from a requested temperature, K.
 TEMPERATURE_TOLERANCE = 1e-3
-"""The largest distance from a requested temperature, K."""
 
 
 def linearize(

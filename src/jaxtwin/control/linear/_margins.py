@@ -11,18 +11,18 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ..._errors import ControlError
+from ...errors import ControlError
 from ._linear_model import LinearModel
 
+# The default frequencies, rad/s.
 OMEGA = np.geomspace(1e-6, 1e3, 6000)
-"""The default frequencies, rad/s."""
 
+# The sensitivity peak above which a loop is called fragile.
 USUAL_PEAK = 2.0
-"""The sensitivity peak above which a loop is called fragile."""
 
+# A function from frequencies, rad/s, to the response of the loop, `(frequency,)` or `(frequency, n,
+# n)`.
 Loop: TypeAlias = Callable[[Float[np.ndarray, " frequency"]], Complex[np.ndarray, "..."]]
-"""A function from frequencies, rad/s, to the response of the loop, `(frequency,)` or `(frequency,
-n, n)`."""
 
 
 class Margins(NamedTuple):
@@ -166,16 +166,16 @@ def _peak(response: Loop, omega: np.ndarray, shift: float) -> tuple[float, float
         unit = np.eye(values.shape[-1])
         return np.linalg.norm(np.linalg.inv(unit + values) + shift * unit, 2, axis=(1, 2))
 
-    found = sizes(omega)
-    top = int(np.argmax(found))
+    result = sizes(omega)
+    top = int(np.argmax(result))
     between = np.log(omega[max(top - 1, 0)]), np.log(omega[min(top + 1, len(omega) - 1)])
     finer = minimize_scalar(
         lambda w: -float(sizes(np.exp([w]))[0]), bounds=between, method="bounded",
         options={"xatol": 1e-10},
     )  # fmt: skip
-    if -finer.fun > found[top]:
+    if -finer.fun > result[top]:
         return float(-finer.fun), float(np.exp(finer.x))
-    return float(found[top]), float(omega[top])
+    return float(result[top]), float(omega[top])
 
 
 def _zeros(
@@ -186,10 +186,10 @@ def _zeros(
     """The frequencies at which a function is 0: those among `omega`, and one between each two
     neighbours at which its values have different signs."""
     between = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
-    found = [
+    result = [
         _zero(lambda w: float(function(np.array([w]))[0]), omega[n], omega[n + 1]) for n in between
     ]
-    return sorted([*omega[values == 0].tolist(), *found])
+    return sorted([*omega[values == 0].tolist(), *result])
 
 
 def _zero(function: Callable[[float], float], low: float, high: float) -> float:

@@ -13,22 +13,22 @@ from jaxtyping import Array, Float, Int
 from ..._arguments import finite_number
 from ..._celsius import ZERO_CELSIUS
 from ..._display import html_table
-from ..._errors import ControlError
 from ..._lapack import solve
+from ...errors import ControlError
 from ...physics import System, Twin
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
+# Steps of the search for a duty cycle. It usually needs a handful; on the way from full cooling to
+# full heating each is limited to `MAX_STEP`.
 NEWTON_STEPS = 40
-"""Steps of the search for a duty cycle. It usually needs a handful; on the way from full cooling to
-full heating each is limited to `LONGEST_STEP`."""
 
-LONGEST_STEP = 0.25
+MAX_STEP = 0.25
 
+# The distance from a duty of 0 at which its two slopes are computed.
 KINK_DISTANCE = 1e-9
-"""The distance from a duty of 0 at which its two slopes are computed."""
 
 
 @final
@@ -226,12 +226,12 @@ def duty_for(
         return solve(gain.T @ gain, gain.T @ (aim - reached))
 
     def newton(_: Int[Array, ""], unknowns: Array) -> Array:
-        step = jnp.clip(change(unknowns), -LONGEST_STEP, LONGEST_STEP)
+        step = jnp.clip(change(unknowns), -MAX_STEP, MAX_STEP)
         return jnp.clip(unknowns + step, lowest, 1.0)
 
     start = jnp.zeros(directions.shape[1], reference.dtype)
-    found = jax.lax.stop_gradient(jax.lax.fori_loop(0, NEWTON_STEPS, newton, start))
+    result = jax.lax.stop_gradient(jax.lax.fori_loop(0, NEWTON_STEPS, newton, start))
     # A last step, through which the derivatives pass.
-    found = jnp.clip(found + change(found), lowest, 1.0)
-    reached, nodes = readings(found)
-    return duty_of(found), reached + reference - ZERO_CELSIUS, nodes
+    result = jnp.clip(result + change(result), lowest, 1.0)
+    reached, nodes = readings(result)
+    return duty_of(result), reached + reference - ZERO_CELSIUS, nodes

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ..._arguments import finite_number
 from ..._celsius import ZERO_CELSIUS
-from ..._errors import ControlError
+from ...errors import ControlError
 from ...physics import Twin
 from ...simulation import Run
 from ...simulation._delay import lagged_duty

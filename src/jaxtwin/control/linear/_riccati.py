@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import LinAlgError, solve_discrete_are
 
-from ..._errors import ControlError
+from ...errors import ControlError
 
-LARGEST_STABLE_POLE = 1 - 1e-9
-"""A loop counts as stable if the largest absolute value of its poles is below this."""
+# A loop counts as stable if the largest absolute value of its poles is below this.
+MAX_STABLE_POLE = 1 - 1e-9
 
 
 def regulator(
@@ -35,7 +35,7 @@ def regulator(
         slowest = np.abs(np.linalg.eigvals(A - B @ K)).max()
     except (LinAlgError, ValueError) as error:
         raise ControlError(_message(where, str(error))) from None
-    if not slowest < LARGEST_STABLE_POLE:
+    if not slowest < MAX_STABLE_POLE:
         raise ControlError(_message(where, f"a closed-loop pole at {slowest:.9f} from 0"))
     return K, P
 

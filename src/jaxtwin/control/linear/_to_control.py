@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._errors import ControlError
+from ...errors import ControlError
 
 if TYPE_CHECKING:
     from ._discrete_model import DiscreteModel

@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from ..._arguments import path_of
 from ..._display import html_table, picture
-from ..._errors import ControlError, RecordingError
 from ..._jax_settings import own_settings
 from ..._whole_file import check_ending
+from ...errors import ControlError, RecordingError
 from ...io import Experiment
 from ...physics import Twin
 from ...simulation import Run

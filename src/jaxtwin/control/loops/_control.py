@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, PyTree
 
 from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
-from ..._errors import SafetyStop
 from ..._jax_settings import own_settings
+from ...errors import SafetyStop
 from ...io import Experiment
 from ...live import (
     Document,
@@ -33,11 +33,11 @@ from ._simulate_closed_loop import simulate_closed_loop
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
 from ._stability import check_stability
 
+# A moment less than this before a sample counts as the sample, s.
 SAMPLE_TOLERANCE = 1e-6
-"""A moment less than this before a sample counts as the sample, s."""
 
+# The least number of samples for which a loop with constant references is simulated.
 MIN_PLAN_SAMPLES = 1024
-"""The least number of samples for which a loop with constant references is simulated."""
 
 
 class Decision(NamedTuple):

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._arguments import finite_number, of_kind
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ...physics import Twin
 from ...rig._plate_needed import check_has_plate
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._compilation import persistent_jit_unoptimised
-from ..._errors import ControlError
+from ...errors import ControlError
 from ...physics import System
 from ...rig import Rig
 from ...simulation._modes import network_modes
@@ -19,24 +19,24 @@ from ..controllers._duty_limits import bounds_of, check_limits_of_heaters
 from ..controllers._function_controller import FunctionController
 from ._references import representative_samples
 
+# The equal duty cycles that are tried, because a cell cools best with less than full duty.
 DUTY_LEVELS = 17
-"""The equal duty cycles that are tried, because a cell cools best with less than full duty."""
 
+# The largest excess of a reference over the reachable range that counts as rounding, K.
 REACH_TOLERANCE = 1e-6
-"""The largest excess of a reference over the reachable range that counts as rounding, K."""
 
+# The largest distance of several outputs from their references at the same time, K.
 JOINT_TOLERANCE = 0.1
-"""The largest distance of several outputs from their references at the same time, K."""
 
+# The errors of JAX for Python that needs the number of a traced array.
 _NEED_NUMBERS = (
     jax.errors.ConcretizationTypeError,
     jax.errors.TracerArrayConversionError,
     jax.errors.TracerIntegerConversionError,
 )
-"""The errors of JAX for Python that needs the number of a traced array."""
 
+# The largest number of starts of the search for the duty that holds several outputs.
 SEARCH_STARTS = 64
-"""The largest number of starts of the search for the duty that holds several outputs."""
 
 
 def check_reach(
@@ -83,12 +83,12 @@ def check_reach(
         start = equal[np.argmin(np.abs(reached - aim[:, None]).max(axis=0))]
         nearest = weights @ _rises(system, _nearest(system, weights, aim, start, limits))
         if np.abs(nearest - aim).max() > JOINT_TOLERANCE + ambient_range:
-            wanted, found = (
+            wanted, result = (
                 "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
             )
             raise ControlError(
                 f"references: expected temperatures that {held_by} can hold at the same time, got "
-                f"{wanted} degC at {times[sample]:g} s; the nearest are {found} degC"
+                f"{wanted} degC at {times[sample]:g} s; the nearest are {result} degC"
             )
 
 
@@ -178,9 +178,9 @@ def _nearest(
     others = islice(product(*places.T), SEARCH_STARTS)
     best, least = low, np.inf
     for begin in chain([start], others):
-        found = least_squares(off, begin, bounds=(low, high), diff_step=1e-4)
-        if np.abs(found.fun).max() < least:
-            best, least = found.x, np.abs(found.fun).max()
+        optimum = least_squares(off, begin, bounds=(low, high), diff_step=1e-4)
+        if np.abs(optimum.fun).max() < least:
+            best, least = optimum.x, np.abs(optimum.fun).max()
         if least <= JOINT_TOLERANCE:
             break
     return best

@@ -8,8 +8,8 @@ from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
 from ..._display import picture
-from ..._errors import ControlError
 from ..._jax_settings import own_settings
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 Response: TypeAlias = Complex[np.ndarray, "frequency outputs outputs"]
 
+# The number of frequencies of a Nyquist plot.
 DRAWN = 1000
-"""The number of frequencies of a Nyquist plot."""
 
 
 class LoopMargins(NamedTuple):

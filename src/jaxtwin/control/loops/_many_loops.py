@@ -21,12 +21,12 @@ from ._loop_signals import ClosedLoop
 from ._measures import Measure, units_of
 from ._scenario import Scenario
 
-LARGEST_CHUNK = 256
-"""The number of loops that a core computes at a time. With 64, a step of a loop costs twice as
-much; with 512, no less."""
+# The number of loops that a core computes at a time. With 64, a step of a loop costs twice as much;
+# with 512, no less.
+MAX_CHUNK = 256
 
+# The memory for the loops that a core computes at a time, before their measures are computed.
 CHUNK_BYTES = 2**28
-"""The memory for the loops that a core computes at a time, before their measures are computed."""
 
 
 def twin_at_medians(twin: Twin, draws: Mapping[str, Float[np.ndarray, " draws"]]) -> Twin:
@@ -59,8 +59,8 @@ def _longest(
     twin: Twin, draws: Mapping[str, Float[Array | np.ndarray, " draws"]]
 ) -> Float[Array, ""]:
     def delay(values: Mapping[str, Array]) -> Array:
-        found = twin.with_values(values).system().delay
-        return jnp.zeros(()) if found is None else found
+        result = twin.with_values(values).system().delay
+        return jnp.zeros(()) if result is None else result
 
     return jnp.max(jax.vmap(delay)({name: jnp.asarray(v) for name, v in draws.items()}))
 
@@ -112,7 +112,7 @@ def simulate_many_loops(
     loop_bytes = (
         jnp.dtype(dtype).itemsize * scenario.ambient.size * numbers_per_step(twin, scenario)
     )
-    chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), LARGEST_CHUNK)
+    chunk_size = min(max(CHUNK_BYTES // loop_bytes, 1), MAX_CHUNK)
     if controller.needs_one_thread:
         workers = 1
     results = work_in_chunks(rows, work, chunk_size=chunk_size, workers=workers)
@@ -177,16 +177,16 @@ def _measured(
     def of_draw(stepper: Stepper, values: Mapping[str, Array | np.ndarray]) -> dict[str, Array]:
         changed = with_values(controller, values)
         loop: ClosedLoop = run_loop(stepper, changed, scenario, single_precision_losses=True)
-        found = {name: jnp.asarray(function(loop)) for name, function in measures}
+        result = {name: jnp.asarray(function(loop)) for name, function in measures}
         is_finite = loop.stays_finite
-        found = {
+        result = {
             name: (
                 jnp.where(is_finite, value, jnp.nan)
                 if jnp.issubdtype(value.dtype, jnp.floating)
                 else value
             )
-            for name, value in found.items()
+            for name, value in result.items()
         }
-        return {**found, "failed": ~is_finite}
+        return {**result, "failed": ~is_finite}
 
     return jax.vmap(of_draw)(steppers, dict(varied))

@@ -9,14 +9,14 @@ from jaxtyping import Array, Float
 from ..controllers._duty_limits import bounds_of
 from ._loop_signals import ClosedLoop
 
+# An output counts as settled within this distance of its reference, K.
 SETTLING_BAND = 0.5
-"""An output counts as settled within this distance of its reference, K."""
 
+# The last part of a run, in which the plate counts as at rest.
 REST_FRACTION = 0.1
-"""The last part of a run, in which the plate counts as at rest."""
 
+# A duty within this distance of a limit counts as at the limit.
 HALF_COUNT = 0.5 / 255
-"""A duty within this distance of a limit counts as at the limit."""
 
 Measure: TypeAlias = Callable[[ClosedLoop], Float[Array, ""]]
 
@@ -119,8 +119,8 @@ MEASURES: dict[str, tuple[Measure, str]] = {
 """Name -> function and unit."""
 
 
+# The measures of the plate, which a rig without one does not have.
 OF_PLATE = ("plate_range_at_rest", "largest_plate_range")
-"""The measures of the plate, which a rig without one does not have."""
 
 
 def measures_of(elements: int) -> dict[str, tuple[Measure, str]]:

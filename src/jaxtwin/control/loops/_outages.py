@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+# Begin and end of each span, s. A span contains its begin, and not its end.
 Spans = Float[np.ndarray, "_spans 2"]
-"""Begin and end of each span, s. A span contains its begin, and not its end."""
 
 
 def periodic_spans(every: float, length: float, until: float) -> Spans:

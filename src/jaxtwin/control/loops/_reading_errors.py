@@ -7,15 +7,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..._arguments import finite_number, mapping_of
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ...physics import Faults, pixel_weights
 from ...physics._recalibrations import SHUTTER_SECONDS, Recalibrations
 from ...rig import Rig
 from ._outages import is_within, longest_silence, periodic_spans
 
+# The frame rate of the camera, as in the virtual rig.
 FRAMES_PER_SECOND = 9.0
-"""The frame rate of the camera, as in the virtual rig."""
 
 
 class ReadingErrors(NamedTuple):

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..._arguments import finite_number
-from ..._errors import ControlError
+from ...errors import ControlError
 
+# The largest number of references for which a loop is checked.
 REPRESENTATIVES = 5
-"""The largest number of references for which a loop is checked."""
 
+# How a reference moves to an entry: the share of the change by the share of the time.
 SHAPES = {"hold": np.zeros_like, "ramp": np.copy, "curve": lambda share: share**2 * (3 - 2 * share)}
-"""How a reference moves to an entry: the share of the change by the share of the time."""
 
 
 def reference_samples(

@@ -37,9 +37,9 @@ from ..linear._hold import zero_order_hold
 from ..linear._linearize import model_at_rest
 from ..linear._operating_point import Target
 
+# The distance from the unit circle that a pole may have by rounding. Two integrals of the same
+# output keep their initial difference, which is a pole at 1.
 ROUNDING = 1e-6
-"""The distance from the unit circle that a pole may have by rounding. Two integrals of the same
-output keep their initial difference, which is a pole at 1."""
 
 
 class SensitivityPeak(NamedTuple):
@@ -90,8 +90,8 @@ class SampledLoops:
             draws = {name: np.array([float(value)])}
         shifts = int(np.ceil(longest_delay / interval * (1 - 1e-9)))
         target = Target(weights, outputs, directions, twin.wiring.lowest_duty)
-        found = _sampled_plants(twin, draws, target, jnp.asarray(interval), shifts)
-        matrices, duty, channels = jax.tree.map(np.asarray, found)
+        result = _sampled_plants(twin, draws, target, jnp.asarray(interval), shifts)
+        matrices, duty, channels = jax.tree.map(np.asarray, result)
         watched = vector.controller.reading_weights(twin.channels)[len(outputs) :]
         self._at = SteadyReadings(outputs, watched @ np.median(channels, axis=0))
         self._plants: Matrices = matrices
@@ -143,13 +143,13 @@ class SampledLoops:
     def _controller(self, values: np.ndarray) -> tuple[Matrices, Matrices]:
         vector = self._vector
         if isinstance(vector, ControllerVector):
-            found = _linear_controller(*vector, values, self._duty, self._at)
-            return jax.tree.map(np.asarray, found)
+            result = _linear_controller(*vector, values, self._duty, self._at)
+            return jax.tree.map(np.asarray, result)
         # The controllers of designs have no exact derivatives of their derivatives.
         beside = vector.neighbours(values)
 
         def change(pair: tuple[AbstractController, AbstractController], apart: float) -> Matrices:
-            more, less = (self._linear(one) for one in pair)
+            more, less = (self._linear(abstract_controller) for abstract_controller in pair)
             return jax.tree.map(lambda a, b: (a - b) / apart, more, less)
 
         changes = map(change, beside.controllers, beside.apart)

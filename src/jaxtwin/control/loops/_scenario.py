@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number, of_kind, true_or_false, whole_number
 from ..._celsius import ZERO_CELSIUS
-from ..._errors import ControlError
 from ..._jax_settings import own_settings
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Faults, Twin
@@ -25,9 +25,9 @@ from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._reading_errors import reading_errors
 from ._references import reference_samples, sample_times
 
-LONGEST_STEP = 1.0
-"""The longest step of the plant, s. With a step of 1 s the error of the channels is some
-millikelvins."""
+# The longest step of the plant, s. With a step of 1 s the error of the channels is some
+# millikelvins.
+MAX_STEP = 1.0
 
 
 @final
@@ -151,7 +151,7 @@ def scenario(
     expected = "text such as 'drop=0.01,jumps=164', or Faults"
     of_kind(f"{where}: faults", faults, Faults, expected, ControlError)
     # Rounding must not add a step to a whole number of steps.
-    substeps = max(1, math.ceil(interval / LONGEST_STEP * (1 - 1e-9)))
+    substeps = max(1, math.ceil(interval / MAX_STEP * (1 - 1e-9)))
     step = interval / substeps
     with own_settings():
         system = assembled(plant)

@@ -6,9 +6,9 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._errors import ControlError, SimulationError
 from ..._jax_settings import own_settings
 from ..._waiting import announced
+from ...errors import ControlError, SimulationError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin

@@ -9,10 +9,10 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from ..._arguments import mapping_of, names_of, whole_number
-from ..._errors import ControlError
 from ..._jax_settings import own_settings
 from ..._name_suggestions import unknown_name
 from ..._waiting import announced
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
@@ -26,8 +26,8 @@ from ._many_loops import longest_delay, simulate_many_loops, twin_at_medians
 from ._measures import MEASURES, OF_PLATE, Measure, measures_of
 from ._scenario import scenario
 
+# The function, in messages.
 WHERE = "simulate_closed_loops"
-"""The function, in messages."""
 
 
 @announced("closed loops")
@@ -133,9 +133,9 @@ def _count(
             "simulate_closed_loop simulates a single loop"
         )
     if len(set(lengths.values())) > 1:
-        found = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        result = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ControlError(
-            f"{WHERE}: draws: expected the same number of draws for each, got {found}"
+            f"{WHERE}: draws: expected the same number of draws for each, got {result}"
         )
     return next(iter(lengths.values()))
 

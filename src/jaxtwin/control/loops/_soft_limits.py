@@ -51,7 +51,7 @@ def exceeded_soft_limits(
     - `limits`: channel -> limit.
     - `channels`, `time`, `temperatures`: what was read, degC, at which times, s.
     """
-    found = []
+    result = []
     for name, (lowest, highest, accepted) in limits.items():
         values = temperatures[:, list(channels).index(name)]
         for limit, excess in ((lowest, values - lowest), (highest, values - highest)):
@@ -60,5 +60,5 @@ def exceeded_soft_limits(
             if len(at):
                 worst = at[np.argmax(beyond[at])]
                 since, until = float(time[at[0]]), float(time[at[-1]])
-                found.append(ExceededLimit(name, limit, float(excess[worst]), since, until))
-    return tuple(found)
+                result.append(ExceededLimit(name, limit, float(excess[worst]), since, until))
+    return tuple(result)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ..._errors import ControlError
+from ...errors import ControlError
 from ...physics import Twin
 from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController

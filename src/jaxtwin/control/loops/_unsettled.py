@@ -7,14 +7,14 @@ import numpy as np
 
 from ._measures import SETTLING_BAND
 
+# The last part of a run, in which references that do not change should be held.
 LAST_PART = 0.25
-"""The last part of a run, in which references that do not change should be held."""
 
+# An output swings if it crosses its mean so often in the last part.
 CROSSINGS = 4
-"""An output swings if it crosses its mean so often in the last part."""
 
+# An error that is below this part of what it was a quarter of the run before becomes smaller.
 COMES_NEARER = 0.9
-"""An error that is below this part of what it was a quarter of the run before becomes smaller."""
 
 
 def unsettled(loop: Any, outputs: Sequence[str]) -> tuple[str, ...]:

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._arguments import finite_number, mapping_of, names_of, whole_number
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
 from ..._waiting import advanced, announced
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
@@ -37,22 +37,22 @@ from ._rig_design import PlacedCells, RigDesign
 
 WHERE = "design_rig"
 
+# A mean counts as reached within this distance, K.
 MEAN_TOLERANCE = 0.01
-"""A mean counts as reached within this distance, K."""
 
 FIRST_MOVE, LONGEST_MOVE, SHORTEST_MOVE = 0.02, 0.04, 1e-4
 """The largest change of a place in a step: in the first, at most, and at the end of a search, m."""
 
+# The largest change of a duty in a step, relative to that of a place, 1/m.
 DUTY_OF_MOVE = 10.0
-"""The largest change of a duty in a step, relative to that of a place, 1/m."""
 
-NEGLIGIBLE = 1e-4
-"""The decrease of the cost at which a search ends, K."""
+# The decrease of the cost at which a search ends, K.
+COST_TOLERANCE = 1e-4
 
 STEPS = 60
 
+# Of the places that are found, m: a tenth of a millimetre.
 DECIMALS = 4
-"""Of the places that are found, m: a tenth of a millimetre."""
 
 
 @announced("design of a rig")
@@ -130,19 +130,19 @@ def design_rig(
     grown = _moved(plant, dict.fromkeys(copies, _middle(plant.rig)), copies)
     wider = search(grown, (*names, *copies), bounds)
     before = search(plant, names, None).best_duty(now)
-    found: list[PlateAtRest] = []
+    result: list[PlateAtRest] = []
     for number in range(searches):
         start = wider.places_near(now if number == 0 else now[:0], random)
         if start is not None:
-            found.append(wider.optimum(start))
-            advanced(number + 1, searches, f"{min(map(wider.cost, found)):.3g} K")
-    if not found:
+            result.append(wider.optimum(start))
+            advanced(number + 1, searches, f"{min(map(wider.cost, result)):.3g} K")
+    if not result:
         raise ControlError(
             f"{WHERE}: expected room on the plate for {len(names) + len(copies)} faces that do not "
             "overlap, found none; use fewer cells, wider bounds or a smaller clearance"
         )
     # Of equal optima the first one, so that cells do not swap their places.
-    nearest = min(found, key=lambda at: round(wider.cost(at), 3))
+    nearest = min(result, key=lambda at: round(wider.cost(at), 3))
     best = wider.best_duty(wider.rounded(wider.places(nearest)))
     if abs(best.mean - mean) > MEAN_TOLERANCE:
         raise ControlError(
@@ -161,7 +161,7 @@ def design_rig(
         objective,
         placed(plant, before, names, now),
         placed(designed, best, (*names, *copies), places),
-        tuple(sorted(map(wider.cost, found))),
+        tuple(sorted(map(wider.cost, result))),
     )
 
 
@@ -191,7 +191,7 @@ class _Search:
         self._lowest = np.concatenate([self._plate.lowest, duty[0]])
         self._highest = np.concatenate([self._plate.highest, duty[1]])
         self._count = len(bounds)
-        placements = {one.name: one for one in twin.rig.placements}
+        placements = {placement.name: placement for placement in twin.rig.placements}
         fixed = [one for one in twin.rig.placements if one.name not in bounds]
         self._gaps = FaceGaps(
             [placements[name] for name in bounds],
@@ -260,13 +260,13 @@ class _Search:
             if step is None:
                 break
             moved = np.clip(at.unknowns + step, self._lowest, self._highest)
-            found = self._with_mean(self._plate.at(moved))
-            decrease = self.cost(at) - self.cost(found)
+            result = self._with_mean(self._plate.at(moved))
+            decrease = self.cost(at) - self.cost(result)
             if decrease > 0:
-                at, reach = found, min(2 * reach, LONGEST_MOVE)
+                at, reach = result, min(2 * reach, LONGEST_MOVE)
             else:
                 reach /= 3
-            if reach < SHORTEST_MOVE or 0 <= decrease < NEGLIGIBLE:
+            if reach < SHORTEST_MOVE or 0 <= decrease < COST_TOLERANCE:
                 break
         return at
 
@@ -301,7 +301,7 @@ def _moving(rig: Rig, moving: Sequence[str] | None) -> tuple[str, ...]:
 
     **Raises:** `ControlError` for names that the rig does not have, or parts without a place.
     """
-    known = tuple(one.name for one in rig.placements)
+    known = tuple(placement.name for placement in rig.placements)
     if not known:
         raise ControlError(
             f"{WHERE}: twin: expected a rig whose cells or heaters have a place (at and size), "
@@ -359,7 +359,7 @@ def _part(where: str, part: Any, whole: Bounds, box: tuple[float, float]) -> Bou
     )
     if len(numbers) != 4:
         raise ControlError(f"{expected}, got {part!r}")
-    left, right, top, bottom = (finite_number(where, one, ControlError) for one in numbers)
+    left, right, top, bottom = (finite_number(where, number, ControlError) for number in numbers)
     is_on_plate = min(left, top) >= 0 and right <= whole[1] and bottom <= whole[3]
     if not is_on_plate or right - left < box[0] or bottom - top < box[1]:
         raise ControlError(f"{expected}, got {part!r}")
@@ -367,7 +367,7 @@ def _part(where: str, part: Any, whole: Bounds, box: tuple[float, float]) -> Bou
 
 
 def _placement(rig: Rig, name: str) -> Placement:
-    return next(one for one in rig.placements if one.name == name)
+    return next(placement for placement in rig.placements if placement.name == name)
 
 
 def _place(twin: Twin, name: str) -> Place:

@@ -17,13 +17,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linprog, minimize
 
+# The weight of an error of the mean relative to that of the evenness. A far smaller one would do:
+# the range changes by a fraction of a kelvin with each kelvin of the mean.
 OF_MEAN = 10.0
-"""The weight of an error of the mean relative to that of the evenness. A far smaller one would do:
-the range changes by a fraction of a kelvin with each kelvin of the mean."""
 
+# The same where both are squares: the error that is left is a thousandth of the standard deviation.
 OF_SQUARES = 30.0
-"""The same where both are squares: the error that is left is a thousandth of the standard
-deviation."""
 
 
 class LinearPlate(NamedTuple):
@@ -92,7 +91,7 @@ class PlateRange(AbstractUnevenness):
                 np.hstack([region.rows, no_rows]),
             ]
         )
-        found = linprog(
+        optimum = linprog(
             np.concatenate([np.zeros(unknowns), [1.0, -1.0, OF_MEAN]]),
             A_ub=rows,
             b_ub=np.concatenate(
@@ -105,7 +104,7 @@ class PlateRange(AbstractUnevenness):
                 (0, None),
             ],
         )
-        return None if found.x is None else found.x[:unknowns]
+        return None if optimum.x is None else optimum.x[:unknowns]
 
 
 @final
@@ -141,7 +140,7 @@ class PlateDeviation(AbstractUnevenness):
         width = np.maximum(region.highest, -region.lowest)
         width = np.where(width > 0, width, 1.0)
         matrix, rows = matrix * width, region.rows * width
-        found = minimize(
+        optimum = minimize(
             lambda change: 0.5 * float(((now + matrix @ change) ** 2).sum()),
             np.zeros(len(width)),
             jac=lambda change: matrix.T @ (now + matrix @ change),
@@ -156,4 +155,4 @@ class PlateDeviation(AbstractUnevenness):
             else (),
             options={"maxiter": 200, "ftol": 1e-12},
         )
-        return found.x * width if np.isfinite(found.x).all() else None
+        return optimum.x * width if np.isfinite(optimum.x).all() else None

@@ -8,11 +8,11 @@ from jaxtyping import Float
 
 from ...rig import Placement
 
+# Random places that are tried for all faces together.
 TRIES = 2000
-"""Random places that are tried for all faces together."""
 
+# x and y of the middle of each face, m.
 Places = Float[np.ndarray, "faces 2"]
-"""x and y of the middle of each face, m."""
 
 
 @final

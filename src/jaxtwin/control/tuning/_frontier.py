@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number, whole_number
 from ..._display import html_table, picture
-from ..._errors import ControlError
 from ..._name_suggestions import did_you_mean, unknown_name
 from ..._waiting import announced, silent
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
@@ -211,7 +211,7 @@ def frontier(
         sums = {**base, against: base.get(against, 0.0) + amount}
         aim = checked_objective("frontier", sums, tail_weight, rig)
         with silent():
-            found = problem._replace(objective=aim).solved(number, began)
-        tunings.append(found)
-        problem = problem._replace(vector=problem.vector.with_controller(found.controller))
+            result = problem._replace(objective=aim).solved(number, began)
+        tunings.append(result)
+        problem = problem._replace(vector=problem.vector.with_controller(result.controller))
     return Frontier(against, np.array(amounts), tuple(tunings))

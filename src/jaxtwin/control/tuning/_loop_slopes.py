@@ -22,8 +22,8 @@ from ..loops._many_loops import CHUNK_BYTES, is_whole_delay, numbers_per_step, s
 from ..loops._measures import Measure
 from ..loops._scenario import Scenario
 
-LARGEST_CHUNK = 64
-"""The largest number of loops, each with all derivatives, that a core computes at a time."""
+# The largest number of loops, each with all derivatives, that a core computes at a time.
+MAX_CHUNK = 64
 
 
 class Slopes(NamedTuple):
@@ -97,18 +97,18 @@ class LoopSlopes:
         }
         lines = Line(*(np.stack(part) for part in zip(*controllers, strict=True)))
         largest = CHUNK_BYTES // (self._a_loop * (1 + lines.slopes.shape[1]))
-        chunk = min(int(min(max(largest, 1), LARGEST_CHUNK)), room * self.count)
+        chunk = min(int(min(max(largest, 1), MAX_CHUNK)), room * self.count)
         fill = max(chunk - loops, 0)
         rows = {name: np.concatenate([v, np.repeat(v[-1:], fill)]) for name, v in rows.items()}
         work = partial(self._work, lines)
-        found = work_in_chunks(rows, work, chunk_size=chunk, workers=self._workers)
+        result = work_in_chunks(rows, work, chunk_size=chunk, workers=self._workers)
         shape = len(controllers), self.count
-        failed = found["failed"][:loops]
+        failed = result["failed"][:loops]
         values, slopes = (
             np.where(failed.reshape(-1, *[1] * (part.ndim - 1)), np.nan, part[:loops]).reshape(
                 *shape, *part.shape[1:]
             )
-            for part in (found["values"], found["slopes"])
+            for part in (result["values"], result["slopes"])
         )
         return Slopes(values, np.moveaxis(slopes, 2, 3))
 
@@ -117,8 +117,8 @@ class LoopSlopes:
         steppers = jax.tree.map(lambda leaf: leaf[draw], self._steppers)
         of_loops = Line(*(part[controller] for part in lines))
         with own_settings():
-            found = _slopes(steppers, self._numbers, of_loops, self._scenario, self._measures)
-        return dict(zip(("values", "slopes", "failed"), found, strict=True))
+            result = _slopes(steppers, self._numbers, of_loops, self._scenario, self._measures)
+        return dict(zip(("values", "slopes", "failed"), result, strict=True))
 
 
 @persistent_jit
@@ -136,14 +136,14 @@ def _slopes(
     ) -> tuple[Float[Array, " measures"], Float[Array, "parameters measures"], Bool[Array, ""]]:
         def measured(values: Array) -> tuple[Array, Array]:
             loop: ClosedLoop = run_loop(stepper, numbers.apply(values), scenario)
-            found = [jnp.asarray(function(loop), values.dtype) for _, function in measures]
-            return jnp.stack(found), ~loop.stays_finite
+            result = [jnp.asarray(function(loop), values.dtype) for _, function in measures]
+            return jnp.stack(result), ~loop.stays_finite
 
         def along(direction: Array) -> tuple[Array, Array, Array]:
-            found, slope, failed = jax.jvp(measured, (line.numbers,), (direction,), has_aux=True)
-            return found, slope, failed
+            result, slope, failed = jax.jvp(measured, (line.numbers,), (direction,), has_aux=True)
+            return result, slope, failed
 
-        found, slope, failed = jax.vmap(along)(jnp.asarray(line.slopes))
-        return found[0], slope, failed[0]
+        result, slope, failed = jax.vmap(along)(jnp.asarray(line.slopes))
+        return result[0], slope, failed[0]
 
     return jax.vmap(of_loop)(steppers, jax.tree.map(jnp.asarray, lines))

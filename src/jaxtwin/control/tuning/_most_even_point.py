@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._arguments import finite_number
-from ..._errors import ControlError
 from ..._waiting import announced
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
@@ -19,15 +19,15 @@ from ..linear._linearize import linearize
 from ..linear._operating_point import OperatingPoint
 from ._evenness_step import LinearPlate, PlateRange, Region
 
+# The largest change of the duty of a cell in a step.
 FIRST_REACH = 0.25
-"""The largest change of the duty of a cell in a step."""
 
-SHORTEST_STEP = 1e-6
+MIN_STEP = 1e-6
 
 STEPS = 60
 
+# A mean counts as reached within this distance, K.
 MEAN_TOLERANCE = 0.01
-"""A mean counts as reached within this distance, K."""
 
 
 @announced("most even point")
@@ -79,11 +79,11 @@ def most_even_point(
     reach = FIRST_REACH
     for _ in range(STEPS):
         step = _step(at, np.maximum(low - at.duty, -reach), np.minimum(high - at.duty, reach))
-        if np.abs(step).max() < SHORTEST_STEP:
+        if np.abs(step).max() < MIN_STEP:
             break
-        found = plate_at(at.duty + step)
-        if found.cost < at.cost:
-            at, reach = found, min(2 * reach, FIRST_REACH)
+        result = plate_at(at.duty + step)
+        if result.cost < at.cost:
+            at, reach = result, min(2 * reach, FIRST_REACH)
         else:
             reach = 0.4 * min(reach, float(np.abs(step).max()))
     error = at.linear.error

@@ -8,27 +8,26 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._arguments import finite_number
-from ..._errors import ControlError
 from ..._name_suggestions import unknown_name
+from ...errors import ControlError
 from ...rig import Rig
 from ...rig._plate_needed import check_has_plate
 from ..loops._measures import OF_PLATE, Measure, measures_of
 
+# Measures that change in steps of a sample and have no derivative -> the measure to use instead.
 STEPWISE = {
     "settling_time": "integral_time_absolute_error",
     "saturation_share": "peak_power",
 }
-"""Measures that change in steps of a sample and have no derivative -> the measure to use
-instead."""
 
+# The share of the draws that count as the worst ones.
 TAIL_FRACTION = 0.05
-"""The share of the draws that count as the worst ones."""
 
+# The name of an objective that is a function of the user.
 OWN_OBJECTIVE = "objective"
-"""The name of an objective that is a function of the user."""
 
 
-class Objective(NamedTuple):
+class TuningObjective(NamedTuple):
     """A weighted sum of measures.
 
     - `measures`: name -> function, all measures that are computed of each loop.
@@ -64,7 +63,9 @@ class Objective(NamedTuple):
         return float(share @ sums), share @ by_parameters
 
 
-def checked_objective(where: str, objective: object, tail_weight: object, rig: Rig) -> Objective:
+def checked_objective(
+    where: str, objective: object, tail_weight: object, rig: Rig
+) -> TuningObjective:
     """Makes an objective from the name of a measure, from name -> weight, or from a function of a
     `ClosedLoop`.
 
@@ -105,4 +106,4 @@ def checked_objective(where: str, objective: object, tail_weight: object, rig: R
     row = np.array([weights.get(name, 0.0) for name in measures])
     if not row.any():
         raise ControlError(f"{at}: expected a weight other than 0, got {objective!r}")
-    return Objective(measures, row, tail)
+    return TuningObjective(measures, row, tail)

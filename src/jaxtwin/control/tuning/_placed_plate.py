@@ -37,11 +37,11 @@ MICROMETRE = 1e-6
 
 NEWTON_STEPS = 15
 
+# The largest heat that may flow into a node at rest, W.
 LEFT_OVER = 1e-9
-"""The largest heat that may flow into a node at rest, W."""
 
+# Left, right, top and bottom of the part of the plate on which a face may lie, m.
 Bounds = tuple[float, float, float, float]
-"""Left, right, top and bottom of the part of the plate on which a face may lie, m."""
 
 
 class PlateAtRest(NamedTuple):
@@ -195,7 +195,7 @@ def _with_parameters(rig: Rig, bounds: Mapping[str, Bounds]) -> tuple[Rig, tuple
     text = with_places(rig, dict.fromkeys(bounds, middle), {}).text
     data: dict[str, Any] = parse_toml(text.encode(), rig.source)
     parameters = data.setdefault("parameters", {})
-    boxes = {one.name: one.box for one in rig.placements}
+    boxes = {placement.name: placement.box for placement in rig.placements}
     names: list[str] = []
     for number, (name, (left, right, top, bottom)) in enumerate(bounds.items(), 1):
         width, height = boxes[name]

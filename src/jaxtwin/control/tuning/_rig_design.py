@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 from ..._arguments import path_of
 from ..._display import html_table, picture
-from ..._errors import ControlError
 from ..._whole_file import check_ending, write_whole_file
+from ...errors import ControlError
 from ...physics import Twin
 from ...rig import Rig
 from ..linear._operating_point import OperatingPoint

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..._arguments import names_of
-from ..._errors import ControlError
+from ...errors import ControlError
 from ..controllers._controller import AbstractController
 from ..controllers._controller_vector import ControllerVector, split
 from ..controllers._decoupled_pi import DecoupledPI
@@ -16,8 +16,8 @@ from ..controllers._lqi import LQI
 from ..controllers._mpc import MPC
 from ..controllers._pid import PID
 
+# The factor by which a parameter without bounds may grow or fall.
 DEFAULT_FACTOR = 30.0
-"""The factor by which a parameter without bounds may grow or fall."""
 
 
 class SearchBox(NamedTuple):
@@ -34,18 +34,18 @@ class SearchBox(NamedTuple):
     def values(self, point: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """Returns the parameters at a point of the unit box, within their bounds."""
         lower, upper = self._ends()
-        found = lower + point * (upper - lower)
-        found = np.where(
-            self.is_logarithmic, np.exp(np.where(self.is_logarithmic, found, 0)), found
+        result = lower + point * (upper - lower)
+        result = np.where(
+            self.is_logarithmic, np.exp(np.where(self.is_logarithmic, result, 0)), result
         )
-        return np.clip(found, self.lower, self.upper)
+        return np.clip(result, self.lower, self.upper)
 
     def point(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """Returns the point of parameters, which are clipped to their bounds."""
         lower, upper = self._ends()
         inside = np.clip(values, self.lower, self.upper)
-        found = np.where(self.is_logarithmic, np.log(np.where(inside > 0, inside, 1)), inside)
-        return np.clip((found - lower) / (upper - lower), 0, 1)
+        result = np.where(self.is_logarithmic, np.log(np.where(inside > 0, inside, 1)), inside)
+        return np.clip((result - lower) / (upper - lower), 0, 1)
 
     def slopes(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """Returns the derivatives of the parameters with respect to the point."""

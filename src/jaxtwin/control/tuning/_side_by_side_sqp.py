@@ -25,14 +25,14 @@ FIRST_STEP, LONGEST_STEP, SHORTEST_STEP = 0.1, 0.4, 1e-3
 """Step lengths relative to the width of the box. A step of the shortest length changes a parameter
 whose bounds differ by a factor of 1000 by 0.7 %."""
 
+# The part of the predicted decrease of the merit that a step has to reach to be accepted.
 SUFFICIENT_DECREASE = 1e-4
-"""The part of the predicted decrease of the merit that a step has to reach to be accepted."""
 
+# The predicted decrease of the merit, relative to the objective, at which a descent ends.
 NEGLIGIBLE_DECREASE = 1e-4
-"""The predicted decrease of the merit, relative to the objective, at which a descent ends."""
 
 
-class Evaluation(NamedTuple):
+class CandidateEvaluation(NamedTuple):
     """The objective `f` and the constraint `c` at a point, with their gradients. They are infinite
     if the loop of the point fails."""
 
@@ -58,11 +58,11 @@ class Round(NamedTuple):
     start: int
     number: int
     point: Vector
-    evaluation: Evaluation
+    evaluation: CandidateEvaluation
     accepted: bool
 
 
-Evaluate = Callable[[Sequence[Vector]], list[Evaluation]]
+Evaluate = Callable[[Sequence[Vector]], list[CandidateEvaluation]]
 
 
 def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> list[Round]:
@@ -92,7 +92,7 @@ def descents(evaluate: Evaluate, starts: Sequence[Vector], *, rounds: int) -> li
 class _Descent:
     """A single descent, which requests points and receives their evaluations."""
 
-    def __init__(self, point: Vector, evaluation: Evaluation):
+    def __init__(self, point: Vector, evaluation: CandidateEvaluation):
         self._z, self._at = point, evaluation
         self._scale = max(abs(evaluation.f), 1e-300)
         self._hessian = np.eye(len(point)) * self._scale
@@ -119,7 +119,7 @@ class _Descent:
             return None
         return z + self._step
 
-    def receive(self, evaluation: Evaluation) -> bool:
+    def receive(self, evaluation: CandidateEvaluation) -> bool:
         """Takes the evaluation of the requested point, and returns whether the descent moves
         there."""
         fall = self._merit(self._at) - self._merit(evaluation) if evaluation.is_finite else -np.inf
@@ -132,7 +132,7 @@ class _Descent:
         self._z, self._at = self._z + self._step, evaluation
         return True
 
-    def _merit(self, at: Evaluation) -> float:
+    def _merit(self, at: CandidateEvaluation) -> float:
         return at.f + self._weight * max(at.c, 0.0)
 
     def _predicted(self) -> float:
@@ -150,7 +150,7 @@ class _Descent:
         slope = (self._at.g + self._hessian @ d)[is_free]
         return max(-float(slope @ a[is_free]) / float(a[is_free] @ a[is_free]), 0.0)
 
-    def _update_hessian(self, evaluation: Evaluation) -> None:
+    def _update_hessian(self, evaluation: CandidateEvaluation) -> None:
         """Updates the approximation of the Hessian by Powell's damped BFGS formula."""
         d, was = self._step, self._at
         y = evaluation.g - was.g + self._multiplier * (evaluation.a - was.a)

@@ -7,8 +7,8 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..._arguments import whole_number
-from ..._errors import ControlError
 from ..._waiting import announced
+from ...errors import ControlError
 from ...matching import Fit
 from ...physics import Twin
 from ..controllers._controller import AbstractController

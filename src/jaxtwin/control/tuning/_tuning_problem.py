@@ -11,8 +11,8 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number, whole_number
-from ..._errors import ControlError
 from ..._jax_settings import own_settings
+from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...matching._posterior_draws import posterior_draws
@@ -27,16 +27,16 @@ from ..loops._many_loops import longest_delay, twin_at_medians
 from ..loops._sampled_loop import SampledLoops
 from ..loops._scenario import scenario
 from ._loop_slopes import LoopSlopes
-from ._objective import Objective, checked_objective
+from ._objective import TuningObjective, checked_objective
 from ._search_box import SearchBox, search_box
-from ._side_by_side_sqp import Evaluation, Round, descents
+from ._side_by_side_sqp import CandidateEvaluation, Round, descents
 from ._tuning import TunedLoop, Tuning, TuningStep
 
+# The relative excess of a sensitivity peak over its limit that is accepted.
 PEAK_TOLERANCE = 1e-3
-"""The relative excess of a sensitivity peak over its limit that is accepted."""
 
+# The number of random controllers for each start of which only the linear loop is evaluated.
 RANDOM_CONTROLLERS = 200
-"""The number of random controllers for each start of which only the linear loop is evaluated."""
 
 
 def tuning_problem(
@@ -118,7 +118,7 @@ class TuningProblem(NamedTuple):
     outputs: Float[np.ndarray, " outputs"]
     vector: ControllerVector | DesignVector
     box: SearchBox
-    objective: Objective
+    objective: TuningObjective
     limit: float | None
     loops: LoopSlopes
     linear: SampledLoops | None
@@ -127,12 +127,14 @@ class TuningProblem(NamedTuple):
 
     def solved(self, rounds: int, began: float) -> Tuning:
         """Runs all descents, and returns the best controller."""
-        found: dict[bytes, Float[np.ndarray, "draws measures"]] = {}
+        result: dict[bytes, Float[np.ndarray, "draws measures"]] = {}
 
-        def evaluate(points: Sequence[Float[np.ndarray, " parameters"]]) -> list[Evaluation]:
+        def evaluate(
+            points: Sequence[Float[np.ndarray, " parameters"]],
+        ) -> list[CandidateEvaluation]:
             results = self._evaluated([self.box.values(point) for point in points])
             for point, (_, values) in zip(points, results, strict=True):
-                found[point.tobytes()] = values
+                result[point.tobytes()] = values
             return [evaluation for evaluation, _ in results]
 
         first = self.vector.values
@@ -155,7 +157,7 @@ class TuningProblem(NamedTuple):
             upper=self.box.upper,
             sensitivity_limit=self.limit,
             before=self._loop(first, before, values_before),
-            after=self._loop(tuned, best.evaluation, found[best.point.tobytes()]),
+            after=self._loop(tuned, best.evaluation, result[best.point.tobytes()]),
             measures=tuple(self.objective.measures),
             weights=self.objective.weights,
             omega=np.zeros(0) if self.linear is None else self.linear.omega,
@@ -166,7 +168,7 @@ class TuningProblem(NamedTuple):
 
     def _evaluated(
         self, controllers: Sequence[Float[np.ndarray, " parameters"]]
-    ) -> list[tuple[Evaluation, Float[np.ndarray, "draws measures"]]]:
+    ) -> list[tuple[CandidateEvaluation, Float[np.ndarray, "draws measures"]]]:
         """Evaluates objective and constraint at points of the unit box, and the measures."""
         with own_settings():
             loops = self.loops([self.vector.line(values) for values in controllers], self.starts)
@@ -181,7 +183,7 @@ class TuningProblem(NamedTuple):
             if peak is not None and self.limit is not None:
                 c = math.log(peak.value / self.limit) if peak.is_stable else math.inf
                 a = peak.slope / peak.value
-            results.append((Evaluation(f, g * by_point, c, a * by_point), measures))
+            results.append((CandidateEvaluation(f, g * by_point, c, a * by_point), measures))
         return results
 
     def _first_points(self) -> list[Float[np.ndarray, " parameters"]]:
@@ -230,7 +232,10 @@ class TuningProblem(NamedTuple):
         return TuningStep(part.start, part.number, part.evaluation.f, peak, part.accepted, named)
 
     def _loop(
-        self, parameters: Any, found: Evaluation, measures: Float[np.ndarray, "draws measures"]
+        self,
+        parameters: Any,
+        found: CandidateEvaluation,
+        measures: Float[np.ndarray, "draws measures"],
     ) -> TunedLoop:
         sensitivity = np.zeros((len(measures), 0))
         peak = math.nan

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from ..._arguments import true_or_false, whole_number
 from ..._display import html_table
-from ..._errors import ControlError
+from ...errors import ControlError
 from ..controllers._pid import PID
 from ..loops._closed_loop_run import ClosedLoopRun
 from ..loops._control import Decision
@@ -29,31 +29,31 @@ if TYPE_CHECKING:
 
 Rule: TypeAlias = Literal["tyreus-luyben", "ziegler-nichols"]
 
+# (Rule, with derivative) -> Kp per ultimate gain, and integral and derivative time per ultimate
+# period (Tyreus and Luyben, Ind. Eng. Chem. Res. 31 (1992) 2625; Luyben and Luyben, *Essentials of
+# Process Control*, 1997; Ziegler and Nichols, Trans. ASME 64 (1942) 759).
 _RULES: dict[tuple[str, bool], tuple[float, float, float]] = {
     ("tyreus-luyben", False): (1 / 3.2, 2.2, 0.0),
     ("tyreus-luyben", True): (1 / 2.2, 2.2, 1 / 6.3),
     ("ziegler-nichols", False): (0.45, 1 / 1.2, 0.0),
     ("ziegler-nichols", True): (0.6, 0.5, 0.125),
 }
-"""(Rule, with derivative) -> Kp per ultimate gain, and integral and derivative time per ultimate
-period (Tyreus and Luyben, Ind. Eng. Chem. Res. 31 (1992) 2625; Luyben and Luyben,
-*Essentials of Process Control*, 1997; Ziegler and Nichols, Trans. ASME 64 (1942) 759)."""
 
+# Field of an `UltimatePoint` -> unit.
 _UNITS = {"gain": "1/K", "period_s": "s", "phase_deg": "deg", "amplitude": "K", "cycles": "1"}
-"""Field of an `UltimatePoint` -> unit."""
 
+# The time constant of the derivative's filter per derivative time.
 FILTER_RATIO = 1 / 8
-"""The time constant of the derivative's filter per derivative time."""
 
+# The relative difference that periods may have; two samples more are always allowed.
 PERIOD_TOLERANCE = 0.15
-"""The relative difference that periods may have; two samples more are always allowed."""
 
-LONGEST_GAP = 0.25
-"""The longest time without a sample, in periods."""
+# The longest time without a sample, in periods.
+MAX_GAP = 0.25
 
+# The change of the mean from period to period that is allowed, relative to the oscillation's
+# height.
 LEVEL_TOLERANCE = 0.15
-"""The change of the mean from period to period that is allowed, relative to the oscillation's
-height."""
 
 
 @final
@@ -148,7 +148,7 @@ def ultimate_point(
     whole = slice(ups[0], ups[-1])
     steps = np.diff(time[ups[0] : ups[-1] + 1])
     usual = float(np.median(steps))
-    if steps.max() > max(LONGEST_GAP * periods.mean(), 1.5 * usual):
+    if steps.max() > max(MAX_GAP * periods.mean(), 1.5 * usual):
         raise ControlError(
             "ultimate_point: run: expected samples through the whole oscillation, got none for "
             f"{steps.max():.3g} s of a period of {periods.mean():.3g} s"

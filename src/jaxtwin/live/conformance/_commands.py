@@ -7,11 +7,11 @@ from ..protocol._messages import Hello
 from ._dialogue import Dialogue
 from ._step_result import StepResult, found
 
+# The counts that the script commands.
 SMALL = 10
-"""The counts that the script commands."""
 
-OTHER = "conform-other"
-"""A second host, which the script pretends to be."""
+# A second host, which the script pretends to be.
+OTHER_HOST = "conform-other"
 
 
 def few(hello: Hello) -> tuple[int, ...]:
@@ -50,15 +50,15 @@ def command_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
 
 def _of_another(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
     for pwm in (low, (0,) * len(low)):
-        number = talk.command(*pwm, owner=OTHER)
+        number = talk.command(*pwm, owner=OTHER_HOST)
         ok = talk.refuses(number, "owner")
         yield found("refuses another commander", ok, f"{pwm}: no event with why=owner")
     talk.command(*low)
-    number = talk.order("release", OTHER)
+    number = talk.order("release", OTHER_HOST)
     ok = talk.refuses(number, "owner") and talk.reports(pwm=low, owner=talk.owner)
     yield found("refuses the release of another", ok, "no event with why=owner, or it is off")
     last = talk.command(*low)
-    number = talk.order("reset", OTHER)
+    number = talk.order("reset", OTHER_HOST)
     talk.order("reset")
     ok = talk.refuses(number, "owner")
     ok = ok and talk.keeps(0.3, pwm=low, owner=talk.owner, number=last)

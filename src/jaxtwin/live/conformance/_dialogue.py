@@ -4,15 +4,15 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Literal, final
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ..protocol._clock import Clock
 from ..protocol._codec import encode, parse
 from ..protocol._framing import deframe
 from ..protocol._messages import Data, Duty, Message, Notice, Order
 from ..protocol._transport import Transport
 
+# The longest time that an answer may take, s.
 ANSWERS_WITHIN = 3.0
-"""The longest time that an answer may take, s."""
 
 
 @final

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from ..protocol._messages import Data, Hello, Notice
-from ._commands import OTHER, few
+from ._commands import OTHER_HOST, few
 from ._dialogue import Dialogue
 from ._step_result import StepResult, found
 
@@ -15,13 +15,13 @@ def trip_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     number = talk.command(*low)
     yield found("refuses every duty after a trip", talk.refuses(number, "tripped"), "does not")
     yield from _second_stop(talk)
-    number = talk.order("reset", OTHER)
+    number = talk.order("reset", OTHER_HOST)
     ok = talk.tells("reset", "", number) and talk.reports(pwm=off, owner="", trip="")
     yield found("a reset ends the trip, and is an event", ok, "it does not, or is none")
     ok = talk.keeps(0.5, pwm=off, owner="", trip="")
     yield found("the cells stay off after a reset", ok, "they do not")
     _heat(talk, low)
-    talk.order("stop", OTHER)
+    talk.order("stop", OTHER_HOST)
     ok = talk.tells("trip", "stop")
     yield found("a trip is an event", ok, "no event with kind=trip why=stop")
     ok = talk.reports(pwm=off, trip="stop")
@@ -36,7 +36,7 @@ def trip_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
 
 def _second_stop(talk: Dialogue) -> Iterator[StepResult]:
     talk.order("stop")
-    talk.order("stop", OTHER)
+    talk.order("stop", OTHER_HOST)
     messages = list(talk.listen(1.0))
     samples = [message for message in messages if isinstance(message, Data)]
     ok = bool(samples) and all(sample.trip == "watchdog" for sample in samples)
@@ -51,10 +51,10 @@ def _relay(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     ok = talk.reports(relay="on")
     yield found("a reset closes the relay", ok, "no data with relay=on")
     _heat(talk, low)
-    number = talk.order("relay", OTHER, f"not {hello.relay}"[:32])
+    number = talk.order("relay", OTHER_HOST, f"not {hello.relay}"[:32])
     ok = talk.refuses(number, "relay") and talk.reports(pwm=low, relay="on")
     yield found("refuses a relay of another name", ok, "no event with why=relay")
-    talk.order("relay", OTHER, hello.relay)
+    talk.order("relay", OTHER_HOST, hello.relay)
     ok = talk.reports(pwm=off, relay="off", trip="relay")
     yield found("anyone may open the relay", ok, "no data with relay=off trip=relay")
     _reset(talk)
@@ -75,10 +75,10 @@ def _releases(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
     yield found("after a release an old duty is refused", ok, "it is applied")
     _heat(talk, low)
     talk.order("release")  # and at once, before the watchdog could release it
-    number = talk.command(*low, owner=OTHER)
-    ok = talk.reports(pwm=low, owner=OTHER, number=number)
+    number = talk.command(*low, owner=OTHER_HOST)
+    ok = talk.reports(pwm=low, owner=OTHER_HOST, number=number)
     yield found("after a release another may command", ok, "he is refused")
-    talk.order("release", OTHER)
+    talk.order("release", OTHER_HOST)
 
 
 def _heat(talk: Dialogue, low: tuple[int, ...]) -> None:

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator
 
 from ..protocol._codec import encode
 from ..protocol._messages import VERSION, Ask, Hello
-from ._commands import OTHER, few, wrong_lines
+from ._commands import OTHER_HOST, few, wrong_lines
 from ._dialogue import Dialogue
 from ._step_result import StepResult, found
 
-MARGIN = 1.5
-"""The time by which a watchdog may be late, s; it includes the device's next sample."""
+# The time by which a watchdog may be late, s; it includes the device's next sample.
+MARGIN_SECONDS = 1.5
 
 
 def watchdog_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
@@ -18,7 +18,7 @@ def watchdog_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     off = (0,) * len(low)
     talk.command(*off)
     talk.reports(pwm=off, owner=talk.owner)
-    ok = talk.reports(watchdog + MARGIN, owner="", trip="")
+    ok = talk.reports(watchdog + MARGIN_SECONDS, owner="", trip="")
     yield found(
         "silence with the cells off releases them, and is no trip", ok, "it does not, or is"
     )
@@ -33,7 +33,7 @@ def watchdog_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
         talk.order("reset")
         talk.reports(trip="")
     took = _trips(talk, hello, lambda: None)
-    late = f"no trip=watchdog within {watchdog + MARGIN:g} s"
+    late = f"no trip=watchdog within {watchdog + MARGIN_SECONDS:g} s"
     yield found("its watchdog trips", took is not None, late)
     ok = took is None or took >= 0.5 * watchdog
     yield found(
@@ -48,7 +48,7 @@ def _trips(talk: Dialogue, hello: Hello, feed: Callable[[], None]) -> float | No
     talk.command(*low)
     begin = talk.clock.now()
     talk.reports(pwm=low)
-    while (took := (talk.clock.now() - begin) * 1e-9) < watchdog + MARGIN:
+    while (took := (talk.clock.now() - begin) * 1e-9) < watchdog + MARGIN_SECONDS:
         feed()
         if talk.reports(min(0.2, watchdog / 4), pwm=(0,) * len(low), trip="watchdog"):
             return took
@@ -58,14 +58,14 @@ def _trips(talk: Dialogue, hello: Hello, feed: Callable[[], None]) -> float | No
 def _refused(talk: Dialogue, low: tuple[int, ...], hello: Hello) -> None:
     last = talk.command(*(hello.counts + 1,) * len(low))
     talk.command(*low, 1)
-    talk.command(*low, owner=OTHER)
+    talk.command(*low, owner=OTHER_HOST)
     talk.command(*low, number=last - 50)
 
 
 def _others(talk: Dialogue, low: tuple[int, ...], hello: Hello) -> None:
     talk.say(encode(Ask(VERSION)))
     talk.order("reset")
-    talk.order("reset", OTHER)
-    talk.order("release", OTHER)
+    talk.order("reset", OTHER_HOST)
+    talk.order("release", OTHER_HOST)
     for line in wrong_lines(talk, len(low)).values():
         talk.say(line)

@@ -4,8 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, TypeVar
 
-from ..._errors import LinkError
 from ..._kinds import add_kind
+from ...errors import LinkError
 from ...rig import Rig
 
 
@@ -56,8 +56,8 @@ class AbstractBoard(ABC):
 
 Registered = TypeVar("Registered", bound=type[AbstractBoard])
 
+# Scheme -> class of boards.
 _KINDS: dict[str, type[AbstractBoard]] = {}
-"""Scheme -> class of boards."""
 
 
 def register_board(board: Registered) -> Registered:

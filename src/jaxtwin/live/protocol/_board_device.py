@@ -16,12 +16,12 @@ from ._messages import VERSION, Ask, Data, Duty, Hello, Message, Notice, Order
 from ._output_stage import Answer, OutputStage
 from ._transport import READ_SECONDS
 
+# The time between two samples, ns. A board that is read over a serial line takes some hundredths of
+# a second for each.
 PERIOD_NS = 250_000_000
-"""The time between two samples, ns. A board that is read over a serial line takes some hundredths
-of a second for each."""
 
+# The time without a duty command after which the heaters are switched off, s.
 WATCHDOG = 2.0
-"""The time without a duty command after which the heaters are switched off, s."""
 
 
 @final
@@ -126,20 +126,20 @@ class BoardDevice:
 
         **Raises:** `OSError` if it has another number of sensors than the rig channels.
         """
-        found = [float(value) for value in self._board.temperatures()]
-        if len(found) != self._channels:
+        result = [float(value) for value in self._board.temperatures()]
+        if len(result) != self._channels:
             raise OSError(
                 f"{type(self._board).__name__}: expected the temperatures of {self._channels} "
-                f"channels, got {len(found)}"
+                f"channels, got {len(result)}"
             )
-        stage, failed = self._stage, [n for n, value in enumerate(found) if math.isnan(value)]
+        stage, failed = self._stage, [n for n, value in enumerate(result) if math.isnan(value)]
         self._say(
             Data(
                 self._count("data"),
                 self._device_us(),
                 stage.pwm,
                 self._board.ambient(),
-                tuple(found),
+                tuple(result),
                 faults=dict.fromkeys(failed, "nan"),
                 owner=stage.owner,
                 number=stage.number,

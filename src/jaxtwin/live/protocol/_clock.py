@@ -6,11 +6,11 @@ import threading
 import time
 from typing import Protocol, final, runtime_checkable
 
+# The answer of adjtimex(2) if nothing synchronises the clock.
 TIME_ERROR = 5
-"""The answer of adjtimex(2) if nothing synchronises the clock."""
 
+# A number of bytes that is larger than its `struct timex` on any machine.
 TIMEX_BYTES = 512
-"""A number of bytes that is larger than its `struct timex` on any machine."""
 
 
 @runtime_checkable

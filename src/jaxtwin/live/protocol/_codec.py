@@ -9,7 +9,7 @@ import struct
 
 import numpy as np
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ._framing import encode_line, encode_packet
 from ._messages import (
     VERSION,

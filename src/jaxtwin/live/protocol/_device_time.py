@@ -3,19 +3,19 @@ back."""
 
 from typing import NamedTuple, final
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ._records import Stream
 
-AHEAD = 60.0
-"""The largest time by which a device may run ahead of the host, s of the host. Bytes that waited in
-a buffer at the start, or during a pause of the host, have this effect."""
+# The largest time by which a device may run ahead of the host, s of the host. Bytes that waited in
+# a buffer at the start, or during a pause of the host, have this effect.
+MAX_LEAD_SECONDS = 60.0
 
+# Highest plausible ratio of a device's clock to the host's; crystals are far more accurate.
 FASTER = 1.01
-"""Highest plausible ratio of a device's clock to the host's; crystals are far more accurate."""
 
+# The number of consecutive implausible messages, consistent with each other, after which the clock
+# is assumed to have stepped.
 AGREE = 10
-"""The number of consecutive implausible messages, consistent with each other, after which the clock
-is assumed to have stepped."""
 
 
 class _SuspectedStep(NamedTuple):
@@ -78,4 +78,4 @@ class DeviceTime:
     def _believable(self, since: tuple[int, int], device_us: int, arrival: int) -> bool:
         device = (device_us - since[0]) * 1e-6 / self._rate
         host = (arrival - since[1]) * 1e-9
-        return -AHEAD <= device <= host * FASTER + AHEAD
+        return -MAX_LEAD_SECONDS <= device <= host * FASTER + MAX_LEAD_SECONDS

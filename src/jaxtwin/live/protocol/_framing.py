@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 from cobs import cobs
 
+# The longest valid line, including checksum and newline.
 LINE_BYTES = 1024
-"""The longest valid line, including checksum and newline."""
 
+# The longest valid packet, encoded; 160 x 120 pixels of 16 bits take 38.6 kB.
 PACKET_BYTES = 65_536
-"""The longest valid packet, encoded; 160 x 120 pixels of 16 bits take 38.6 kB."""
 
 _CHECKSUM = 4  # bytes of a CRC-32
 _NO_TEXT = re.compile(rb"[^\x20-\x7e\r]")
@@ -59,10 +59,10 @@ def deframe(remainder: bytes, data: bytes) -> Deframed:
     frames: list[str | bytes] = []
     discarded = start = 0
     while start < len(buffer):
-        found = _packet(buffer, start) if buffer[start] == 0 else _line(buffer, start)
-        if found is None:
+        result = _packet(buffer, start) if buffer[start] == 0 else _line(buffer, start)
+        if result is None:
             break
-        frame, end, lost = found
+        frame, end, lost = result
         if frame is not None:
             frames.append(frame)
         discarded += lost
@@ -79,8 +79,8 @@ def delines(remainder: bytes, data: bytes) -> tuple[list[str], bytes]:
     *lines, remainder = (remainder + data).split(_NEWLINE)
     # A line begins only after the last byte that is not allowed in a line.
     ends = [_NO_TEXT.split(line)[-1][-LINE_BYTES:] for line in lines]
-    found = [_line(end + _NEWLINE, 0) for end in ends]
-    texts = [item[0] for item in found if item is not None]
+    result = [_line(end + _NEWLINE, 0) for end in ends]
+    texts = [item[0] for item in result if item is not None]
     return [text for text in texts if isinstance(text, str)], remainder[-LINE_BYTES:]
 
 
@@ -111,13 +111,12 @@ def encode_packet(payload: bytes) -> bytes:
     return _ZERO + encoded + _ZERO
 
 
+# (Frame or None, the position at which the next frame starts, the number of bytes discarded); None
+# if more bytes are needed.
+#
+# The result depends only on the bytes of the frame and not on the number of bytes that have arrived
+# after it; otherwise the frames would depend on how the stream is divided.
 _Found = tuple[str | bytes | None, int, int] | None
-"""(Frame or None, the position at which the next frame starts, the number of bytes discarded); None
-if more bytes are needed.
-
-The result depends only on the bytes of the frame and not on the number of bytes that have arrived
-after it; otherwise the frames would depend on how the stream is divided.
-"""
 
 
 def _packet(buffer: bytes, start: int) -> _Found:

@@ -8,18 +8,18 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from ..._celsius import ZERO_CELSIUS
-from ..._errors import LinkError
+from ...errors import LinkError
 from ...physics import pixel_weights
 from ...rig import Rig
 from ._messages import VERSION, Hello
-from ._words import LONGEST_NAME, read_name, write_name
+from ._words import MAX_NAME, read_name, write_name
 
 CENTIKELVIN = 0.01
+# The shortest and the longest time of a device's watchdog, s.
 WATCHDOG_SECONDS = 0.1, 5.0
-"""The shortest and the longest time of a device's watchdog, s."""
 
+# The lowest and the highest ratio of device time to host time.
 RATES = 0.1, 1000.0
-"""The lowest and the highest ratio of device time to host time."""
 
 
 @final
@@ -113,5 +113,5 @@ def _checked(name: str) -> str:
         return read_name(write_name(name))
     except ValueError:
         raise LinkError(
-            f"name: expected 1 to {LONGEST_NAME} printable characters, got {name!r}"
+            f"name: expected 1 to {MAX_NAME} printable characters, got {name!r}"
         ) from None

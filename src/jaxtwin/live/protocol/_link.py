@@ -14,13 +14,13 @@ FIRST_RETRY, LONGEST_RETRY = 0.1, 5.0
 """The pause after the first failure, s, and the longest pause. The pause doubles with each further
 failure."""
 
-LASTING = 5.0
-"""A connection that was valid for this time, s, is opened again at once. A device that greets and
-then closes the connection is thus not opened ten times a second."""
+# A connection that was valid for this time, s, is opened again at once. A device that greets and
+# then closes the connection is thus not opened ten times a second.
+STABLE_SECONDS = 5.0
 
+# Number of reads that may wait for the rig's connection. Beyond it the thread waits, and TCP lets
+# the sender wait.
 INBOX = 256
-"""Number of reads that may wait for the rig's connection. Beyond it the thread waits, and TCP lets
-the sender wait."""
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -111,7 +111,7 @@ class Link:
     def mark_valid(self) -> None:
         """Registers that the other side sends valid messages. After a while of them, the next loss
         is followed by a quick retry."""
-        if self._clock.now() - self._connected >= LASTING * 1e9:
+        if self._clock.now() - self._connected >= STABLE_SECONDS * 1e9:
             self._retry = FIRST_RETRY
             self._logged = None
 

@@ -20,8 +20,8 @@ class Counted(NamedTuple):
     device_us: int
 
 
+# Start of a device (`boot`) -> stream -> `Counted`.
 Counters = Mapping[str, Mapping[Stream, Counted]]
-"""Start of a device (`boot`) -> stream -> `Counted`."""
 
 
 class Place(NamedTuple):

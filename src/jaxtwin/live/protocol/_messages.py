@@ -6,14 +6,14 @@ from typing import Literal, final
 import numpy as np
 from jaxtyping import UInt16
 
+# The version of the protocol.
 VERSION = 2
-"""The version of the protocol."""
 
 RECALIBRATING = 1
 """The flag of a frame that was taken while the camera recalibrated itself (shutter closed, image
 frozen)."""
 
-MOST_NAMES = 64  # cells or channels in a greeting
+MAX_NAMES = 64  # cells or channels in a greeting
 
 
 @final

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import final
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-from ..._errors import LinkError
+from ...errors import LinkError
 
 EXPECTED = "mqtt://[user[:password]@]host[:port]/topic, or mqtts:// with TLS"
 

@@ -12,16 +12,16 @@ import queue
 import threading
 from typing import Any, final
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ._framing import PACKET_BYTES
 from ._mqtt_address import MqttAddress
 from ._transport import READ_SECONDS
 
 CONNECT_SECONDS = 5.0
-WAITING = 1000  # messages that wait at most, coming and going
-MOST_WAITING = 2**22  # bytes of those that come
-LARGEST = 2 * PACKET_BYTES
-"""Largest message, bytes; the broker does not deliver larger ones (MQTT 5, maximum packet size)."""
+MAX_WAITING = 1000  # messages that wait at most, coming and going
+MAX_WAITING = 2**22  # bytes of those that come
+# Largest message, bytes; the broker does not deliver larger ones (MQTT 5, maximum packet size).
+MAX_MESSAGE_BYTES = 2 * PACKET_BYTES
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -40,7 +40,7 @@ class MqttTransport:
 
     def __init__(self, address: MqttAddress, *, reads: str = "up", writes: str = "down"):
         topic = address.topic
-        self._inbox: queue.Queue[bytes] = queue.Queue(WAITING)
+        self._inbox: queue.Queue[bytes] = queue.Queue(MAX_WAITING)
         self._lost = False
         self._waiting = 0  # bytes
         self._reads, self._writes = f"{topic}/{reads}", f"{topic}/{writes}"
@@ -61,7 +61,7 @@ class MqttTransport:
                 log.warning("%s: a retained message is passed over", message.topic)
                 return
             # If the queue is full the message is lost, which the sequence numbers show.
-            if self._waiting + len(message.payload) <= MOST_WAITING:
+            if self._waiting + len(message.payload) <= MAX_WAITING:
                 with contextlib.suppress(queue.Full):
                     self._inbox.put_nowait(message.payload)
                     self._waiting += len(message.payload)
@@ -135,5 +135,5 @@ def connect_client(client: Any, address: MqttAddress) -> None:
     from paho.mqtt.properties import Properties
 
     properties = Properties(PacketTypes.CONNECT)
-    properties.MaximumPacketSize = LARGEST
+    properties.MaximumPacketSize = MAX_MESSAGE_BYTES
     client.connect(address.host, address.port, keepalive=10, properties=properties)

@@ -5,7 +5,7 @@ from urllib.parse import urlsplit
 
 import serial
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ...rig import Rig
 from ._board import board_kinds
 from ._board_device import BoardDevice
@@ -14,8 +14,8 @@ from ._mqtt_transport import MqttTransport
 from ._tclab import TCLab as TCLab  # which registers itself
 from ._transport import Opener, SerialTransport, SocketTransport
 
+# The longest time for opening a TCP link, s.
 CONNECT_SECONDS = 3.0
-"""The longest time for opening a TCP link, s."""
 
 
 def opener(url: str, rig: Rig, *, baud: int = 115_200) -> Opener:

@@ -10,8 +10,8 @@ from typing import final
 
 from ._messages import Duty, Order
 
+# The event with which a device answers a command: its kind and reason.
 Answer = tuple[str, str]
-"""The event with which a device answers a command: its kind and reason."""
 
 
 @final

@@ -9,7 +9,7 @@ from typing import final
 
 import numpy as np
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ._clock import seconds
 from ._codec import parse
 from ._framing import deframe
@@ -29,15 +29,15 @@ from ._records import (
     Stream,
 )
 
-MOST_GARBAGE = 200_000
-"""Number of bytes without a valid message after which a device is disconnected: about those of
-three damaged camera frames, or of a serial line with the wrong baud rate for 15 s."""
+# Number of bytes without a valid message after which a device is disconnected: about those of three
+# damaged camera frames, or of a serial line with the wrong baud rate for 15 s.
+MAX_GARBAGE = 200_000
 
-MOST_MESSAGES = 20_000
-"""The number of messages in a second above which a device is disconnected."""
+# The number of messages in a second above which a device is disconnected.
+MAX_MESSAGES = 20_000
 
-MOST_REPORTED = 20
-"""Number of implausible messages that are logged for a connection."""
+# Number of implausible messages that are logged for a connection.
+MAX_REPORTED = 20
 
 _DIGITS = re.compile("[0-9.]+")
 
@@ -277,18 +277,18 @@ class Receiver:
     def _log_once(self, why: str) -> None:
         """Logs each reason once for a connection, because a faulty device repeats its error."""
         reason = _DIGITS.sub("", why.rpartition(":")[2])
-        if reason not in self._reported and len(self._reported) < MOST_REPORTED:
+        if reason not in self._reported and len(self._reported) < MAX_REPORTED:
             self._reported.add(reason)
             log.warning("%s: %s", self._link, why)
 
     def _judge(self, arrival: int, messages: int) -> None:
-        if self._garbage > MOST_GARBAGE:
+        if self._garbage > MAX_GARBAGE:
             self.verdict = f"{self._garbage} bytes without a valid message"
         if arrival // 10**9 != self._second:
             self._second, self._messages = arrival // 10**9, 0
         self._messages += messages
-        if self._messages > MOST_MESSAGES:
-            self.verdict = f"more than {MOST_MESSAGES} messages in a second"
+        if self._messages > MAX_MESSAGES:
+            self.verdict = f"more than {MAX_MESSAGES} messages in a second"
 
 
 def _detail(notice: Notice) -> str:

@@ -13,8 +13,8 @@ from jaxtyping import Float, UInt16
 
 from ._messages import Hello
 
+# The streams that a device counts separately: controller samples, camera frames, notices.
 Stream = Literal["data", "image", "event"]
-"""The streams that a device counts separately: controller samples, camera frames, notices."""
 
 
 class LinkState(StrEnum):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Literal, Protocol, final, runtime_checkable
 
-from ..._errors import JaxtwinError, LinkError
+from ...errors import JaxtwinError, LinkError
 from ...rig import Rig
 from ._clock import Clock, SystemClock
 from ._codec import encode
@@ -20,19 +20,19 @@ from ._receiver import Receiver
 from ._records import Command, Greeting, LinkState, Record
 from ._transport import Opener
 
+# Largest number of reads that are written to the journal together.
 BATCH = 128
-"""Largest number of reads that are written to the journal together."""
 
+# Interval at which a device is asked for its greeting, s.
 ASK_AGAIN = 1.0
-"""Interval at which a device is asked for its greeting, s."""
 
 
+# What a device of a rig may have, and no second device beside it.
 _PARTS: Mapping[str, Callable[[Hello], object]] = {
     "cells": lambda hello: hello.cells,
     "temperatures": lambda hello: hello.channels or hello.camera,
     "relay": lambda hello: hello.relay,
 }
-"""What a device of a rig may have, and no second device beside it."""
 
 
 @runtime_checkable

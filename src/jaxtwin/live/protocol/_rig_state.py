@@ -11,13 +11,13 @@ from ._clock import seconds
 from ._messages import Hello
 from ._records import Event, Gap, Greeting, LinkChange, LinkState, Reading, Record, Sample
 
+# The largest relative error of a device's clock. The crystal of a computer is off by 1e-5, the
+# oscillator of a cheap microcontroller by up to this.
 CLOCK_DRIFT = 0.01
-"""The largest relative error of a device's clock. The crystal of a computer is off by 1e-5, the
-oscillator of a cheap microcontroller by up to this."""
 
-LONGEST_WAIT = 10 * 10**9
-"""The longest time by which a twin beside a rig lags behind, ns. Without this bound, the twin of a
-device whose clock stands still would stand still too."""
+# The longest time by which a twin beside a rig lags behind, ns. Without this bound, the twin of a
+# device whose clock stands still would stand still too.
+MAX_WAIT = 10 * 10**9
 
 
 @final
@@ -138,9 +138,9 @@ class RigState:
         return "relay" if self.relay is not None and self.relay.relay == "off" else ""
 
     def time_of(self, record: Sample | Reading) -> int:
-        """The host time at which a sample or a reading was made, ns, but at most `LONGEST_WAIT`
+        """The host time at which a sample or a reading was made, ns, but at most `MAX_WAIT`
         before it arrived."""
-        return max(self.made(record), record.arrival - LONGEST_WAIT)
+        return max(self.made(record), record.arrival - MAX_WAIT)
 
     def age(self, record: Sample | Reading, now: int) -> float:
         """The time since a sample or a reading was made, s, at host time `now`, ns.

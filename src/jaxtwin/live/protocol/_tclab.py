@@ -10,20 +10,20 @@ from urllib.parse import parse_qsl
 
 import serial
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ...rig import Rig
 from ._board import AbstractBoard, register_board
 
 BAUD = 115_200
+# An Arduino starts anew when its port is opened, s.
 RESET_SECONDS = 2.0
-"""An Arduino starts anew when its port is opened, s."""
 
+# The longest time for a reply, s.
 REPLY_SECONDS = 1.0
-"""The longest time for a reply, s."""
 
-LARGEST_PWM = 200, 100
-"""The PWM counts of 100 % of the two heaters, the firmware's own values, which are set when the
-board is opened: some firmwares begin with others, and the heaters would have another power."""
+# The PWM counts of 100 % of the two heaters, the firmware's own values, which are set when the
+# board is opened: some firmwares begin with others, and the heaters would have another power.
+MAX_PWM = 200, 100
 
 MODEL = "model"
 
@@ -74,7 +74,7 @@ class TCLab(AbstractBoard):
             time.sleep(RESET_SECONDS)
             port.reset_input_buffer()
             board._expect_firmware()
-            for number, counts in enumerate(LARGEST_PWM, 1):
+            for number, counts in enumerate(MAX_PWM, 1):
                 board._number(f"P{number} {counts}")
         except OSError:
             port.close()
@@ -92,10 +92,12 @@ class TCLab(AbstractBoard):
         """
         for number, part in enumerate(duty, 1):
             percent = round(100 * part, 2)
-            found = self._number(f"Q{number} {percent:g}")
+            result = self._number(f"Q{number} {percent:g}")
             # Firmware before 1.4 sets whole numbers.
-            if not (found == percent or found == int(percent)):
-                raise OSError(f"TCLab: expected Q{number} = {percent:g} %, got the reply {found:g}")
+            if not (result == percent or result == int(percent)):
+                raise OSError(
+                    f"TCLab: expected Q{number} = {percent:g} %, got the reply {result:g}"
+                )
 
     def close(self) -> None:
         """Sends X, which switches both heaters off, and closes the port."""

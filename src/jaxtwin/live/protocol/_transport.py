@@ -7,9 +7,8 @@ from typing import Any, Protocol, final, runtime_checkable
 
 import serial
 
+# The longest time for which `read` blocks, and therefore the longest time for closing a link, s.
 READ_SECONDS = 0.2
-"""The longest time for which `read` blocks, and therefore the longest time for closing a link,
-s."""
 
 _MOST = 65_536  # bytes of one read
 
@@ -31,8 +30,8 @@ class Transport(Protocol):
         ...
 
 
+# Opens a connection, or raises `OSError`.
 Opener = Callable[[], Transport]
-"""Opens a connection, or raises `OSError`."""
 
 
 @final

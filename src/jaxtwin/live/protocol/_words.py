@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from urllib.parse import quote, unquote_to_bytes
 
 from ..._celsius import ZERO_CELSIUS
-from ._messages import MOST_NAMES
+from ._messages import MAX_NAMES
 
-LONGEST_NAME = 32
-"""The largest number of characters of a name, before it is encoded."""
+# The largest number of characters of a name, before it is encoded.
+MAX_NAME = 32
 
 _WORD = re.compile(r"[A-Za-z0-9_.-]{1,32}")
 _QUOTED = re.compile(r"(?:[A-Za-z0-9_.-]|%[0-9A-F]{2})+")
@@ -52,14 +52,14 @@ def read_name(text: str) -> str:
 
     **Raises:** `ValueError` if it is none, or written in another way than `write_name` does.
     """
-    problem = f"name: expected 1 to {LONGEST_NAME} characters, quoted by %, got {text[:40]!r}"
+    problem = f"name: expected 1 to {MAX_NAME} characters, quoted by %, got {text[:40]!r}"
     if not _QUOTED.fullmatch(text):
         raise ValueError(problem)
     try:
         name = unquote_to_bytes(text).decode("utf-8")
     except UnicodeDecodeError:
         raise ValueError(problem) from None
-    if len(name) > LONGEST_NAME or not name.isprintable() or write_name(name) != text:
+    if len(name) > MAX_NAME or not name.isprintable() or write_name(name) != text:
         raise ValueError(problem)
     return name
 
@@ -68,13 +68,13 @@ def read_names(text: str) -> tuple[str, ...]:
     """Reads names that are separated by commas. No name may occur twice."""
     names = tuple(read_name(part) for part in split(text))
     if len(set(names)) < len(names):
-        raise ValueError(f"expected at most {MOST_NAMES} names, each once, got {len(names)}")
+        raise ValueError(f"expected at most {MAX_NAMES} names, each once, got {len(names)}")
     return names
 
 
 def split(text: str) -> Sequence[str]:
     """Returns the parts between commas; an empty text has no parts."""
     parts = text.split(",") if text else []
-    if len(parts) > MOST_NAMES:
-        raise ValueError(f"expected at most {MOST_NAMES} entries, got {len(parts)}")
+    if len(parts) > MAX_NAMES:
+        raise ValueError(f"expected at most {MAX_NAMES} entries, got {len(parts)}")
     return parts

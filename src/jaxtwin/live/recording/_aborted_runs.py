@@ -4,14 +4,14 @@ ended."""
 import json
 import sqlite3
 
-ABORTED = {
+# The end of a run that nobody ended.
+END_OF_ABORTED_RUN = {
     "status": "aborted",
     "kind": "aborted",
     "reason": "the program ended without a stop of its own; only the device can have switched off",
     "off": False,
     "tripped": False,
 }
-"""The end of a run that nobody ended."""
 
 
 def end_aborted_runs(database: sqlite3.Connection, run: int, arrival: int) -> None:
@@ -26,5 +26,5 @@ def end_aborted_runs(database: sqlite3.Connection, run: int, arrival: int) -> No
         "INSERT INTO documents SELECT NULL, ?, ?, 'stop', uid, ? FROM documents AS begun "
         "WHERE kind = 'start' AND NOT EXISTS "
         "(SELECT 1 FROM documents WHERE kind = 'stop' AND uid = begun.uid) ORDER BY id",
-        (run, arrival, json.dumps(ABORTED)),
+        (run, arrival, json.dumps(END_OF_ABORTED_RUN)),
     )

@@ -9,7 +9,7 @@ from ..protocol._records import Stream
 def counted_in(database: sqlite3.Connection) -> dict[str, dict[str, dict[Stream, Counted]]]:
     """Returns the last messages in a recording: link -> start of a device -> stream ->
     `Counted`."""
-    found: dict[str, dict[str, dict[Stream, Counted]]] = {}
+    result: dict[str, dict[str, dict[Stream, Counted]]] = {}
     starts = "SELECT link, boot, max(id), min(arrival), max(hello) FROM greetings GROUP BY 1, 2"
     for link, boot, _, first, hello in database.execute(f"{starts} ORDER BY 3").fetchall():
         streams: dict[Stream, Counted] = {}
@@ -26,5 +26,5 @@ def counted_in(database: sqlite3.Connection) -> dict[str, dict[str, dict[Stream,
             ).fetchone()
             if last is not None:
                 streams[stream] = Counted((last[0] + 1) % 2**32, last[1])
-        found.setdefault(link, {})[boot] = streams
-    return found
+        result.setdefault(link, {})[boot] = streams
+    return result

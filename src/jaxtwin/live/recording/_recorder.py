@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, final
 
 from ..._arguments import true_or_false
-from ..._errors import RecordingError
+from ...errors import RecordingError
 from ...io._lock import lock, unlock
 from ...io._session_file import damage_as_recording_error, is_session, read_metadata
 from ...rig import Rig
@@ -27,18 +27,18 @@ from ._counted import counted_in
 from ._rows import RowWriter
 from ._tables import create_tables, mark, metadata_of, versions
 
+# The sync window: newer records may be lost in a power failure.
 SYNC_SECONDS = 1.0
-"""The sync window: newer records may be lost in a power failure."""
 
+# The interval at which the difference between the system's clock and the recording's is noted.
 COMPARE_SECONDS = 600.0
-"""The interval at which the difference between the system's clock and the recording's is noted."""
 
+# If the host's clock was set back, a run begins this time after the end of the earlier run, ns, so
+# that the order of times in a recording is the order of runs.
 BETWEEN_RUNS = 10**9
-"""If the host's clock was set back, a run begins this time after the end of the earlier run, ns, so
-that the order of times in a recording is the order of runs."""
 
+# A step of the system's clock by more than this, or a suspend, is noted at once.
 STEP_SECONDS = 1.0
-"""A step of the system's clock by more than this, or a suspend, is noted at once."""
 
 WAL_BYTES = 64 * 2**20  # to which the journal shrinks again after a long reader held it
 
@@ -220,13 +220,13 @@ class Recorder:
                 execute("PRAGMA synchronous = NORMAL")
 
     def _check_rig(self, metadata: dict[str, Any]) -> None:
-        found = read_metadata(self._database, self.file)
+        result = read_metadata(self._database, self.file)
         for field in ("rig", "cells", "channels", "camera", "counts", "polarity"):
             wanted = json.loads(json.dumps(metadata[field]))
-            if found.get(field) != wanted:
+            if result.get(field) != wanted:
                 raise RecordingError(
                     f"{self.file}: {field}: expected {wanted} as the rig has, got "
-                    f"{found.get(field)}; record each rig into a file of its own"
+                    f"{result.get(field)}; record each rig into a file of its own"
                 )
 
     def _begin(self, metadata: dict[str, Any] | None) -> int:
@@ -274,10 +274,10 @@ class Recorder:
         """Returns the device and the inode of the file that now has the name of the recording; None
         if there is no such file."""
         try:
-            found = self.file.stat()
+            status = self.file.stat()
         except OSError:
             return None
-        return found.st_dev, found.st_ino
+        return status.st_dev, status.st_ino
 
     def _give_up(self) -> None:
         self._ended = True

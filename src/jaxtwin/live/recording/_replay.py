@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import final
 
-from ..._errors import RecordingError
+from ...errors import RecordingError
 from ...io import Session
 from ...rig import Rig
 from ..protocol._clock import Clock, SystemClock
 from ..protocol._records import LinkChange, LinkState, Record
 from ._row_reader import RowReader
 
-MOST_AT_ONCE = 1000
-"""The largest number of records of one poll."""
+# The largest number of records of one poll.
+MAX_AT_ONCE = 1000
 
 
 @final
@@ -82,7 +82,7 @@ class Replay:
         if not self._is_due() and self._upcoming is not None:
             self.clock.wait(self._never, min(timeout, self._until_due()))
         records: list[Record] = []
-        while self._upcoming is not None and len(records) < MOST_AT_ONCE and self._is_due():
+        while self._upcoming is not None and len(records) < MAX_AT_ONCE and self._is_due():
             records.append(self._upcoming)
             if isinstance(self._upcoming, LinkChange):
                 self.states[self._upcoming.link] = self._upcoming.state

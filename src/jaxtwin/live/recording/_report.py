@@ -84,8 +84,8 @@ def _report(session: Session) -> dict[str, Any]:
     for uid, content in execute(begins_and_ends):
         documents.setdefault(uid, {}).update(json.loads(content))
     drives = [
-        {key: found.get(key, "") for key in ("operator", "owner", "plan", "status", "reason")}
-        for found in documents.values()
+        {key: result.get(key, "") for key in ("operator", "owner", "plan", "status", "reason")}
+        for result in documents.values()
     ]
     runs = execute("SELECT started, alive, ended FROM runs ORDER BY id").fetchall()
     return {

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any
 
-from ..._errors import RecordingError
+from ...errors import RecordingError
 from ...io._session_file import APPLICATION, FORMAT, Columns
 from ...rig import Rig
 from ..protocol._identity import Identity

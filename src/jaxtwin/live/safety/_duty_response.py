@@ -13,13 +13,13 @@ from ..protocol._clock import seconds
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
 
+# How much colder than in the rig file a room may be that nobody has measured, K.
 ROOM_KELVIN = 5.0
-"""How much colder than in the rig file a room may be that nobody has measured, K."""
 
 DRIVEN, IDLE, OTHER = range(3)
 
+# The noise of the first readings divided by the differences between them that a rig may have.
 NOISE_TO_UNEVENNESS = 0.03
-"""The noise of the first readings divided by the differences between them that a rig may have."""
 
 
 @final

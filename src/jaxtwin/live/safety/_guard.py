@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, final
 
-from ..._errors import JaxtwinError
+from ...errors import JaxtwinError
 from ...io import Experiment
 from ...physics import Twin
 from ..protocol._records import Record
@@ -133,6 +133,6 @@ class Guard:
         return next((watch.off_watch(state, now) for watch in self._twin_watches), None)
 
     def _keep(self, findings: Iterable[Finding | None], since: int) -> None:
-        found = next((finding for finding in findings if finding is not None), None)
-        if self.finding is None and found is not None:
-            self.finding = found if found.since is not None else replace(found, since=since)
+        result = next((finding for finding in findings if finding is not None), None)
+        if self.finding is None and result is not None:
+            self.finding = result if result.since is not None else replace(result, since=since)

@@ -18,35 +18,35 @@ from ._operating_limits import OperatingLimits
 from ._responsiveness import MEMORY_SECONDS
 from ._twin_ensemble import Draws, TwinEnsemble
 
+# A number of draws that is enough: it gives the standard deviation to 13 %.
 DRAWS = 32
-"""A number of draws that is enough: it gives the standard deviation to 13 %."""
 
+# The probability that a part is above the limit at which the cells are switched off. A rig that is
+# three standard deviations hotter than its twin has then passed the limit by less than two of them:
+# 5 K on a plate that is 45 K above its room.
 MAX_PROBABILITY = 0.1
-"""The probability that a part is above the limit at which the cells are switched off. A rig that is
-three standard deviations hotter than its twin has then passed the limit by less than two of them:
-5 K on a plate that is 45 K above its room."""
 
+# The distance of the mean gain of the readings from what the draws show, in standard deviations:
+# one healthy rig in 30 000 is beyond it on one side, if the draws are normal.
 MAX_GAIN_SIGMAS = 4.0
-"""The distance of the mean gain of the readings from what the draws show, in standard deviations:
-one healthy rig in 30 000 is beyond it on one side, if the draws are normal."""
 
+# The least distance of the mean gain from what the draws show that is a finding. A rig may change
+# since its match: a contact of three times its resistance changes the gain by 0.14.
 MIN_GAIN_ERROR = 0.2
-"""The least distance of the mean gain from what the draws show that is a finding. A rig may change
-since its match: a contact of three times its resistance changes the gain by 0.14."""
 
+# The least change by the duty with which a gain is judged, in limits of deviation: contacts that
+# are worse than the twin's delay the first kelvins most, and all channels alike.
 MIN_CHANGE = 1.0
-"""The least change by the duty with which a gain is judged, in limits of deviation: contacts that
-are worse than the twin's delay the first kelvins most, and all channels alike."""
 
 
+# The distance of a mean from the limit at which `MAX_PROBABILITY` is above it, in standard
+# deviations.
 TOO_PROBABLE_SIGMAS = 1.2816
-"""The distance of a mean from the limit at which `MAX_PROBABILITY` is above it, in standard
-deviations."""
 
 
+# The distance from being too probable within which a healthy rig may be stopped: one in four was,
+# and none of 560 simulated hours beyond it.
 NEAR_SIGMAS = 4.0
-"""The distance from being too probable within which a healthy rig may be stopped: one in four was,
-and none of 560 simulated hours beyond it."""
 
 
 @final

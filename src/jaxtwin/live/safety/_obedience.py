@@ -8,8 +8,8 @@ from ..protocol._rig_state import RigState
 from ._finding import Finding
 from ._interlock import AbstractInterlock
 
-ROUNDING = 1
-"""The largest accepted difference between applied and commanded counts."""
+# The largest accepted difference between applied and commanded counts.
+MAX_COUNT_DIFFERENCE = 1
 
 
 class _Sent(NamedTuple):
@@ -83,7 +83,11 @@ class Obedience(AbstractInterlock):
         for cell, applied, *commanded in zip(
             self._cells, sample.pwm, earlier, *within, strict=True
         ):
-            if not min(commanded) - ROUNDING <= applied <= max(commanded) + ROUNDING:
+            if (
+                not min(commanded) - MAX_COUNT_DIFFERENCE
+                <= applied
+                <= max(commanded) + MAX_COUNT_DIFFERENCE
+            ):
                 return Finding(
                     "disobedience",
                     f"{cell} gets {applied} counts; {commanded[-1]} were commanded",

@@ -13,42 +13,42 @@ from ..protocol._rig_state import RigState
 from ._duty_response import DRIVEN, DutyResponse
 from ._operating_limits import OperatingLimits
 
+# The longest time for which the readings are watched after the end, s of the host.
 WATCHED_SECONDS = 60.0
-"""The longest time for which the readings are watched after the end, s of the host."""
 
+# The shortest time for which a rig that is off is watched, s of the rig.
 MIN_SECONDS = 10.0
-"""The shortest time for which a rig that is off is watched, s of the rig."""
 
+# The least difference between a rig that is off and one that heats with which readings are judged,
+# K. What the first second after a stop does is known least: heat is still on its way to the plate.
 MIN_CHANGE_KELVIN = 2.0
-"""The least difference between a rig that is off and one that heats with which readings are judged,
-K. What the first second after a stop does is known least: heat is still on its way to the plate."""
 
 HEATS, CLEARANCE = 0.5, 0.25
 """The part of the last duty that separates a rig that is off from one that heats, and how far
 beyond it the error of the estimate may reach."""
 
+# The largest part of full duty that a rig can show: its contacts may be better than the twin's.
 MAX_PART = 1.5
-"""The largest part of full duty that a rig can show: its contacts may be better than the twin's."""
 
+# The distance in standard deviations of noise that a verdict needs.
 NOISE_SIGMAS = 3.0
-"""The distance in standard deviations of noise that a verdict needs."""
 
+# The time constant with which earlier readings are forgotten, s of the rig: the difference grows,
+# and the last readings say most.
 MEMORY_SECONDS = 3.0
-"""The time constant with which earlier readings are forgotten, s of the rig: the difference grows,
-and the last readings say most."""
 
+# The relative error of the change that the twin predicts for a rig that is off: contacts differ
+# between days.
 COOLING_ERROR = 0.3
-"""The relative error of the change that the twin predicts for a rig that is off: contacts differ
-between days."""
 
+# The least rise above the room from which the gain of a reading is told, K.
 MIN_RISE_KELVIN = 5.0
-"""The least rise above the room from which the gain of a reading is told, K."""
 
+# The least duty in all cells that must be told from none.
 MIN_LEVEL = 0.25
-"""The least duty in all cells that must be told from none."""
 
-HELD = 1
-"""The twin whose duty is held, of the three."""
+# The twin whose duty is held, of the three.
+HELD_TWIN = 1
 
 Verdict = Literal["", "off", "heats", "unknown"]
 
@@ -102,7 +102,7 @@ class OffWatch:
 
     def again(self, state: RigState, now: int) -> None:
         """Watches anew from `now`, host time in ns, after a verdict that the rig heats."""
-        self._begin_anew(jax.tree.map(lambda leaf: leaf[HELD], self._states), state, now)
+        self._begin_anew(jax.tree.map(lambda leaf: leaf[HELD_TWIN], self._states), state, now)
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes a record, and judges by it."""

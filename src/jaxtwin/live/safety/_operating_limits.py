@@ -11,23 +11,23 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit_unoptimised
-from ..._errors import JaxtwinError
+from ...errors import JaxtwinError
 from ...physics import Twin
 from ...rig._limits import SOLDER
 from ...simulation import Stepper, StepperState
 
-COLDEST = -73.0
-"""The lowest temperature that a module of a single stage reaches, degC."""
+# The lowest temperature that a module of a single stage reaches, degC.
+MIN_MODULE_DEGC = -73.0
 
+# The limit of a reading's rate divided by the fastest change of the twin: contacts may be better
+# than the rig file says.
 RATE_FACTOR = 3.0
-"""The limit of a reading's rate divided by the fastest change of the twin: contacts may be better
-than the rig file says."""
 
+# The steps of the twin in a second, while its fastest change is found.
 PROBES_PER_SECOND = 10
-"""The steps of the twin in a second, while its fastest change is found."""
 
+# Time for which the twin is driven to find its fastest change, s.
 PROBE_SECONDS = 120
-"""Time for which the twin is driven to find its fastest change, s."""
 
 _ROOM = 20.0  # how much colder than in the rig file a room may be, K
 _CAMERA_JUMP = 4.0  # K; a recalibration moves all of an uncooled camera's readings by up to 2 K
@@ -112,7 +112,7 @@ def _lowest(twin: Twin, room: float) -> float:
         seebeck, resistance = module.seebeck_coefficient, module.electrical_resistance
         merit = _number(seebeck) ** 2 * _number(module.thermal_resistance) / _number(resistance)
         coldest = min(coldest, 2 * hot / (1 + math.sqrt(1 + 2 * merit * hot)) - ZERO_CELSIUS)
-    return max(coldest, COLDEST)
+    return max(coldest, MIN_MODULE_DEGC)
 
 
 def _number(value: ArrayLike) -> float:

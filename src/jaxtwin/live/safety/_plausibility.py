@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from ..._arguments import finite_number
-from ..._errors import JaxtwinError
+from ...errors import JaxtwinError
 from ...rig import Driver
 from ..protocol._clock import seconds
 from ..protocol._records import Reading, Record, Sample
@@ -17,11 +17,11 @@ from ._finding import Finding
 from ._interlock import AbstractInterlock
 from ._operating_limits import OperatingLimits
 
-WINDOW = 2.0
-"""The time over which a rate is computed, s of the rig, so that noise does not count as a rate."""
+# The time over which a rate is computed, s of the rig, so that noise does not count as a rate.
+RATE_WINDOW_SECONDS = 2.0
 
+# Largest difference between the measured ambient temperature and that of the rig file, K.
 ROOM_KELVIN = 30.0
-"""Largest difference between the measured ambient temperature and that of the rig file, K."""
 
 
 @final
@@ -117,7 +117,7 @@ class Plausibility(AbstractInterlock):
         recent, limits = self._recent, self._limits
         if recent and recent[-1].boot != reading.boot:
             recent.clear()
-        while len(recent) > 1 and _between(recent[1], reading) >= WINDOW:
+        while len(recent) > 1 and _between(recent[1], reading) >= RATE_WINDOW_SECONDS:
             recent.popleft()
         recent.append(reading)
         change = reading.temperatures - recent[0].temperatures

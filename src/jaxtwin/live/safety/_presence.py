@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, final
 
-from ..._errors import JaxtwinError
+from ...errors import JaxtwinError
 from ..protocol._clock import seconds
 from ..protocol._identity import WATCHDOG_SECONDS
 from ..protocol._records import (

@@ -8,23 +8,23 @@ from ..protocol._records import Reading
 from ._duty_response import DutyResponse
 from ._operating_limits import OperatingLimits
 
-LEAST_GAIN = 0.1
-"""The part of the predicted change by the duty below which a reading does not follow it. The
-recorded two-cell plate, one of whose cells is loose, shows at least 0.24 of what its twin predicts
-before a match, and the recorded single cell 0.85."""
+# The part of the predicted change by the duty below which a reading does not follow it. The
+# recorded two-cell plate, one of whose cells is loose, shows at least 0.24 of what its twin
+# predicts before a match, and the recorded single cell 0.85.
+MIN_GAIN = 0.1
 
-LEAST_CHANGE = 1.5
-"""The predicted change by the duty below which a reading is not judged, in limits of deviation: a
-contact that is worse than the twin's delays the first kelvins most."""
+# The predicted change by the duty below which a reading is not judged, in limits of deviation: a
+# contact that is worse than the twin's delays the first kelvins most.
+MIN_CHANGE = 1.5
 
+# The time constant with which earlier readings are forgotten, s of the rig. After a reversal of the
+# duty the plate lags behind the twin, and a gain at one time says nothing.
 MEMORY_SECONDS = 60.0
-"""The time constant with which earlier readings are forgotten, s of the rig. After a reversal of
-the duty the plate lags behind the twin, and a gain at one time says nothing."""
 
+# The predicted change by the duty with which a reading is judged, in standard deviations of what is
+# not known: its noise, the room and the start. A reading that stays where it was is then three of
+# them from one that shows half of the change.
 DEVIATIONS = 6.0
-"""The predicted change by the duty with which a reading is judged, in standard deviations of what
-is not known: its noise, the room and the start. A reading that stays where it was is then three of
-them from one that shows half of the change."""
 
 
 @final
@@ -63,7 +63,7 @@ class Responsiveness:
         terms = shown * by_duty, deviations * np.abs(by_duty), by_duty**2
         self._sums = kept * self._sums + np.array(terms)
         followed, unknown, whole = self._sums
-        large = np.abs(by_duty) >= LEAST_CHANGE * self._limits.deviation
+        large = np.abs(by_duty) >= MIN_CHANGE * self._limits.deviation
         judged = large & (DEVIATIONS * unknown <= whole)
-        silent = judged & (followed < LEAST_GAIN * whole)
+        silent = judged & (followed < MIN_GAIN * whole)
         return int(np.argmax(silent)) if silent.any() else None

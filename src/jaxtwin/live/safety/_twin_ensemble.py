@@ -16,11 +16,11 @@ from ...observers import OpenLoop, OpenLoopState
 from ...physics import Twin
 from ._duty_response import DutyResponse, step_and_read
 
+# The step of the twins, s of the rig, within which no plate becomes much hotter.
 STEP_SECONDS = 0.5
-"""The step of the twins, s of the rig, within which no plate becomes much hotter."""
 
+# The step of the twins in a plan, s: 0.02 K from shorter ones on the bundled rigs.
 PLAN_STEP_SECONDS = 10.0
-"""The step of the twins in a plan, s: 0.02 K from shorter ones on the bundled rigs."""
 
 MIN_PLAN_STEPS, MAX_PLAN_STEPS = 128, 16_384
 """A plan is divided into a power of two of steps, whose duty is averaged, so that few programs are
@@ -28,8 +28,8 @@ compiled. Those of a plan of more than two days are longer."""
 
 DRIVEN, IDLE = range(2)
 
+# Parameter -> its values in random draws, as `jaxtwin.matching.posterior_draws` gives them.
 Draws = Mapping[str, Float[np.ndarray, " draws"]]
-"""Parameter -> its values in random draws, as `jaxtwin.matching.posterior_draws` gives them."""
 
 
 class PlannedRun(NamedTuple):

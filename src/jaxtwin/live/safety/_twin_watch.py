@@ -6,7 +6,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ..._errors import JaxtwinError
+from ...errors import JaxtwinError
 from ...io import Experiment
 from ...physics import Twin
 from ..protocol._records import Reading, Record, Sample
@@ -20,14 +20,14 @@ from ._operating_limits import OperatingLimits
 from ._responsiveness import Responsiveness
 from ._twin_ensemble import Draws
 
+# The part of the predicted rise by which a reading may differ from it: a rig may be driven before
+# its twin is matched.
 ALLOWED_PART_OF_RISE = 0.5
-"""The part of the predicted rise by which a reading may differ from it: a rig may be driven before
-its twin is matched."""
 
+# The largest difference between the first readings and the room of the rig file with which a rig is
+# started whose ambient temperature nobody knows, K. A warm rig in a cool room and a sensor that
+# lies beside a cold plate cannot be told apart by their first readings.
 STRANGE_ROOM_KELVIN = 10.0
-"""The largest difference between the first readings and the room of the rig file with which a rig
-is started whose ambient temperature nobody knows, K. A warm rig in a cool room and a sensor that
-lies beside a cold plate cannot be told apart by their first readings."""
 
 
 @final
@@ -79,13 +79,13 @@ class TwinWatch(AbstractInterlock):
             return None
         self._hidden.follow(self._response)
         if isinstance(record, Reading) and not record.recalibrating:
-            found = (
+            result = (
                 self._deviation(record)
                 or self._unresponsive(record)
                 or self._hidden.gain(record, self._response)
             )
-            if found is not None:
-                return found
+            if result is not None:
+                return result
         if not isinstance(record, Reading | Sample):
             return None
         return self._hidden.too_hot(self._response) or self._cell_too_hot()

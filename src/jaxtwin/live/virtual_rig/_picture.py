@@ -13,7 +13,7 @@ from ...rig import Camera, Channel, NodesSensor, Rig
 
 
 @final
-class Picture:
+class VirtualPicture:
     """Renders frames of a twin, linear in its temperatures.
 
     A pixel is the mean by area of the plate elements, and of the surroundings, that it covers. The

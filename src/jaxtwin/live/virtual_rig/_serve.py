@@ -11,21 +11,21 @@ import threading
 from collections import OrderedDict
 from typing import Protocol, final, runtime_checkable
 
-from ..._errors import LinkError
+from ...errors import LinkError
 from ..protocol._clock import Clock
 from ..protocol._mqtt_address import MqttAddress, without_password
 from ..protocol._mqtt_transport import MqttTransport
 from ._virtual_rig import VirtualRig
 
+# The interval between two steps of the rig, s.
 TICK = 0.005
-"""The interval between two steps of the rig, s."""
 
-LATE = 50 * 10**6
-"""The time between two steps above which the machine was busy with something else, ns."""
+# The time between two steps above which the machine was busy with something else, ns.
+MAX_STEP_GAP_NS = 50 * 10**6
 
-MOST_CLIENTS = 8
-MOST_UNSENT = 2**20
-"""Number of bytes that may wait for a slow client; beyond it, the client is disconnected."""
+MAX_CLIENTS = 8
+# Number of bytes that may wait for a slow client; beyond it, the client is disconnected.
+MAX_UNSENT = 2**20
 
 log = logging.getLogger("jaxtwin.live")
 
@@ -58,7 +58,7 @@ def serve(
     turned = clock.now()
     while not stop.is_set():
         now = clock.now()
-        if now - turned > LATE:
+        if now - turned > MAX_STEP_GAP_NS:
             # On a busy machine commands have come meanwhile. A real device would have obeyed them
             # then; it would not report a second without them.
             server.tick(b"", device)
@@ -111,7 +111,7 @@ class TcpServer:
             except OSError:
                 self._drop(client)
                 continue
-            if len(unsent) > MOST_UNSENT:
+            if len(unsent) > MAX_UNSENT:
                 log.warning("a client reads too slowly and is cut off")
                 self._drop(client)
                 continue
@@ -140,8 +140,8 @@ class TcpServer:
         with contextlib.suppress(BlockingIOError):
             while True:
                 client, _ = self._listener.accept()
-                if len(self._clients) == MOST_CLIENTS:
-                    log.warning("the most silent of %d clients makes room", MOST_CLIENTS)
+                if len(self._clients) == MAX_CLIENTS:
+                    log.warning("the most silent of %d clients makes room", MAX_CLIENTS)
                     self._drop(next(iter(self._spoke)))
                 client.setblocking(False)
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from ..._celsius import ZERO_CELSIUS
-from ..._errors import LinkError
+from ...errors import LinkError
 from ...physics import Fault, Faults, Twin
 from ...physics._recalibrations import Recalibrations
 from ..protocol._codec import encode, parse
@@ -31,15 +31,15 @@ from ..protocol._messages import (
     Order,
 )
 from ..protocol._output_stage import Answer, OutputStage
-from ._picture import Picture
+from ._picture import VirtualPicture
 from ._plant import Plant
 
+# The device trips by itself if a channel is this far above the rig file's limit, K.
 OVER_LIMIT = 10.0
-"""The device trips by itself if a channel is this far above the rig file's limit, K."""
 
-MOST_BEHIND = 5.0
-"""The longest time that a single call simulates, s of the rig. After a longer pause the rest is
-skipped."""
+# The longest time that a single call simulates, s of the rig. After a longer pause the rest is
+# skipped.
+MAX_BEHIND = 5.0
 
 
 @final
@@ -94,7 +94,7 @@ class VirtualRig:
         camera, self._picture = rig.camera, None
         self._periods = {"data": 1 / controller_rate}
         if camera is not None:
-            self._picture = Picture(twin, camera, self.twin.system)
+            self._picture = VirtualPicture(twin, camera, self.twin.system)
             self._periods["image"] = 1 / camera_rate
         elif self.faults.jumps:
             raise LinkError(
@@ -180,7 +180,7 @@ class VirtualRig:
         rate = self.hello.rate
         until = (now - self._start) * 1e-9 * rate
         for stream, period in self._periods.items():
-            self._made[stream] = max(self._made[stream], int((until - MOST_BEHIND * rate) / period))
+            self._made[stream] = max(self._made[stream], int((until - MAX_BEHIND * rate) / period))
         sent, self._answer = [self._answer], b""
         while True:
             # Multiples of the period: sums of it would drift.
@@ -221,7 +221,7 @@ class VirtualRig:
         with jax.enable_x64(True):
             self.twin.replace(fault(self.twin.system))
         if self._camera is not None:
-            self._picture = Picture(self._twin, self._camera, self.twin.system)
+            self._picture = VirtualPicture(self._twin, self._camera, self.twin.system)
 
     def _notice(self, answer: Answer, about: Duty | Order | None = None) -> bytes:
         kind, why = answer
