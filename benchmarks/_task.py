@@ -1,6 +1,7 @@
 """The work that every way is given: a rig, its experiment, random draws around it."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +27,8 @@ class Task:
 
     rig: str
     parameter_set: str | None = None
+    inputs: str = "steps"
+    """Which of `drives`."""
 
     @property
     def name(self) -> str:
@@ -42,16 +45,14 @@ class Task:
     @property
     def drive(self) -> jt.Experiment:
         """What drives it, without a recording."""
-        return drive_of_the_recordings()
+        return drives(len(self.twin.wiring.cold))[self.inputs]
 
     @cached_property
     def experiment(self) -> jt.Experiment:
         """With what the twin itself answers as its recording, so that there is a cost."""
         drive = self.drive
         run = self.twin.simulate(drive)
-        return jt.Experiment(
-            drive.time, drive.duty, channels=run.channels, temperatures=run.temperatures
-        )
+        return replace(drive, channels=run.channels, temperatures=run.temperatures)
 
     def draws(self, count: int) -> dict[str, Float[np.ndarray, " draws"]]:
         """The first so many draws."""
@@ -68,12 +69,36 @@ class Task:
         ]
 
 
+def drives(cells: int, samples: int = 1001) -> Mapping[str, jt.Experiment]:
+    """The drive of the recordings, and inputs that change at every sample: a duty as a PI
+    controller commands it, in counts and with the noise of its readings; one that is drawn anew;
+    and rooms that drift, with noise of 0.1 K, with a resolution of 0.1 K, and with an open door."""
+    steps, random = drive_of_the_recordings(cells, samples), np.random.default_rng(0)
+    time = steps.time
+    settling = 0.5 + 0.3 * np.exp(-(time % 400) / 60) * np.where(time % 800 < 400, 1, -1)
+    noise = random.normal(0, 0.01, (samples, cells))
+    loop = np.round(255 * (settling[:, None] + noise)) / 255
+    slow = 22 + 2 * np.sin(2 * np.pi * time / 5000)
+    noisy = slow + random.normal(0, 0.1, samples)
+    is_open = (time > 0.4 * time[-1]) & (time < 0.6 * time[-1])
+    return {
+        "steps": steps,
+        "closed loop": jt.Experiment(time, loop),
+        "random duty": jt.Experiment(time, random.uniform(-0.6, 0.8, (samples, cells))),
+        "slow room": replace(steps, ambient=slow),
+        "noisy room": replace(steps, ambient=noisy),
+        "rounded room": replace(steps, ambient=noisy.round(1)),
+        "open door": replace(steps, ambient=slow - 8 * is_open),
+        "closed loop, noisy room": jt.Experiment(time, loop, ambient=noisy),
+    }
+
+
 PUBLISHED, STARTUP = Task("paper-2024", "published"), Task("paper-2024", "startup")
 DUAL_CELL = Task("dual-cell")
 
 
-def drive_of_the_recordings(cells: int = 2) -> jt.Experiment:
-    """What the published step recordings were driven with."""
-    time = np.arange(1001.0)
-    duty = np.where(time < 500, 128 / 255, 200 / 255)
+def drive_of_the_recordings(cells: int = 2, samples: int = 1001) -> jt.Experiment:
+    """What the published step recordings were driven with, at any number of samples."""
+    time = np.arange(float(samples))
+    duty = np.where(time < samples // 2, 128 / 255, 200 / 255)
     return jt.Experiment(time, np.repeat(duty[:, None], cells, axis=1))

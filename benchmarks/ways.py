@@ -7,12 +7,10 @@ python -m benchmarks.ways --quick
 """
 
 import os
-import tempfile
 import time
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import diffrax
@@ -24,6 +22,7 @@ from jaxtwin.simulation._native_library import VARIABLE
 
 from ._casadi import HAS_COMPILER, CvodesSetting, cvodes, cvodes_cost
 from ._measure import median_ratio, on_all_cores, rounds, run_alone
+from ._one_lane import one_lane_compiler
 from ._pydiffsol import DiffsolSetting, diffsol
 from ._reference import reference_readings
 from ._scipy import lsoda
@@ -159,22 +158,13 @@ def ours(
 
     def run() -> Any:
         os.environ[VARIABLE] = "on" if native else "off"
-        os.environ["CC"] = _one_lane_compiler() if one_lane else "cc"
+        os.environ["CC"] = one_lane_compiler() if one_lane else "cc"
         if reductions is None:
             return jt.simulate_batch(task.twin, experiment, draws, out=out, **options)
         return jt.reduce_batch(task.twin, experiment, draws, reductions, **options)
 
     run()
     return run
-
-
-@cache
-def _one_lane_compiler() -> str:
-    """A compiler whose vectors hold one number, so that the program takes one draw at a time."""
-    script = Path(tempfile.mkdtemp()) / "cc-one-lane"
-    script.write_text('#!/bin/sh\nexec cc -DLANES=1 "$@"\n')
-    script.chmod(0o700)
-    return str(script)
 
 
 OWN: dict[str, dict[str, Any]] = {

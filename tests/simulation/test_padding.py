@@ -121,13 +121,13 @@ def test_reverse_derivatives_of_filled_schedules_are_finite(twin, float64):
 
 
 def test_grids_of_held_and_changing_drives_have_equal_shapes(twin):
-    """One step size or eleven."""
+    """The steps after the start, and one size, or eleven."""
     changing = np.random.default_rng(0).uniform(-1, 1, 600)
     held = np.append(changing[:595], np.full(5, 0.3))
     grid, held_grid = (
         padded_time_grid(twin, jt.Experiment(np.arange(600.0), duty)) for duty in (changing, held)
     )
-    assert len(set(grid.sizes)) == 2
+    assert len(set(grid.sizes)) == 3
     assert len(set(held_grid.sizes)) > 8
     assert [np.shape(leaf) for leaf in jax.tree.leaves(grid)] == [
         np.shape(leaf) for leaf in jax.tree.leaves(held_grid)

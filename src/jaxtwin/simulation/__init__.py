@@ -9,7 +9,9 @@ what:
 - the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_step_readings`,
   `_interpolation` (samples inside a step), `_resolution`, `_refinement` (were the steps short
   enough?)
-- inputs besides the duty: `_input_levels`, `_regimes` (each step in the modes of its own network)
+- inputs besides the duty: `_input_levels`, `_regimes` (each step in the modes of its own network),
+  `_input_rates` (how fast a rig answers to each), `_merged_changes` and `_held_inputs` (steps that
+  contain several changes)
 - large plates: `_reduced_modes`, the few modes that the drive reaches; `_few_modes`, those that a
   match takes; `_grid_convergence`, the grid by the accuracy wanted
 - one run: `_simulate`, `_run` (its result), `_power`, `_uniformity`, `_exceeded_limits`

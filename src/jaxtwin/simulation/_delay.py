@@ -19,6 +19,7 @@ from .._arguments import finite_number
 from .._jax_settings import is_traced
 from ..errors import JaxtwinError
 from ..physics import Twin
+from ._held_inputs import held_quadratics, mean_of
 from ._interpolation import sample_weights, step_polynomials
 from ._time_grid import TimeGrid
 
@@ -67,8 +68,8 @@ def draws_change_delay(twin: Twin, drawn: Iterable[str]) -> bool:
 def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     """Applies a delay to the duty cycles of a time grid.
 
-    A recorded ambient temperature, and the rig's other inputs, have no delay; they are averaged
-    over each step.
+    A recorded ambient temperature, and the rig's other inputs, have no delay; each step has their
+    `held_quadratics`, or their means.
 
     **Arguments:**
 
@@ -99,15 +100,8 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
     weights = sample_weights(jnp.concatenate([wait, polynomials]), step_of, part)
     waiting = (step_of < before)[:, None]
 
-    def mean(at: Float[Array | np.ndarray, " times"]) -> Float[Array, " steps"]:
-        """The mean over each step of an input that is held between samples."""
-        held = jnp.asarray(at, dtype)
-        summed = jnp.append(0.0, jnp.cumsum(held[:-1] * jnp.diff(times)))
-        means = (jnp.interp(ends, times, summed) - jnp.interp(starts, times, summed)) / lengths
-        # A step of no length has the inputs of the step before it.
-        means = jnp.where(steps > 0, means, jnp.roll(means, 1))
-        # Steps that end behind the last sample.
-        return jnp.where(ends > times[-1], held[-1], means)
+    def during(held: Float[Array | np.ndarray, " times"]) -> Float[Array, "steps 3"]:
+        return held_quadratics(times, jnp.asarray(held, dtype), steps, jnp)
 
     levels_at = grid.levels_at
     return TimeGrid(
@@ -115,14 +109,18 @@ def delayed_time_grid(grid: TimeGrid, delay: Float[Array, ""]) -> TimeGrid:
         sizes=sizes,
         size=size.astype(np.int32),
         duty=jnp.concatenate([jnp.repeat(first, before, axis=0), duty]),
-        ambient=grid.ambient if grid.ambient_at is None else mean(grid.ambient_at),
+        ambient=grid.ambient if grid.ambient_at is None else during(grid.ambient_at),
         polynomials=jnp.concatenate([wait * scale[:, None], polynomials]),
         step_of=step_of.astype(np.int32),
         weights=weights * jnp.where(waiting, scale, 1.0),
         ambient_at=grid.ambient_at,
         levels=None
         if levels_at is None
-        else jnp.stack([mean(level) for level in levels_at.T], axis=1),
+        else jnp.clip(
+            jnp.stack([mean_of(during(level)) for level in levels_at.T], axis=1),
+            levels_at.min(axis=0),
+            levels_at.max(axis=0),
+        ),
         levels_at=levels_at,
         regimes=grid.regimes,
         steady_start=grid.steady_start,

@@ -23,13 +23,14 @@ class HeldStep(NamedTuple):
 
     - `size`: its length, s; 0 for a step that fills a grid up.
     - `begin`: the time at its start, s.
-    - `ambient`: the recorded ambient's deviation from the reference, K.
+    - `ambient`: the recorded ambient's deviation from the reference at the start, in the middle and
+      at the end, K.
     - `command`: of each cell, -1 to 1.
     """
 
     size: Float[Array, "*steps"]
     begin: Float[Array, "*steps"]
-    ambient: Float[Array, "*steps"]
+    ambient: Float[Array, "*steps 3"]
     command: Float[Array, "*steps cells"]
 
 
@@ -95,7 +96,7 @@ def integrate_numbers(network: NumberedNetwork, start: Numbers, grid: TimeGrid) 
 def held_steps(grid: TimeGrid, dtype: DTypeLike) -> HeldStep:
     """The steps of a grid, each field with a leading axis for the steps."""
     sizes = jnp.asarray(grid.sizes)[grid.size]
-    ambient = jnp.zeros_like(sizes)
+    ambient = jnp.zeros((len(sizes), 3))
     if grid.ambient is not None and grid.ambient_at is not None:
         ambient = jnp.asarray(grid.ambient) - grid.ambient_at[0]
     steps = HeldStep(sizes, jnp.cumsum(sizes) - sizes, ambient, jnp.asarray(grid.duty))
@@ -151,7 +152,9 @@ def ambient_at(
     network: NumberedNetwork, step: HeldStep, elapsed: Float[Array, " draws"]
 ) -> Float[Array, " draws"]:
     """The ambient's deviation from the reference some time after the start of a step, K."""
-    held = jnp.broadcast_to(step.ambient, elapsed.shape)
+    start, middle, end = step.ambient
+    part = elapsed / jnp.where(step.size > 0, step.size, 1.0)
+    held = start + part * (4 * middle - 3 * start - end + part * 2 * (start + end - 2 * middle))
     return held if network.drift is None else held + network.drift * (step.begin + elapsed)
 
 

@@ -20,11 +20,12 @@ from ..physics import Twin
 from ..physics._wiring import wiring_of
 from ._compressed import CompressedRecording
 from ._initial import CheckedInitial, keeps_symmetry
+from ._input_rates import input_rates
 from ._native_library import native_library
 from ._native_network import Outputs, native_network, pack_draws
 from ._native_steps import POWERS, NativeSteps, commanded_steps, shared_delay
 from ._resolution import MAX_SPAN
-from ._time_grid import TimeGrid
+from ._time_grid import TimeGrid, longest_lateness
 
 # The largest error estimate of a solution that is accepted, K. Around the bundled rigs all are
 # smaller; of draws between all bounds none with a smaller estimate had an error above 1e-3 K.
@@ -282,10 +283,12 @@ def native_run(
     if len(wiring.netlist.nodes) > MAX_NODES:
         return None
     lags, inputs = wiring.lag is not None, wiring.inputs_and_effects
-    grid = commanded_steps(experiment, lags, refinement, inputs)
+    rates, lateness = input_rates(twin.rig), longest_lateness(twin)
+    grid = commanded_steps(experiment, lags, refinement, inputs, rates, lateness)
     grid = replace(grid, steady_start=isinstance(initial, str))
     delay = None if own_delays else shared_delay(twin)
-    steps = NativeSteps.of(grid, delay, own_delays=own_delays)
+    of_room = rates[len(wiring.cold)]
+    steps = NativeSteps.of(grid, delay, own_delays=own_delays, of_room=of_room)
     if steps is None:
         return None
     library = native_library(native_network(wiring).header)

@@ -16,7 +16,8 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Input
 from ._compressed import CompressedRecording, compress
-from ._time_grid import TimeGrid, build_time_grid, settling_after_reversals
+from ._held_inputs import held_quadratics
+from ._time_grid import StepRule, TimeGrid, build_time_grid, settling_after_reversals
 
 # The steps right after an input change, s: up to a quarter of a second, each ends four times as
 # late as the one before.
@@ -24,6 +25,13 @@ RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
 
 GROWTH, LARGEST_STEP = 0.36, 256.0
 """The ratio of a step to the time since that change, and the longest step, s."""
+
+REACH, LEAST_REACH = 1.0, 1.6
+"""As those of `_time_grid`, s."""
+
+# The integral of a jump within a step, times the rate at which channels answer, above which the
+# step is cut there, K.
+LATE_ROUGHNESS = 2e-4
 
 # The steps before the first command arrives, as fractions of the driver's delay.
 STEPS_BEFORE_COMMAND = np.array([1, 1, 2, 4, 8, 16]) / 32
@@ -37,26 +45,31 @@ def commanded_steps(
     experiment: Experiment,
     lags: bool,
     refinement: int,
-    inputs: tuple[tuple[Input, bool], ...] = (),
+    inputs: tuple[tuple[Input, bool], ...],
+    rates: tuple[float, ...],
+    lateness: float,
 ) -> TimeGrid:
     """The steps before any delay.
 
     **Arguments:**
 
     - `lags`: whether the driver has a lag.
-    - `inputs`: as in `build_time_grid`.
+    - `inputs`, `rates`, `lateness`: as in `build_time_grid`.
     - `refinement`: the number of times that steps are halved.
     """
     part = 0.5**refinement
-    return build_time_grid(
-        experiment,
+    rule = StepRule(
+        ramp=tuple(part * step for step in RAMP),
         growth=part * GROWTH,
-        largest_step=part * LARGEST_STEP,
+        largest=part * LARGEST_STEP,
+        first=part * RAMP[-1],
+        doubles=False,
         settling=settling_after_reversals(experiment, lags),
         parts=2**refinement,
-        ramp=tuple(part * step for step in RAMP),
-        inputs=inputs,
+        reach=part * REACH,
+        least_reach=part * LEAST_REACH,
     )
+    return build_time_grid(experiment, rule, inputs, rates, lateness)
 
 
 @final
@@ -66,20 +79,23 @@ class NativeSteps:
 
     - `size`: of each step, s; of the first `waiting`, as fractions of the delay.
     - `duty`: the command that is held during each, -1 to 1.
-    - `ambient`: the ambient's deviation from the reference during each, K.
+    - `ambient`: the ambient's deviation from the reference during each, K: the coefficients of a
+      quadratic of the part of the step that has passed.
     - `ends`: when each step ends, s; None if that depends on the draw.
     - `levels`: the rig's other inputs during each step, see `input_levels`; None without any.
     """
 
     size: Float[np.ndarray, " steps"]
     duty: Float[np.ndarray, "steps cells"]
-    ambient: Float[np.ndarray, " steps"]
+    ambient: Float[np.ndarray, "steps 3"]
     waiting: int
     ends: Float[np.ndarray, " steps"] | None
     levels: Float[np.ndarray, "steps inputs"] | None
 
     @classmethod
-    def of(cls, grid: TimeGrid, delay: float | None, *, own_delays: bool) -> "NativeSteps | None":
+    def of(
+        cls, grid: TimeGrid, delay: float | None, *, own_delays: bool, of_room: float
+    ) -> "NativeSteps | None":
         """Applies a delay to commanded steps; None if the rig's other inputs change, or if a
         recorded ambient temperature changes and the draws differ in the delay.
 
@@ -87,12 +103,15 @@ class NativeSteps:
 
         - `delay`: that of all draws, s; None without one.
         - `own_delays`: whether the draws differ in it.
+        - `of_room`: how fast channels answer to the ambient temperature, 1/s (`input_rates`).
         """
         lengths = np.asarray(grid.sizes)[np.asarray(grid.size)]
         moves = lengths > 0
         size, duty = lengths[moves], np.asarray(grid.duty)[moves]
         at = None if grid.ambient_at is None else np.asarray(grid.ambient_at)
-        ambient = np.zeros(len(size)) if at is None else np.asarray(grid.ambient)[moves] - at[0]
+        ambient = np.zeros((len(size), 3))
+        if at is not None:
+            ambient = _coefficients(np.asarray(grid.ambient)[moves] - at[0])
         levels = None if grid.levels is None else np.asarray(grid.levels)[moves]
         if delay is None and not own_delays:
             return cls(size, duty, ambient, 0, np.cumsum(size), levels)
@@ -105,14 +124,25 @@ class NativeSteps:
         whole = np.concatenate([STEPS_BEFORE_COMMAND, size])
         changes = at is not None and bool(np.any(at != at[0]))
         if own_delays or delay is None:
-            none = np.zeros(len(whole))
+            none = np.zeros((len(whole), 3))
             return (
                 None if changes else cls(whole, duty, none, len(STEPS_BEFORE_COMMAND), None, levels)
             )
         ends = np.cumsum(np.concatenate([STEPS_BEFORE_COMMAND * delay, size]))
-        ambient = np.zeros(len(whole))
+        ambient = np.zeros((len(whole), 3))
         if changes and at is not None:
-            ambient = _means(np.asarray(grid.times), at - at[0], ends)
+            # The delay moves steps across jumps of the room. Long ones are cut there.
+            jumps, times = np.abs(np.diff(at)), np.asarray(grid.times)[1:]
+            cut = np.minimum(np.searchsorted(ends, times), len(ends) - 1)
+            rough = of_room * jumps * np.diff(ends, prepend=0.0)[cut] / 8
+            cuts = times[(rough > LATE_ROUGHNESS) & (cut >= len(STEPS_BEFORE_COMMAND))]
+            cuts = cuts[np.abs(ends[:, None] - cuts).min(axis=0, initial=np.inf) > 1e-6]
+            ends, before = np.union1d(ends, cuts), ends
+            cut = np.minimum(np.searchsorted(before, ends - 1e-9), len(before) - 1)
+            duty, levels = duty[cut], None if levels is None else levels[cut]
+            sizes = np.diff(ends, prepend=0.0)
+            whole = np.concatenate([STEPS_BEFORE_COMMAND, sizes[len(STEPS_BEFORE_COMMAND) :]])
+            ambient = _coefficients(held_quadratics(np.asarray(grid.times), at - at[0], sizes))
         return cls(whole, duty, ambient, len(STEPS_BEFORE_COMMAND), ends, levels)
 
     def compressed(
@@ -144,14 +174,8 @@ def shared_delay(twin: Twin) -> float | None:
         return float(delay(twin.values_si)[0])
 
 
-def _means(
-    times: Float[np.ndarray, " times"],
-    held: Float[np.ndarray, " times"],
-    ends: Float[np.ndarray, " steps"],
-) -> Float[np.ndarray, " steps"]:
-    """The mean over each step of an input that is held between samples."""
-    summed = np.append(0.0, np.cumsum(held[:-1] * np.diff(times)))
-    begins = np.append(0.0, ends[:-1])
-    total = np.interp(ends, times, summed) - np.interp(begins, times, summed)
-    # The last steps end behind the last sample.
-    return np.where(ends > times[-1], held[-1], total / (ends - begins))
+def _coefficients(values: Float[np.ndarray, "steps 3"]) -> Float[np.ndarray, "steps 3"]:
+    """The coefficients of quadratics from their values at the start, in the middle and at the end
+    of a step."""
+    start, middle, end = values.T
+    return np.stack([start, 4 * middle - 3 * start - end, 2 * (start + end) - 4 * middle], axis=1)

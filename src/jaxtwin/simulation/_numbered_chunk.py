@@ -26,6 +26,7 @@ from ._resolution import MAX_SPAN, network_span
 from ._step_readings import StepReadings, largest
 from ._time_grid import (
     InputSummary,
+    StepRule,
     TimeGrid,
     build_time_grid,
     reference_temperature,
@@ -79,8 +80,9 @@ def numbered_chunk_size() -> int:
 
 @lru_cache(maxsize=16)
 def _padded_grid(experiment: Experiment, lags: bool) -> TimeGrid:
-    settling, ramp = settling_after_reversals(experiment, lags), (FIRST_STEP,)
-    grid = build_time_grid(experiment, FIRST_STEP, GROWTH, LARGEST_STEP, settling, ramp=ramp)
+    settling = settling_after_reversals(experiment, lags)
+    rule = StepRule((), GROWTH, LARGEST_STEP, FIRST_STEP, doubles=False, settling=settling)
+    grid = build_time_grid(experiment, rule)
     count = padded_count(len(grid.sizes) + 1, SIZES)
     sizes = np.append(grid.sizes, np.zeros(count - len(grid.sizes)))
     return with_padding(replace(grid, sizes=sizes), 0)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Shaped
+from jaxtyping import Float, Shaped
 
 from ..io import Experiment
 from ..physics import System, Twin
@@ -79,7 +79,7 @@ def with_padding(grid: TimeGrid, least: int) -> TimeGrid:
         sizes=grid.sizes,
         size=padded(np.asarray(grid.size), int(np.max(grid.size)) + 1, least),
         duty=padded(np.asarray(grid.duty), least=least),
-        ambient=None if ambient is None else padded(np.asarray(ambient), least=least),
+        ambient=None if ambient is None else _standing(np.asarray(ambient), least),
         polynomials=padded(np.asarray(grid.polynomials), CONSTANT_POLYNOMIALS, least),
         step_of=padded(np.asarray(grid.step_of)),
         weights=padded(np.asarray(grid.weights)),
@@ -88,3 +88,10 @@ def with_padding(grid: TimeGrid, least: int) -> TimeGrid:
         levels_at=None if levels_at is None else padded(np.asarray(levels_at)),
         regimes=grid.regimes,
     )
+
+
+def _standing(ambient: Float[np.ndarray, "steps 3"], least: int) -> Float[np.ndarray, "filled 3"]:
+    """Pads the ambient with its last value, at the end of the last step."""
+    filled = padded(ambient, least=least)
+    filled[len(ambient) :] = ambient[-1, 2]
+    return filled

@@ -64,7 +64,8 @@ struct run {
     int steps, waiting, times, channels, outputs, weights;
     double duration, largest_span; /* the span of the rates of a draw that does not fail */
     const double *size;            /* of each step, s */
-    const double *ambient;    /* in each step: deviation from the reference, K */
+    const double *ambient; /* steps x 3: its deviation from the reference, K, as coefficients of
+                              powers of the part of the step that has passed */
     const double *duty;       /* steps x cells: the command that is held, -1 to 1 */
     const double *first_duty; /* of each cell at the start */
     const double *input;      /* steps x TERMS: factors of what the other inputs change */
@@ -380,12 +381,12 @@ static void load_conductance(struct workspace *w)
     }
 }
 
-/* The matrix C / (gamma h) + G - dq/dx of a step, and the change of the heat with the inputs. */
-static void step_matrix(struct workspace *w, lanes size, lanes ambient)
+/* The matrix C / (gamma h) + G - dq/dx of a step, and the change of the heat with the inputs.
+   `drift` is the rate of the ambient at the start of the step. */
+static void step_matrix(struct workspace *w, lanes size, lanes ambient, lanes drift)
 {
     const struct numbers *of = &w->of;
     const lanes reference = of->reference[0], absolute = reference + ambient;
-    const lanes drift = HAS_DRIFT ? of->drift[0] : broadcast(0);
     const lanes diagonal = 1 / (METHOD_GAMMA * size);
     lanes *factors = w->factors, *time_heat = w->time_heat;
     load_conductance(w);
@@ -478,9 +479,8 @@ combined(const struct workspace *w, const double *weight, int stages, int node)
 }
 
 /* A stage: its state, the heat there, and the solution of its equations. Called with a constant
-   number, so that its sums are unrolled. */
-static inline __attribute__((always_inline)) void stage(struct workspace *w,
-                                                        int number,
+   number, so that its sums are unrolled; `moves` says whether inputs change during the step. */
+static inline __attribute__((always_inline)) void stage(struct workspace *w, int number, int moves,
                                                         lanes size, lanes ambient)
 {
     const lanes per_size = 1 / size, of_time = method_time[number] * size;
@@ -501,7 +501,7 @@ static inline __attribute__((always_inline)) void stage(struct workspace *w,
             w->right[i] += w->of.capacitance[i] * before * per_size;
         }
     }
-    if (HAS_LAG || HAS_DRIFT) {
+    if (moves) {
         for (int i = 0; i < NODES; ++i) {
             w->right[i] += of_time * w->time_heat[i];
         }
@@ -579,18 +579,23 @@ static void add_power(const struct run *run, struct workspace *w, const double *
     }
 }
 
-/* The polynomials of the outputs within a step. */
-static void interpolate(const struct run *run, const struct workspace *w)
+/* The polynomials of the outputs within a step; where only its end is read, the values there. */
+static void interpolate(const struct run *run, const struct workspace *w, int is_end_alone)
 {
+    const int powers = is_end_alone ? 1 : POWERS;
     lanes *of_node = w->of_node;
     for (int i = 0; i < NODES; ++i) {
-        interpolate_node(w, i, of_node + i * POWERS);
+        if (is_end_alone) {
+            of_node[i * POWERS] = w->at_stage[i];
+        } else {
+            interpolate_node(w, i, of_node + i * POWERS);
+        }
     }
     for (int o = 0; o < run->outputs; ++o) {
         lanes sum[POWERS] = {{0}};
         for (int p = w->output_row[o]; p < w->output_row[o + 1]; ++p) {
             of_node = w->of_node + w->output_node[p] * POWERS;
-            for (int k = 0; k < POWERS; ++k) {
+            for (int k = 0; k < powers; ++k) {
                 sum[k] += w->of.weight[p] * of_node[k];
             }
         }
@@ -821,7 +826,12 @@ static void read(const struct run *run, struct workspace *w, const struct place 
     if (*row == first_row && last <= run->first_read) {
         return;
     }
-    interpolate(run, w);
+    int is_end_alone = 1;
+    for (int l = 0; l < count; ++l) {
+        is_end_alone &= at->stop[l] == at->first[l] ||
+                        run->time[at->first[l]] >= begin[l] + size[l] - ROUNDING;
+    }
+    interpolate(run, w, is_end_alone);
     for (int l = 0; l < count; ++l) {
         const int first = at->first[l] > run->first_written ? at->first[l] : run->first_written;
         read_step(run, w, l);
@@ -865,16 +875,20 @@ static lanes integrate(const struct run *run, struct workspace *w, const struct 
         const lanes size =
             n < run->waiting ? run->size[n] * w->of.delay[0] : broadcast(run->size[n]);
         const lanes drift = HAS_DRIFT ? w->of.drift[0] : broadcast(0);
-        const lanes ambient = run->ambient[n] + drift * begin;
+        const double *const room = run->ambient + (size_t)n * 3;
+        const int moves = HAS_LAG || HAS_DRIFT || room[1] != 0 || room[2] != 0;
+        const lanes ambient = room[0] + drift * begin;
         if (EFFECTS > 0) {
             apply_inputs(w, run->input + (size_t)n * TERMS);
         }
         drive(w, run->duty + (size_t)n * CELLS, size);
-        step_matrix(w, size, ambient);
+        step_matrix(w, size, ambient, drift + room[1] / size);
         factorise(w->factors);
 #pragma GCC unroll 8
         for (int number = 0; number < STAGES; ++number) {
-            stage(w, number, size, ambient + drift * (method_node[number] * size));
+            const double passed = method_node[number];
+            stage(w, number, moves, size,
+                  ambient + drift * (passed * size) + passed * (room[1] + passed * room[2]));
         }
         /* The difference to the solution of fourth order does not decay with stiff rates, unless it
            passes through the equations of a stage (Hairer and Wanner II, sec. IV.8). */
