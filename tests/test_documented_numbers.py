@@ -21,25 +21,30 @@ NUMBERS = [
         LIVE + "protocol._framing.LINE_BYTES",
         1,
     ),
-    ("docs/protocol.md", "at most {} entries.", LIVE + "protocol._messages.MOST_NAMES", 1),
+    ("docs/protocol.md", "at most {} entries.", LIVE + "protocol._messages.MAX_NAMES", 1),
     (
         "docs/protocol.md",
         "is that of the rig file: 1 to {} characters",
-        LIVE + "protocol._words.LONGEST_NAME",
+        LIVE + "protocol._words.MAX_NAME",
         1,
     ),
     ("docs/protocol.md", "repeats it every {} s", LIVE + "_operate.INTERVAL", 1),
-    ("docs/protocol.md", "and ends after {} s without driving", LIVE + "_readiness.REFUSED", 1),
+    (
+        "docs/protocol.md",
+        "and ends after {} s without driving",
+        LIVE + "_readiness.MAX_REFUSAL_SECONDS",
+        1,
+    ),
     (
         "docs/protocol.md",
         "after {} bytes without a valid",
-        LIVE + "protocol._receiver.MOST_GARBAGE",
+        LIVE + "protocol._receiver.MAX_GARBAGE",
         1,
     ),
     (
         "docs/protocol.md",
         "at more than {} messages in a second",
-        LIVE + "protocol._receiver.MOST_MESSAGES",
+        LIVE + "protocol._receiver.MAX_MESSAGES",
         1,
     ),
     (
@@ -50,7 +55,7 @@ NUMBERS = [
     ),
     ("docs/reliability.md", "packets to {} kB", LIVE + "protocol._framing.PACKET_BYTES", KIB),
     ("docs/reliability.md", "lines to {} kB", LIVE + "protocol._framing.LINE_BYTES", KIB),
-    ("docs/reliability.md", "a `hello` to {} names", LIVE + "protocol._messages.MOST_NAMES", 1),
+    ("docs/reliability.md", "a `hello` to {} names", LIVE + "protocol._messages.MAX_NAMES", 1),
     (
         "docs/reliability.md",
         "*implausible* beyond {} K",
@@ -77,12 +82,12 @@ NUMBERS = [
         "jaxtwin.physics._recalibrations.SHUTTER_SECONDS",
         1,
     ),
-    ("docs/live.md", "more than {} MiB is waiting", LIVE + "virtual_rig._serve.MOST_UNSENT", MIB),
+    ("docs/live.md", "more than {} MiB is waiting", LIVE + "virtual_rig._serve.MAX_UNSENT", MIB),
     ("docs/cluster.md", "{} draws, or fewer where whole", "jaxtwin.simulation._draw_units.UNIT", 1),
     (
         "docs/performance.md",
         "folder, which holds at most {} GiB",
-        "jaxtwin._compilation._store.LARGEST_CACHE",
+        "jaxtwin._compilation._store.MAX_CACHE",
         GIB,
     ),
 ]
@@ -113,9 +118,9 @@ def test_a_host_refuses_a_watchdog_and_a_rate_beyond_those_of_the_protocol():
 
 OF_USERS = {
     "jaxtwin._waiting.PRINTED_AFTER": 2.0,  # performance.md: more than two seconds
-    "jaxtwin._compilation._persistent_jit.MOST_PROGRAMS": 16,
+    "jaxtwin._compilation._persistent_jit.MAX_PROGRAMS": 16,
     "jaxtwin.matching._descent.BATCH": 16,
-    "jaxtwin.simulation._reduced_modes.LARGEST_RESIDUAL": 3e-4,  # K
+    "jaxtwin.simulation._reduced_modes.MAX_RESIDUAL": 3e-4,  # K
 }
 
 

@@ -205,7 +205,7 @@ def test_at_rest_no_duty_has_the_other_sign(rig: Rig, anti_windup, Kp, Ki, b, st
     state = pid.init(np.array(start), np.array([25.0]))
     first, _ = pid.step(state, np.array([25.0]), np.array([25.0]))
     np.testing.assert_allclose(first, start, atol=1e-12)
-    step = jax.jit(lambda *args: pid.step(*args))
+    step, duty = jax.jit(lambda *args: pid.step(*args)), first
     for reference, error in [(25.0, 20.0), (25.0, -20.0), (15.0, -3.0), (25.0, 0.5)]:
         for _ in range(400):
             duty, state = step(state, np.array([reference]), np.array([reference - error]))
@@ -236,8 +236,8 @@ def test_a_loop_cools_with_its_cell(twin: Twin):
         },
         abs=0.01,
     )
-    measures = run.measures()["value"]
-    assert measures["saturation_share foil"] == run.saturation_shares["foil"]
+    values = dict(run.measures()["value"].items())
+    assert values["saturation_share foil"] == run.saturation_shares["foil"]
     assert run.saturation_shares["P1"] < run.saturation_shares["foil"]
     with pytest.raises(ControlError, match=r"a duty of -1 to 1 can hold, got -80"):
         simulate_closed_loop(twin, PID(0.2, 0.004), "0:-80", duration=30)

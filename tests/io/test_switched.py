@@ -36,6 +36,7 @@ def test_the_mean_is_that_of_the_duty_and_the_samples_are_kept(levels, step, per
     assert set(found.duty[:, 1]) <= {0.0, 1.0}
     assert np.all(found.duty[:, 0] == 0.25)
     kept = found.sampled[:, 0]
+    assert found.temperatures is not None
     np.testing.assert_allclose(found.time[kept], time)
     np.testing.assert_array_equal(found.temperatures[kept], asked.temperatures)
     window = float(period.split()[0])

@@ -1,5 +1,6 @@
 """A relay with a window: its minimum times hold, and the mean over many windows is the duty."""
 
+from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
@@ -22,7 +23,7 @@ def relays(draw: st.DrawFn) -> RelayWindow:
 duties = st.one_of(st.just(0.0), st.just(1.0), st.floats(0, 1))
 
 
-def phases(relay: RelayWindow, asked: list[float]) -> tuple[list[tuple[bool, float]], float]:
+def phases(relay: RelayWindow, asked: list[float]) -> tuple[Sequence[tuple[bool, float]], float]:
     """The phases, on or off with their lengths, and the time on in all."""
     carried, parts, total = 0.0, [], 0.0
     for duty in asked:
