@@ -21,6 +21,7 @@ from jaxtyping import Float
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.simulation import build_time_grid
+from jaxtwin.simulation._reductions import ReductionChoice
 from jaxtwin.simulation._simulate import _run_exponential
 from jaxtwin.simulation._time_grid import SETTLING_SECONDS, step_rule
 
@@ -112,7 +113,7 @@ def _solve(
     twin: jt.Twin,
     experiment: jt.Experiment,
     draws: Mapping[str, Float[np.ndarray, " draws"]],
-    reductions: list[str] | None,
+    reductions: ReductionChoice | None,
     one_lane: bool = False,
 ) -> object:
     os.environ["CC"] = one_lane_compiler() if one_lane else "cc"

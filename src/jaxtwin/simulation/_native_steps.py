@@ -45,9 +45,9 @@ def commanded_steps(
     experiment: Experiment,
     lags: bool,
     refinement: int,
-    inputs: tuple[tuple[Input, bool], ...],
-    rates: tuple[float, ...],
-    lateness: float,
+    inputs: tuple[tuple[Input, bool], ...] = (),
+    rates: tuple[float, ...] = (),
+    lateness: float = 0.0,
 ) -> TimeGrid:
     """The steps before any delay.
 
@@ -94,7 +94,7 @@ class NativeSteps:
 
     @classmethod
     def of(
-        cls, grid: TimeGrid, delay: float | None, *, own_delays: bool, of_room: float
+        cls, grid: TimeGrid, delay: float | None, *, own_delays: bool, of_room: float = 0.0
     ) -> "NativeSteps | None":
         """Applies a delay to commanded steps; None if the rig's other inputs change, or if a
         recorded ambient temperature changes and the draws differ in the delay.
