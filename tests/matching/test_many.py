@@ -119,7 +119,7 @@ def test_a_set_of_which_no_fit_can_be_made_loses_no_other(
     are not finite have no covariance."""
 
     def give_up(twin: Twin, experiment: Experiment, **options: Any):
-        if experiment is benches[1]:
+        if experiment.fingerprint == benches[1].fingerprint:
             raise error
         return simulate(twin, experiment, **options)
 
