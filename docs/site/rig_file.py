@@ -170,6 +170,7 @@ initial_temperature = "20 degC"
 name = "H2"
 electrical_resistance = "4 ohm"
 contacts = ["air"]
+time_proportional = { period = "20 s", minimum_on = "2 s", minimum_off = "2 s" }
 """
 
 
@@ -392,6 +393,7 @@ def _anchor(heading: str) -> str:
     """Of the section for people."""
     shown = {"top level": "`top level`", "prior": "`prior` of a parameter"}
     shown["[cells.fan]"] = "`fan` of a cell or a link"
+    shown["[heaters.time_proportional]"] = "`time_proportional` of a heater"
     ending = shown.get(heading, f"`{heading}`")
     titles = re.findall(r"^## (.+)$", PEOPLE.read_text(encoding="utf-8"), re.MULTILINE)
     (title,) = [title for title in titles if title.endswith(ending)]
