@@ -69,4 +69,4 @@ def __getattr__(name: str) -> object:
     from ._name_suggestions import did_you_mean
 
     hint = did_you_mean([name], __all__)
-    raise AttributeError(f"module 'jaxtwin' has no attribute {name!r}{hint}") from None
+    raise AttributeError(f"module 'jaxtwin' has no attribute {name!r}{hint}")

@@ -51,14 +51,19 @@ def test_off_is_off_at_once(twin: Twin):
     assert device._applied[1] == 0
 
 
-def test_a_switch_between_two_samples_is_exact(twin: Twin):
+def test_a_switch_between_two_samples_is_exact(twin: Twin, monkeypatch: pytest.MonkeyPatch):
     """The plant gets the heat of 0.3 x 4 s in each window, whatever the samples' times."""
     device = VirtualRig(twin, controller_rate=0.7)
     driven = []
     device.due(START)
     device.receive(encode(Duty(1, (0, 0), "me")))
     drive = device.twin.drive
-    device.twin.drive = lambda duty: (driven.append((device.twin.time, duty[1])), drive(duty))  # type: ignore[method-assign]
+
+    def noted(duty: np.ndarray) -> None:
+        driven.append((device.twin.time, duty[1]))
+        drive(duty)
+
+    monkeypatch.setattr(device.twin, "drive", noted)
     for step in range(1, 41):
         device.receive(encode(Duty(step + 1, (0, 77), "me")))
         device.due(START + step * 1_000_000_000)

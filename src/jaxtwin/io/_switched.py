@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import RecordingError
-from ..rig import Rig
-from ..rig._relay_window import RelayWindow
+from ..rig import RelayWindow, Rig
 from ._experiment import Experiment
 from ._schedule import MOST_SAMPLES
 
@@ -15,13 +14,8 @@ from ._schedule import MOST_SAMPLES
 def switched(experiment: Experiment, rig: Rig) -> Experiment:
     """The experiment as the relays of a rig switch it; see `Experiment.switched`."""
     experiment = experiment.for_rig(rig)
-    relays = {
-        rig.driven.index(heater.name): heater.time_proportional
-        for heater in rig.heaters
-        if heater.time_proportional is not None
-    }
     elapsed, levels = experiment.elapsed, {}
-    for column, relay in relays.items():
+    for column, relay in rig.relays.items():
         windows = elapsed[-1] / relay.period
         if 2 * windows > MOST_SAMPLES:
             raise RecordingError(

@@ -40,6 +40,7 @@ from ._parameter_file import read_parameters, write_parameters
 from ._placement import Placement
 from ._plate import Plate
 from ._point_sensor import PointSensor
+from ._relay_window import RelayWindow
 from ._rig import Rig
 from ._sensor import AbstractSensor, SensorSite, register_sensor
 from ._units import COORDINATE, LENGTH
@@ -70,6 +71,7 @@ __all__ = [
     "Plate",
     "PointSensor",
     "Registration",
+    "RelayWindow",
     "Rig",
     "SensorSite",
     "Sensors",

@@ -20,6 +20,7 @@ from ._limits import Limits
 from ._parameter import Parameter
 from ._placement import Placement
 from ._plate import Plate
+from ._relay_window import RelayWindow
 from ._value import Value
 
 # The name of a cell or heater that is a number.
@@ -91,6 +92,15 @@ class Rig:
         """The names of what the driver feeds, in the order of duty cycles: the cells, then the
         heaters."""
         return tuple(part.name for part in (*self.cells, *self.heaters))
+
+    @property
+    def relays(self) -> dict[int, RelayWindow]:
+        """The relays of the heaters that have one, by the places of these among the `driven`."""
+        return {
+            place: heater.time_proportional
+            for place, heater in enumerate(self.heaters, len(self.cells))
+            if heater.time_proportional is not None
+        }
 
     def driven_called(self, name: str) -> str | None:
         """The cell or heater that a recording calls by a name: the one of this name; or else `P2`

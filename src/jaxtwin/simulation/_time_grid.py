@@ -389,8 +389,9 @@ def _span_starts(
     stays[1:] = is_switched[1:] | np.any(np.diff(duty, axis=0) != 0, axis=1)
     marks = marks[merged_changes(time[marks], slow[marks] * speeds, stays[marks], lateness)]
 
+    known = during()
+
     def jumps() -> Float[np.ndarray, " inner"]:
-        known = during()
         return (speeds[:, None] * np.abs(known[:, 1:, 0] - known[:, :-1, 2])).max(axis=0)
 
     if lateness > 0:
@@ -398,11 +399,12 @@ def _span_starts(
         changes = time[marks[1:-1][jumps() * lateness > ROUGHNESS]]
         following = np.append(changes, np.inf)[np.searchsorted(changes, time)]
         marks = np.union1d(marks, np.flatnonzero(following - time <= lateness))
+        known = during()
     starts = marks[1:-1]
     driven = (np.abs(duty[starts] - duty[starts - 1]) * of_duty).max(axis=1)
     # The first span has no change at its start, but a rig that may be far from rest.
     sizes = np.where(is_switched[starts], np.inf, np.maximum(jumps(), driven))
-    return marks, np.append(np.inf, sizes), during()
+    return marks, np.append(np.inf, sizes), known
 
 
 def _slow_inputs(

@@ -143,13 +143,13 @@ class TimeProportional(AbstractController):
                     f"got {heater.name} of {rig.name}, which its device switches "
                     "(time_proportional in the rig file); give the controller alone"
                 )
-        made = copy.copy(self)
+        switching = copy.copy(self)
         controller = self.controller.for_rig(rig)
         switched = (False,) * len(rig.cells) + (True,) * len(rig.heaters)
         fields = {"controller": controller, "limits": controller.limits, "switched": switched}
         for name, value in fields.items():
-            object.__setattr__(made, name, value)
-        return made
+            object.__setattr__(switching, name, value)
+        return switching
 
     @property
     def averaged(self) -> AbstractController:
@@ -216,13 +216,13 @@ class TimeProportional(AbstractController):
     def file_lines(self) -> list[str]:
         """Returns the lines of the window, and the table of the controller."""
         measured = getattr(self.controller, "measured", None)
-        own = [
+        lines = [
             f"kind = {json.dumps(self.controller.kind)}",
             *([] if measured is None else [f"measured = {json.dumps(measured)}"]),
             *self.controller.file_lines(),
         ]
         # The controller's own tables are inside this one.
-        nested = [re.sub(r"^(\[+)", r"\1controller.", line) for line in own]
+        nested = [re.sub(r"^(\[+)", r"\1controller.", line) for line in lines]
         return [*super().file_lines(), "", "[controller]", *nested]
 
     def __repr__(self) -> str:

@@ -169,9 +169,9 @@ class ClosedLoopRun:
                 (name, float(function(self.loop)), unit)
                 for name, (function, unit) in measures_of(self.loop.elements).items()
             ]
-        if len(self.saturation_shares) > 1:
-            for name, share in self.saturation_shares.items():
-                rows.append((f"saturation_share {name}", share, ""))
+        shares = self.saturation_shares
+        if len(shares) > 1:
+            rows += [(f"saturation_share {name}", share, "") for name, share in shares.items()]
         return pandas.DataFrame(rows, columns=["measure", "value", "unit"]).set_index("measure")
 
     def to_xarray(self) -> "xarray.Dataset":

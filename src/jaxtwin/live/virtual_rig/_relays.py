@@ -6,8 +6,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from ...rig import Rig
-from ...rig._relay_window import RelayWindow
+from ...rig import RelayWindow, Rig
 
 # Times that differ by less are the same, s.
 ROUNDING = 1e-9
@@ -27,11 +26,7 @@ class Relays:
     """
 
     def __init__(self, rig: Rig):
-        self._relays = {
-            rig.driven.index(heater.name): _Relay(heater.time_proportional)
-            for heater in rig.heaters
-            if heater.time_proportional is not None
-        }
+        self._relays = {column: _Relay(relay) for column, relay in rig.relays.items()}
 
     def applied(
         self, duty: Float[np.ndarray, " cells"], time: float, *, is_off: bool
