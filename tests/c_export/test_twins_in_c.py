@@ -12,6 +12,7 @@ from boxes import box, box_table
 from compiled_c import compiled, ran
 from hand_rig import rig_of_many_parts
 from heated_box import cell_and_heater, heated_box
+from radiating_rig import radiating_rig
 
 from jaxtwin import Experiment, Stepper, Twin, simulate
 from jaxtwin.c_export import export_c
@@ -76,6 +77,7 @@ TWINS = {
     "heaters without a plate": Twin(heated_box()),
     "cell and heaters": Twin(cell_and_heater("on-off")),
     "cell and heaters, mean voltage": Twin(cell_and_heater("voltage")),
+    "convection, radiation and a quadratic heater": Twin(radiating_rig()),
 }
 
 

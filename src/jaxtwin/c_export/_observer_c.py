@@ -48,6 +48,13 @@ def observer_c(kalman: ExtendedKalmanFilter, name: str, precision: str, origin: 
             f"export_c: model: expected an observer of a rig without other inputs, got one of "
             f"{model.twin.rig.name}"
         )
+    wiring = model.stepper.system.wiring
+    if wiring.drive_exponents is not None or wiring.convection is not None:
+        raise ControlError(
+            "export_c: model: expected an observer of a rig whose links are resistances and whose "
+            f"heaters are proportional, got one of {model.twin.rig.name}; export a reduced linear "
+            "model, or run the observer in Python"
+        )
     with own_settings():
         stepper = _single_step(model.stepper, kalman.longest_seconds)
         sizes = StepperSizes(stepper)

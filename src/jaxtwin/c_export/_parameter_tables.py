@@ -38,7 +38,7 @@ def _equations(wiring: Wiring) -> list[Expressions]:
     parts = [wiring.capacitances, wiring.resistances, wiring.conducting_sums, wiring.gains]
     parts += [wiring.module_constants, wiring.bridge_constants]
     parts += [wiring.lag, wiring.delay, wiring.current_limit, wiring.reservoirs]
-    parts += [wiring.exponent, wiring.radiating]
+    parts += [wiring.exponent, wiring.radiating, wiring.convection, wiring.drive_exponents]
     effects = wiring.input_wiring
     if effects is not None:
         parts += [effects.reservoirs, effects.conductances, effects.supply_voltage]
@@ -118,6 +118,8 @@ def _quantities(twin: Twin, stepper: Stepper, names: frozenset[str]) -> dict[str
         "IMAX": of(wiring.current_limit),
         "RESERVOIR": of(wiring.reservoirs),
         "EXPONENT": of(wiring.exponent),
+        "CONVECTION": of(wiring.convection),
+        "DRIVE_EXPONENT": of(wiring.drive_exponents),
         "RADIATING": of(wiring.radiating),
         "BY_PRODUCT": effect_factors(stepper, values, names),
     }

@@ -19,15 +19,16 @@ from ..simulation._step_preparation import MULTIPLE_TOLERANCE
 from ._input_tables import input_numbers, input_tables
 from ._parameter_tables import parameter_tables
 from ._sources import Code, Parts, code_of, defines, whole_numbers
-from ._stepper_c import about_twin, twin_sizes
+from ._stepper_c import about_twin, path_ends, twin_sizes
 from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_tables
 from ._text import ascii_text
 
-# The tables of inputs that no parameter changes.
-OF_INPUTS = ("input_start", "input_scale", "input_offset", "exponent", "link_ambient", "link_body")
+# The tables that no parameter changes: those of inputs, and one of losses.
+FIXED = ("input_start", "input_scale", "input_offset", "exponent", "link_ambient", "link_body")
+FIXED += ("linear_radiation",)
 
 # The constants that parameters change.
-SCALARS = ("VS", "RS", "RON", "IMAX", "HALF_EXPONENT")
+SCALARS = ("VS", "RS", "RON", "IMAX")
 
 BY_PART = ("half_decay", "decay", "half", "half_start", "half_middle", "whole_start")
 BY_PART += ("whole_middle", "first", "middle", "last", "lag", "at")
@@ -72,7 +73,7 @@ def parametric_twin_c(
         inputs = stepper.system.wiring.inputs
         tables = stepper_tables(stepper, sizes) | input_tables(stepper)
         tables["rate"] = rates, "by which the modes decay, 1/s"
-        fixed = {key: tables.pop(key) for key in OF_INPUTS if key in tables}
+        fixed = {key: tables.pop(key) for key in FIXED if key in tables}
         constants = stepper_constants(stepper, sizes) | given.constants | CONSTANTS
         scalars = [key for key in SCALARS if key in constants]
         constants = {k: v for k, v in constants.items() if k not in (*scalars, "PARTS")}
@@ -86,6 +87,7 @@ def parametric_twin_c(
             + defines(name, constants, "double", COMMENTS | NETWORK_COMMENTS)
             + "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
             + whole_numbers(name, "side", sizes.sides)
+            + path_ends(name, sizes)
             + "".join(whole_numbers(name, key, *result) for key, result in given.numbers.items())
             + "".join(whole_numbers(name, key, result) for key, result in of_inputs.items()),
             given.tables | fixed,

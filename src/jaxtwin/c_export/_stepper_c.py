@@ -29,7 +29,7 @@ def stepper_c(stepper: Stepper, name: str, precision: str, origin: str) -> Code:
         tables = stepper_tables(stepper, sizes)
         numbers = defines(name, stepper_constants(stepper, sizes), precision, COMMENTS)
         numbers += "\n/* Nodes of the cold sides of the cells, and of the hot ones. */\n"
-        numbers += whole_numbers(name, "side", sizes.sides)
+        numbers += whole_numbers(name, "side", sizes.sides) + path_ends(name, sizes)
         inputs = stepper.system.wiring.inputs
         if inputs:
             tables |= input_tables(stepper)
@@ -44,6 +44,16 @@ def stepper_c(stepper: Stepper, name: str, precision: str, origin: str) -> Code:
             sizes.modes + sizes.cells * (1 + sizes.queue) + len(inputs),
         )
         return code_of("twin", name, precision, parts)
+
+
+def path_ends(name: str, sizes: StepperSizes) -> str:
+    """The C of the ends of the paths of losses; none for those of the plate alone."""
+    if not sizes.has_far_ends:
+        return ""
+    about = "ends of the paths of losses; beyond the nodes the room, then bodies"
+    return whole_numbers(name, "loss_from", sizes.loss_from, about) + whole_numbers(
+        name, "loss_to", sizes.loss_to, about
+    )
 
 
 def twin_sizes(stepper: Stepper, sizes: StepperSizes, name: str, precision: str) -> str:

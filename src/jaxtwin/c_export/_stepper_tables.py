@@ -6,6 +6,7 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from ..control.controllers._law import Table
+from ..physics._driver import IDLE
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..rig._plate import FILM_REFERENCE
 from ..simulation import Stepper
@@ -21,10 +22,19 @@ class StepperSizes:
         self.nodes, self.modes = np.shape(stepper.field.modes.shapes)
         self.cells = len(system.wiring.cold)
         self.channels = len(system.wiring.channels)
-        self.elements = system.wiring.elements
         self.parts = len(stepper.sizes)
         self.has_delay, self.has_lag = system.delay is not None, system.lag is not None
-        self.has_loss = stepper.plate is not None
+        paths = system.wiring.loss_paths
+        self.has_loss = paths is not None
+        self.has_far_ends = paths is not None and not paths.is_of_plate
+        self.plate_losses = 0 if paths is None else paths.elements
+        self.loss_from: list[int] = [] if paths is None else paths.near.tolist()
+        # Beyond the nodes are the surroundings, then the bodies of given temperatures.
+        self.loss_to = (
+            []
+            if paths is None
+            else np.where(paths.far >= 0, paths.far, self.nodes - 1 - paths.far).tolist()
+        )
         self.has_reservoirs = system.reservoirs is not None
         self.queue = int(stepper.delay_steps) + self.parts - 1 if self.has_delay else 0
         self.sides = [*system.wiring.cold.tolist(), *system.wiring.hot.tolist()]
@@ -92,16 +102,26 @@ def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
             "at": (stages / h.sum() * 2, "start, middle and end of a part, in half steps"),
             "to_half_decay": (np.asarray(stepper.half_decay, float) - 1, "to the middle"),
             "to_half": (np.asarray(stepper.half, float), "and by the force"),
-            "film": (np.asarray(loss.film, float), "of the elements, W/K"),
+            "film": (np.asarray(loss.film, float), "of the paths of losses, W/K"),
+            "half_exponent": (np.asarray(loss.exponent, float) / 2, "of the films"),
             "radiating": (
                 STEFAN_BOLTZMANN * np.asarray(loss.radiating, float),
-                "of the elements, W/K^4",
+                "of the paths, W/K^4",
             ),
             "linearised_loss": (
                 np.asarray(modes.linearised_loss, float),
-                "losses of the elements that are in the modes, W/K",
+                "losses of the paths that are in the modes, W/K",
             ),
         }
+        far = system.far_ends(stepper.reference)
+        if far is not None and loss.linear is not None:
+            tables |= {
+                "linear_radiation": (
+                    np.asarray(loss.linear, float),
+                    "of the paths, in the network, K^3",
+                ),
+                "loss_held": (np.asarray(far.held, float), "bodies at the ends of the paths, K"),
+            }
     return {key: (np.asarray(value, float), text) for key, (value, text) in tables.items()}
 
 
@@ -111,9 +131,13 @@ def _powers(stepper: Stepper) -> dict[str, Table]:
     if not bridge.own_supply:
         return {}
     power = bridge.own_voltage**2 / np.asarray(stepper.system.module.electrical_resistance, float)
-    return {
+    result: dict[str, Table] = {
         "power": (np.where(bridge.own_supply, power, 0.0), "of heaters at full duty, W; else 0")
     }
+    if bridge.drive_exponent is not None:
+        law = np.asarray(bridge.drive_exponent, float)
+        result["drive_exponent"] = law, "of the duty, to which the heat is proportional"
+    return result
 
 
 def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | float]:
@@ -136,17 +160,20 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
         result["IMAX"] = float(np.asarray(bridge.current_limit))
     if bridge.own_supply:
         result["HAS_POWERS"] = 1
+    if bridge.drive_exponent is not None:
+        result |= {"HAS_DRIVE_LAW": 1, "IDLE": IDLE**2}
     if sizes.has_lag:
         result["HAS_LAG"] = 1
     if sizes.has_reservoirs:
         result["HAS_RESERVOIRS"] = 1
     if sizes.has_loss and loss is not None:
         result |= {
-            "ELEMENTS": sizes.elements,
-            "HALF_EXPONENT": float(np.asarray(loss.exponent)) / 2,
+            "LOSSES": len(sizes.loss_from),
             "CALM": CALM**2,
             "FILM_SCALE": 1 / (FILM_REFERENCE**2 + CALM**2),
         }
+    if sizes.has_far_ends:
+        result |= {"HAS_FAR_ENDS": 1, "PLATE_LOSSES": sizes.plate_losses}
     return result | input_constants(stepper)
 
 
@@ -158,8 +185,10 @@ COMMENTS = {
     "RS": "of the supply, ohm",
     "RON": "of the switches, ohm",
     "IMAX": "through a connected cell, A",
-    "HALF_EXPONENT": "of the film",
+    "LOSSES": "paths of losses that are not linear",
+    "PLATE_LOSSES": "of the plate, the first of them",
     "CALM": "K^2",
+    "IDLE": "square of the duty below which heat is proportional to it",
     "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
     "SHARES": "of states, and the inputs",
     "PARAMETERS": "that can be set",

@@ -67,6 +67,12 @@ static const char *model_assemble(model_numbers *numbers, model_network *network
 #ifdef MODEL_HAS_POWERS
     for (i = 0; i < MODEL_CELLS; ++i) {
         numbers->power[i] = model_own_square[i] / numbers->R[i];
+#ifdef MODEL_HAS_DRIVE_LAW
+        numbers->drive_exponent[i] = sums[MODEL_SUM_DRIVE_EXPONENT + i];
+        if (!(numbers->drive_exponent[i] > 0.0)) {
+            return "expected values with which all exponents of the duty are above 0, got others";
+        }
+#endif
     }
 #endif
 #ifdef MODEL_IMAX
@@ -82,15 +88,27 @@ static const char *model_assemble(model_numbers *numbers, model_network *network
         }
         network->branch[i] = model_branch_conducts[i] ? sum : 1.0 / sum;
     }
-#ifdef MODEL_ELEMENTS
-    numbers->HALF_EXPONENT = sums[MODEL_SUM_EXPONENT] / 2.0;
+#ifdef MODEL_LOSSES
     memset(numbers->film, 0, sizeof numbers->film);
     for (i = 0; i < MODEL_BRANCHES; ++i) {
         if (model_branch_is_film[i]) {
             numbers->film[model_branch_from[i]] += network->branch[i];
         }
     }
-    for (i = 0; i < MODEL_ELEMENTS; ++i) {
+    for (i = 0; i < MODEL_LOSSES; ++i) {
+        numbers->half_exponent[i] = sums[MODEL_SUM_EXPONENT + i] / 2.0;
+#ifdef MODEL_HAS_FAR_ENDS
+        numbers->loss_held[i] = 0.0;
+#ifdef MODEL_SUM_RESERVOIR
+        if (model_loss_to[i] > MODEL_NODES) {
+            numbers->loss_held[i] =
+                sums[MODEL_SUM_RESERVOIR + model_loss_to[i] - MODEL_NODES - 1] - MODEL_T0;
+        }
+#endif
+        if (i >= MODEL_PLATE_LOSSES) {
+            numbers->film[i] = sums[MODEL_SUM_CONVECTION + i - MODEL_PLATE_LOSSES];
+        }
+#endif
         numbers->radiating[i] = MODEL_STEFAN_BOLTZMANN * sums[MODEL_SUM_RADIATING + i];
     }
 #endif
@@ -126,10 +144,6 @@ static void model_linearise(model_numbers *numbers, model_network *network)
 {
     double slope[MODEL_SIDES][MODEL_SIDES];
     int i, j;
-#ifdef MODEL_ELEMENTS
-    const double film = pow(MODEL_CALM * MODEL_FILM_SCALE, numbers->HALF_EXPONENT);
-    const double radiation = 4.0 * MODEL_T0 * MODEL_T0 * MODEL_T0;
-#endif
     model_heat_slope(numbers, 0.0, slope);
     for (i = 0; i < MODEL_SIDES; ++i) {
         for (j = 0; j < MODEL_SIDES; ++j) {
@@ -138,11 +152,30 @@ static void model_linearise(model_numbers *numbers, model_network *network)
             network->matrix[model_side[i]][model_side[j]] += conductance;
         }
     }
-#ifdef MODEL_ELEMENTS
-    for (i = 0; i < MODEL_ELEMENTS; ++i) {
+#ifdef MODEL_LOSSES
+    for (i = 0; i < MODEL_LOSSES; ++i) {
+        double rise = 0.0, square, film;
+        double radiation = 4.0 * MODEL_T0 * MODEL_T0 * MODEL_T0;
+        int near = i;
+#ifdef MODEL_HAS_FAR_ENDS
+        const int far = model_loss_to[i];
+        near = model_loss_from[i];
+        radiation -= model_linear_radiation[i];
+        rise = -numbers->loss_held[i];
+#endif
+        square = rise * rise + MODEL_CALM;
+        film = pow(square * MODEL_FILM_SCALE, numbers->half_exponent[i]);
+        film *= 1.0 + 2.0 * numbers->half_exponent[i] * rise * rise / square;
         numbers->linearised_loss[i] =
             numbers->film[i] * (film - 1.0) + numbers->radiating[i] * radiation;
-        network->matrix[i][i] += numbers->linearised_loss[i];
+        network->matrix[near][near] += numbers->linearised_loss[i];
+#ifdef MODEL_HAS_FAR_ENDS
+        if (far < MODEL_NODES) {
+            network->matrix[far][far] += numbers->linearised_loss[i];
+            network->matrix[near][far] -= numbers->linearised_loss[i];
+            network->matrix[far][near] -= numbers->linearised_loss[i];
+        }
+#endif
     }
 #endif
 }

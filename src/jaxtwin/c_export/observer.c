@@ -182,8 +182,8 @@ static void model_linearise(model_state *state, const model_real *duty,
             }
         }
     }
-#ifdef MODEL_ELEMENTS
-    for (i = 0; i < MODEL_ELEMENTS; ++i) {
+#ifdef MODEL_LOSSES
+    for (i = 0; i < MODEL_LOSSES; ++i) {
         const model_real ambient = state->x[MODEL_ROOM], room = MODEL_T0 + ambient;
         model_real rise = -ambient, hot, square, film, lost, left;
         for (m = 0; m < MODEL_MODES; ++m) {
@@ -191,8 +191,8 @@ static void model_linearise(model_state *state, const model_real *duty,
         }
         hot = room + rise;
         square = rise * rise + MODEL_CALM;
-        film = model_exp(MODEL_HALF_EXPONENT * model_log(square * MODEL_FILM_SCALE));
-        lost = model_film[i] * (film - 1 + 2 * MODEL_HALF_EXPONENT * film * rise * rise / square);
+        film = model_exp(model_half_exponent[i] * model_log(square * MODEL_FILM_SCALE));
+        lost = model_film[i] * (film - 1 + 2 * model_half_exponent[i] * film * rise * rise / square);
         left = model_linearised_loss[i] - lost - 4 * model_radiating[i] * hot * hot * hot;
         lost += 4 * model_radiating[i] * room * room * room;
         for (m = 0; m < MODEL_MODES; ++m) {
@@ -415,7 +415,7 @@ void model_predict(model_state *state, const model_real duty[MODEL_CELLS])
         first[m] += heat[m];
         slope[m] = 0;
     }
-#ifdef MODEL_ELEMENTS
+#ifdef MODEL_LOSSES
     model_loss_slope(state->x, start, state->x[MODEL_ROOM], effects, first, heat, slope);
 #endif
     model_advance(state->x, 0, start, middle, end, first, slope, effects);

@@ -174,7 +174,7 @@ static const char *model_set_steps(model_numbers *numbers, const model_network *
 {
     double sizes[2];
     int part;
-#ifdef MODEL_ELEMENTS
+#ifdef MODEL_LOSSES
     double begin = 0.0;
     int m;
 #endif
@@ -196,14 +196,14 @@ static const char *model_set_steps(model_numbers *numbers, const model_network *
     }
     for (part = 0; part < numbers->parts; ++part) {
         model_set_part(numbers, part, sizes[part]);
-#ifdef MODEL_ELEMENTS
+#ifdef MODEL_LOSSES
         numbers->at[part][0] = 2.0 * begin / MODEL_SAMPLE_TIME_S;
         numbers->at[part][1] = 2.0 * (begin + sizes[part] / 2.0) / MODEL_SAMPLE_TIME_S;
         numbers->at[part][2] = 2.0 * (begin + sizes[part]) / MODEL_SAMPLE_TIME_S;
         begin += sizes[part];
 #endif
     }
-#ifdef MODEL_ELEMENTS
+#ifdef MODEL_LOSSES
     for (m = 0; m < MODEL_MODES; ++m) {
         const double x = numbers->rate[m] * MODEL_SAMPLE_TIME_S / 2.0;
         double phi[3];

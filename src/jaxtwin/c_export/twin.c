@@ -91,7 +91,7 @@ void model_step(model_state *state, const model_real duty[MODEL_CELLS], model_re
     const model_real *effects = 0;
 #endif
     model_losses(MODEL_ITS_NUMBERS state->z, deviation, effects, first);
-#ifdef MODEL_ELEMENTS
+#ifdef MODEL_LOSSES
 #ifdef MODEL_HAS_LAG
     model_loss_slope(MODEL_ITS_NUMBERS state->z, state->duty, deviation, effects, first, 0, slope);
 #else

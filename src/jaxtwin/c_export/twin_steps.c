@@ -92,12 +92,28 @@ static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real c
     model_real joule = (model_real)0.5 * model_R[cell] * square;
 #ifdef MODEL_HAS_POWERS
     if (model_power[cell] > 0) {
+#ifdef MODEL_HAS_DRIVE_LAW
+        joule = duty * model_exp((model_real)0.5 * (model_drive_exponent[cell] - 1)
+                                 * model_log((duty * duty + MODEL_IDLE) / (1 + MODEL_IDLE)));
+        joule *= (model_real)0.5 * model_power[cell];
+#else
         joule = (model_real)0.5 * share * model_power[cell];
+#endif
     }
 #endif
     flow[0] = joule - peltier * cold;
     flow[1] = joule + peltier * hot;
 }
+
+/* The paths of losses: from the elements of the plate to the room, or between any two ends. Beyond
+   the numbers of the nodes are those of the room and of the bodies of given temperatures. */
+#ifdef MODEL_HAS_FAR_ENDS
+#define MODEL_ACROSS(path, mode)                                                                   \
+    (model_shape[model_loss_from[path]][mode]                                                      \
+     - (model_loss_to[path] < MODEL_NODES ? model_shape[model_loss_to[path]][mode] : 0))
+#else
+#define MODEL_ACROSS(path, mode) model_shape[path][mode]
+#endif
 
 /* What drives the modes beside their own decay. Of the sides of the cells, the cold ones are the
    first. */
@@ -146,8 +162,7 @@ static void model_force(MODEL_OF_INSTANCE const model_real *z, const model_real 
 #endif
 }
 
-/* Forces by the ambient, by coolant and the like, and by what the plate loses beyond its linear
-   losses. */
+/* Forces by the ambient, by coolant and the like, and by what is lost beyond linear losses. */
 static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambient,
                          const model_real *effects, model_real *force)
 {
@@ -158,8 +173,7 @@ static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambie
 #if MODEL_INPUTS > 0 && MODEL_BODIES > 0
     int body;
 #endif
-#ifdef MODEL_ELEMENTS
-    const model_real room = MODEL_T0 + ambient;
+#ifdef MODEL_LOSSES
     int i;
 #endif
     for (m = 0; m < MODEL_MODES; ++m) {
@@ -191,20 +205,34 @@ static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambie
 #if MODEL_INPUTS == 0
     (void)effects;
 #endif
-#ifdef MODEL_ELEMENTS
-    for (i = 0; i < MODEL_ELEMENTS; ++i) {
-        model_real at = 0, rise, hot, film, left;
+#ifdef MODEL_LOSSES
+    for (i = 0; i < MODEL_LOSSES; ++i) {
+        model_real at = 0, end = ambient, rise, room, hot, film, left;
         for (m = 0; m < MODEL_MODES; ++m) {
-            at += model_shape[i][m] * z[m];
+            at += MODEL_ACROSS(i, m) * z[m];
         }
-        rise = at - ambient;
+#ifdef MODEL_HAS_FAR_ENDS
+        if (model_loss_to[i] != MODEL_NODES) {
+            end = model_loss_held[i];
+        }
+        rise = at - end;
+        for (m = 0; model_loss_to[i] < MODEL_NODES && m < MODEL_MODES; ++m) {
+            end += model_shape[model_loss_to[i]][m] * z[m];
+        }
+#else
+        rise = at - end;
+#endif
+        room = MODEL_T0 + end;
         hot = room + rise;
-        film = model_exp(MODEL_HALF_EXPONENT
+        film = model_exp(model_half_exponent[i]
                          * model_log((rise * rise + MODEL_CALM) * MODEL_FILM_SCALE));
         left = model_linearised_loss[i] * at - model_film[i] * (film - 1) * rise;
         left -= model_radiating[i] * rise * (hot + room) * (hot * hot + room * room);
+#ifdef MODEL_HAS_FAR_ENDS
+        left += model_radiating[i] * model_linear_radiation[i] * rise;
+#endif
         for (m = 0; m < MODEL_MODES; ++m) {
-            force[m] += model_shape[i][m] * left;
+            force[m] += MODEL_ACROSS(i, m) * left;
         }
     }
 #else
@@ -213,7 +241,7 @@ static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambie
 }
 
 /* The forces that all stages share, at a stage of a part of a step. */
-#ifdef MODEL_ELEMENTS
+#ifdef MODEL_LOSSES
 #define MODEL_STEADY(stage) (first[m] + model_at[part][stage] * slope[m])
 #else
 #define MODEL_STEADY(stage) first[m]
@@ -230,7 +258,7 @@ static void model_advance(MODEL_OF_INSTANCE model_real *z, int part, const model
     model_real p[MODEL_MODES], b[MODEL_MODES];
     model_real f0[MODEL_MODES], fa[MODEL_MODES], fb[MODEL_MODES], fc[MODEL_MODES];
     int m;
-#ifndef MODEL_ELEMENTS
+#ifndef MODEL_LOSSES
     (void)slope;
 #endif
     for (m = 0; m < MODEL_MODES; ++m) {
@@ -261,7 +289,7 @@ static void model_advance(MODEL_OF_INSTANCE model_real *z, int part, const model
 }
 
 /* How the losses change in half a step: from those at the start, first, to those in the middle. */
-#ifdef MODEL_ELEMENTS
+#ifdef MODEL_LOSSES
 static void model_loss_slope(MODEL_OF_INSTANCE const model_real *z, const model_real *duty,
                              model_real ambient, const model_real *effects,
                              const model_real *first, const model_real *heat, model_real *slope)

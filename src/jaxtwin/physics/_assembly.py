@@ -1,16 +1,20 @@
 """Builds the netlist of a rig."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from .._arguments import of_kind
 from .._name_suggestions import unknown_name
 from ..errors import RigError
-from ..rig import Heater, Rig, Value
+from ..rig import Heater, NonlinearLink, Rig, Value
 from ..rig._plate import AMBIENT
+from ._heat_loss import RADIATION_AT_ROOM, STEFAN_BOLTZMANN
 from ._netlist import (
     OWN_VOLTAGE,
     Link,
+    LinkRole,
     Loss,
+    LossPath,
     Netlist,
     Node,
     Reservoir,
@@ -94,16 +98,33 @@ def build_netlist(rig: Rig) -> Netlist:
         if body.temperature is not None
     )
     held = {AMBIENT, *(reservoir.name for reservoir in reservoirs)}
-    links += [
-        Link.of(
-            rig.inputs, *((b, a) if a in held else (a, b)), link.resistance * link.factor, "body"
-        )
-        for link in rig.links
-        for a, b in link.between
-    ]
+    paths: list[LossPath] = []
+    for link in rig.links:
+        for pair in link.between:
+            a, b = pair[::-1] if pair[0] in held else pair
+            if isinstance(link, NonlinearLink):
+                paths.append(_loss_path(link, a, b))
+                links += _linear_parts(paths[-1])
+            else:
+                links.append(Link.of(rig.inputs, a, b, link.resistance * link.factor, "body"))
     sensors, sensor_links = lagging_sensors(rig, nodes)
     nodes = _with_own_starts(rig, (*nodes, *sensors))
-    return Netlist(nodes, (*links, *sensor_links), tuple(cells), _loss(rig), reservoirs)
+    return Netlist(nodes, (*links, *sensor_links), tuple(cells), _loss(rig, paths), reservoirs)
+
+
+def _loss_path(link: NonlinearLink, a: str, b: str) -> LossPath:
+    none = Value(0.0)
+    return LossPath(a, b, link.convection or none, link.exponent, link.radiating_area or none)
+
+
+def _linear_parts(path: LossPath) -> list[Link]:
+    """What the network contains of a path, so that all that is stiff is in it."""
+    by_area = Value(STEFAN_BOLTZMANN * RADIATION_AT_ROOM)
+    parts: list[tuple[LinkRole, Value]] = [
+        ("convection", path.convection),
+        ("radiation", by_area * path.radiating),
+    ]
+    return [Link(path.a, path.b, (), role, (value,)) for role, value in parts if value.factor]
 
 
 def _with_own_starts(rig: Rig, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
@@ -134,11 +155,12 @@ def _heater_element(heater: Heater) -> ThermoelectricElement:
         seebeck_coefficient=Value(0.0),
         electrical_resistance=resistance,
         has_own_supply=heater.power is not None,
+        drive_exponent=heater.drive_exponent,
     )
 
 
-def _loss(rig: Rig) -> Loss | None:
-    """The nonlinear part of the plate's losses."""
+def _loss(rig: Rig, paths: Sequence[LossPath]) -> Loss | None:
+    """The nonlinear part of the plate's losses and of the links."""
     plate = rig.plate
     radiators = []
     if plate.emissivity is not None:
@@ -146,6 +168,6 @@ def _loss(rig: Rig) -> Loss | None:
         for name in plate.element_names:
             area = exposed_area(plate, name, bare.get(name, FULL_FACE))
             radiators.append((name, tuple(plate.emissivity * term for term in area)))
-    if plate.film_exponent is None and not radiators:
+    if plate.film_exponent is None and not radiators and not paths:
         return None
-    return Loss(plate.film_exponent, tuple(radiators))
+    return Loss(plate.film_exponent, tuple(radiators), tuple(paths))

@@ -27,6 +27,21 @@ class CellHeat(NamedTuple):
     power: Float[Array, "*cells"]
 
 
+IDLE = 1e-4
+"""The duty below which the heat of a heater is proportional to it: a fractional power has no
+derivative at zero. Full duty is not changed, and a quadratic law by 5e-9 of the power."""
+
+
+def share_of_duty(
+    duty: Float[Array, "*cells"], exponent: Float[Array, "*#cells"]
+) -> Float[Array, "*cells"]:
+    r"""The share of its power that a heater gives at a duty,
+    $d \left(\frac{d^2 + s^2}{1 + s^2}\right)^{(p - 1) / 2}$ with $s$ = `IDLE`, which is $d^p$ but
+    for the smallest duties."""
+    square = (duty**2 + IDLE**2) / (1 + IDLE**2)
+    return duty * jnp.exp((exponent - 1) / 2 * jnp.log(square))
+
+
 @final
 class Bridge(eqx.Module):
     r"""An H-bridge between a supply and each cell.
@@ -61,6 +76,8 @@ class Bridge(eqx.Module):
     - `own_voltage`: the voltage of these supplies, V.
     - `supply_share`: the share of the supply's voltage that reaches each bridge; None for all of
       it, as in a rig without a fault.
+    - `drive_exponent`: the exponent of the duty to which the heat of each heater of a given power
+      is proportional, see `share_of_duty`; None if all are 1.
     """
 
     supply_voltage: Float[ArrayLike, ""]
@@ -73,6 +90,7 @@ class Bridge(eqx.Module):
     own_supply: tuple[bool, ...] = eqx.field(static=True, default=())
     own_voltage: Float[ArrayLike, ""] = OWN_VOLTAGE.factor
     supply_share: Float[Array, " cells"] | None = None
+    drive_exponent: Float[Array, "*cells"] | None = None
 
     def heat(
         self,
@@ -154,6 +172,9 @@ class Bridge(eqx.Module):
         if self.heaters:  # without the kink at 0, so that their heat has a derivative there
             heaters = np.array(self.heaters)
             share, sign = jnp.where(heaters, duty, share), jnp.where(heaters, 1.0, sign)
+        if self.drive_exponent is not None:
+            law = share_of_duty(duty, self.drive_exponent)
+            share = jnp.where(np.array(self.own_supply), law, share)
         return share, sign
 
     def _limited(self, current: Float[Array, "*shape"]) -> Float[Array, "*shape"]:

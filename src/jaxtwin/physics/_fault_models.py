@@ -162,8 +162,10 @@ def leaking(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
         )
         if system.loss is None:
             return changed
-        of_plate = jnp.where(chosen[: system.wiring.elements], factor, 1.0)
-        parts = [system.loss.film * of_plate, system.loss.radiating * of_plate]
+        paths = system.wiring.loss_paths
+        assert paths is not None
+        of_path = jnp.where(chosen[paths.near] & (paths.far == -1), factor, 1.0)
+        parts = [system.loss.film * of_path, system.loss.radiating * of_path]
         return eqx.tree_at(lambda s: [s.loss.film, s.loss.radiating], changed, parts)
 
     return fault

@@ -1,8 +1,10 @@
-r"""Losses of the plate that do not grow in proportion to its temperature.
+r"""Heat flows that do not grow in proportion to a temperature difference: the losses of the plate,
+and links by natural convection and radiation.
 
 Natural convection takes away heat as $\Delta T^{1 + n}$ ($n = 1/4$ for a plate in laminar flow,
 Churchill and Chu 1975), radiation as $T^4 - T_a^4$. The conductance matrix of the network contains
-the film at the reference rise. The remainder is a small heat flow that is not stiff.
+the film at the reference rise, and the radiation of links at `ROOM`. The remainder is a small heat
+flow that is not stiff.
 """
 
 from typing import final
@@ -10,7 +12,8 @@ from typing import final
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from ..rig._plate import FILM_REFERENCE
 
@@ -21,42 +24,54 @@ CALM = 1.0
 """The rise below which the film stops falling, K: the air of a room is never still, and a
 fractional power has no derivative at zero."""
 
+ROOM = 293.15
+"""The temperature at which the radiation of a link is a part of the conductance matrix, K."""
+
+RADIATION_AT_ROOM = 4 * ROOM**3
+"""The conductance there of a link that radiates, divided by its area, its emissivity and the
+constant, K^3."""
+
 
 @final
 class NonlinearLoss(eqx.Module):
-    r"""The losses of the plate beyond its linear film.
+    r"""The heat flows beyond those of the conductance matrix.
 
     $$q = g \left[\left(\frac{\Delta T^2 + s^2}{\Delta T_0^2 + s^2}\right)^{n/2} - 1\right]
-    \Delta T + \varepsilon \sigma A (T^4 - T_a^4)$$
+    \Delta T + \varepsilon \sigma A (T^4 - T_a^4 - b \Delta T)$$
 
     with $\Delta T_0$ = `FILM_REFERENCE` and $s$ = `CALM`.
 
     **Arguments:**
 
-    - `film`: $g$, of each plate node at the reference rise, W/K.
+    - `film`: $g$, of each path at the reference rise, W/K.
     - `exponent`: $n$.
-    - `radiating`: $\varepsilon A$ of each plate node, m^2.
+    - `radiating`: $\varepsilon A$ of each path, m^2.
+    - `linear`: $b$, what the conductance matrix contains of the radiation: 0 for the plate,
+      `RADIATION_AT_ROOM` for links, K^3; None for paths of the plate alone.
     """
 
     film: Float[Array, "*elements"]
     exponent: Float[Array, "*#elements"]
     radiating: Float[Array, "*elements"]
+    linear: Float[Array, "*elements"] | None = None
 
     def heat(
         self, rise: Float[Array, "*elements"], ambient: Float[Array, "*#elements"]
     ) -> Float[Array, "*elements"]:
-        """Computes the heat flow to the surroundings in addition to that of the linear film, W.
+        """Computes the heat flow in addition to that of the conductance matrix, W.
 
         **Arguments:**
 
-        - `rise`: the rise of each plate node above the surroundings, K.
-        - `ambient`: absolute temperature of the surroundings, K.
+        - `rise`: the rise of the near end of each path above the far end, K.
+        - `ambient`: absolute temperature of the far end, such as the surroundings, K.
         """
         square = (rise**2 + CALM**2) / (FILM_REFERENCE**2 + CALM**2)
         convection = self.film * (jnp.exp(self.exponent / 2 * jnp.log(square)) - 1) * rise
         # T^4 - Ta^4 without the difference of two large numbers.
         hot = ambient + rise
         radiation = rise * (hot + ambient) * (hot**2 + ambient**2)
+        if self.linear is not None:
+            radiation = radiation - self.linear * rise
         return convection + STEFAN_BOLTZMANN * self.radiating * radiation
 
     def slope(
@@ -64,3 +79,90 @@ class NonlinearLoss(eqx.Module):
     ) -> Float[Array, "*elements"]:
         """Derivative of `heat` with respect to the rise, W/K."""
         return jax.jvp(lambda rise: self.heat(rise, ambient), (rise,), (jnp.ones_like(rise),))[1]
+
+
+@final
+class FarEnds(eqx.Module):
+    """The far ends of paths that are no nodes, as deviations from a reference.
+
+    - `to_ambient`: 1 for each path that ends at the surroundings, else 0.
+    - `held`: the deviation of the body of a given temperature at which a path ends, K, else 0.
+    """
+
+    to_ambient: Float[Array, " paths"]
+    held: Float[Array, " paths"]
+
+
+@final
+class LossPaths:
+    """Where nonlinear heat flows: from which node to which end. Those of the plate, from each
+    element to the surroundings, are the first.
+
+    **Arguments:**
+
+    - `near`: the node at which each path begins.
+    - `far`: the node at which it ends; -1 for the surroundings, and below that the bodies of given
+      temperatures: -2 for the first.
+    - `elements`: how many paths are those of the plate, whose elements are the first nodes.
+    """
+
+    def __init__(
+        self, near: Int[np.ndarray, " paths"], far: Int[np.ndarray, " paths"], elements: int
+    ):
+        self.near, self.far, self.elements = near, far, elements
+        self.is_of_plate = len(near) == elements
+        self.linear = np.where(np.arange(len(near)) < elements, 0.0, RADIATION_AT_ROOM)
+        self.between = np.flatnonzero(far >= 0)  # the paths that end at nodes
+
+    def across(self, of_nodes: Float[Array, "nodes *columns"]) -> Float[Array, "paths *columns"]:
+        """The values of the near ends, less those of the far ends that are nodes."""
+        if self.is_of_plate:
+            return of_nodes[: self.elements]
+        near = of_nodes[self.near]
+        return near.at[self.between].add(-of_nodes[self.far[self.between]])
+
+    def at_far(self, of_nodes: Float[Array, "nodes *columns"]) -> Float[Array, "paths *columns"]:
+        """The values of the far ends, 0 for those that are no nodes."""
+        near = jnp.zeros((len(self.near), *of_nodes.shape[1:]), of_nodes.dtype)
+        return near.at[self.between].set(of_nodes[self.far[self.between]])
+
+    def into_nodes(
+        self, lost: Float[Array, "paths *columns"], heat: Float[Array, "nodes *columns"]
+    ) -> Float[Array, "nodes *columns"]:
+        """The heat of the nodes, which some of it leaves on the paths."""
+        if self.is_of_plate:
+            return heat.at[: self.elements].add(-lost)
+        heat = heat.at[self.near].add(-lost)
+        return heat.at[self.far[self.between]].add(lost[self.between])
+
+    def conductance_matrix(
+        self, values: Float[np.ndarray | Array, " paths"]
+    ) -> tuple[Int[np.ndarray, "2 entries"], Float[np.ndarray | Array, " entries"]]:
+        """The places in a conductance matrix to which conductances of the paths are added, and the
+        values there."""
+        near, far, both = self.near, self.far[self.between], self.near[self.between]
+        rows, columns = (
+            np.concatenate([near, far, both, far]),
+            np.concatenate([near, far, far, both]),
+        )
+        inner = values[self.between]
+        joined = jnp.concatenate if isinstance(values, jax.Array) else np.concatenate
+        return np.stack([rows, columns]), joined([values, inner, -inner, -inner])
+
+    def ends(
+        self,
+        across: Float[Array, " paths"],
+        at_far: Float[Array, " paths"] | None,
+        far: FarEnds | None,
+        reference: Float[Array, ""],
+        ambient: Float[Array, ""] | float,
+    ) -> tuple[Float[Array, " paths"], Float[Array, "*paths"]]:
+        """The rise of the near ends above the far ends, K, and the temperatures of these, K.
+
+        **Arguments:** deviations from the reference: `across` and `at_far` of the nodes, the `far`
+        ends that are none, and the `ambient`.
+        """
+        if far is None or at_far is None:
+            return across - ambient, jnp.asarray(reference + ambient)
+        held = far.to_ambient * ambient + far.held
+        return across - held, reference + held + at_far

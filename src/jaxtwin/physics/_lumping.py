@@ -62,7 +62,8 @@ def _lumped_loss(netlist: Netlist, name: dict[str, str]) -> Loss | None:
     radiators: dict[str, tuple[Value, ...]] = {}
     for node, areas in netlist.loss.radiators:
         radiators[name[node]] = radiators.get(name[node], ()) + areas
-    return Loss(netlist.loss.exponent, tuple(radiators.items()))
+    paths = tuple(replace(path, a=name[path.a], b=name[path.b]) for path in netlist.loss.paths)
+    return Loss(netlist.loss.exponent, tuple(radiators.items()), paths)
 
 
 def _equal_nodes(netlist: Netlist) -> list[int]:
@@ -84,8 +85,11 @@ def _equal_nodes(netlist: Netlist) -> list[int]:
     other = np.concatenate([ends[1], ends[0][inner]])
     starts = np.searchsorted(np.sort(node), np.arange(len(netlist.nodes) + 1))
     radiating = dict(netlist.loss.radiators) if netlist.loss is not None else {}
-    # The sides of the cells are not combined, because each cell has its drive.
+    # The sides of the cells are not combined, because each cell has its drive, nor are the ends of
+    # nonlinear links, whose laws are no part of the links.
     sides = {side for cell in netlist.cells for side in (cell.cold, cell.hot)}
+    if netlist.loss is not None:
+        sides |= {end for path in netlist.loss.paths for end in (path.a, path.b)}
     colours = _numbered(
         [
             (

@@ -13,6 +13,9 @@ from ..rig._placement import is_derived
 from ..rig._plate import AMBIENT
 from ._placed import all_values
 
+LinkRole = Literal[
+    "conduction", "film", "contact", "module", "sink", "body", "sensor", "convection", "radiation"
+]
 NodeKind = Literal["plate", "cell", "sink", "body", "sensor"]
 
 
@@ -62,7 +65,8 @@ class Link:
     - `a`, `b`: names of nodes; `b` may be `"ambient"` or a reservoir.
     - `resistances`: the resistances in series, K/W, such as conduction and convection of eq. (6).
     - `role`: the part that it represents: `"conduction"`, `"film"`, `"contact"`, `"module"`,
-      `"sink"`, `"body"` or `"sensor"`.
+      `"sink"`, `"body"`, `"sensor"`, or `"convection"` and `"radiation"` for the linear part of
+      these.
     - `conductances`: for a link that an input changes, or whose conductance depends on the place of
       a cell, the terms of the sum that is its conductance, which may be 0, W/K; such a link has no
       `resistances`.
@@ -71,7 +75,7 @@ class Link:
     a: str
     b: str
     resistances: tuple[Value, ...]
-    role: Literal["conduction", "film", "contact", "module", "sink", "body", "sensor"]
+    role: LinkRole
     conductances: tuple[Value, ...] = ()
 
     @classmethod
@@ -116,6 +120,7 @@ class ThermoelectricElement:
     - `thermal_resistance`: K/W; it is also one of the links. None for a heater.
     - `has_own_supply`: whether a supply of `OWN_VOLTAGE` without a resistance, which is switched on
       and off, feeds it in place of the driver's: a heater of a given power.
+    - `drive_exponent`: that of a heater whose heat is no multiple of its duty, or None.
     """
 
     name: str
@@ -125,6 +130,7 @@ class ThermoelectricElement:
     electrical_resistance: Value
     thermal_resistance: Value | None = None
     has_own_supply: bool = False
+    drive_exponent: Value | None = None
 
     @property
     def is_heater(self) -> bool:
@@ -134,18 +140,36 @@ class ThermoelectricElement:
 
 @final
 @dataclass(frozen=True)
+class LossPath:
+    """A link by natural convection and radiation; fields as in `NonlinearLink`.
+
+    - `a`, `b`: a node, and a node, a reservoir or `"ambient"`.
+    """
+
+    a: str
+    b: str
+    convection: Value
+    exponent: Value
+    radiating: Value
+
+
+@final
+@dataclass(frozen=True)
 class Loss:
-    """The change of the plate's losses to the surroundings with its temperature.
+    """What is not proportional to a temperature difference: the change of the plate's losses to
+    the surroundings with its temperature, and links.
 
     - `exponent`: the conductance of links of the role `"film"` is proportional to the temperature
       difference to this power, and has the stated value at a difference of 20 K; None for a
       constant conductance.
     - `radiators`: pairs (node, emissivity times area, m^2, as the terms of a sum) for each
       radiating node.
+    - `paths`: the links by natural convection and radiation.
     """
 
     exponent: Value | None = None
     radiators: tuple[tuple[str, tuple[Value, ...]], ...] = ()
+    paths: tuple[LossPath, ...] = ()
 
 
 @final
@@ -159,7 +183,7 @@ class Netlist:
 
     - `nodes`, `links`, `cells`: the parts of the network, in the order of all arrays. Heaters are
       the last of the `cells`.
-    - `loss`: the nonlinear part of the losses; None if they are linear.
+    - `loss`: the nonlinear part of losses and links; None if they are linear.
     - `reservoirs`: the bodies at a fixed temperature, without the surroundings.
     """
 

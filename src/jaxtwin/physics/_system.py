@@ -6,8 +6,8 @@ ambient temperature at the start), $u$ the duty cycles and $a$ the ambient's own
 $$C \dot x = -G x + g_{amb} a + q(x, u, a)$$
 
 $G$ is the conductance matrix of the network. $q$ has three parts: the heat that the cells move (eq.
-9 of the paper), which acts only on the two sides of each cell; the losses of the plate beyond $G$,
-if the rig's losses are nonlinear; and the constant heat of bodies at a fixed temperature.
+9 of the paper), which acts only on the two sides of each cell; the losses of the plate and the heat
+in links beyond $G$, if these are nonlinear; and the constant heat of bodies at a fixed temperature.
 Deviations instead of temperatures near 300 K keep float32 usable.
 """
 
@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._lapack import solve
 from ._driver import Bridge, CellHeat
-from ._heat_loss import NonlinearLoss
+from ._heat_loss import FarEnds, NonlinearLoss
 from ._input_effects import Conditions
 from ._netlist import OWN_VOLTAGE
 from ._thermoelectric import ThermoelectricModule
@@ -63,7 +63,7 @@ class System(eqx.Module):
     - `ambient_drift`: the rate at which the ambient changes from there, K/s, or None.
     - `gain`: the gains of the channels. `moved_weights`: the weights of the nodes in the channels
       after the camera's registration; None if those of the wiring apply.
-    - `loss`: the heat loss of the plate beyond the network's links, None for none.
+    - `loss`: the heat flows beyond those of the network's links, None for none.
     - `reservoirs`: the bodies that are held at fixed temperatures, None for none.
     - `lag`, `delay`: the lag and the delay between the command and the duty cycle that reaches the
       cells, s, or None.
@@ -150,6 +150,7 @@ class System(eqx.Module):
                 heaters=wiring.heaters,
                 own_supply=wiring.own_supply,
                 own_voltage=jnp.asarray(OWN_VOLTAGE.factor, capacitance.dtype),
+                drive_exponent=wiring.drive_exponents and wiring.drive_exponents(values_si),
             ),
             ambient_temperature=wiring.ambient(values_si)[0],
             ambient_drift=drift,
@@ -239,14 +240,40 @@ class System(eqx.Module):
         if self.reservoirs is not None:
             flow = flow + self.reservoirs.heat(reference)
         if self.loss is not None:
-            plate = slice(wiring.elements)
-            rise = deviation[plate] - ambient_deviation
-            flow = flow.at[plate].add(-self.loss.heat(rise, reference + ambient_deviation))
+            assert wiring.loss_paths is not None
+            ends = self.loss_ends(deviation, reference, ambient_deviation)
+            flow = wiring.loss_paths.into_nodes(self.loss.heat(*ends), flow)
         if self.conductance_change is not None and wiring.input_wiring is not None:
             incidence = jnp.asarray(wiring.input_wiring.differences, deviation.dtype)
             difference = incidence @ deviation + self.held_differences(reference, ambient_deviation)
             flow = flow - (self.conductance_change * difference) @ incidence
         return flow.at[wiring.cold].add(-heat.cold).at[wiring.hot].add(heat.hot)
+
+    def far_ends(self, reference: Float[Array, ""]) -> FarEnds | None:
+        """The far ends of nonlinear paths that are no nodes; None for the plate's alone, which
+        all end at the surroundings."""
+        paths = self.wiring.loss_paths
+        if paths is None or paths.is_of_plate:
+            return None
+        held = jnp.zeros(len(paths.far), reference.dtype)
+        if self.reservoirs is not None:
+            to = np.flatnonzero(paths.far < -1)
+            above = self.reservoirs.temperature - reference
+            held = held.at[to].set(above[-2 - paths.far[to]])
+        return FarEnds(jnp.asarray(paths.far == -1, reference.dtype), held)
+
+    def loss_ends(
+        self,
+        deviation: Float[Array, " nodes"],
+        reference: Float[Array, ""],
+        ambient_deviation: Float[Array, ""] | float = 0.0,
+    ) -> tuple[Float[Array, " paths"], Float[Array, "*paths"]]:
+        """The arguments of `loss` at these deviations of the nodes."""
+        paths = self.wiring.loss_paths
+        assert paths is not None
+        far = self.far_ends(reference)
+        at_far = None if far is None else paths.at_far(deviation)
+        return paths.ends(paths.across(deviation), at_far, far, reference, ambient_deviation)
 
     def steady_state(
         self, duty: Float[Array, " cells"], reference: Float[Array, ""]
@@ -379,8 +406,14 @@ def _loss(
 ) -> NonlinearLoss | None:
     if wiring.exponent is None or wiring.radiating is None or wiring.film_sums is None:
         return None
+    film, paths = wiring.film_sums(conductances), wiring.loss_paths
+    if wiring.convection is not None:
+        film = jnp.concatenate([film, wiring.convection(values_si)])
     return NonlinearLoss(
-        film=wiring.film_sums(conductances),
-        exponent=wiring.exponent(values_si)[0],
+        film=film,
+        exponent=wiring.exponent(values_si),
         radiating=wiring.radiating(values_si) if radiating is None else radiating,
+        linear=None
+        if paths is None or paths.is_of_plate
+        else jnp.asarray(paths.linear, film.dtype),
     )

@@ -17,6 +17,7 @@ from ..rig import Driver, Input, Rig, Value
 from ..rig._plate import AMBIENT
 from ._assembly import build_netlist
 from ._expressions import Expressions
+from ._heat_loss import LossPaths
 from ._input_effects import InputWiring
 from ._link_sums import MAX_TABLE, LinkSums
 from ._lumping import lump
@@ -50,11 +51,13 @@ class Wiring:
     - `cold`, `hot` (cells,): the nodes of the cells' two sides, which are the same for a heater.
     - `heaters`, `own_supply`: for each cell whether it is a heater, and whether it has a supply of
       its own, see `ThermoelectricElement`; each empty if none is or has.
+    - `drive_exponents`: of the duty of each cell and heater as `Expressions`, None if all are 1.
     - `channel_weights` (channels, nodes), and the `zones` that move them if the rig's camera has
       a registration, else None.
     - `elements`: the number of nodes of the plate, which are the first nodes.
-    - `exponent` of the film, `radiating` area of the elements as `Expressions`, and `film_sums`:
-      sums over the links of each element's film; all None if losses are linear.
+    - `loss_paths`: where heat flows that is not linear; the `exponent` and the `radiating` area of
+      each path as `Expressions`, `film_sums`: sums over the links of each element's film, and the
+      `convection` of the other paths, None if there are none; all None if losses are linear.
     - `gain_names`: names of parameters that act only on gains of channels.
     - `lag` and `delay` of the command, the cells' `current_limit` and `ambient_drift` as
       `Expressions`, or None.
@@ -132,6 +135,10 @@ class Wiring:
         own = tuple(cell.has_own_supply for cell in cells)
         self.heaters = heaters if any(heaters) else ()
         self.own_supply = own if any(own) else ()
+        laws = [cell.drive_exponent for cell in cells]
+        self.drive_exponents = (
+            Expressions([[law or Value(1.0)] for law in laws]) if any(laws) else None
+        )
         self.bridge_constants = Expressions(
             [[driver.supply_voltage], [driver.supply_resistance], [driver.on_resistance]]
         )
@@ -180,21 +187,31 @@ class Wiring:
         return [(index[link.a], n) for n, link in enumerate(links) if link.b == AMBIENT]
 
     def _sum_losses(self) -> None:
-        """Sums the losses of the plate beyond its linear losses."""
+        """Sums the heat flows beyond those of the conductance matrix."""
         loss, links = self.netlist.loss, self.netlist.links
-        self.exponent = self.radiating = self.film_sums = None
+        self.exponent = self.radiating = self.film_sums = self.loss_paths = self.convection = None
         if loss is None:
             return
-        self.exponent = Expressions([[loss.exponent or Value(0.0)]])
-        areas = dict(loss.radiators)
-        elements = self.netlist.nodes[: self.elements]
-        self.radiating = Expressions([areas.get(node.name, ()) for node in elements])
+        areas, paths = dict(loss.radiators), loss.paths
+        count = 0 if loss.exponent is None and not areas else self.elements
+        of_plate = loss.exponent or Value(0.0)
+        self.exponent = Expressions([[of_plate]] * count + [[path.exponent] for path in paths])
+        elements = self.netlist.nodes[:count]
+        self.radiating = Expressions(
+            [*(areas.get(node.name, ()) for node in elements), *([p.radiating] for p in paths)]
+        )
         films = [
             (node, number)
             for node, number in self._links_to_ambient()
-            if node < self.elements and links[number].role == "film"
+            if node < count and links[number].role == "film"
         ]
-        self.film_sums = LinkSums(self.elements, films, len(links))
+        self.film_sums = LinkSums(count, films, len(links))
+        self.convection = Expressions([[path.convection] for path in paths]) if paths else None
+        held = [AMBIENT, *(reservoir.name for reservoir in self.netlist.reservoirs)]
+        ends = self.netlist.index | {name: -1 - place for place, name in enumerate(held)}
+        near = [*range(count), *(ends[path.a] for path in paths)]
+        far = [-1] * count + [ends[path.b] for path in paths]
+        self.loss_paths = LossPaths(np.array(near, np.int32), np.array(far, np.int32), count)
 
     def conductances(self, values_si: Mapping[str, Float[Array, ""]]) -> Float[Array, " links"]:
         """The conductances of all links, those that inputs change where no input is stated, W/K."""

@@ -84,6 +84,8 @@ def draw_bodies(
             other = link.a if link.b == body.name else link.b
             other = surroundings if other == AMBIENT else other
             note = f"{float(link.resistance(values)):.3g} K/W to {other}"
+            if link.role in ("convection", "radiation"):
+                note += f" by {link.role}"
             if other in lags:
                 note = f"{other.removesuffix('.SENSOR')}, {lags[other]:.3g} s behind"
             draw_note(ax, x - (BOX / 2 - 0.1) * layout.inch, y, note)
@@ -99,7 +101,9 @@ def draw_links_on_plate(ax: Axes, twin: Twin, values: Mapping[str, float]) -> No
     plate = twin.rig.plate
     elements = set(plate.element_names)
     for link in twin.netlist.links:
-        if link.role != "body" or not elements.issuperset((link.a, link.b)):
+        if link.role not in ("body", "convection", "radiation") or not elements.issuperset(
+            (link.a, link.b)
+        ):
             continue
         places = [100 * sum(plate.extent(end)[k] for k in (0, 1)) / 2 for end in (link.a, link.b)]
         heights = [100 * sum(plate.extent(end)[k] for k in (2, 3)) / 2 for end in (link.a, link.b)]

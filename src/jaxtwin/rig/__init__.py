@@ -25,7 +25,7 @@ from ._bundled import bundled_materials, bundled_modules, bundled_rigs
 from ._camera import Camera, CommonError, Registration, Sensors
 from ._cell import Cell
 from ._channel import Channel
-from ._circuit import Circuit, CircuitLink
+from ._circuit import Circuit, CircuitLink, NonlinearLink
 from ._datasheet import Datasheet, load_module
 from ._driver import Driver
 from ._heater import Heater
@@ -66,6 +66,7 @@ __all__ = [
     "Input",
     "Material",
     "NodesSensor",
+    "NonlinearLink",
     "Parameter",
     "Placement",
     "Plate",

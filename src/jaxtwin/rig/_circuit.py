@@ -27,6 +27,28 @@ class CircuitLink:
 
 @final
 @dataclass(frozen=True)
+class NonlinearLink:
+    """Natural convection, radiation or both between the two nodes of each pair; what a resistance
+    carries beside them is a `CircuitLink`.
+
+    **Arguments:**
+
+    - `convection`: the conductance of natural convection at a temperature difference of
+      `FILM_REFERENCE`, W/K; it grows with the difference to the power of `exponent`. None for no
+      convection.
+    - `exponent`: dimensionless.
+    - `radiating_area`: emissivity times area, m^2; None for no radiation.
+    - `between`: pairs of names as in `CircuitLink`.
+    """
+
+    convection: Value | None
+    exponent: Value
+    radiating_area: Value | None
+    between: tuple[tuple[str, str], ...]
+
+
+@final
+@dataclass(frozen=True)
 class Circuit:
     """The plate as an explicit network of equal capacitances and named resistances.
 

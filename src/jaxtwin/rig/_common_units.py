@@ -53,6 +53,7 @@ COMMON_UNITS = MappingProxyType(
         "K": _unit(1.0, 0, 0, 0, 0, 1),
         "degC": _unit(1.0, 0, 0, 0, 0, 1, offset=ZERO_CELSIUS),
         "K/W": _unit(1.0, -1, -2, 3, 0, 1),
+        "W/K": _unit(1.0, 1, 2, -3, 0, -1),
         "K/s": _unit(1.0, 0, 0, -1, 0, 1),
         "K/hour": _unit(1 / 3600, 0, 0, -1, 0, 1),
         "V/K": _unit(1.0, 1, 2, -3, -1, -1),

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import final
 
 from .._name_suggestions import unknown_name
-from ._input import Input, Switched
+from ._input import Input, Switched, depends_on
 from ._parameter import Parameter
 from ._problems import refuse
 from ._units import (
@@ -75,6 +75,10 @@ class Fields:
                 self.refuse(field, f"expected {problem}, got {result} as the {which} of {text!r}")
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
+
+    def depends_on_input(self, value: Value) -> bool:
+        """Whether a value depends on an input."""
+        return depends_on(value, tuple(self._inputs.values()))
 
     def bounds(self, value: Value) -> tuple[float, float]:
         """The lowest and the highest number that a `value` may have: the bounds of a parameter, in

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from ._body import Body
 from ._cell import Cell
-from ._circuit import Circuit, CircuitLink
+from ._circuit import Circuit, CircuitLink, NonlinearLink
 from ._fields import Fields
 from ._heater import Heater
 from ._plate import AMBIENT, Plate
@@ -16,7 +16,7 @@ def check_grounded(
     cells: Sequence[Cell],
     heaters: Sequence[Heater],
     bodies: Sequence[Body],
-    links: Sequence[CircuitLink],
+    links: Sequence[CircuitLink | NonlinearLink],
     fields: Fields,
 ) -> None:
     """Refuses a part of the rig whose heat has no path to the surroundings or to a body at a fixed

@@ -23,6 +23,8 @@ class Heater:
     - `power`: the power at full duty, to which the heat is proportional, W.
     - `electrical_resistance`: the resistance that the driver connects to its supply, ohm.
     - `placement`: its place on the plate; None if the file lists contacts.
+    - `drive_exponent`: the heat is the power times the duty to this power; None for a heat that is
+      proportional to the duty.
     - `time_proportional`: the relay that switches it; None where the duty is that of a fast PWM.
     """
 
@@ -31,6 +33,8 @@ class Heater:
     power: Value | None = None
     electrical_resistance: Value | None = None
     placement: Placement | None = None
+    # Part of the fingerprint of a rig, but not of one without it.
+    drive_exponent: Value | None = field(default=None, repr=False)
     # A twin has the mean over a window, so that its temperatures, and the fingerprint of its rig,
     # which is made of this text, do not depend on it.
     time_proportional: RelayWindow | None = field(default=None, repr=False)

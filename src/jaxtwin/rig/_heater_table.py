@@ -13,7 +13,15 @@ from ._placement_table import build_placement, placed_contacts
 from ._plate import AMBIENT, Plate
 from ._relay_window import RelayWindow
 from ._schema import BodyTable, HeaterTable, TimeProportionalTable
-from ._units import DURATION, ELECTRICAL_RESISTANCE, HEATER_POWER, SHORTEST
+from ._units import (
+    DRIVE_EXPONENT,
+    DURATION,
+    ELECTRICAL_RESISTANCE,
+    HEATER_POWER,
+    SHORTEST,
+    is_quantity,
+)
+from ._value import Value
 
 
 def heater_bodies(
@@ -145,10 +153,43 @@ def build_heater(
             f"{at}.electrical_resistance", table.electrical_resistance, ELECTRICAL_RESISTANCE
         ),
         placement=build_placement(at, table, plate, fields),
+        drive_exponent=_drive_exponent(f"{at}.drive", table, fields),
         time_proportional=None
         if table.time_proportional is None
         else _time_proportional(f"{at}.time_proportional", table.time_proportional, fields),
     )
+
+
+# The laws of the drive that have names, as exponents of the duty.
+DRIVES = {"proportional": None, "quadratic": Value(2.0)}
+
+
+def _drive_exponent(at: str, table: HeaterTable, fields: Fields) -> Value | None:
+    """The exponent of the duty to which the heat is proportional; None for the duty itself.
+
+    **Raises:** `RigError` for a law beside a resistance, whose driver has one, or beside a relay.
+    """
+    if table.drive in DRIVES:
+        exponent = DRIVES[table.drive]
+    elif table.drive.isidentifier() or is_quantity(table.drive):
+        exponent = fields.value(at, table.drive, DRIVE_EXPONENT)
+    else:
+        fields.refuse(
+            at,
+            f"expected {' or '.join(map(repr, DRIVES))}, or an exponent of the duty, "
+            f"{DRIVE_EXPONENT}, got {table.drive!r}",
+        )
+    if exponent is not None and table.power is None:
+        fields.refuse(
+            at,
+            "expected a power beside it, got an electrical_resistance, whose law is the "
+            'driver\'s: averaging = "on-off" is proportional, "voltage" quadratic',
+        )
+    if exponent is not None and table.time_proportional is not None:
+        fields.refuse(
+            at, "expected none beside time_proportional: the heat of a relay is proportional"
+        )
+    return exponent
 
 
 def _time_proportional(at: str, table: TimeProportionalTable, fields: Fields) -> RelayWindow:

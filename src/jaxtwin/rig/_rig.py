@@ -12,7 +12,7 @@ from ._body import Body
 from ._camera import Camera, CommonError, Sensors
 from ._cell import Cell
 from ._channel import Channel
-from ._circuit import Circuit, CircuitLink
+from ._circuit import Circuit, CircuitLink, NonlinearLink
 from ._driver import Driver
 from ._heater import Heater
 from ._input import Input, nominal_inputs
@@ -77,7 +77,7 @@ class Rig:
     ambient_drift: Value | None = None
     sensors: Sensors | None = None
     bodies: tuple[Body, ...] = ()
-    links: tuple[CircuitLink, ...] = ()
+    links: tuple[CircuitLink | NonlinearLink, ...] = ()
     inputs: tuple[Input, ...] = ()
     initial_nodes: tuple[tuple[str, Value], ...] = ()
     heaters: tuple[Heater, ...] = ()
@@ -156,7 +156,9 @@ class Rig:
         names = [part.name for part in fields(self) if part.name not in (*words, *values)]
         equations = {name: getattr(self, name) for name in names}
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
-        text = repr((equations, units, self.maximum_temperature))
+        drives = [(one.name, one.drive_exponent) for one in self.heaters if one.drive_exponent]
+        more = (drives,) if drives else ()  # rigs of before keep their fingerprints
+        text = repr((equations, units, self.maximum_temperature, *more))
         return hashlib.sha256(text.encode()).hexdigest()
 
     def __hash__(self) -> int:

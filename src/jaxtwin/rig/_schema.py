@@ -187,9 +187,15 @@ class FanTable(Table):
     exponent: Annotated[float, Field(gt=0, le=2)] = 0.5
 
 
-class BodyLinkTable(LinkTable):
-    resistance: QuantityOrSwitch
+class BodyLinkTable(Table):
+    resistance: QuantityOrSwitch | None = None
+    factor: Annotated[float, Field(gt=0)] = 1.0
+    between: Annotated[list[Text], Field(min_length=1)]
     fan: FanTable | None = None
+    convection: Quantity | None = None
+    convection_exponent: Quantity | None = None
+    radiating_area: Quantity | None = None
+    emissivity: Quantity | None = None
 
 
 class CellTable(Table):
@@ -233,6 +239,7 @@ class HeaterTable(Table):
     contact_resistance: Quantity | None = None
     capacitance: Quantity | None = None
     initial_temperature: Quantity | None = None
+    drive: Quantity = "proportional"
     time_proportional: TimeProportionalTable | None = None
 
 

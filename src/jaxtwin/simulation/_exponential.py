@@ -28,9 +28,8 @@ from jaxtyping import Array, Float
 
 from .._jax_settings import in_precision
 from ..physics import System
-from ..physics._heat_loss import NonlinearLoss
 from ..physics._input_effects import Conditions
-from ._modes import Modes
+from ._modes import LossShapes, Modes
 
 
 @final
@@ -141,7 +140,7 @@ class ModalField(eqx.Module):
             force = force - modes.switched.T @ self._switched_heat(system, amplitudes, inputs)
         if inputs.heat is not None:
             force = force + inputs.heat
-        if modes.plate is not None:
+        if modes.losses is not None:
             force = force + self._losses(amplitudes, inputs.ambient)
         # The change of C acts on the slope, which itself contains the change. Two rounds of this
         # substitution are exact up to second derivatives.
@@ -167,43 +166,45 @@ class ModalField(eqx.Module):
     def _losses(
         self, amplitudes: Float[Array, " modes"], ambient: Float[Array, ""]
     ) -> Float[Array, " modes"]:
-        """Computes the losses of the plate beyond the modes' linear losses, as a force."""
-        modes, law = self.modes, self.system.loss
-        assert modes.plate is not None
+        """Computes the losses beyond the modes' linear losses, as a force."""
+        modes = self.modes
+        assert modes.losses is not None
         assert modes.linearised_loss is not None
-        assert law is not None
         return loss_force(
-            modes.plate, modes.linearised_loss, law, self.reference, amplitudes, ambient,
+            modes.losses, modes.linearised_loss, self.system, self.reference, amplitudes, ambient,
             self.loss_dtype,
         )  # fmt: skip
 
 
 def loss_force(
-    shapes: Float[Array, "elements modes"],
-    linearised: Float[Array, " elements"],
-    law: NonlinearLoss,
+    shapes: LossShapes,
+    linearised: Float[Array, " paths"],
+    system: System,
     reference: Float[Array, ""],
     amplitudes: Float[Array, " modes"],
     ambient: Float[Array, ""],
     dtype: DTypeLike | None,
 ) -> Float[Array, " modes"]:
-    """Computes the losses of the plate beyond the modes' linear losses, as a force.
+    """Computes the losses beyond the modes' linear losses, as a force.
 
     **Arguments:**
 
-    - `shapes`: the shapes of the modes on the plate.
-    - `linearised`: the linear losses that the modes contain, W/K. `law`: all that are not linear.
+    - `shapes`: the modes at the paths of the losses.
+    - `linearised`: the linear losses that the modes contain, W/K. `system`: the equations.
     - `reference`: the temperature from which deviations are counted, K.
     - `ambient`: the ambient's deviation from it, K.
     - `dtype`: the type in which they are computed, None for that of the numbers.
     """
-    given: Any = (shapes, linearised, law, reference, amplitudes, ambient)
+    paths, far = system.wiring.loss_paths, system.far_ends(reference)
+    assert paths is not None
+    given: Any = (shapes, linearised, system.loss, far, reference, amplitudes, ambient)
     if dtype is not None:
         given = in_precision(given, dtype)
-    shapes, linearised, law, reference, amplitudes_, room = given
-    plate = shapes @ amplitudes_
-    lost = law.heat(plate - room, reference + room)
-    return (shapes.T @ (linearised * plate - lost)).astype(amplitudes.dtype)
+    shapes, linearised, law, far, reference, amplitudes_, room = given
+    across = shapes.across @ amplitudes_
+    at_far = None if shapes.at_far is None else shapes.at_far @ amplitudes_
+    lost = law.heat(*paths.ends(across, at_far, far, reference, room))
+    return (shapes.across.T @ (linearised * across - lost)).astype(amplitudes.dtype)
 
 
 @jax.custom_jvp

@@ -42,7 +42,7 @@ def few_modes(system: System, modes: Modes) -> Modes:
         rates=modes.rates[chosen],
         shapes=modes.shapes[:, chosen],
         sides=modes.sides[:, chosen],
-        plate=of_chosen(modes.plate),
+        losses=jax.tree.map(of_chosen, modes.losses),
         switched=of_chosen(modes.switched),
     )
 

@@ -38,14 +38,35 @@ BELIEVABLE = (200.0, 600.0)
 
 
 @final
+class LossShapes(eqx.Module):
+    """The modes at the paths of heat that is not linear.
+
+    - `across`: the temperature at the near end of each path less that at the far end, if this is a
+      node. `at_far`: that at the far end; None if no path ends at a node or at a body.
+    """
+
+    across: Float[Array, "paths modes"]
+    at_far: Float[Array, "paths modes"] | None
+
+
+def loss_shapes(system: System, shapes: Float[Array, "nodes modes"]) -> LossShapes | None:
+    """The shapes of modes at the paths of heat that is not linear; None if all is."""
+    paths = system.wiring.loss_paths
+    if paths is None:
+        return None
+    at_far = None if paths.is_of_plate else paths.at_far(shapes)
+    return LossShapes(paths.across(shapes), at_far)
+
+
+@final
 class Modes(eqx.Module):
     """The modes of a network: `rates` (1/s) and `shapes`, with temperatures = shapes @ amplitudes.
 
-    `sides` are the rows of the shapes at the cells' sides (all cold, then all hot). `plate` are the
-    rows of the plate if its losses are not linear, otherwise None. `capacitance` are the heat
+    `sides` are the rows of the shapes at the cells' sides (all cold, then all hot). `losses` are
+    those at the paths of heat that is not linear, otherwise None. `capacitance` are the heat
     capacities by which the shapes are normalised. `linearised_conductance` is the derivative of the
     heat flow out of the cells' sides that is part of the network, W/K. `linearised_loss` is the
-    same for the plate's losses beyond its linear film, or None. Both are derivatives at the
+    same for the losses beyond the conductance matrix, or None. Both are derivatives at the
     `operating_point`: the deviations of the sides, K. `switched` are the temperature differences of
     the links that inputs change, or None, and `linearised_change` the conductance of these links
     that is part of the network in addition to the system's, W/K.
@@ -54,10 +75,10 @@ class Modes(eqx.Module):
     rates: Float[Array, " modes"]
     shapes: Float[Array, "nodes modes"]
     sides: Float[Array, "sides modes"]
-    plate: Float[Array, "elements modes"] | None
+    losses: LossShapes | None
     capacitance: Float[Array, " nodes"]
     linearised_conductance: Float[Array, "sides sides"]
-    linearised_loss: Float[Array, " elements"] | None
+    linearised_loss: Float[Array, " paths"] | None
     operating_point: Float[Array, " sides"]
     switched: Float[Array, "links modes"] | None = None
     linearised_change: Float[Array, " links"] | None = None
@@ -89,10 +110,10 @@ def network_modes(
         at = operating_point(system, duty, reference, resistance)
     point = linearise(system, duty, reference, at)
     conductance = system.conductance.at[np.ix_(sides, sides)].add(point.conductance)
-    plate = None
-    if point.loss is not None:
-        plate = np.arange(system.wiring.elements)
-        conductance = conductance.at[plate, plate].add(point.loss)
+    paths = system.wiring.loss_paths
+    if point.loss is not None and paths is not None:
+        (rows, columns), values = paths.conductance_matrix(point.loss)
+        conductance = conductance.at[rows, columns].add(values)
     effects, change = system.wiring.input_wiring, system.conductance_change
     if effects is not None and change is not None:
         conductance = conductance + (effects.differences.T * change) @ effects.differences
@@ -103,7 +124,7 @@ def network_modes(
         rates=rates,
         shapes=shapes,
         sides=shapes[sides],
-        plate=None if plate is None else shapes[plate],
+        losses=loss_shapes(system, shapes),
         capacitance=system.capacitance,
         linearised_conductance=point.conductance,
         linearised_loss=point.loss,
@@ -123,7 +144,7 @@ class Linearisation(eqx.Module):
 
     sides: Float[Array, " sides"]
     conductance: Float[Array, "sides sides"]
-    loss: Float[Array, " elements"] | None
+    loss: Float[Array, " paths"] | None
 
 
 def side_nodes(system: System) -> np.ndarray:
@@ -148,7 +169,7 @@ def linearise(
     slope = heat_slope(system, at[sides], duty, reference)
     loss = None
     if system.loss is not None:
-        loss = system.loss.slope(at[np.arange(system.wiring.elements)], reference)
+        loss = system.loss.slope(*system.loss_ends(at, reference))
     return Linearisation(at[sides], -(slope + slope.T) / 2, loss)
 
 

@@ -11,11 +11,12 @@ from typing import Any, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from ..physics import System, Twin
+from ..physics._driver import IDLE
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..physics._wiring import Wiring
 from ..rig._plate import FILM_REFERENCE
@@ -78,9 +79,13 @@ class NativeNetwork:
         table, at = self.elimination, self.position
         cold, hot = at[wiring.cold], at[wiring.hot]
         cells = len(cold)
-        losses = at[: wiring.elements] if wiring.film_sums is not None else at[:0]
-        # The program takes two at a time.
-        losses = np.append(losses, losses[-1:]) if len(losses) % 2 else losses
+        losses, far = self._losses(wiring)
+        cell_factors = [
+            table.place[a, b]
+            for k in range(cells)
+            for a in (cold[k], hot[k])
+            for b in (cold[k], hot[k])
+        ]
         rows = np.repeat(np.arange(len(table.order)), np.diff(table.row))
         sizes: dict[str, float] = {
             "NODES": len(table.order),
@@ -88,11 +93,14 @@ class NativeNetwork:
             "FACTORS": len(table.factor_column),
             "CELLS": cells,
             "LOSSES": len(losses),
+            "HAS_FAR_ENDS": wiring.loss_paths is not None and not wiring.loss_paths.is_of_plate,
             "BODIES": len(wiring.netlist.reservoirs),
             "EFFECTS": len(self.inputs.effect_term) - 1,
             "TERMS": len(self.inputs.cell),
             "ON_OFF": wiring.averaging == "on-off",
             "BRAKE": wiring.off_phase == "brake",
+            "HAS_DRIVE_LAW": wiring.drive_exponents is not None,
+            "IDLE_SQUARE": IDLE**2,
             "HAS_LAG": wiring.lag is not None,
             "HAS_DRIFT": wiring.ambient_drift is not None,
             "CALM_SQUARE": CALM**2,
@@ -109,18 +117,21 @@ class NativeNetwork:
             "network_changed": table.changed,
             "network_cold": cold,
             "network_hot": hot,
-            "network_cell_factors": [
-                table.place[a, b] for k in range(cells) for a in (cold[k], hot[k])
-                for b in (cold[k], hot[k])
-            ],
+            "network_cell_factors": cell_factors,
             "network_is_heater": wiring.heaters or [False] * cells,
             "network_has_own_supply": wiring.own_supply or [False] * cells,
             "network_loss_node": losses,
+            "network_loss_far": far,
+            "network_loss_factors": [
+                table.place[a, b] if b >= 0 else -1
+                for near, end in zip(losses, far, strict=True)
+                for a, b in ((near, end), (end, near))
+            ],
             "network_effect_term": self.inputs.effect_term,
             "network_effect_number": self.inputs.effect_number,
             "network_changed_number": self.inputs.changed_number,
             "network_changed_sign": self.inputs.changed_sign,
-        }  # fmt: skip
+        }
         numbers = {
             "method_node": NODES,
             "method_time": TIME,
@@ -133,6 +144,16 @@ class NativeNetwork:
         for kind, tables in (("int", integers), ("double", numbers)):
             lines += [_table(kind, name, np.asarray(values)) for name, values in tables.items()]
         return "\n".join(lines) + "\n"
+
+    def _losses(self, wiring: Wiring) -> tuple[Int[np.ndarray, " even"], Int[np.ndarray, " even"]]:
+        """The nodes at which paths of nonlinear heat begin, and where they end as in `LossPaths`.
+        The program takes two at a time; the last one is repeated, with a factor of 0."""
+        paths, at = wiring.loss_paths, self.position
+        if paths is None:
+            return at[:0], at[:0]
+        near, far = at[paths.near], np.where(paths.far >= 0, at[paths.far], paths.far)
+        filling = (0, len(near) % 2)
+        return np.pad(near, filling, mode="edge"), np.pad(far, filling, mode="edge")
 
 
 @final
@@ -238,6 +259,7 @@ def _numbers(
                 bridge.on_resistance,
                 limit,
                 bridge.own_voltage * jnp.asarray(share),
+                *([] if bridge.drive_exponent is None else [bridge.drive_exponent]),
             )
         ),
         *(
@@ -249,6 +271,7 @@ def _numbers(
                     loss.film,
                     jnp.broadcast_to(loss.exponent, loss.film.shape),
                     STEFAN_BOLTZMANN * loss.radiating,
+                    *([] if loss.linear is None else [loss.linear]),
                 )
             ]
         ),

@@ -34,8 +34,10 @@ class NumberedNetwork(eqx.Module):
     - `to_ambient`: the conductance from each node to the surroundings, W/K.
     - `held_heat`: the heat of bodies at a fixed temperature into each node, W; empty for none.
     - `modules`, `bridges`: of each cell.
-    - `losses`: of each element of the plate, in float32, because they are a small part of the heat
-      (`ModalField`); empty for none.
+    - `losses`: of each path of heat that is not linear, in float32, because they are a small part
+      of the heat (`ModalField`); empty for none. `near`: the node at which it begins, `far`: that
+      at which it ends, as in `LossPaths`; `held`: the deviations of its end if this is a body of a
+      given temperature, K; empty for paths of the plate alone.
     - `reference`: the temperature from which deviations are counted, K.
     - `lag`: of the driver, s. `drift`: of the ambient, K/s. Both may be None.
     - `cold`, `hot`: the nodes of the cells' sides.
@@ -51,9 +53,12 @@ class NumberedNetwork(eqx.Module):
     reference: Float[Array, "*draws"]
     lag: Float[Array, "*draws"] | None
     drift: Float[Array, "*draws"] | None
+    held: Numbers
     entries: tuple[Entry, ...] = eqx.field(static=True)
     cold: tuple[int, ...] = eqx.field(static=True)
     hot: tuple[int, ...] = eqx.field(static=True)
+    near: tuple[int, ...] = eqx.field(static=True, default=())
+    far: tuple[int, ...] = eqx.field(static=True, default=())
 
     @classmethod
     def of(
@@ -65,6 +70,7 @@ class NumberedNetwork(eqx.Module):
         entries = SparseLU(network_pattern(wiring)).entries
         inverse, held = 1 / system.capacitance, system.reservoirs
         heat = None if held is None else held.heat(reference)
+        ends, paths = system.far_ends(reference), wiring.loss_paths
 
         def number(leaf: Array, cell: int) -> Array:
             return jnp.broadcast_to(leaf, (len(cells),))[cell]
@@ -86,10 +92,8 @@ class NumberedNetwork(eqx.Module):
             losses=[]
             if loss is None
             else [
-                in_precision(
-                    NonlinearLoss(loss.film[k], loss.exponent, loss.radiating[k]), jnp.float32
-                )
-                for k in range(wiring.elements)
+                in_precision(jax.tree.map(lambda leaf, k=k: leaf[k], loss), jnp.float32)
+                for k in range(loss.film.size)
             ],
             reference=reference,
             lag=system.lag,
@@ -97,6 +101,9 @@ class NumberedNetwork(eqx.Module):
             entries=entries,
             cold=tuple(map(int, wiring.cold)),
             hot=tuple(map(int, wiring.hot)),
+            held=[] if ends is None else [ends.held[k] for k in range(ends.held.size)],
+            near=() if paths is None else tuple(map(int, paths.near)),
+            far=() if paths is None else tuple(map(int, paths.far)),
         )
 
     def slope(self, rises: Numbers, duty: Numbers, ambient: Float[Array, "*#draws"]) -> Numbers:
@@ -114,8 +121,11 @@ class NumberedNetwork(eqx.Module):
         for (i, j), g in zip(self.entries, self.conductance, strict=True):
             heat[i] = heat[i] - g * rises[j]
         for k, loss in enumerate(self.losses):
-            lost = loss.heat(*self._of_loss(rises[k], ambient))
-            heat[k] = heat[k] - lost.astype(ambient.dtype)
+            near, far = self.near[k], self.far[k]
+            lost = loss.heat(*self._of_loss(k, rises, ambient)).astype(ambient.dtype)
+            heat[near] = heat[near] - lost
+            if far >= 0:
+                heat[far] = heat[far] + lost
         for k in range(len(self.cold)):
             cold, hot = self._cell_heat(k, rises[self.cold[k]], rises[self.hot[k]], duty[k])
             heat[self.cold[k]] = heat[self.cold[k]] - cold
@@ -128,8 +138,16 @@ class NumberedNetwork(eqx.Module):
         """The derivatives of the slopes by the temperatures that differ from 0, 1/s."""
         matrix = {entry: -g for entry, g in zip(self.entries, self.conductance, strict=True)}
         for k, loss in enumerate(self.losses):
-            slope = loss.slope(*self._of_loss(rises[k], ambient))
-            matrix[k, k] = matrix[k, k] - slope.astype(ambient.dtype)
+            near, far = self.near[k], self.far[k]
+            rise, cold = self._of_loss(k, rises, ambient)
+            by_near = loss.slope(rise, cold).astype(ambient.dtype)
+            matrix[near, near] = matrix[near, near] - by_near
+            if far >= 0:
+                # The rise falls as the far end gets warmer.
+                by_far = -loss.slope(-rise, cold + rise).astype(ambient.dtype)
+                matrix[near, far] = matrix[near, far] - by_far
+                matrix[far, near] = matrix[far, near] + by_near
+                matrix[far, far] = matrix[far, far] + by_far
         for k in range(len(self.cold)):
             sides = self.cold[k], self.hot[k]
             at = [rises[side] for side in sides]
@@ -161,9 +179,11 @@ class NumberedNetwork(eqx.Module):
         )
         return slope
 
-    def _of_loss(self, rise: Array, ambient: Array) -> tuple[Array, Array]:
+    def _of_loss(self, k: int, rises: Numbers, ambient: Array) -> tuple[Array, Array]:
         """The arguments of a loss."""
-        return in_precision((rise - ambient, self.reference + ambient), jnp.float32)
+        far = self.far[k]
+        end = rises[far] if far >= 0 else ambient if far == -1 else self.held[k]
+        return in_precision((rises[self.near[k]] - end, self.reference + end), jnp.float32)
 
     @property
     def pattern(self) -> Bool[np.ndarray, "nodes nodes"]:

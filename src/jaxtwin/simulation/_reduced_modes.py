@@ -30,7 +30,7 @@ from ..physics._system import conductance_entries
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
-from ._modes import Linearisation, Modes, linearise, operating_point, side_nodes
+from ._modes import Linearisation, Modes, linearise, loss_shapes, operating_point, side_nodes
 from ._refinement import stability_number
 from ._resolution import MAX_SPAN
 from ._time_grid import TimeGrid, reference_temperature
@@ -110,12 +110,9 @@ def run_reduced(twin: Twin, grid: TimeGrid, initial: CheckedInitial) -> RunResul
     if np.any(start):
         space.append(np.asarray(start)[:, None])
     if point.loss is not None:
-        # The nonlinear part of the losses follows the temperatures of the plate.
-        lost = np.zeros(count)
-        lost[: system.wiring.elements] = np.asarray(point.loss)
-        space += [
-            at_rest.solve(lost[:, None] * response) for response in responses[:RESPONSES_OF_LOSSES]
-        ]
+        # The nonlinear part of the losses follows the temperatures at the ends of their paths.
+        lost = _of_losses(system, point.loss)
+        space += [at_rest.solve(lost @ response) for response in responses[:RESPONSES_OF_LOSSES]]
     for _ in range(ROUNDS):
         modes = _projected(system, linear, np.concatenate(space, axis=1), point)
         read, terms, stability = _steps_in_modes(system, modes, grid, initial)
@@ -139,16 +136,21 @@ def _network(twin: Twin, lumped: bool) -> tuple[System, scipy.sparse.csc_array]:
     return system, scipy.sparse.csc_array(scipy.sparse.coo_array((values, places), shape=shape))
 
 
-def _added(system: System, point: Linearisation) -> scipy.sparse.coo_array:
+def _of_losses(system: System, loss: Float[Array | np.ndarray, " paths"]) -> scipy.sparse.coo_array:
+    """Returns the linearised losses as an addition to the conductance matrix."""
+    paths, count = system.wiring.loss_paths, system.capacitance.size
+    assert paths is not None
+    (rows, columns), values = paths.conductance_matrix(np.asarray(loss))
+    return scipy.sparse.coo_array((np.asarray(values), (rows, columns)), shape=(count, count))
+
+
+def _added(system: System, point: Linearisation) -> scipy.sparse.sparray:
     """Returns the linearised cells and losses as an addition to the conductance matrix."""
     sides, count = side_nodes(system), system.capacitance.size
     rows, columns = (index.ravel() for index in np.meshgrid(sides, sides, indexing="ij"))
     values = np.asarray(point.conductance).ravel()
-    if point.loss is not None:
-        plate = np.arange(system.wiring.elements)
-        rows, columns = np.concatenate([rows, plate]), np.concatenate([columns, plate])
-        values = np.concatenate([values, np.asarray(point.loss)])
-    return scipy.sparse.coo_array((values, (rows, columns)), shape=(count, count))
+    cells = scipy.sparse.coo_array((values, (rows, columns)), shape=(count, count))
+    return cells if point.loss is None else cells + _of_losses(system, point.loss)
 
 
 def _projected(
@@ -171,12 +173,11 @@ def _projected(
     filling = -len(rates) % MODE_BLOCK
     rates = np.pad(rates, (0, filling), mode="edge")
     shapes = np.pad(shapes, ((0, 0), (0, filling)))
-    plate = None if point.loss is None else shapes[: system.wiring.elements]
     return Modes(
         rates=jnp.asarray(rates),
         shapes=jnp.asarray(shapes),
         sides=jnp.asarray(shapes[side_nodes(system)]),
-        plate=None if plate is None else jnp.asarray(plate),
+        losses=loss_shapes(system, jnp.asarray(shapes)),
         capacitance=system.capacitance,
         linearised_conductance=point.conductance,
         linearised_loss=point.loss,

@@ -19,7 +19,7 @@ from .._arguments import whole_number
 from .._compilation import persistent_jit
 from .._jax_settings import is_traced, own_settings
 from ..errors import SimulationError
-from ._modes import Modes
+from ._modes import LossShapes, Modes
 from ._step_preparation import check_stable, steps_in_modes
 from ._stepper import Stepper, advance, to_modal
 
@@ -76,7 +76,7 @@ def reduce_stepper(stepper: Stepper, modes: int, duty: ArrayLike) -> Stepper:
         whole = stepper.field.modes
         uniform = np.asarray(whole.amplitudes(jnp.ones(whole.capacitance.size)))
         basis = _basis(where, states, uniform, kept)
-        reduced = projected(whole, stepper.plate, basis)
+        reduced = projected(whole, stepper.losses, basis)
         return in_modes(where, stepper, reduced)
 
 
@@ -89,7 +89,7 @@ def in_modes(where: str, stepper: Stepper, modes: Modes) -> Stepper:
     result = steps_in_modes(stepper.system, modes, size, stepper.sizes)
     check_stable(where, float(size), result.stability)
     return eqx.tree_at(
-        lambda made: (made.factors, made.field, made.plate, made.half_decay, made.half),
+        lambda made: (made.factors, made.field, made.losses, made.half_decay, made.half),
         stepper,
         result[:-1],
         is_leaf=lambda leaf: leaf is None,
@@ -128,7 +128,7 @@ def _basis(
 
 
 def projected(
-    modes: Modes, plate: Float[Array, "elements modes"] | None, basis: Float[np.ndarray, "modes k"]
+    modes: Modes, losses: LossShapes | None, basis: Float[np.ndarray, "modes k"]
 ) -> Modes:
     """Returns the modes of the network within a space of amplitudes."""
     rates, vectors = np.linalg.eigh(basis.T @ (np.asarray(modes.rates)[:, None] * basis))
@@ -137,7 +137,7 @@ def projected(
         rates=jnp.asarray(rates),
         shapes=modes.shapes @ onto,
         sides=modes.sides @ onto,
-        plate=None if plate is None else plate @ onto,
+        losses=jax.tree.map(lambda shapes: shapes @ onto, losses),
         capacitance=modes.capacitance,
         linearised_conductance=modes.linearised_conductance,
         linearised_loss=modes.linearised_loss,

@@ -14,7 +14,7 @@ from ..errors import SimulationError
 from ..physics import System
 from ._delay import checked_longest_delay
 from ._exponential import ModalField, StepFactors, step_factors
-from ._modes import Modes, network_modes
+from ._modes import LossShapes, Modes, network_modes
 from ._refinement import STABILITY_LIMIT, remainder_gain
 
 # A delay counts as a multiple of the step size if the relative difference is below this.
@@ -31,7 +31,7 @@ class ModalSteps(NamedTuple):
 
     factors: StepFactors
     field: ModalField
-    plate: Float[Array, "elements modes"] | None
+    losses: LossShapes | None
     half_decay: Float[Array, " modes"]
     half: Float[Array, " modes"]
     stability: Float[Array, ""]
@@ -64,11 +64,11 @@ def steps_in_modes(
     idle = jnp.zeros(len(system.wiring.cold), reference.dtype)
     levels = jnp.stack([idle - 1, idle, idle + 1])
     stability = remainder_gain(system, modes, levels, reference, step_size)
-    linear = eqx.tree_at(lambda m: m.plate, modes, None, is_leaf=lambda leaf: leaf is None)
+    linear = eqx.tree_at(lambda m: m.losses, modes, None, is_leaf=lambda leaf: leaf is None)
     field = ModalField.of(system, linear, reference)
     of_step = step_factors(modes.rates, step_size)
     factors = step_factors(modes.rates, sizes)
-    return ModalSteps(factors, field, modes.plate, of_step.half_decay, of_step.half, stability)
+    return ModalSteps(factors, field, modes.losses, of_step.half_decay, of_step.half, stability)
 
 
 def check_stable(where: str, step_size: float, stability: Float[Array, ""]) -> None:

@@ -23,6 +23,7 @@ from ..physics._twin import check_twin
 from ._check_values import check_values
 from ._exponential import ModalField, StepFactors, StepInputs, exponential_step, loss_force
 from ._input_levels import stated_levels
+from ._modes import LossShapes
 from ._step_preparation import check_stable, is_multiple, prepare_steps, queue_length
 
 
@@ -102,9 +103,9 @@ class Stepper(eqx.Module):
     before the command of a step arrives and the part after it; otherwise the step is one part."""
     factors: StepFactors
     field: ModalField
-    """The vector field in the modes, without the losses of the plate that are not linear."""
-    plate: Float[Array, "elements modes"] | None
-    """The shapes of the modes on the plate; None if all its losses are linear."""
+    """The vector field in the modes, without the losses that are not linear."""
+    losses: LossShapes | None
+    """The modes at the paths of heat that is not linear; None if all is."""
     half_decay: Float[Array, " modes"]
     half: Float[Array, " modes"]
     """The factors of amplitudes and of forces over half a step."""
@@ -135,7 +136,7 @@ class Stepper(eqx.Module):
             is_whole = is_whole_delay or is_multiple(self.system.delay, size)
             step_size_s = jnp.asarray(size, self.reference.dtype)
             self.delay_steps, self.sizes, steps = prepare_steps(self.system, step_size_s, is_whole)
-            self.factors, self.field, self.plate, self.half_decay, self.half, stability = steps
+            self.factors, self.field, self.losses, self.half_decay, self.half, stability = steps
         check_stable("Stepper", size, stability)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -338,7 +339,7 @@ def loss_line(
     These losses change by a thousandth in a second, and cost more than all the rest. They are
     therefore computed at the start and in the middle of a step, and interpolated linearly.
     """
-    if stepper.plate is None:
+    if stepper.losses is None:
         return None
 
     def force(amplitudes: Array) -> Array:
@@ -359,12 +360,12 @@ def losses(
 ) -> Float[Array, " modes"]:
     """Computes the losses of the plate beyond the modes' linear losses, as a force; 0 if losses are
     linear."""
-    plate, linearised, law = (
-        stepper.plate, stepper.field.modes.linearised_loss, stepper.system.loss
-    )  # fmt: skip
-    if plate is None or linearised is None or law is None:
+    shapes, linearised = stepper.losses, stepper.field.modes.linearised_loss
+    if shapes is None or linearised is None:
         return jnp.zeros_like(amplitudes)
-    return loss_force(plate, linearised, law, stepper.reference, amplitudes, ambient, dtype)
+    return loss_force(
+        shapes, linearised, stepper.system, stepper.reference, amplitudes, ambient, dtype
+    )
 
 
 def _stages(size: Float[Array, ""]) -> Float[Array, " 3"]:

@@ -97,24 +97,27 @@ struct numbers {
     lanes *held, *to_held; /* bodies of a given temperature: above the reference, K; W/K */
     lanes *start;
     lanes *seebeck, *resistance, *supply_voltage, *supply_resistance, *on_resistance,
-        *current_limit, *own_voltage;
-    lanes *film, *exponent, *radiating;
+        *current_limit, *own_voltage, *drive_exponent;
+    lanes *film, *exponent, *radiating, *linear_radiation;
     lanes *input; /* TERMS: factors of what the other inputs change */
     lanes *gain, *shift, *ambient_gain, *weight;
     lanes *loop_conductance, *held_heat; /* follow from them */
 };
 
-/* The losses of two elements of the plate. They are a small part of the heat, and computed in
-   single precision, as in ModalField. */
+/* The losses on two paths: from elements of the plate to the surroundings, or between any ends. They
+   are a small part of the heat, and computed in single precision, as in ModalField. */
 struct loss {
     pairs film, half_exponent, radiating;
+#if HAS_FAR_ENDS
+    pairs linear_radiation; /* what G contains of the radiation, K^3 */
+#endif
 };
 
 struct workspace {
     struct numbers of;
     size_t numbers; /* how many there are */
     struct loss *loss;
-    lanes_32 *rises; /* of the elements with losses, then what they lose */
+    lanes_32 *rises; /* at the paths of losses, then what is lost */
     lanes *changed;  /* EFFECTS: what the inputs have changed so far */
     lanes estimate;  /* of the error so far, K */
     lanes *state, *at_stage, *right, *time_heat, *factors, *errors, *stages[STAGES];
@@ -131,7 +134,7 @@ struct workspace {
 };
 
 /* What drives a cell at a stage: the share of a period during which it is connected, the sign of
-   its voltage, the voltage, and the conductance of its circuit while it is connected. */
+   its voltage, or of a heater the derivative of the share by the duty, the voltage, and the conductance of its circuit while it is connected. */
 struct drive {
     lanes share, sign, voltage, conductance;
 };
@@ -196,6 +199,20 @@ static inline pairs power(pairs base, pairs exponent)
     return (pairs)((pairs_of_int)part + (((pairs_of_int)shifted) << 23));
 }
 
+#if HAS_DRIVE_LAW
+/* The share of its power that a heater gives at a duty (physics/_driver.py), and its derivative. */
+static lanes share_of_duty(lanes duty, lanes exponent, lanes *slope)
+{
+    const lanes square = duty * duty + IDLE_SQUARE, half = 0.5 * (exponent - 1);
+    lanes factor;
+    for (int l = 0; l < LANES; ++l) {
+        factor[l] = pow(square[l] / (1 + IDLE_SQUARE), half[l]);
+    }
+    *slope = factor * (1 + 2 * half * duty * duty / square);
+    return duty * factor;
+}
+#endif
+
 static struct drive drive_of(const struct numbers *of, int cell,
                              lanes duty)
 {
@@ -205,6 +222,9 @@ static struct drive drive_of(const struct numbers *of, int cell,
     by.share = network_is_heater[cell] ? duty : choose(duty < 0, -duty, duty);
     by.sign = network_is_heater[cell] ? one : choose(duty > 0, one, choose(duty < 0, -one, none));
     if (network_has_own_supply[cell]) {
+#if HAS_DRIVE_LAW
+        by.share = share_of_duty(duty, of->drive_exponent[cell], &by.sign);
+#endif
         by.voltage = of->own_voltage[cell];
         by.conductance = 1 / of->resistance[cell];
     } else if (ON_OFF) {
@@ -296,9 +316,22 @@ static inline struct film film_of(const struct loss *loss, pairs rise,
 /* The heat that is lost, W. */
 static inline pairs lost(const struct loss *loss, const struct film *at)
 {
+#if HAS_FAR_ENDS
+    const pairs radiation =
+        loss->radiating * ((at->hot + at->room) * (at->hot * at->hot + at->room * at->room) -
+                           loss->linear_radiation);
+#else
     const pairs radiation =
         loss->radiating * (at->hot + at->room) * (at->hot * at->hot + at->room * at->room);
+#endif
     return at->rise * (loss->film * (at->factor - 1) + radiation);
+}
+
+/* The deviation of the far end of a path from the reference, K. */
+static inline lanes far_end(const struct numbers *of, int path, const lanes *x, lanes ambient)
+{
+    const int far = network_loss_far[path];
+    return far >= 0 ? x[far] : far == -1 ? ambient : of->held[-2 - far];
 }
 
 /* The derivative of the film's heat by the rise, W/K. */
@@ -349,8 +382,18 @@ static void heat_into_nodes(const struct workspace *w, const lanes *x,
         }
         heat[i] = sum;
     }
-    const pairs room = pair(absolute, absolute);
     lanes_32 *const rises = w->rises;
+#if HAS_FAR_ENDS
+    for (int k = 0; k < LOSSES; k += 2) {
+        const lanes one = far_end(of, k, x, ambient), two = far_end(of, k + 1, x, ambient);
+        const pairs rise =
+            pair(x[network_loss_node[k]] - one, x[network_loss_node[k + 1]] - two);
+        const struct film at =
+            film_of(&w->loss[k / 2], rise, pair(reference + one, reference + two));
+        *(pairs *)(rises + k) = lost(&w->loss[k / 2], &at);
+    }
+#else
+    const pairs room = pair(absolute, absolute);
     for (int k = 0; k < LOSSES; ++k) {
         rises[k] = __builtin_convertvector(x[network_loss_node[k]] - ambient, lanes_32);
     }
@@ -359,8 +402,13 @@ static void heat_into_nodes(const struct workspace *w, const lanes *x,
         const struct film at = film_of(&w->loss[k / 2], *rise, room);
         *rise = lost(&w->loss[k / 2], &at);
     }
+#endif
     for (int k = 0; k < LOSSES; ++k) {
-        heat[network_loss_node[k]] -= __builtin_convertvector(rises[k], lanes);
+        const lanes flow = __builtin_convertvector(rises[k], lanes);
+        heat[network_loss_node[k]] -= flow;
+        if (HAS_FAR_ENDS && network_loss_far[k] >= 0) {
+            heat[network_loss_far[k]] += flow;
+        }
     }
     for (int k = 0; k < CELLS; ++k) {
         const int c = network_cold[k], h = network_hot[k];
@@ -398,14 +446,31 @@ static void step_matrix(struct workspace *w, lanes size, lanes ambient, lanes dr
     for (int k = 0; k < LOSSES; k += 2) {
         const int *node = network_loss_node + k;
         const struct loss *loss = &w->loss[k / 2];
+#if HAS_FAR_ENDS
+        const lanes first = far_end(of, k, w->state, ambient);
+        const lanes second = far_end(of, k + 1, w->state, ambient);
+        const pairs rise = pair(w->state[node[0]] - first, w->state[node[1]] - second);
+        const struct film at = film_of(loss, rise, pair(reference + first, reference + second));
+        const pairs film = film_slope(loss, &at) - loss->radiating * loss->linear_radiation;
+#else
         const pairs rise = pair(w->state[node[0]] - ambient, w->state[node[1]] - ambient);
         const struct film at = film_of(loss, rise, room);
-        const pairs film = film_slope(loss, &at), radiating = 4 * loss->radiating;
+        const pairs film = film_slope(loss, &at);
+#endif
+        const pairs radiating = 4 * loss->radiating;
         const pairs by_node = film + radiating * at.hot * at.hot * at.hot;
         const pairs by_room = film + radiating * at.room * at.room * at.room;
         for (int one = 0; one < 2; ++one) {
+            const int far = HAS_FAR_ENDS ? network_loss_far[k + one] : -1;
             factors[network_diagonal[node[one]]] += of_pair(by_node, one);
-            time_heat[node[one]] += of_pair(by_room, one) * drift;
+            if (far == -1) {
+                time_heat[node[one]] += of_pair(by_room, one) * drift;
+            } else if (far >= 0) {
+                const int *place = network_loss_factors + 2 * (k + one);
+                factors[place[0]] -= of_pair(by_room, one);
+                factors[place[1]] -= of_pair(by_node, one);
+                factors[network_diagonal[far]] += of_pair(by_room, one);
+            }
         }
     }
     for (int k = 0; k < CELLS; ++k) {
@@ -1007,9 +1072,11 @@ static void divide(const struct run *run, struct workspace *w,
         {&of->on_resistance, cells},
         {&of->current_limit, cells},
         {&of->own_voltage, cells},
+        {&of->drive_exponent, HAS_DRIVE_LAW ? cells : 0},
         {&of->film, losses},
         {&of->exponent, losses},
         {&of->radiating, losses},
+        {&of->linear_radiation, HAS_FAR_ENDS ? losses : 0},
         {&of->input, TERMS},
         {&of->gain, channels},
         {&of->shift, channels},
@@ -1065,6 +1132,10 @@ static void load(const struct run *run, struct workspace *w, const double *numbe
         w->loss[k / 2].film = pair(of->film[k], of->film[k + 1]);
         w->loss[k / 2].half_exponent = pair(0.5 * of->exponent[k], 0.5 * of->exponent[k + 1]);
         w->loss[k / 2].radiating = pair(of->radiating[k], of->radiating[k + 1]);
+#if HAS_FAR_ENDS
+        w->loss[k / 2].linear_radiation =
+            pair(of->linear_radiation[k], of->linear_radiation[k + 1]);
+#endif
     }
     for (int k = 0; k < CELLS; ++k) {
         of->loop_conductance[k] = 1 / (of->resistance[k] + of->on_resistance[k]);

@@ -17,6 +17,7 @@ from ..errors import SimulationError
 from ..io import Experiment
 from ..io._duty_of_rig import check_duty_of_rig
 from ..physics import Netlist, ThermoelectricElement, Twin
+from ..physics._driver import IDLE
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..physics._netlist import OWN_VOLTAGE
 from ..rig import Rig, Value
@@ -142,22 +143,31 @@ def _network(
 
 
 def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -> list[str]:
-    """The losses of the plate beyond its links; see `NonlinearLoss`."""
+    """The losses beyond the resistors of the links; see `NonlinearLoss`."""
     with own_settings():
-        loss = twin.system().loss
-    if loss is None:
+        system = twin.system()
+    loss, paths = system.loss, system.wiring.loss_paths
+    if loss is None or paths is None:
         return []
+    ends = [part.name for part in (*twin.netlist.nodes, *twin.netlist.reservoirs)]
+    # Numbers below 0 count the surroundings, then the reservoirs.
+    beyond = [AMBIENT, *(reservoir.name for reservoir in twin.netlist.reservoirs)]
     lines = ["*", "* Losses beyond the links: convection with an exponent, radiation"]
     square = f"{FILM_REFERENCE**2 + CALM**2!r}"
-    parts = zip(twin.netlist.nodes, np.asarray(loss.film), np.asarray(loss.radiating), strict=False)
-    for node, film, radiating in parts:
-        name = names[node.name]
-        rise = f"V({name},ambient)"
-        hot, cold = f"(V({name})+T_ref)", "(V(ambient)+T_ref)"
-        power = f"pow(({rise}*{rise}+{CALM**2!r})/{square},{float(loss.exponent) / 2!r})"
-        four = f"({hot}+{cold})*({hot}*{hot}+{cold}*{cold})"
-        heat = f"{float(film)!r}*({power}-1)+{STEFAN_BOLTZMANN * float(radiating)!r}*{four}"
-        lines.append(f"Bloss_{name} {name} ambient I={rise}*({heat})")
+    rows = zip(
+        paths.near.tolist(), paths.far.tolist(), paths.linear.tolist(),
+        *(np.asarray(part).tolist() for part in (loss.film, loss.exponent, loss.radiating)),
+        strict=True,
+    )  # fmt: skip
+    used: set[str] = set()
+    for near, far, linear, film, exponent, radiating in rows:
+        name, end = names[ends[near]], names[ends[far] if far >= 0 else beyond[-1 - far]]
+        rise = f"V({name},{end})"
+        hot, cold = f"(V({name})+T_ref)", f"(V({end})+T_ref)"
+        power = f"pow(({rise}*{rise}+{CALM**2!r})/{square},{exponent / 2!r})"
+        four = f"(({hot}+{cold})*({hot}*{hot}+{cold}*{cold})-{linear!r})"
+        heat = f"{film!r}*({power}-1)+{STEFAN_BOLTZMANN * radiating!r}*{four}"
+        lines.append(f"{_unique(f'Bloss_{name}', used)} {name} {end} I={rise}*({heat})")
     return lines
 
 
@@ -175,7 +185,7 @@ def _cells(
             f".param alpha_{number}={_number(cell.seebeck_coefficient, values)}",
             f".param R_E_{number}={_number(cell.electrical_resistance, values)}",
             *_duty(twin.rig, number, time, duty[:, number - 1], values),
-            *_heat(twin.rig, cell, number, names),
+            *_heat(twin.rig, cell, number, names, values),
         ]
     return lines
 
@@ -204,14 +214,23 @@ def _duty(
 
 
 def _heat(
-    rig: Rig, cell: ThermoelectricElement, number: int, names: Mapping[str, str]
+    rig: Rig,
+    cell: ThermoelectricElement,
+    number: int,
+    names: Mapping[str, str],
+    values: Mapping[str, float],
 ) -> list[str]:
     """Eqs. (7)-(9), averaged as in `Bridge`."""
     cold, hot = names[cell.cold], names[cell.hot]
     duty, emf = f"V(duty_{number})", f"V(emf_{number})"
     if cell.has_own_supply:
         square = OWN_VOLTAGE.factor**2
-        return [f"Bhot_{number} 0 {hot} I=abs({duty})*{square!r}/R_E_{number}"]
+        share = f"abs({duty})"
+        if cell.drive_exponent is not None:
+            half = (float(cell.drive_exponent.evaluate(values)) - 1) / 2
+            base = f"({duty}*{duty}+{IDLE**2!r})/{1 + IDLE**2!r}"
+            share += f"*pow({base},{half!r})"
+        return [f"Bhot_{number} 0 {hot} I={share}*{square!r}/R_E_{number}"]
     lines = [f"Bemf_{number} emf_{number} 0 V=alpha_{number}*(V({hot})-V({cold}))"]
     if rig.driver.averaging == "voltage":
         drive = f"-{duty}*V_s"
