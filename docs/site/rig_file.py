@@ -58,6 +58,7 @@ sink_capacitance = "200 J/K"
 sink_air_resistance = "0.3 K/W"
 fan = { speed = "1" }
 initial_temperature = "20 degC"
+full_scale = "12 V"
 sink_initial_temperature = "20 degC"
 [driver]
 supply_voltage = "12 V"
@@ -159,11 +160,19 @@ initial = { nodes = { air = "20 degC" } }
 channels = [{ name = "T1", nodes = ["air"] }]
 driver = { supply_voltage = "12 V" }
 bodies = [{ name = "air", capacitance = "100 J/K" }]
-links = [{ resistance = "2 K/W", between = ["air-ambient"] }]
+[[links]]
+between = ["air-ambient"]
+resistance = "2 K/W"
+convection = "0.1 W/K"
+convection_exponent = "0.25"
+radiating_area = "100 cm^2"
+emissivity = "0.8"
 [[heaters]]
 name = "H1"
 power = "10 W"
 capacitance = "5 J/K"
+drive = "1.6"
+full_scale = "12 V"
 contacts = { air = "1 K/W" }
 initial_temperature = "20 degC"
 [[heaters]]

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from radiating_rig import radiating_rig
 
 from jaxtwin import Stepper, Twin
 from jaxtwin.c_export._parameter_tables import settable_parameters
 from jaxtwin.c_export._parametric_twin_c import parametric_twin_c
 from jaxtwin.errors import SimulationError
-from jaxtwin.rig import Parameter
+from jaxtwin.rig import Parameter, Rig
 
 pytestmark = [pytest.mark.c_compiler, pytest.mark.usefixtures("float64")]
 
@@ -68,8 +69,14 @@ def draw(row: Parameter, random: np.random.Generator) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rig", ["dual-cell", "single-cell", "heated-box", "battery-pack"])
-def test_draws_between_all_bounds_are_the_twin_and_sanitizers_are_silent(rig: str, tmp_path: Path):
+@pytest.mark.parametrize(
+    "rig",
+    ["dual-cell", "single-cell", "heated-box", "battery-pack", radiating_rig()],
+    ids=lambda rig: rig if isinstance(rig, str) else rig.name,
+)
+def test_draws_between_all_bounds_are_the_twin_and_sanitizers_are_silent(
+    rig: str | Rig, tmp_path: Path
+):
     """Also whether steps of a second are stable is said as in Python."""
     twin = Twin(rig)
     rows = settable_parameters(twin)

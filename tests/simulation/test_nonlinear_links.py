@@ -47,7 +47,7 @@ def test_derivatives_are_those_of_differences_also_at_duty_0(float64):
         by_difference = np.asarray(more - less) / (2 * step)
         assert np.isfinite(found[name]).all()
         scale = np.abs(by_difference).max()
-        np.testing.assert_allclose(found[name], by_difference, atol=2e-6 * scale)
+        np.testing.assert_allclose(found[name], by_difference, atol=5e-6 * scale)
 
 
 def test_the_law_of_the_drive_has_finite_derivatives_at_duty_0(float64):
@@ -70,7 +70,7 @@ def test_a_match_recovers_emissivity_and_exponents():
     )
     fit = match(TWIN, recording)
     for name, value in truth.items():
-        assert fit.values[name] == pytest.approx(value, rel=0.05)
+        assert fit[name].value == pytest.approx(value, rel=0.05)
 
 
 @pytest.mark.ngspice

@@ -192,7 +192,8 @@ static void model_linearise(model_state *state, const model_real *duty,
         hot = room + rise;
         square = rise * rise + MODEL_CALM;
         film = model_exp(model_half_exponent[i] * model_log(square * MODEL_FILM_SCALE));
-        lost = model_film[i] * (film - 1 + 2 * model_half_exponent[i] * film * rise * rise / square);
+        lost = 2 * model_half_exponent[i] * film * rise * rise / square;
+        lost = model_film[i] * (film - 1 + lost);
         left = model_linearised_loss[i] - lost - 4 * model_radiating[i] * hot * hot * hot;
         lost += 4 * model_radiating[i] * room * room * room;
         for (m = 0; m < MODEL_MODES; ++m) {

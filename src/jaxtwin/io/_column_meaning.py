@@ -1,6 +1,7 @@
 """What one column means: its kind, its name, and the unit of its numbers, from its title and from
 what a reader of the file says about it."""
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -103,7 +104,8 @@ class Choices:
     @property
     def own(self) -> dict[str, str]:
         """The titles of columns to which a rig gives a meaning: its inputs by their names, and the
-        duty and counts of its cells and heaters."""
+        duty and counts of its cells and heaters, or their `power`, `voltage` or `current` if the
+        rig says what that is at full duty."""
         if self.rig is None:
             return {}
         own = {one.name: f"input_{one.name}" for one in self.rig.inputs}
@@ -112,7 +114,19 @@ class Choices:
             name = self.rig.driven_called(called)
             if name is not None:
                 own |= {f"{kind}_{called}": f"{kind}_{name}" for kind in ("duty", "pwm")}
+                if name in self.rig.full_scales:
+                    quantity = UNITS[self.rig.full_scales[name][1]].quantity
+                    own[f"{quantity}_{called}"] = f"duty_{name}"
         return own
+
+    def full_scale(self, name: str) -> tuple[float, Unit] | None:
+        """What a column has at full duty, by the rig; None for a rig that does not say it."""
+        drive = DRIVE.fullmatch(name)
+        scales = {} if self.rig is None else self.rig.full_scales
+        if drive is None or drive[1] != "duty" or drive[2] not in scales:
+            return None
+        number, unit = scales[drive[2]]
+        return number, UNITS[unit]
 
     @property
     def scales(self) -> dict[str, str]:
@@ -180,7 +194,7 @@ def meaning_of_name(
     """What a column is read as that has a name."""
     if not isinstance(given, str) or not given:
         raise RecordingError(f"columns: expected a name for {title!r}, got {given!r}")
-    given = choices.own.get(given, given)
+    called, given = given, choices.own.get(given, given)
     name, stated = _name_and_unit(given, choices)
     kind = _kind(name, choices)
     if kind == "temperature" and (drive := _drive_without_rig(name, TitleUnit(name), choices)):
@@ -189,11 +203,49 @@ def meaning_of_name(
         # A title that is the name, such as `T_C` of a rig with the channel `T_C`, has no unit.
         parts = TitleUnit(title) if title.lower() == name.lower() else unit_of_title(title)
     meaning = Meaning(title, kind, "time" if kind == "time" else name, stated)
+    by_rig = _by_full_scale(meaning, parts, (title, called, parts.stem), choices)
     if name in choices.scales:
-        return _scaled(meaning._replace(unit=parts.unit or stated), choices)
+        scaled = _scaled(meaning._replace(unit=parts.unit or stated), choices)
+        if by_rig is not None and not math.isclose(by_rig.scale, scaled.scale, rel_tol=1e-6):
+            raise RecordingError(
+                f"column {title}: expected the full_scale of the rig file, a factor of "
+                f"{by_rig.scale:.6g}, got a scale of {choices.scales[name]!r}; remove one of them"
+            )
+        return scaled
+    if by_rig is not None:
+        return by_rig
     if kind == "input":
         return _of_input(meaning, parts, choices)
     return meaning._replace(unit=_unit(meaning, parts, stated))
+
+
+def _by_full_scale(
+    meaning: Meaning, parts: TitleUnit, names: tuple[str, ...], choices: Choices
+) -> Meaning | None:
+    """A column of the power, voltage or current of a cell or heater, as a share of what the rig
+    says of full duty; None for another column.
+
+    **Raises:** `RecordingError` for another of these quantities than the rig's.
+
+    **Arguments:**
+
+    - `parts`: its title. `names`: by which it is called, such as `power_P1`.
+    """
+    full = choices.full_scale(meaning.name)
+    if full is None:
+        return None
+    number, of_rig = full
+    unit = parts.unit or meaning.unit
+    if unit is None and any(name.startswith(f"{of_rig.quantity}_") for name in names):
+        unit = of_rig
+    if unit is None or unit.quantity not in ("power", "voltage", "current"):
+        return None
+    if unit.quantity != of_rig.quantity:
+        raise RecordingError(
+            f"column {meaning.title}: expected {of_rig.symbol}, the unit of the full_scale in the "
+            f"rig file, got {unit.symbol} ({unit.quantity})"
+        )
+    return meaning._replace(unit=UNITS["1"], scale=1 / (number * unit.per))
 
 
 def _name_and_unit(given: str, choices: Choices) -> tuple[str, Unit | None]:

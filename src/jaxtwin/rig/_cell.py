@@ -1,6 +1,6 @@
 """A thermoelectric cell on the plate, with its sink."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from ._input import Switched
@@ -35,6 +35,8 @@ class Cell:
       that it touches, on average.
     - `placement`: its place on the plate, from which its contacts and the area that it covers
       follow; None if the file lists contacts.
+    - `full_scale`: what a column of a recording in W, V or A has at full duty: the number and this
+      unit; None for recordings of the duty.
     """
 
     name: str
@@ -51,3 +53,5 @@ class Cell:
     sink: str | None = None
     area: float | None = None
     placement: Placement | None = None
+    # A matter of recordings, not of temperatures, and so no part of the fingerprint.
+    full_scale: tuple[float, str] | None = field(default=None, repr=False)

@@ -99,6 +99,7 @@ def build_cell(table: CellTable, plate: Plate, bodies: Sequence[Body], fields: F
         sink=table.sink,
         area=_area(table, plate, fields),
         placement=placement,
+        full_scale=fields.full_scale(f"{at}.full_scale", table.full_scale),
     )
 
 

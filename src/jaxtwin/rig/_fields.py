@@ -9,7 +9,10 @@ from ._input import Input, Switched, depends_on
 from ._parameter import Parameter
 from ._problems import refuse
 from ._units import (
+    CURRENT,
+    HEATER_POWER,
     THERMAL_RESISTANCE,
+    VOLTAGE,
     Kind,
     is_infinite,
     is_quantity,
@@ -164,6 +167,20 @@ class Fields:
             self.refuse(field, f"expected {problem}, got {text!r}")
         return number
 
+    def full_scale(self, field: str, text: str | None) -> tuple[float, str] | None:
+        """Converts the power, the voltage or the current of full duty to a number and its unit.
+
+        **Raises:** `RigError` if it is none of them, or not above 0.
+        """
+        if text is None:
+            return None
+        kinds = [kind for kind in (HEATER_POWER, VOLTAGE, CURRENT) if _measures(text, kind)]
+        if not kinds:
+            self.refuse(
+                field, f'expected a power, a voltage or a current such as "12 V", got {text!r}'
+            )
+        return self.constant(field, text, kinds[0]), kinds[0].unit
+
     def check_known(self, field: str, what: str, name: str, known: Iterable[str]) -> None:
         """Refuses a name that is not among the known ones, and suggests the nearest."""
         if name not in known:
@@ -214,3 +231,12 @@ class Fields:
         for name, values in self._parameter_sets.items():
             if parameter.name in values:
                 yield f"value in the parameter set {name!r}", values[parameter.name]
+
+
+def _measures(text: str, kind: Kind) -> bool:
+    """Whether a text is a quantity of a kind."""
+    try:
+        parse_quantity(text, kind)
+    except ValueError:
+        return False
+    return True

@@ -25,6 +25,8 @@ class Heater:
     - `placement`: its place on the plate; None if the file lists contacts.
     - `drive_exponent`: the heat is the power times the duty to this power; None for a heat that is
       proportional to the duty.
+    - `full_scale`: what a column of a recording in W, V or A has at full duty: the number and this
+      unit; None for recordings of the duty.
     - `time_proportional`: the relay that switches it; None where the duty is that of a fast PWM.
     """
 
@@ -33,6 +35,8 @@ class Heater:
     power: Value | None = None
     electrical_resistance: Value | None = None
     placement: Placement | None = None
+    # A matter of recordings, not of temperatures, and so no part of the fingerprint.
+    full_scale: tuple[float, str] | None = field(default=None, repr=False)
     # Part of the fingerprint of a rig, but not of one without it.
     drive_exponent: Value | None = field(default=None, repr=False)
     # A twin has the mean over a window, so that its temperatures, and the fingerprint of its rig,

@@ -138,6 +138,14 @@ def build_heater(
     into no node or into several.
     """
     at = f"heaters[{table.name}]"
+    exponent = _drive_exponent(f"{at}.drive", table, fields)
+    full_scale = fields.full_scale(f"{at}.full_scale", table.full_scale)
+    if exponent is not None and full_scale is not None and full_scale[1] == "W":
+        fields.refuse(
+            f"{at}.full_scale",
+            "expected a voltage or a current beside a drive that is not proportional, because the "
+            f"heat is proportional to a power, got {table.full_scale!r}",
+        )
     if (table.power is None) == (table.electrical_resistance is None):
         result = "neither" if table.power is None else "both"
         fields.refuse(at, f"expected either a power or an electrical_resistance, got {result}")
@@ -153,7 +161,8 @@ def build_heater(
             f"{at}.electrical_resistance", table.electrical_resistance, ELECTRICAL_RESISTANCE
         ),
         placement=build_placement(at, table, plate, fields),
-        drive_exponent=_drive_exponent(f"{at}.drive", table, fields),
+        drive_exponent=exponent,
+        full_scale=full_scale,
         time_proportional=None
         if table.time_proportional is None
         else _time_proportional(f"{at}.time_proportional", table.time_proportional, fields),

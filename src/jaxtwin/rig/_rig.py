@@ -94,6 +94,13 @@ class Rig:
         return tuple(part.name for part in (*self.cells, *self.heaters))
 
     @property
+    def full_scales(self) -> dict[str, tuple[float, str]]:
+        """What columns of recordings have at full duty, for the cells and heaters that say it: the
+        number and W, V or A."""
+        parts = (*self.cells, *self.heaters)
+        return {part.name: part.full_scale for part in parts if part.full_scale is not None}
+
+    @property
     def relays(self) -> dict[int, RelayWindow]:
         """The relays of the heaters that have one, by the places of these among the `driven`."""
         return {

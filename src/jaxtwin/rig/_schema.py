@@ -220,6 +220,7 @@ class CellTable(Table):
     fan: FanTable | None = None
     initial_temperature: Quantity | None = None
     sink_initial_temperature: Quantity | None = None
+    full_scale: Quantity | None = None
 
 
 class TimeProportionalTable(Table):
@@ -240,6 +241,7 @@ class HeaterTable(Table):
     capacitance: Quantity | None = None
     initial_temperature: Quantity | None = None
     drive: Quantity = "proportional"
+    full_scale: Quantity | None = None
     time_proportional: TimeProportionalTable | None = None
 
 
