@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from compiled_c import compiled, ran
 from heated_box import cell_and_heater
+from radiating_rig import radiating_rig
 
 from jaxtwin import Experiment, Stepper, Twin, export_c, simulate
 from jaxtwin.errors import ControlError
@@ -169,3 +170,8 @@ def test_an_observer_with_uncertain_values_or_other_inputs_is_refused(tmp_path: 
     box = live_observer(Twin("heated-box"))
     with pytest.raises(ControlError, match=r"a rig without other inputs, got one of heated-box"):
         export_c(box, tmp_path)
+
+
+def test_an_observer_of_a_rig_with_nonlinear_links_is_refused(tmp_path: Path):
+    with pytest.raises(ControlError, match=r"expected an observer .* links are resistances"):
+        export_c(live_observer(Twin(radiating_rig())), tmp_path)

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from heated_box import by_hand, cell_and_heater, heated_box
+from radiating_rig import by_scipy, radiating_rig
 
 from jaxtwin import Experiment, Stepper, Twin, export_fmu, simulate
 from jaxtwin.c_export import _sources
@@ -373,3 +374,15 @@ def test_heaters_are_inputs_from_0_to_1_and_simulate_as_the_twin(tmp_path: Path)
     found = simulated(fmu, rows, stop_time=60.0, output=["node.air"])
     expected = by_hand((0.8, 0.3), 60.0)[0]
     assert found["node.air"][-1] == pytest.approx(expected, abs=1e-3)
+
+
+def test_exponents_and_emissivities_are_parameters_of_an_fmu(tmp_path: Path):
+    """Set before the start, against SciPy, to the error of steps of a second."""
+    fmu = export_fmu(Twin(radiating_rig()), tmp_path / "radiating.fmu")
+    values = {"eps": 0.5, "g": 0.2, "n": 0.3, "p": 1.6}
+    rows = np.zeros(61, dtype=[("time", float), ("duty.H", float)])
+    rows["time"], rows["duty.H"] = np.arange(0, 610, 10), 0.7
+    found = simulated(fmu, rows, stop_time=600.0, output=["T1", "T2"], start_values=values)
+    every_ten = np.column_stack([found["T1"], found["T2"]])[::10]
+    expected = by_scipy(Experiment(rows["time"], rows["duty.H"][:, None]), **values)
+    np.testing.assert_allclose(every_ten, expected, rtol=0, atol=5e-3)
