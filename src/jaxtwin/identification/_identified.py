@@ -1,0 +1,213 @@
+"""The result of an identification."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from .._display import html_table
+from .._json_values import json_value
+from ..io import Experiment
+from ..matching import WARM_UP, Band, Fit, prediction_band
+from ..rig import Rig
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+# The normal quantile of a band of 95 %.
+QUANTILE_95 = 1.96
+
+# Beyond the temperatures that were matched the error grows by this part of the way: laws of loss
+# that are alike inside differ by so much outside.
+EXTRAPOLATION_ERROR = 0.2
+
+
+@final
+@dataclass(frozen=True)
+class Candidate:
+    """A structure that was tried.
+
+    **Arguments:**
+
+    - `structure`: in words.
+    - `unknowns`: the number of its parameters.
+    - `cost`: minus the logarithm of its posterior probability, up to a constant: the lowest is
+      chosen.
+    - `rmse`: channel -> root mean square error of the matched readings, K.
+    - `held_out`: origin -> root mean square error over all channels from there to the end, of a
+      match to what is before, K. An origin is a fraction of the recording; empty for a structure
+      that was not judged.
+    - `at_bound`: parameters far from what was expected of them, where the log contradicts the
+      structure.
+    """
+
+    structure: str
+    unknowns: int
+    cost: float
+    rmse: Mapping[str, float]
+    held_out: Mapping[float, float]
+    at_bound: tuple[str, ...]
+
+    @property
+    def held_out_rmse(self) -> float:
+        """Root mean square over all origins, K; NaN if it was not judged."""
+        errors = np.array(list(self.held_out.values()))
+        return float(np.sqrt(np.mean(errors**2))) if len(errors) else math.nan
+
+
+@final
+@dataclass(frozen=True)
+class ModelError:
+    """What the structure itself does not know, learnt from held-out blocks.
+
+    **Arguments:**
+
+    - `growth`: of the standard deviation of each channel's error with time, K/s.
+    - `largest`: the standard deviation at most, K.
+    - `lowest`, `highest`: the temperatures of each channel that were matched, degC.
+    """
+
+    growth: tuple[float, ...]
+    largest: tuple[float, ...]
+    lowest: tuple[float, ...]
+    highest: tuple[float, ...]
+
+    def variance(
+        self,
+        ahead: Float[np.ndarray, " times"],
+        temperatures: Float[np.ndarray, "times channels"],
+    ) -> Float[np.ndarray, "times channels"]:
+        """The variance of the error, K^2.
+
+        **Arguments:**
+
+        - `ahead`: the time since the last known reading, s.
+        - `temperatures`: predicted, degC.
+        """
+        grown = np.minimum(np.array(self.growth) * ahead[:, None], self.largest)
+        outside = np.maximum(temperatures - self.highest, self.lowest - temperatures)
+        return grown**2 + (EXTRAPOLATION_ERROR * np.maximum(outside, 0.0)) ** 2
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class Identified:
+    """A twin that was found from recordings alone.
+
+    **Arguments:**
+
+    - `fit`: the match of the chosen structure, for `validate`, `observe`, `monitor`, control and
+      export.
+    - `candidates`: all structures, the most probable first.
+    - `baselines`: simple model -> root mean square error over the same held-out blocks, K.
+    - `model_error`: what the structure itself does not know.
+    - `notes`: what a reader should know of the log, in sentences.
+    """
+
+    fit: Fit
+    candidates: tuple[Candidate, ...]
+    baselines: Mapping[str, float]
+    model_error: ModelError
+    notes: tuple[str, ...]
+
+    @property
+    def rig(self) -> Rig:
+        """The rig file that was written for the log; `rig.text` is its text."""
+        return self.fit.twin.rig
+
+    def predict(self, experiment: Experiment) -> Band:
+        """Predicts an experiment, with a band of 95 % that contains the error of the model itself.
+
+        **Arguments:**
+
+        - `experiment`: the inputs. If it begins with a recording that was matched, the prediction
+          goes on from there; else room and start are estimated from its first minute.
+
+        **Raises:** the errors of `prediction_band`.
+        """
+        name, known_until = None, experiment.time[0] + WARM_UP
+        for number, matched in enumerate(self.fit.experiments):
+            count = len(matched.time)
+            if (
+                count <= len(experiment.time)
+                and np.array_equal(experiment.time[:count], matched.time)
+                and np.array_equal(experiment.duty[:count], matched.duty)
+            ):
+                name, known_until = self.fit.recordings[number], matched.time[-1]
+        band = prediction_band(self.fit, name, experiment=experiment)
+        half = (band.upper - band.middle) / QUANTILE_95
+        ahead = np.maximum(experiment.time - known_until, 0.0)
+        variance = half**2 + self.model_error.variance(ahead, band.middle)
+        wide = QUANTILE_95 * np.sqrt(variance)
+        return Band(band.run, band.middle - wide, band.middle + wide, band.level)
+
+    def summary(self) -> str:
+        """The structure, its rivals and how far to trust it, as text."""
+        best = self.candidates[0]
+        growth = " and ".join(
+            f"{1000 * rate:.2g} mK/s ({channel})"
+            for rate, channel in zip(self.model_error.growth, self.fit.channels[0], strict=True)
+        )
+        close = [row for row in self.candidates[1:] if row.cost - best.cost < math.log(20)]
+        lines = [
+            f"{self.rig.name}: {best.structure}",
+            f"{best.unknowns} unknowns, matched within {self.fit.rmse:.3g} K",
+            f"held-out blocks: {best.held_out_rmse:.3g} K; "
+            + ", ".join(f"{name} {error:.3g} K" for name, error in self.baselines.items()),
+            f"the error of the model itself grows by {growth}",
+        ]
+        if close:
+            lines.append(
+                f"{len(close)} other structures are as probable within a factor of 20: the log "
+                "does not tell them apart"
+            )
+            lines += [f"  {row.structure}: {row.held_out_rmse:.3g} K held out" for row in close[:5]]
+        if best.at_bound:
+            lines.append(f"far from what was expected: {', '.join(best.at_bound)}")
+        return "\n".join([*lines, *self.notes])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The identification as values of JSON."""
+        return {
+            "structure": self.candidates[0].structure,
+            "candidates": [json_value(row.__dict__) for row in self.candidates],
+            "baselines": dict(self.baselines),
+            "model_error": json_value(self.model_error.__dict__),
+            "notes": list(self.notes),
+            "fit": self.fit.to_dict(),
+        }
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """A table with a row for each structure."""
+        import pandas
+
+        return pandas.DataFrame(
+            [
+                {
+                    "structure": row.structure,
+                    "unknowns": row.unknowns,
+                    "cost": row.cost,
+                    "held-out RMSE, K": row.held_out_rmse,
+                    **{f"RMSE {channel}, K": error for channel, error in row.rmse.items()},
+                }
+                for row in self.candidates
+            ]
+        )
+
+    def plot(self) -> "Figure":
+        """Plots the matched recordings: `Fit.plot`."""
+        return self.fit.plot()
+
+    def __repr__(self) -> str:
+        return f"<Identified: {self.candidates[0].structure}, RMSE {self.fit.rmse:.3g} K>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (row.structure, str(row.unknowns), f"{row.cost:.1f}", f"{row.held_out_rmse:.3g}")
+            for row in self.candidates
+        ]
+        return html_table(repr(self), ("structure", "unknowns", "cost", "held out, K"), rows)

@@ -1,0 +1,322 @@
+"""A twin from recordings alone."""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arguments import check_callable, finite_number, names_of
+from .._waiting import advanced, announced
+from ..errors import MatchError
+from ..io import Experiment, read_recording
+from ..matching import match
+from ..physics import Twin
+from ..rig._build import parse_rig
+from ._baselines import FirstOrder, fit_first_order, fit_two_capacities
+from ._identified import Candidate, Identified, ModelError
+from ._log import ScreenedLog, screened_log
+from ._network import Family
+from ._rig_text import rig_text
+from ._screening import Problem, Screen, Screened
+from ._structures import in_words, structures
+
+Log = Experiment | str | os.PathLike[str]
+
+MIN_SAMPLES = 60
+# Two inputs of a larger correlation cannot be told apart.
+MAX_CORRELATION = 0.999
+# A channel moves if its readings do so by this part of the largest step between two of them.
+MIN_RANGE = 4.0
+# Structures matched in one batch, and structures that are judged on held-out blocks.
+BATCH, JUDGED = 16, 12
+# The first and the last origin of a held-out block, as fractions of the recording, and how many.
+FIRST_ORIGIN, LAST_ORIGIN, ORIGINS = 0.35, 0.8, 4
+# After the first change of the last input an origin leaves this fraction to learn from.
+EXCITED = 0.15
+# Errors below these do not count: a part of the range of the readings, and K.
+RELATIVE_FLOOR, FLOOR = 0.005, 0.02
+# So many standard deviations of its prior from what was expected is far.
+FAR = 3.0
+
+
+@announced("identification")
+def identify(
+    recordings: Log | Sequence[Log],
+    *,
+    channels: Iterable[str] | None = None,
+    ambient: float | int | None = None,
+    notes: str | None = None,
+    on_progress: Callable[[str], None] | None = None,
+) -> Identified:
+    """Finds a twin from recordings alone: the structure of its thermal network and its values.
+
+    Thermal networks of growing size are matched side by side to the averaged recordings, by draws
+    of one network that contains the parts of all. The most probable one is chosen and matched to
+    all readings. Matches to the first part of the recordings, which predict the rest, tell how far
+    it can be trusted. The powers of the heaters are not in a log: the first one has 10 W, to which
+    all heat capacities and resistances are relative.
+
+    **Arguments:**
+
+    - `recordings`: one or several recordings of the same device, or their files, with duties
+      of 0 to 1.
+    - `channels`: the channels to use; by default all.
+    - `ambient`: the temperature of the room, degC, if it is known; a recorded one is used as it is.
+    - `notes`: a description of the device for its rig file.
+    - `on_progress`: called with a sentence when a step begins.
+
+    **Returns:** the chosen twin with its rivals.
+
+    **Raises:** `MatchError` if the recordings are too short or differ in their columns, if a duty
+    or a channel never changes, if two duties always change together, or if a duty is negative: a
+    thermoelectric cell needs a rig file. `RecordingError` if a file cannot be read.
+    """
+    check_callable("identify: on_progress", on_progress, MatchError)
+    room = None if ambient is None else finite_number("identify: ambient", ambient, MatchError)
+    names = None if channels is None else names_of("identify: channels", channels, MatchError)
+
+    def report(text: str, done: int = 0, total: int | None = None) -> None:
+        advanced(done, total, text)
+        if on_progress is not None:
+            on_progress(text)
+
+    experiments, remarks = _checked(recordings, names)
+    logs = [screened_log(experiment) for experiment in experiments]
+    report("first-order systems")
+    first_log = logs[0]
+    everything = np.ones(len(first_log.experiment.time), dtype=bool)
+    firsts = [_first_order(first_log, column, everything) for column in first_log.temperatures.T]
+    family = Family.of(logs, firsts, room)
+    spread = np.nanstd(np.concatenate([log.temperatures for log in logs]), axis=0)
+    floor = np.maximum(RELATIVE_FLOOR * spread, FLOOR)
+    screen = Screen(family, logs, floor)
+    matched = _screened(screen, logs, report)
+    report(f"judging {in_words(matched[0].problem.parts)}")
+    origins = _origins(logs)
+    blocks = _judged(screen, logs, matched[:JUDGED], origins)
+    candidates = [
+        _candidate(screen, logs, end, blocks[number] if number < len(blocks) else {})
+        for number, end in enumerate(matched)
+    ]
+    baselines = _baselines(logs, origins)
+    best = matched[0]
+    report(f"matching {in_words(best.problem.parts)}")
+    fit = match(
+        Twin(parse_rig(_text(family, best, notes).encode(), "identified.toml")), experiments
+    )
+    error = _model_error(logs, blocks[0], fit.rmse)
+    if len(experiments) == 1:
+        remarks.append(
+            "one recording: how much the device differs from one recording to the next is not known"
+        )
+    return Identified(fit, tuple(candidates), baselines, error, tuple(remarks))
+
+
+def _checked(
+    recordings: Log | Sequence[Log], channels: tuple[str, ...] | None
+) -> tuple[list[Experiment], list[str]]:
+    """The recordings, and remarks on what was left out of them."""
+    several = [recordings] if isinstance(recordings, Log) else list(recordings)
+    if not several:
+        raise MatchError("identify: recordings: expected at least one, got none")
+    experiments, remarks = [], []
+    for given in several:
+        experiment = given if isinstance(given, Experiment) else read_recording(given)
+        if experiment.temperatures is None:
+            raise MatchError(f"{experiment.name}: expected temperatures, got none")
+        if channels is not None:
+            experiment = experiment.select(channels)
+        if experiment.glitches:
+            remarks += [f"{experiment.name}: left out {glitch}" for glitch in experiment.glitches]
+            experiment = experiment.without_glitches()
+        _check_content(experiment)
+        experiments.append(experiment)
+    first = experiments[0]
+    for other in experiments[1:]:
+        if other.channels != first.channels or other.n_cells != first.n_cells:
+            raise MatchError(
+                f"{other.name}: expected the columns of {first.name}: {first.n_cells} duties and "
+                f"{', '.join(first.channels)}, got {other.n_cells} and {', '.join(other.channels)}"
+            )
+    return experiments, remarks
+
+
+def _check_content(experiment: Experiment) -> None:
+    """Refuses a recording from which nothing can be learnt."""
+    name, duty, readings = experiment.name, np.asarray(experiment.duty), experiment.temperatures
+    assert readings is not None
+    count = int(np.isfinite(readings).sum(axis=0).min())
+    if count < MIN_SAMPLES:
+        raise MatchError(
+            f"{name}: expected at least {MIN_SAMPLES} readings of each channel, got {count}"
+        )
+    if duty.min() < 0:
+        raise MatchError(
+            f"{name}: expected duties of 0 to 1, got {duty.min():g}; a thermoelectric cell needs a "
+            "rig file (jaxtwin new-rig), which match takes"
+        )
+    for actuator, column in zip(experiment.cell_names, duty.T, strict=True):
+        if np.ptp(column) == 0:
+            raise MatchError(
+                f"{name}: duty of {actuator}: expected a duty that changes, got {column[0]:g} "
+                "throughout: its effect is not in the recording"
+            )
+    correlations = np.corrcoef(duty.T) if duty.shape[1] > 1 else np.eye(1)
+    for a in range(duty.shape[1]):
+        for b in range(a):
+            if abs(correlations[a, b]) > MAX_CORRELATION:
+                raise MatchError(
+                    f"{name}: duties of {experiment.cell_names[b]} and {experiment.cell_names[a]}: "
+                    "expected duties that also change apart, got two that always change together: "
+                    "their effects cannot be separated"
+                )
+    for channel, column in zip(experiment.channels, readings.T, strict=True):
+        present = column[np.isfinite(column)]
+        noise = float(np.median(np.abs(np.diff(present))))
+        if np.ptp(present) <= MIN_RANGE * noise or np.ptp(present) == 0:
+            raise MatchError(
+                f"{name}: {channel}: expected readings that move, got {np.ptp(present):.2g} K "
+                "altogether; leave it out by channels="
+            )
+
+
+def _first_order(
+    log: ScreenedLog, readings: Float[np.ndarray, " times"], known: np.ndarray
+) -> FirstOrder:
+    return fit_first_order(np.asarray(log.experiment.duty), readings, known, log.sample_time)
+
+
+def _screened(
+    screen: Screen, logs: Sequence[ScreenedLog], report: Callable[..., None]
+) -> list[Screened]:
+    """All structures matched to the whole recordings, the most probable first."""
+    several = structures(screen.family)
+    known = tuple(np.isfinite(log.temperatures) for log in logs)
+    ends: list[Screened] = []
+    for place in range(0, len(several), BATCH):
+        batch = several[place : place + BATCH]
+        report(f"{in_words(batch[0])} and {len(batch) - 1} more", place, len(several))
+        ends += screen.match([Problem(parts, known, {}) for parts in batch])
+    ends = [end for end in ends if np.isfinite(end.cost)]
+    if not ends:
+        raise MatchError("identify: expected a structure with finite temperatures, got none")
+    return sorted(ends, key=lambda end: end.cost)
+
+
+def _origins(logs: Sequence[ScreenedLog]) -> list[float]:
+    """Where held-out blocks begin: all inputs have changed before."""
+    first = FIRST_ORIGIN
+    for log in logs:
+        for column in np.asarray(log.experiment.duty).T:
+            changed = np.flatnonzero(column != column[0])
+            if len(changed):
+                first = max(
+                    first, log.experiment.time[changed[0]] / log.experiment.duration + EXCITED
+                )
+    return list(np.linspace(min(first, LAST_ORIGIN), LAST_ORIGIN, ORIGINS))
+
+
+Blocks = dict[float, list[Float[np.ndarray, "times channels"]]]
+
+
+def _judged(
+    screen: Screen, logs: Sequence[ScreenedLog], matched: Sequence[Screened], origins: list[float]
+) -> list[Blocks]:
+    """For each structure, origin -> the errors of the rest of each recording, K."""
+    problems = [
+        Problem(end.problem.parts, tuple(_before(log, origin) for log in logs), end.values)
+        for end in matched
+        for origin in origins
+    ]
+    ends = screen.match(problems)
+    errors = [
+        [
+            (run - log.temperatures)[log.experiment.time >= origin * log.experiment.duration]
+            for run, log in zip(end.predicted, logs, strict=True)
+        ]
+        for end, origin in zip(ends, origins * len(matched), strict=True)
+    ]
+    count = len(origins)
+    return [
+        dict(zip(origins, errors[count * n : count * (n + 1)], strict=True))
+        for n in range(len(matched))
+    ]
+
+
+def _before(log: ScreenedLog, origin: float) -> np.ndarray:
+    """Which readings are before an origin."""
+    early = log.experiment.time < origin * log.experiment.duration
+    return np.isfinite(log.temperatures) & early[:, None]
+
+
+def _candidate(
+    screen: Screen, logs: Sequence[ScreenedLog], end: Screened, blocks: Blocks
+) -> Candidate:
+    errors = np.concatenate(
+        [run - log.temperatures for run, log in zip(end.predicted, logs, strict=True)]
+    )
+    rmse = np.sqrt(np.nanmean(errors**2, axis=0))
+    return Candidate(
+        structure=in_words(end.problem.parts),
+        unknowns=len(end.values),
+        cost=float(end.cost),
+        rmse=dict(zip(screen.family.channels, map(float, rmse), strict=True)),
+        held_out={origin: _root_mean_square(block) for origin, block in blocks.items()},
+        at_bound=tuple(
+            name for (name, _), entry in screen.entries(end).items() if abs(entry) > FAR
+        ),
+    )
+
+
+def _root_mean_square(errors: Sequence[np.ndarray]) -> float:
+    return float(np.sqrt(np.nanmean(np.concatenate([block.ravel() for block in errors]) ** 2)))
+
+
+def _baselines(logs: Sequence[ScreenedLog], origins: Sequence[float]) -> dict[str, float]:
+    """Root mean square errors of the simple models over the held-out blocks of the first
+    recording, K."""
+    log = logs[0]
+    duty, time = np.asarray(log.experiment.duty), log.experiment.time
+    squares: dict[str, list[float]] = {"first order with delay": [], "two capacities": []}
+    for origin in origins:
+        early = time < origin * log.experiment.duration
+        for column in log.temperatures.T:
+            first = _first_order(log, column, early)
+            second = fit_two_capacities(duty, column, early, log.sample_time, first)
+            for name, run in zip(squares, (first.predicted, second), strict=True):
+                squares[name].append(float(np.nanmean((run - column)[~early] ** 2)))
+    return {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
+
+
+def _model_error(logs: Sequence[ScreenedLog], blocks: Blocks, rmse: float) -> ModelError:
+    """The growth of the error over the held-out blocks, beyond that of a matched reading."""
+    growths = []
+    for origin, errors in blocks.items():
+        squares = np.nanmean(np.concatenate(errors) ** 2, axis=0)
+        ahead = max(log.experiment.duration for log in logs) * (1 - origin)
+        growths.append(np.maximum(squares - rmse**2, 0.0) / ahead**2)
+    readings = np.concatenate([log.temperatures for log in logs])
+    return ModelError(
+        growth=tuple(map(float, np.sqrt(np.mean(growths, axis=0)))),
+        largest=tuple(map(float, 2 * np.nanstd(readings, axis=0))),
+        lowest=tuple(map(float, np.nanmin(readings, axis=0))),
+        highest=tuple(map(float, np.nanmax(readings, axis=0))),
+    )
+
+
+def _text(family: Family, end: Screened, notes: str | None) -> str:
+    """The text of the rig file of a matched structure."""
+    values: dict[str, list[float]] = {}
+    for (name, _), value in end.values.items():
+        values.setdefault(name, []).append(float(value))
+    means = {name: float(np.mean(several)) for name, several in values.items()}
+    comment = (
+        f"Found from a log by `jaxtwin identify`: {in_words(end.problem.parts)}.\n"
+        "The power of the first heater is not in a log: all heat capacities and resistances are\n"
+        "relative to it. Priors are what is typical for the log's time constants and gains."
+    )
+    tables = family.tables(end.problem.parts, means)
+    if notes is not None:
+        tables = {"description": notes, **tables}
+    return rig_text(tables, comment)

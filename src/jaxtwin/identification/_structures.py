@@ -1,0 +1,60 @@
+"""The structures that are tried, and what they are called."""
+
+from collections.abc import Set
+from itertools import product
+
+from ._network import Family
+
+LOSSES = (
+    ("linear",),
+    ("convection",),
+    ("radiation",),
+    ("linear", "radiation"),
+    ("convection", "radiation"),
+)
+BACKS = ((), ("wall",), ("shell",), ("wall", "shell"))
+BOARDS = (("board",), ("board", "wall"))
+
+WORDS = {
+    "linear": "a linear loss",
+    "convection": "natural convection",
+    "radiation": "radiation",
+    "wall": "a wall behind it",
+    "shell": "a shell around it",
+    "board": "a common board",
+    "lag": "the lag of its sensor",
+    "heater": "a heater with a heat capacity",
+    "power law": "heat as a power of the drive",
+    "link": "links between the places",
+}
+
+
+def structures(family: Family) -> list[frozenset[str]]:
+    """All structures of a family, the simplest first: every place has the same kinds of parts.
+
+    With several channels all places are linked, since what the log does not show of a link its
+    prior makes weak.
+    """
+    has_several = len(family.channels) > 1
+    result = []
+    for loss, back, lag, heater, power in product(
+        LOSSES,
+        BACKS + BOARDS * has_several,
+        ((), ("lag",)),
+        ((), ("heater",)),
+        ((), ("power law",)) if family.has_levels else ((),),
+    ):
+        kinds = {*loss, *back, *lag, *heater, *power, "link"}
+        result.append(frozenset(part for part in family.parts() if kind_of(part) in kinds))
+    return sorted(result, key=len)
+
+
+def kind_of(part: str) -> str:
+    """The kind of a part: `"wall"` of `"wall 2"`."""
+    return next(kind for kind in WORDS if part.startswith(f"{kind} "))
+
+
+def in_words(parts: Set[str]) -> str:
+    """A structure in words."""
+    kinds = {kind_of(part) for part in parts}
+    return "a block with " + ", ".join(text for kind, text in WORDS.items() if kind in kinds)
