@@ -32,8 +32,10 @@ from ._descent_result import (
 from ._descent_state import RUNNING, STATUS, Factors, LMState
 from ._jacobian import output_error_jacobians, output_errors_and_differences, weighted_jacobian
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, Trial, factorise
+from ._native_recordings import NativeDescents
 from ._objective import MatchObjective
 from ._optimistix import descend_with
+from ._problem import MatchProblem
 from ._residuals import output_errors, recording_modes, weighted_residuals
 from ._unknowns import SearchSpace
 
@@ -57,6 +59,7 @@ class DescentState(eqx.Module):
 
 
 def descend(
+    problems: Sequence[MatchProblem],
     objectives: Sequence[MatchObjective],
     solver: optx.AbstractLeastSquaresSolver,
     starts: Sequence[Start],
@@ -68,6 +71,7 @@ def descend(
 
     **Arguments:**
 
+    - `problems`: the problem of each objective.
     - `objectives`: objectives of equal shapes.
     - `solver`: `BoundedLevenbergMarquardt` runs all descents side by side; any other solver runs
       them one after the other through `optimistix.least_squares`.
@@ -85,6 +89,7 @@ def descend(
     for first in range(0, len(objectives), BATCH):
         part = slice(first, first + BATCH)
         batch = _Batch(
+            problems=_filled(problems[part], size),
             objectives=_filled(objectives[part], size),
             starts=_filled(starts[part], size),
             active=np.arange(size) < len(objectives) - first,
@@ -103,6 +108,7 @@ class _Batch(NamedTuple):
     """Objectives and their starts side by side. Copies that only pad the batch are not active.
     `meanwhile` is that of `Callbacks`."""
 
+    problems: list[MatchProblem]
     objectives: list[MatchObjective]
     starts: list[Start]
     active: Bool[np.ndarray, " descents"]
@@ -114,8 +120,8 @@ class _Proposal(NamedTuple):
     them."""
 
     vectors: Float[Array, "descents unknowns"]
-    output_errors: list[Array]
-    jacobians: list[Array] | None
+    output_errors: "BatchArrays"
+    jacobians: "BatchArrays | None"
     modes: list[Modes] | None
 
 
@@ -139,6 +145,7 @@ def _descend_batch(
         space = jax.device_put(space)
         objective = _stacked(batch.objectives)
         state = _first_state(solver, batch.starts, space)
+        native = None if space.difference_steps is not None else _native(batch, objective)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
@@ -148,15 +155,18 @@ def _descend_batch(
                 vectors = state.vectors
                 if iteration > 0:
                     vectors = _propose(solver, vectors, state.optimiser, space)
-                modes = _find_modes(vectors, objective)
-                if space.difference_steps is not None:
+                modes = None if native is not None else _find_modes(vectors, objective)
+                if native is not None:
+                    errors = native.output_errors(vectors, active)
+                    proposal = _Proposal(vectors, errors, None, None)
+                elif space.difference_steps is not None:
                     result = _solve_and_difference(vectors, objective, modes, space)
                     proposal = _Proposal(vectors, *result, modes)
                 elif iteration == 0:
                     proposal = _at_start(vectors, objective, modes, batch.meanwhile)
                 else:
                     proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
-            state = _step(solver, state, proposal, space, objective, active)
+            state = _step(solver, state, proposal, space, objective, active, native)
             # Indexing NumPy arrays needs no compiled function.
             optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
             for number in np.flatnonzero(active):
@@ -197,6 +207,17 @@ def _first_state(
     return DescentState(vectors, optimiser, None)
 
 
+def _native(batch: _Batch, objective: MatchObjective) -> NativeDescents | None:
+    """The descents in C, None where they are not. The programs of the runs are compiled at the same
+    time as the network's library."""
+    with ThreadPoolExecutor(1) as pool:
+        prepared = None if batch.meanwhile is None else pool.submit(batch.meanwhile)
+        native = NativeDescents.of(batch.problems, objective)
+        if prepared is not None:
+            prepared.result()
+    return native
+
+
 def _at_start(
     vectors: Float[Array, "descents unknowns"],
     objective: MatchObjective,
@@ -220,6 +241,7 @@ def _step(
     space: SearchSpace,
     objective: MatchObjective,
     active: Bool[np.ndarray, " descents"],
+    native: NativeDescents | None,
 ) -> DescentState:
     """The state after a proposal. Jacobians are computed only if at least one of the trials is
     accepted."""
@@ -228,8 +250,10 @@ def _step(
     accepted = np.asarray(_accepts(solver, state.vectors, vectors, costs, state.optimiser)) & active
     factors = state.optimiser.factors
     if accepted.any():
+        if jacobians is None and native is not None:
+            jacobians = native.jacobians(vectors, accepted)
         if jacobians is None:
-            assert modes is not None
+            modes = _find_modes(vectors, objective) if modes is None else modes
             jacobians = _differentiate(vectors, objective, modes)
         factors = _factorise(jacobians, residuals, objective)
     evaluation = state.evaluation
@@ -277,7 +301,7 @@ def _stacked(trees: Sequence[Tree]) -> Tree:
 Vectors = Float[Array, "descents unknowns"]
 Costs = Float[Array, " descents"]
 # One array for each batch of recordings of equal shapes, with a leading descents axis.
-BatchArrays = list[Float[Array, "..."]]
+BatchArrays = list[Float[np.ndarray | Array, "..."]]
 
 
 @persistent_jit_unoptimised

@@ -69,8 +69,8 @@ class Evaluation(eqx.Module):
     - `jacobians`: their derivatives, see `_jacobian`.
     """
 
-    output_errors: list[Float[Array, "..."]]
-    jacobians: list[Float[Array, "..."]]
+    output_errors: list[Float[np.ndarray | Array, "..."]]
+    jacobians: list[Float[np.ndarray | Array, "..."]]
 
 
 @final

@@ -189,6 +189,7 @@ def match(
     if others:
         # All starts use the weights of the first, so that their costs can be compared.
         results += descend(
+            [problem] * len(others),
             [make_objective(problem, noise_model)] * len(others),
             solver,
             others,

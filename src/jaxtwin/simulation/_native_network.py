@@ -164,6 +164,19 @@ class Outputs:
         self.row = np.cumsum([0, *lengths]).astype(np.int32)
         self.nodes = np.concatenate([*self.readers, self.others])
 
+    def select(
+        self, numbers: Float[np.ndarray, "numbers draws"], columns: Sequence[int]
+    ) -> Float[np.ndarray, "fewer draws"]:
+        """The numbers of draws for fewer channels, these positions among the `columns`."""
+        count = len(self.columns)
+        tables = len(numbers) - len(self.nodes) - 3 * count
+        at = np.asarray(columns, int)
+        kept = [np.arange(tables), *(tables + part * count + at for part in range(3))]
+        weights = len(numbers) - len(self.nodes)
+        kept += [weights + np.arange(*self.row[one : one + 2]) for one in at]
+        kept.append(weights + np.arange(self.row[count], self.row[-1]))
+        return numbers[np.concatenate(kept)]
+
 
 @lru_cache(maxsize=32)
 def native_network(wiring: Wiring) -> NativeNetwork:
@@ -177,18 +190,18 @@ def pack_draws(
     draws: Mapping[str, Float[Array | np.ndarray, " draws"]],
     inputs: InputSummary,
     initial: CheckedInitial,
-    columns: tuple[int, ...],
     with_plate: bool,
 ) -> Float[Array, "numbers draws"]:
-    """Computes the numbers of draws for `rodas5p.c`, in the order of its `struct numbers`.
+    """Computes the numbers of draws for `rodas5p.c`, in the order of its `struct numbers`, for all
+    channels: recordings of other channels use the same program.
 
-    **Arguments:** `twin` to `initial` are as in `prepare_chunk`, the others as in `Outputs`.
+    **Arguments:** `twin` to `initial` are as in `prepare_chunk`, `with_plate` as in `Outputs`.
     """
 
     def pack(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Float[Array, " numbers"]:
         system = twin.with_values(values).system(lumped=keeps_symmetry(initial))
         network = native_network(system.wiring)
-        outputs = Outputs(system.wiring, columns, with_plate)
+        outputs = Outputs(system.wiring, range(len(system.wiring.channels)), with_plate)
         reference = reference_temperature(system, inputs)
         start = initial_temperatures(system, initial, inputs.first, reference)
         drift = system.ambient_drift if inputs.ambient is None else None
