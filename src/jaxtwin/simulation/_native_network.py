@@ -106,7 +106,6 @@ class NativeNetwork:
             "network_factor_row": table.factor_row,
             "network_diagonal": table.diagonal,
             "network_factor_column": table.factor_column,
-            "network_changed": table.changed,
             "network_cold": cold,
             "network_hot": hot,
             "network_cell_factors": [
@@ -130,6 +129,10 @@ class NativeNetwork:
             "method_correction": CORRECTION,
         }
         lines = [f"#define {name} {number + 0!r}" for name, number in sizes.items()]
+        lines += [
+            f"#define NETWORK_FACTORISE {' '.join(_factorise_statements(table))}",
+            f"#define NETWORK_SOLVE {' '.join(_solve_statements(table))}",
+        ]
         for kind, tables in (("int", integers), ("double", numbers)):
             lines += [_table(kind, name, np.asarray(values)) for name, values in tables.items()]
         return "\n".join(lines) + "\n"
@@ -169,6 +172,8 @@ class Outputs:
     ) -> Float[np.ndarray, "fewer draws"]:
         """The numbers of draws for fewer channels, these positions among the `columns`."""
         count = len(self.columns)
+        if tuple(columns) == tuple(self.columns.tolist()):
+            return numbers
         tables = len(numbers) - len(self.nodes) - 3 * count
         at = np.asarray(columns, int)
         kept = [np.arange(tables), *(tables + part * count + at for part in range(3))]
@@ -283,6 +288,39 @@ def _even(numbers: Float[Array, " elements"]) -> Float[Array, " even"]:
 
 def _flat(lists: Sequence[Any]) -> list[Any]:
     return [row for part in lists for row in (part if isinstance(part, list) else [part])]
+
+
+def _factorise_statements(table: Elimination) -> list[str]:
+    """The elimination as straight code in C. A compiler takes ten times as long to unroll the loops
+    of a network of sixty nodes."""
+    changed, lines = iter(table.changed.tolist()), []
+    row, diagonal, column = table.factor_row, table.diagonal, table.factor_column
+    for i, pivot in enumerate(diagonal):
+        for p in range(row[i], pivot):
+            k = column[p]
+            lines.append(f"f[{p}] *= f[{diagonal[k]}];")
+            lines += [
+                f"f[{next(changed)}] -= f[{p}] * f[{q}];"
+                for q in range(diagonal[k] + 1, row[k + 1])
+            ]
+        lines.append(f"f[{pivot}] = 1 / f[{pivot}];")
+    return lines
+
+
+def _solve_statements(table: Elimination) -> list[str]:
+    """The substitutions forwards and backwards as straight code in C."""
+    row, diagonal, column = table.factor_row, table.diagonal, table.factor_column
+
+    def less(places: range) -> str:
+        return "".join(f" - f[{p}] * x[{column[p]}]" for p in places)
+
+    nodes = range(len(diagonal))
+    forwards = [f"x[{i}] = b[{i}]{less(range(row[i], diagonal[i]))};" for i in nodes]
+    backwards = [
+        f"x[{i}] = (x[{i}]{less(range(diagonal[i] + 1, row[i + 1]))}) * f[{diagonal[i]}];"
+        for i in reversed(nodes)
+    ]
+    return forwards + backwards
 
 
 def _table(kind: str, name: str, values: np.ndarray) -> str:
