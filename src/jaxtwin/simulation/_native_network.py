@@ -103,9 +103,7 @@ class NativeNetwork:
             "network_row": table.row,
             "network_column": table.column,
             "network_factor_of": table.place[rows, table.column],
-            "network_factor_row": table.factor_row,
             "network_diagonal": table.diagonal,
-            "network_factor_column": table.factor_column,
             "network_cold": cold,
             "network_hot": hot,
             "network_cell_factors": [
