@@ -62,7 +62,9 @@ Result = tuple[np.ndarray, int | str, int | str]
 def ours(objective: MatchObjective, problem: MatchProblem) -> Result:
     solver = BoundedLevenbergMarquardt(rtol=RTOL)
     start = problem.unknowns.start()
-    (end,) = descend([objective], solver, [start], problem.unknowns.search_space(), LIMIT)
+    (end,) = descend(
+        [problem], [objective], solver, [start], problem.unknowns.search_space(), LIMIT
+    )
     assert end.optimiser is not None
     return end.vector, int(end.optimiser.num_residuals), int(end.optimiser.num_jacobians)
 

@@ -45,7 +45,9 @@ def falls_of_cost(fit: Fit) -> np.ndarray:
     problem = solution.problem
     objective = make_objective(problem, solution.noise_model)
     space = problem.unknowns.search_space()
-    (result,) = descend([objective], default_solver(problem), [solution.vector], space, 0)
+    (result,) = descend(
+        [problem], [objective], default_solver(problem), [solution.vector], space, 0
+    )
     with_priors = result.jacobian()
     size = with_priors.shape[1]
     slopes = with_priors[: len(with_priors) - size - len(problem.linear_prior.values)]

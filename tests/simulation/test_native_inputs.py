@@ -150,9 +150,8 @@ def test_the_numbers_under_any_inputs_are_those_of_the_physics(levels, resistanc
     at = np.array([*levels[:3], levels[3] + 273.15])
     with jax.enable_x64(True):
         grid = commanded_steps(experiment(), False, 0, system.wiring.inputs_and_effects)
-        packed = pack_draws(
-            twin, {"R_open": np.array([resistance])}, grid.summary(), None, (0, 1), False
-        )
+        draws = {"R_open": np.array([resistance])}
+        packed = pack_draws(twin, draws, grid.summary(), None, False)
         numbers = np.array(packed)[:, 0]
         system = twin.system(lumped=True)
         under = system.under(system.conditions(jnp.asarray(at)))

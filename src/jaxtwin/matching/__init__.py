@@ -11,7 +11,8 @@ covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which fil
 - the unknowns: `_unknowns` (vector, bounds), `_group_values` (days that differ)
 - what is given: `_recordings` (checks, masks), `_start` (how they begin), `_problem` (arguments)
 - what a sample counts: `_noise_model`, `_loss`, `_camera_error`, `_residual_weights`
-- the cost: `_objective` (recordings as arrays), `_residuals` and `_jacobian` (solve and subtract)
+- the cost: `_objective` (recordings as arrays), `_native_recordings` (draws in C), `_residuals` and
+  `_jacobian` (solve and subtract)
 - the minimum: `_descent`, `_descent_state`, `_descent_result`, `_levenberg_marquardt`,
   `_optimistix` (other solvers), `_reweighted_least_squares` (rounds with new weights)
 - the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_between_recordings`

@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
@@ -31,9 +30,11 @@ from ._descent_result import (
 )
 from ._descent_state import RUNNING, STATUS, Factors, LMState
 from ._jacobian import output_error_jacobians, output_errors_and_differences, weighted_jacobian
-from ._levenberg_marquardt import BoundedLevenbergMarquardt, Trial, factorise
+from ._levenberg_marquardt import BoundedLevenbergMarquardt, Trial
+from ._native_recordings import NativeDescents
 from ._objective import MatchObjective
 from ._optimistix import descend_with
+from ._problem import MatchProblem
 from ._residuals import output_errors, recording_modes, weighted_residuals
 from ._unknowns import SearchSpace
 
@@ -57,6 +58,7 @@ class DescentState(eqx.Module):
 
 
 def descend(
+    problems: Sequence[MatchProblem],
     objectives: Sequence[MatchObjective],
     solver: optx.AbstractLeastSquaresSolver,
     starts: Sequence[Start],
@@ -68,6 +70,7 @@ def descend(
 
     **Arguments:**
 
+    - `problems`: the problem of each objective.
     - `objectives`: objectives of equal shapes.
     - `solver`: `BoundedLevenbergMarquardt` runs all descents side by side; any other solver runs
       them one after the other through `optimistix.least_squares`.
@@ -85,6 +88,7 @@ def descend(
     for first in range(0, len(objectives), BATCH):
         part = slice(first, first + BATCH)
         batch = _Batch(
+            problems=_filled(problems[part], size),
             objectives=_filled(objectives[part], size),
             starts=_filled(starts[part], size),
             active=np.arange(size) < len(objectives) - first,
@@ -103,6 +107,7 @@ class _Batch(NamedTuple):
     """Objectives and their starts side by side. Copies that only pad the batch are not active.
     `meanwhile` is that of `Callbacks`."""
 
+    problems: list[MatchProblem]
     objectives: list[MatchObjective]
     starts: list[Start]
     active: Bool[np.ndarray, " descents"]
@@ -114,8 +119,8 @@ class _Proposal(NamedTuple):
     them."""
 
     vectors: Float[Array, "descents unknowns"]
-    output_errors: list[Array]
-    jacobians: list[Array] | None
+    output_errors: "BatchArrays"
+    jacobians: "BatchArrays | None"
     modes: list[Modes] | None
 
 
@@ -139,6 +144,7 @@ def _descend_batch(
         space = jax.device_put(space)
         objective = _stacked(batch.objectives)
         state = _first_state(solver, batch.starts, space)
+        native = None if space.difference_steps is not None else _native(batch, objective)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
@@ -148,15 +154,18 @@ def _descend_batch(
                 vectors = state.vectors
                 if iteration > 0:
                     vectors = _propose(solver, vectors, state.optimiser, space)
-                modes = _find_modes(vectors, objective)
-                if space.difference_steps is not None:
+                modes = None if native is not None else _find_modes(vectors, objective)
+                if native is not None:
+                    errors = native.output_errors(vectors, active)
+                    proposal = _Proposal(vectors, errors, None, None)
+                elif space.difference_steps is not None:
                     result = _solve_and_difference(vectors, objective, modes, space)
                     proposal = _Proposal(vectors, *result, modes)
                 elif iteration == 0:
                     proposal = _at_start(vectors, objective, modes, batch.meanwhile)
                 else:
                     proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
-            state = _step(solver, state, proposal, space, objective, active)
+            state = _step(solver, state, proposal, space, objective, batch, active, native)
             # Indexing NumPy arrays needs no compiled function.
             optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
             for number in np.flatnonzero(active):
@@ -197,6 +206,17 @@ def _first_state(
     return DescentState(vectors, optimiser, None)
 
 
+def _native(batch: _Batch, objective: MatchObjective) -> NativeDescents | None:
+    """The descents in C, None where they are not. The programs of the runs are compiled at the same
+    time as the network's library."""
+    with ThreadPoolExecutor(1) as pool:
+        prepared = None if batch.meanwhile is None else pool.submit(batch.meanwhile)
+        native = NativeDescents.of(batch.problems, objective)
+        if prepared is not None:
+            prepared.result()
+    return native
+
+
 def _at_start(
     vectors: Float[Array, "descents unknowns"],
     objective: MatchObjective,
@@ -219,19 +239,23 @@ def _step(
     proposal: _Proposal,
     space: SearchSpace,
     objective: MatchObjective,
+    batch: _Batch,
     active: Bool[np.ndarray, " descents"],
+    native: NativeDescents | None,
 ) -> DescentState:
     """The state after a proposal. Jacobians are computed only if at least one of the trials is
     accepted."""
     vectors, errors, jacobians, modes = proposal
-    residuals, costs, mean_squares = _weigh(errors, vectors, objective)
+    residuals, costs, mean_squares = _weigh(errors, vectors, batch.objectives)
     accepted = np.asarray(_accepts(solver, state.vectors, vectors, costs, state.optimiser)) & active
     factors = state.optimiser.factors
     if accepted.any():
+        if jacobians is None and native is not None:
+            jacobians = native.jacobians(vectors, accepted)
         if jacobians is None:
-            assert modes is not None
+            modes = _find_modes(vectors, objective) if modes is None else modes
             jacobians = _differentiate(vectors, objective, modes)
-        factors = _factorise(jacobians, residuals, objective)
+        factors = _factorise(jacobians, residuals, batch.objectives)
     evaluation = state.evaluation
     if jacobians is not None:
         new = Evaluation(errors, jacobians)
@@ -275,9 +299,9 @@ def _stacked(trees: Sequence[Tree]) -> Tree:
 
 
 Vectors = Float[Array, "descents unknowns"]
-Costs = Float[Array, " descents"]
+Costs = Float[np.ndarray | Array, " descents"]
 # One array for each batch of recordings of equal shapes, with a leading descents axis.
-BatchArrays = list[Float[Array, "..."]]
+BatchArrays = list[Float[np.ndarray | Array, "..."]]
 
 
 @persistent_jit_unoptimised
@@ -324,31 +348,38 @@ def _solve_and_difference(
     )(vectors, objectives, modes)
 
 
-@persistent_jit
 def _weigh(
-    errors: BatchArrays, vectors: Vectors, objectives: MatchObjective
-) -> tuple[Float[Array, "descents residuals"], Costs, Costs]:
+    errors: BatchArrays, vectors: Vectors, objectives: Sequence[MatchObjective]
+) -> tuple[Float[np.ndarray, "descents residuals"], Costs, Costs]:
     """Weighted residuals, half the sum of their squares, and the mean squared error, K^2."""
+    rows, mean_squares = [], []
+    for number, objective in enumerate(objectives):
+        of_descent = [np.asarray(part[number]) for part in errors]
+        parts, mean_square = weighted_residuals(of_descent, np.asarray(vectors[number]), objective)
+        rows.append(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(parts)]))
+        mean_squares.append(mean_square)
+    residuals = np.stack(rows)
+    return residuals, 0.5 * np.sum(residuals**2, axis=1), np.array(mean_squares)
 
-    def of_descent(
-        errors: list[Array], vector: Array, objective: MatchObjective
-    ) -> tuple[Array, Array, Array]:
-        parts, mean_square = weighted_residuals(errors, vector, objective)
-        residual = ravel_pytree(parts)[0]
-        return residual, 0.5 * jnp.sum(residual**2), mean_square
 
-    return _side_by_side(of_descent)(errors, vectors, objectives)
-
-
-@persistent_jit
 def _factorise(
     jacobians: BatchArrays,
-    residuals: Float[Array, "descents residuals"],
-    objectives: MatchObjective,
+    residuals: Float[np.ndarray, "descents residuals"],
+    objectives: Sequence[MatchObjective],
 ) -> Factors:
-    return _side_by_side(lambda j, r, o: factorise(weighted_jacobian(j, o), r))(
-        jacobians, residuals, objectives
-    )
+    """The `factorise` of each descent, by LAPACK."""
+    # NumPy's own takes twice as long: it copies and transposes a matrix that is tall.
+    from scipy.linalg.lapack import dgeqrf
+
+    triangles = []
+    for number, objective in enumerate(objectives):
+        of_descent = [np.asarray(part[number]) for part in jacobians]
+        columns = weighted_jacobian(of_descent, objective).T
+        table = np.concatenate([columns, residuals[number][None]])
+        reduced, *_ = dgeqrf(table.T, overwrite_a=True)
+        triangles.append(np.triu(reduced[: len(table)]))
+    whole = np.stack(triangles)
+    return Factors(whole[:, :-1, :-1], whole[:, :-1, -1])
 
 
 @persistent_jit_unoptimised

@@ -13,14 +13,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._compilation import persistent_jit
-from .._jax_settings import own_settings
 from ._descent_state import LMState
 from ._jacobian import weighted_jacobian
 from ._noise_model import NoiseModel
 from ._objective import MatchObjective
 from ._problem import MatchProblem
-from ._residual_weights import RecordingErrors, ResidualWeights, SplitErrors
+from ._residual_weights import RecordingErrors
 
 
 @final
@@ -69,8 +67,8 @@ class Evaluation(eqx.Module):
     - `jacobians`: their derivatives, see `_jacobian`.
     """
 
-    output_errors: list[Float[Array, "..."]]
-    jacobians: list[Float[Array, "..."]]
+    output_errors: list[Float[np.ndarray | Array, "..."]]
+    jacobians: list[Float[np.ndarray | Array, "..."]]
 
 
 @final
@@ -103,15 +101,13 @@ class DescentResult:
         """The errors of each recording, split into their parts, K."""
         result: dict[int, RecordingErrors] = {}
         batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
-        with own_settings():
-            for batch, errors in batches:
-                split = _split(batch.weights, errors)
-                channel, common_mode, sizes = (np.asarray(part) for part in split)
-                camera = np.einsum("rtk,rk->rt", np.asarray(batch.weights.shapes), sizes)
-                for row, position in enumerate(batch.positions):
-                    times = slice(int(batch.lengths[row]))  # without what fills up their number
-                    parts = (part[row, times] for part in (channel, common_mode, camera))
-                    result[position] = RecordingErrors(*parts)
+        for batch, errors in batches:
+            for row, position in enumerate(batch.positions):
+                weights = jax.tree.map(lambda leaf, at=row: np.asarray(leaf[at]), batch.weights)
+                channel, common_mode, sizes = weights.split(np.asarray(errors)[row])
+                parts = (channel, common_mode, weights.shapes @ sizes)
+                times = slice(int(batch.lengths[row]))  # without what fills up their number
+                result[position] = RecordingErrors(*(part[times] for part in parts))
         return [result[position] for position in sorted(result)]
 
     def temperatures(self) -> list[Float[np.ndarray, "_times _channels"]]:
@@ -126,15 +122,12 @@ class DescentResult:
 
     def jacobian(self) -> Float[np.ndarray, "residuals unknowns"]:
         """Derivatives of the weighted residuals."""
-        with own_settings():
-            return np.asarray(_jacobian(self.evaluation.jacobians, self.objective))
+        jacobians = [np.asarray(part) for part in self.evaluation.jacobians]
+        return np.asarray(weighted_jacobian(jacobians, self.objective))
 
 
 # The start of a descent: a vector, or the result of an earlier descent that is continued.
 Start = Float[np.ndarray, " unknowns"] | DescentResult
-
-
-_jacobian = persistent_jit(weighted_jacobian)
 
 
 @final
@@ -143,13 +136,6 @@ class MatchEstimate(NamedTuple):
 
     result: DescentResult
     noise_model: NoiseModel
-
-
-@persistent_jit
-def _split(
-    weights: ResidualWeights, errors: Float[Array | np.ndarray, "recordings times channels"]
-) -> SplitErrors:
-    return jax.vmap(lambda weights, error: weights.split(error))(weights, errors)
 
 
 @final

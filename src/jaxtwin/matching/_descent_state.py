@@ -3,6 +3,7 @@
 from typing import final
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
 Vector = Float[Array, " unknowns"]
@@ -25,8 +26,8 @@ class Factors(eqx.Module):
     - `triangle`: R. `projected`: $Q^T r$, with the residuals $r$.
     """
 
-    triangle: Float[Array, "unknowns unknowns"]
-    projected: Float[Array, " unknowns"]
+    triangle: Float[np.ndarray | Array, "*descents unknowns unknowns"]
+    projected: Float[np.ndarray | Array, "*descents unknowns"]
 
     @property
     def gradient(self) -> Vector:

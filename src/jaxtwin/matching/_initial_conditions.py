@@ -235,6 +235,7 @@ def _descend(
         )
         problem = replace(problem, linear_prior=prior)
         results = descend(
+            [problem],
             [make_objective(problem, noise_model)],
             solver,
             results or [unknowns.start()],

@@ -9,7 +9,7 @@ of a match the exact derivatives take less time.
 """
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ from ..physics import Twin
 from ..simulation import TimeGrid
 from ..simulation._modes import Modes
 from ._objective import MatchObjective, SameShapeBatch
-from ._residual_weights import ResidualWeights, SplitErrors
+from ._residual_weights import AnyArray, ResidualWeights, SplitErrors, of_each_recording
 from ._residuals import camera_readings, channel_rises, errors_of_readings, local_vectors
 from ._start import OF_THE_RIG, RunStart
 from ._unknowns import SearchSpace, VectorLayout
@@ -66,26 +66,32 @@ def output_error_jacobians(
 
 
 def weighted_jacobian(
-    jacobians: Sequence[Float[Array, "_recordings _entries _times _channels"]],
+    jacobians: Sequence[Float[AnyArray, "_recordings _entries _times _channels"]],
     objective: MatchObjective,
-) -> Float[Array, "residuals unknowns"]:
-    """Computes the derivatives of `residuals` from those of the output errors."""
+) -> Float[AnyArray, "residuals unknowns"]:
+    """Computes the derivatives of `residuals` from those of the output errors, in NumPy if these
+    are."""
     size, columns = np.shape(objective.prior_means)[0], []
+    numpy: Any = np if all(isinstance(part, np.ndarray) for part in jacobians) else jnp
     for batch, jacobian in zip(objective.same_shape_batches, jacobians, strict=True):
 
-        def of_recording(jacobian: Array, weights: ResidualWeights) -> SplitErrors:
-            return jax.vmap(lambda slope: weights.weigh(weights.split(slope)))(jacobian)
+        def of_recording(jacobian: AnyArray, weights: ResidualWeights) -> SplitErrors:
+            return weights.weigh(weights.split(jacobian))
 
         entries = objective.layout.entry_indices()[list(batch.positions)]
         recording = np.arange(len(entries))[:, None]
-        for part in jax.vmap(of_recording)(jacobian, batch.weights):
+        for part in of_each_recording(of_recording, jacobian, batch.weights):
             flat = part.reshape(*part.shape[:2], -1)
-            whole = jnp.zeros((size, len(entries), flat.shape[-1]), flat.dtype)
-            columns.append(whole.at[entries, recording].set(flat).reshape(size, -1))
-    columns.append(jnp.diag(jnp.asarray(objective.prior_weights)))
-    columns.append(jnp.asarray(objective.linear_prior.matrix).T)
+            whole = numpy.zeros((size, len(entries), flat.shape[-1]), flat.dtype)
+            if numpy is np:
+                whole[entries, recording] = flat
+            else:
+                whole = whole.at[entries, recording].set(flat)
+            columns.append(whole.reshape(size, -1))
+    columns.append(numpy.diag(numpy.asarray(objective.prior_weights)))
+    columns.append(numpy.asarray(objective.linear_prior.matrix).T)
     # It is transposed last, which takes no time: products of columns do not depend on the layout.
-    return jnp.concatenate(columns, axis=1).T
+    return numpy.concatenate(columns, axis=1).T
 
 
 def reading_jacobian(

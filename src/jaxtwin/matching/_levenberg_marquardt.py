@@ -21,6 +21,7 @@ from typing import Any, final
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, PyTree, Scalar
@@ -51,8 +52,8 @@ class Trial(eqx.Module):
     """
 
     vector: Float[Array, "*descents unknowns"]
-    cost: Float[Array, "*descents"]
-    aux: PyTree[Array]
+    cost: Float[np.ndarray | Array, "*descents"]
+    aux: PyTree[np.ndarray | Array]
     factors: Factors
 
 

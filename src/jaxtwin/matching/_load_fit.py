@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, NoReturn
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pydantic
 from jaxtyping import Float
@@ -415,7 +414,7 @@ def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Co
     with jax.enable_x64(True):
         # Missing samples have no weight.
         difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
-        sizes = weights.split(jnp.asarray(difference)).sizes
+        sizes = weights.split(np.asarray(difference)).sizes
         error = np.asarray(weights.shapes) @ np.asarray(sizes)
     return Comparison(run, CameraError(noise_model.events[number], error))
 

@@ -87,7 +87,8 @@ def match(
     """Matches a twin to recordings by nonlinear least squares, in float64.
 
     All recordings count together; missing samples (NaN) have no weight. Positive parameters are
-    matched by their logarithm, inside their bounds, with exact derivatives of the simulation.
+    matched by their logarithm, inside their bounds. Derivatives of the simulation are central
+    differences of draws in C, or exact ones by JAX where there is no C compiler.
 
     Without priors and without a common error of the camera in the rig file, the cost is eq. (11) of
     the paper. With them the residuals are weighted by their noise. Its standard deviation and
@@ -189,6 +190,7 @@ def match(
     if others:
         # All starts use the weights of the first, so that their costs can be compared.
         results += descend(
+            [problem] * len(others),
             [make_objective(problem, noise_model)] * len(others),
             solver,
             others,

@@ -166,7 +166,7 @@ def descend_with_noise(
     solver, estimates = default_solver(problem), []
     for _ in range(EVENT_ROUNDS):
         objective = make_objective(problem, noise_model)
-        (result,) = descend([objective], solver, [vector], space, max_iterations)
+        (result,) = descend([problem], [objective], solver, [vector], space, max_iterations)
         estimates.append(MatchEstimate(result, noise_model))
         if not np.isfinite(result.cost):
             break

@@ -184,6 +184,7 @@ def profile(
             on_progress(make_iteration(problem, step, number))
 
     results = descend(
+        [problem] * len(objectives),
         objectives,
         default_solver(problem),
         starts,

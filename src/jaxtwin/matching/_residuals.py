@@ -27,12 +27,12 @@ from ..simulation import Drive, TimeGrid, solve_network
 from ..simulation._few_modes import few_modes
 from ..simulation._modes import Modes, run_modes
 from ._objective import MatchObjective, SameShapeBatch
-from ._residual_weights import ResidualWeights, SplitErrors
+from ._residual_weights import AnyArray, ResidualWeights, SplitErrors, of_each_recording
 from ._start import OF_THE_RIG, RunStart
 
 # For each batch of recordings the weighted parts of their output errors, followed by those of the
 # priors.
-Residuals = list[SplitErrors | Float[Array, "..."]]
+Residuals = list[SplitErrors | Float[AnyArray, "..."]]
 
 
 def residuals(
@@ -98,30 +98,30 @@ def errors_of_readings(
 
 
 def weighted_residuals(
-    errors: Sequence[Float[Array, "_recordings _times _channels"]],
-    vector: Float[Array, " unknowns"],
+    errors: Sequence[Float[AnyArray, "_recordings _times _channels"]],
+    vector: Float[AnyArray, " unknowns"],
     objective: MatchObjective,
-) -> tuple[Residuals, Float[Array, ""]]:
-    """Computes the result of `residuals` from the output errors."""
+) -> tuple[Residuals, Float[AnyArray | np.floating, ""]]:
+    """Computes the result of `residuals` from the output errors, in NumPy if these are."""
     parts: Residuals = []
-    squares, samples = jnp.zeros(()), jnp.zeros((), int)
+    squares, samples = 0.0, 0
     for batch, batch_errors in zip(objective.same_shape_batches, errors, strict=True):
 
         def of_recording(
-            errors: Array, weights: ResidualWeights, sampled: Array | np.ndarray
-        ) -> tuple[SplitErrors, Array]:
+            errors: AnyArray, weights: ResidualWeights, sampled: AnyArray
+        ) -> tuple[SplitErrors, AnyArray | np.floating]:
             split = weights.split(errors)
             # The errors that the twin does not explain, without the camera's error.
-            unexplained = errors - (jnp.asarray(weights.shapes) @ split.sizes)[:, None]
-            return weights.weigh(split), jnp.sum(unexplained**2, where=sampled)
+            unexplained = errors - (weights.shapes @ split.sizes)[:, None]
+            return weights.weigh(split), (unexplained**2).sum(where=sampled)
 
-        part, square = jax.vmap(of_recording)(batch_errors, batch.weights, batch.sampled)
+        part, square = of_each_recording(of_recording, batch_errors, batch.weights, batch.sampled)
         parts.append(part)
-        squares += square.sum()
-        samples += jnp.sum(batch.sampled)
+        squares = squares + square.sum()
+        samples = samples + batch.sampled.sum()
     linear = objective.linear_prior
     parts.append((vector - objective.prior_means) * objective.prior_weights)
-    parts.append(jnp.asarray(linear.matrix) @ vector - linear.values)
+    parts.append(linear.matrix @ vector - linear.values)
     return parts, squares / samples
 
 

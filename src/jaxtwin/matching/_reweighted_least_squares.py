@@ -111,7 +111,7 @@ def _descend(
             prepare_simulation(problems[0].twin, experiment)
 
     callbacks = Callbacks(on_step, prepare_runs)
-    results = descend(objectives, solver, starts, space, max_iterations, callbacks)
+    results = descend(problems, objectives, solver, starts, space, max_iterations, callbacks)
     return [MatchEstimate(*pair) for pair in zip(results, noise_models, strict=True)]
 
 

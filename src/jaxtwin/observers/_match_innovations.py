@@ -304,7 +304,7 @@ def _at(
     noise_model = solution_of(fit).noise_model
     space = problem.unknowns.search_space()
     objective = make_objective(problem, noise_model)
-    (result,) = descend([objective], default_solver(problem), [vector], space, 0)
+    (result,) = descend([problem], [objective], default_solver(problem), [vector], space, 0)
     if noise_model.channel_curvature is None:  # the fit comes from a file
         noise_model = update_noise_model(problem, noise_model, result.recording_errors())
     optimum = make_optimum(problem, result, 0, result)

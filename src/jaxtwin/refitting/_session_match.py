@@ -186,7 +186,14 @@ def descend_each(
     which is there, whatever their number and the lengths of their time grids."""
     solver, space = default_solver(problems[0]), problems[0].unknowns.search_space()
     return [
-        descend([make_objective(problem, noise_model)], solver, [vector], space, max_iterations)[0]
+        descend(
+            [problem],
+            [make_objective(problem, noise_model)],
+            solver,
+            [vector],
+            space,
+            max_iterations,
+        )[0]
         for problem in problems
     ]
 

@@ -126,6 +126,7 @@ class NativeRun:
         self.inputs = grid.summary()
         self._kept: list[np.ndarray] = []
         outputs = Outputs(wiring, self.columns, with_plate)
+        self._of_all = Outputs(wiring, range(len(wiring.channels)), with_plate)
         time = np.asarray(grid.times)
         ambient = np.zeros(len(time))
         if grid.ambient_at is not None:
@@ -188,12 +189,24 @@ class NativeRun:
         **Returns:** "failed"; "refused", whether a draw needs shorter steps; the reductions by
         name; and "plate_end", K above the reference, if it is wanted.
         """
+        return self.solve_packed(self.pack(draws), count, temperatures)
+
+    def pack(
+        self, draws: Mapping[str, Float[np.ndarray, " chunk"]]
+    ) -> Float[np.ndarray, "numbers chunk"]:
+        """The numbers of a chunk of draws, name -> values."""
         with own_settings():
-            numbers = np.ascontiguousarray(
-                pack_draws(
-                    self.twin, draws, self.inputs, self.initial, self.columns, self.with_plate
-                )
-            )
+            numbers = pack_draws(self.twin, draws, self.inputs, self.initial, self.with_plate)
+        return self._of_all.select(np.asarray(numbers), self.columns)
+
+    def solve_packed(
+        self,
+        numbers: Float[np.ndarray, "numbers chunk"],
+        count: int,
+        temperatures: Float[np.ndarray, "draws rows channels"] | None,
+    ) -> dict[str, Shaped[np.ndarray, "solved ..."]]:
+        """`solve` for draws that are packed already."""
+        numbers = np.ascontiguousarray(numbers)
         result: dict[str, np.ndarray] = {
             "error_estimate": np.empty(count),
             "failed": np.empty(count, np.uint8),

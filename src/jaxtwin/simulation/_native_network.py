@@ -111,10 +111,7 @@ class NativeNetwork:
             "network_row": table.row,
             "network_column": table.column,
             "network_factor_of": table.place[rows, table.column],
-            "network_factor_row": table.factor_row,
             "network_diagonal": table.diagonal,
-            "network_factor_column": table.factor_column,
-            "network_changed": table.changed,
             "network_cold": cold,
             "network_hot": hot,
             "network_cell_factors": cell_factors,
@@ -141,6 +138,10 @@ class NativeNetwork:
             "method_correction": CORRECTION,
         }
         lines = [f"#define {name} {number + 0!r}" for name, number in sizes.items()]
+        lines += [
+            f"#define NETWORK_FACTORISE {' '.join(_factorise_statements(table))}",
+            f"#define NETWORK_SOLVE {' '.join(_solve_statements(table))}",
+        ]
         for kind, tables in (("int", integers), ("double", numbers)):
             lines += [_table(kind, name, np.asarray(values)) for name, values in tables.items()]
         return "\n".join(lines) + "\n"
@@ -185,6 +186,21 @@ class Outputs:
         self.row = np.cumsum([0, *lengths]).astype(np.int32)
         self.nodes = np.concatenate([*self.readers, self.others])
 
+    def select(
+        self, numbers: Float[np.ndarray, "numbers draws"], columns: Sequence[int]
+    ) -> Float[np.ndarray, "fewer draws"]:
+        """The numbers of draws for fewer channels, these positions among the `columns`."""
+        count = len(self.columns)
+        if tuple(columns) == tuple(self.columns.tolist()):
+            return numbers
+        tables = len(numbers) - len(self.nodes) - 3 * count
+        at = np.asarray(columns, int)
+        kept = [np.arange(tables), *(tables + part * count + at for part in range(3))]
+        weights = len(numbers) - len(self.nodes)
+        kept += [weights + np.arange(*self.row[one : one + 2]) for one in at]
+        kept.append(weights + np.arange(self.row[count], self.row[-1]))
+        return numbers[np.concatenate(kept)]
+
 
 @lru_cache(maxsize=32)
 def native_network(wiring: Wiring) -> NativeNetwork:
@@ -198,18 +214,18 @@ def pack_draws(
     draws: Mapping[str, Float[Array | np.ndarray, " draws"]],
     inputs: InputSummary,
     initial: CheckedInitial,
-    columns: tuple[int, ...],
     with_plate: bool,
 ) -> Float[Array, "numbers draws"]:
-    """Computes the numbers of draws for `rodas5p.c`, in the order of its `struct numbers`.
+    """Computes the numbers of draws for `rodas5p.c`, in the order of its `struct numbers`, for all
+    channels: recordings of other channels use the same program.
 
-    **Arguments:** `twin` to `initial` are as in `prepare_chunk`, the others as in `Outputs`.
+    **Arguments:** `twin` to `initial` are as in `prepare_chunk`, `with_plate` as in `Outputs`.
     """
 
     def pack(values: Mapping[str, Float[Array | np.ndarray, ""]]) -> Float[Array, " numbers"]:
         system = twin.with_values(values).system(lumped=keeps_symmetry(initial))
         network = native_network(system.wiring)
-        outputs = Outputs(system.wiring, columns, with_plate)
+        outputs = Outputs(system.wiring, range(len(system.wiring.channels)), with_plate)
         reference = reference_temperature(system, inputs)
         start = initial_temperatures(system, initial, inputs.first, reference)
         drift = system.ambient_drift if inputs.ambient is None else None
@@ -293,6 +309,39 @@ def _even(numbers: Float[Array, " elements"]) -> Float[Array, " even"]:
 
 def _flat(lists: Sequence[Any]) -> list[Any]:
     return [row for part in lists for row in (part if isinstance(part, list) else [part])]
+
+
+def _factorise_statements(table: Elimination) -> list[str]:
+    """The elimination as straight code in C. A compiler takes ten times as long to unroll the loops
+    of a network of sixty nodes."""
+    changed, lines = iter(table.changed.tolist()), []
+    row, diagonal, column = table.factor_row, table.diagonal, table.factor_column
+    for i, pivot in enumerate(diagonal):
+        for p in range(row[i], pivot):
+            k = column[p]
+            lines.append(f"f[{p}] *= f[{diagonal[k]}];")
+            lines += [
+                f"f[{next(changed)}] -= f[{p}] * f[{q}];"
+                for q in range(diagonal[k] + 1, row[k + 1])
+            ]
+        lines.append(f"f[{pivot}] = 1 / f[{pivot}];")
+    return lines
+
+
+def _solve_statements(table: Elimination) -> list[str]:
+    """The substitutions forwards and backwards as straight code in C."""
+    row, diagonal, column = table.factor_row, table.diagonal, table.factor_column
+
+    def less(places: range) -> str:
+        return "".join(f" - f[{p}] * x[{column[p]}]" for p in places)
+
+    nodes = range(len(diagonal))
+    forwards = [f"x[{i}] = b[{i}]{less(range(row[i], diagonal[i]))};" for i in nodes]
+    backwards = [
+        f"x[{i}] = (x[{i}]{less(range(diagonal[i] + 1, row[i + 1]))}) * f[{diagonal[i]}];"
+        for i in reversed(nodes)
+    ]
+    return forwards + backwards
 
 
 def _table(kind: str, name: str, values: np.ndarray) -> str:

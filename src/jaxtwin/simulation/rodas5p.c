@@ -491,44 +491,14 @@ static void step_matrix(struct workspace *w, lanes size, lanes ambient, lanes dr
 }
 
 /* The factors L U of the matrix, in its place, with the inverse of each pivot. */
-static void factorise(lanes *factors)
+static void factorise(lanes *f)
 {
-    const int *changed = network_changed;
-    UNROLLED
-    for (int i = 0; i < NODES; ++i) {
-        UNROLLED
-        for (int p = network_factor_row[i]; p < network_diagonal[i]; ++p) {
-            const int k = network_factor_column[p];
-            const lanes part = factors[p] = factors[p] * factors[network_diagonal[k]];
-            UNROLLED
-            for (int q = network_diagonal[k] + 1; q < network_factor_row[k + 1]; ++q) {
-                factors[*changed++] -= part * factors[q];
-            }
-        }
-        factors[network_diagonal[i]] = 1 / factors[network_diagonal[i]];
-    }
+    NETWORK_FACTORISE
 }
 
-static void solve(const lanes *factors, const lanes *right, lanes *x)
+static void solve(const lanes *f, const lanes *b, lanes *x)
 {
-    UNROLLED
-    for (int i = 0; i < NODES; ++i) {
-        lanes sum = right[i];
-        UNROLLED
-        for (int p = network_factor_row[i]; p < network_diagonal[i]; ++p) {
-            sum -= factors[p] * x[network_factor_column[p]];
-        }
-        x[i] = sum;
-    }
-    UNROLLED
-    for (int i = NODES - 1; i >= 0; --i) {
-        lanes sum = x[i];
-        UNROLLED
-        for (int p = network_diagonal[i] + 1; p < network_factor_row[i + 1]; ++p) {
-            sum -= factors[p] * x[network_factor_column[p]];
-        }
-        x[i] = sum * factors[network_diagonal[i]];
-    }
+    NETWORK_SOLVE
 }
 
 /* The sum of the first stages with weights. */
