@@ -13,6 +13,7 @@ from .._json_values import json_value
 from ..io import Experiment
 from ..matching import WARM_UP, Band, Fit, prediction_band
 from ..rig import Rig
+from ._screening import Rivals
 
 if TYPE_CHECKING:
     import pandas
@@ -23,7 +24,7 @@ QUANTILE_95 = 1.96
 
 # Beyond the temperatures that were matched the error grows by this part of the way: laws of loss
 # that are alike inside differ by so much outside.
-EXTRAPOLATION_ERROR = 0.2
+EXTRAPOLATION_ERROR = 0.25
 
 
 @final
@@ -35,8 +36,8 @@ class Candidate:
 
     - `structure`: in words.
     - `unknowns`: the number of its parameters.
-    - `cost`: minus the logarithm of its posterior probability, up to a constant: the lowest is
-      chosen.
+    - `cost`: minus the logarithm of its posterior probability, up to a constant, with what the
+      held-out blocks add for those that were judged: the lowest is chosen.
     - `rmse`: channel -> root mean square error of the matched readings, K.
     - `held_out`: origin -> root mean square error over all channels from there to the end, of a
       match to what is before, K. An origin is a fraction of the recording; empty for a structure
@@ -102,7 +103,8 @@ class Identified:
 
     - `fit`: the match of the chosen structure, for `validate`, `observe`, `monitor`, control and
       export.
-    - `candidates`: all structures, the most probable first.
+    - `candidates`: all structures, those that were judged first, the best of
+      them first.
     - `baselines`: simple model -> root mean square error over the same held-out blocks, K.
     - `model_error`: what the structure itself does not know.
     - `notes`: what a reader should know of the log, in sentences.
@@ -113,6 +115,7 @@ class Identified:
     baselines: Mapping[str, float]
     model_error: ModelError
     notes: tuple[str, ...]
+    _rivals: Rivals
 
     @property
     def rig(self) -> Rig:
@@ -129,7 +132,7 @@ class Identified:
 
         **Raises:** the errors of `prediction_band`.
         """
-        name, known_until = None, experiment.time[0] + WARM_UP
+        name, own, known_until = None, 0, experiment.time[0] + WARM_UP
         for number, matched in enumerate(self.fit.experiments):
             count = len(matched.time)
             if (
@@ -137,11 +140,13 @@ class Identified:
                 and np.array_equal(experiment.time[:count], matched.time)
                 and np.array_equal(experiment.duty[:count], matched.duty)
             ):
-                name, known_until = self.fit.recordings[number], matched.time[-1]
+                name, own = self.fit.recordings[number], number
+                known_until = matched.time[-1]
         band = prediction_band(self.fit, name, experiment=experiment)
         half = (band.upper - band.middle) / QUANTILE_95
         ahead = np.maximum(experiment.time - known_until, 0.0)
         variance = half**2 + self.model_error.variance(ahead, band.middle)
+        variance += self._rivals.disagreement(experiment, own) ** 2
         wide = QUANTILE_95 * np.sqrt(variance)
         return Band(band.run, band.middle - wide, band.middle + wide, band.level)
 
@@ -152,7 +157,8 @@ class Identified:
             f"{1000 * rate:.2g} mK/s ({channel})"
             for rate, channel in zip(self.model_error.growth, self.fit.channels[0], strict=True)
         )
-        close = [row for row in self.candidates[1:] if row.cost - best.cost < math.log(20)]
+        judged = [row for row in self.candidates[1:] if row.held_out]
+        close = [row for row in judged if row.cost - best.cost < math.log(20)]
         lines = [
             f"{self.rig.name}: {best.structure}",
             f"{best.unknowns} unknowns, matched within {self.fit.rmse:.3g} K",

@@ -18,7 +18,7 @@ from ._identified import Candidate, Identified, ModelError
 from ._log import ScreenedLog, screened_log
 from ._network import Family
 from ._rig_text import rig_text
-from ._screening import Problem, Screen, Screened
+from ._screening import EFFECTIVE_SAMPLES, Problem, Rivals, Screen, Screened
 from ._structures import in_words, structures
 
 Log = Experiment | str | os.PathLike[str]
@@ -29,7 +29,7 @@ MAX_CORRELATION = 0.999
 # A channel moves if its readings do so by this part of the largest step between two of them.
 MIN_RANGE = 4.0
 # Structures matched in one batch, and structures that are judged on held-out blocks.
-BATCH, JUDGED = 16, 12
+BATCH, JUDGED = 16, 24
 # The first and the last origin of a held-out block, as fractions of the recording, and how many.
 FIRST_ORIGIN, LAST_ORIGIN, ORIGINS = 0.35, 0.8, 4
 # After the first change of the last input an origin leaves this fraction to learn from.
@@ -87,42 +87,55 @@ def identify(
     first_log = logs[0]
     everything = np.ones(len(first_log.experiment.time), dtype=bool)
     firsts = [_first_order(first_log, column, everything) for column in first_log.temperatures.T]
-    family = Family.of(logs, firsts, room)
+    family = Family.of(first_log, firsts, room, _has_levels(experiments))
     spread = np.nanstd(np.concatenate([log.temperatures for log in logs]), axis=0)
     floor = np.maximum(RELATIVE_FLOOR * spread, FLOOR)
     screen = Screen(family, logs, floor)
     matched = _screened(screen, logs, report)
     report(f"judging {in_words(matched[0].problem.parts)}")
     origins = _origins(logs)
-    blocks = _judged(screen, logs, matched[:JUDGED], origins)
-    candidates = [
-        _candidate(screen, logs, end, blocks[number] if number < len(blocks) else {})
-        for number, end in enumerate(matched)
-    ]
+    judged = _judged(screen, logs, matched[:JUDGED], origins)
+    pairs = sorted(
+        zip(matched, judged, strict=False),
+        key=lambda pair: pair[0].cost + _held_out_cost(pair[1], floor),
+    )
+    candidates = [_candidate(screen, logs, *pair, floor) for pair in pairs]
+    candidates += [_candidate(screen, logs, end, {}, floor) for end in matched[JUDGED:]]
     baselines = _baselines(logs, origins)
-    best = matched[0]
+    best, blocks = pairs[0]
     report(f"matching {in_words(best.problem.parts)}")
     fit = match(
         Twin(parse_rig(_text(family, best, notes).encode(), "identified.toml")), experiments
     )
-    error = _model_error(logs, blocks[0], fit.rmse)
+    error = _model_error(logs, blocks, fit.rmse)
     if len(experiments) == 1:
         remarks.append(
             "one recording: how much the device differs from one recording to the next is not known"
         )
-    return Identified(fit, tuple(candidates), baselines, error, tuple(remarks))
+    return Identified(
+        fit,
+        tuple(candidates),
+        baselines,
+        error,
+        tuple(remarks),
+        Rivals(screen, [end for end, _ in pairs]),
+    )
 
 
 def _checked(
     recordings: Log | Sequence[Log], channels: tuple[str, ...] | None
 ) -> tuple[list[Experiment], list[str]]:
     """The recordings, and remarks on what was left out of them."""
-    several = [recordings] if isinstance(recordings, Log) else list(recordings)
+    several = (
+        [recordings]
+        if isinstance(recordings, Experiment | str | os.PathLike)
+        else list(recordings)
+    )
     if not several:
         raise MatchError("identify: recordings: expected at least one, got none")
     experiments, remarks = [], []
     for given in several:
-        experiment = given if isinstance(given, Experiment) else read_recording(given)
+        experiment = given if isinstance(given, Experiment) else read_recording(os.fspath(given))
         if experiment.temperatures is None:
             raise MatchError(f"{experiment.name}: expected temperatures, got none")
         if channels is not None:
@@ -179,6 +192,13 @@ def _check_content(experiment: Experiment) -> None:
                 f"{name}: {channel}: expected readings that move, got {np.ptp(present):.2g} K "
                 "altogether; leave it out by channels="
             )
+
+
+def _has_levels(experiments: Sequence[Experiment]) -> bool:
+    """Whether a log has a single input that is no switch: with levels between off and full."""
+    duty = np.concatenate([np.asarray(experiment.duty) for experiment in experiments])
+    levels = np.unique(np.round(duty, 3))
+    return duty.shape[1] == 1 and int(np.count_nonzero((levels > 0) & (levels < 1))) >= 2
 
 
 def _first_order(
@@ -250,8 +270,19 @@ def _before(log: ScreenedLog, origin: float) -> np.ndarray:
     return np.isfinite(log.temperatures) & early[:, None]
 
 
+def _held_out_cost(blocks: Blocks, floor: Float[np.ndarray, " channels"]) -> float:
+    """What the held-out blocks add to the cost of a structure: they count as much as the readings
+    that were matched."""
+    variances = [np.nanmean(np.concatenate(errors) ** 2, axis=0) for errors in blocks.values()]
+    return 0.5 * EFFECTIVE_SAMPLES * float(np.log(variances + floor**2).sum(axis=1).mean())
+
+
 def _candidate(
-    screen: Screen, logs: Sequence[ScreenedLog], end: Screened, blocks: Blocks
+    screen: Screen,
+    logs: Sequence[ScreenedLog],
+    end: Screened,
+    blocks: Blocks,
+    floor: Float[np.ndarray, " channels"],
 ) -> Candidate:
     errors = np.concatenate(
         [run - log.temperatures for run, log in zip(end.predicted, logs, strict=True)]
@@ -260,7 +291,7 @@ def _candidate(
     return Candidate(
         structure=in_words(end.problem.parts),
         unknowns=len(end.values),
-        cost=float(end.cost),
+        cost=float(end.cost + (_held_out_cost(blocks, floor) if blocks else 0.0)),
         rmse=dict(zip(screen.family.channels, map(float, rmse), strict=True)),
         held_out={origin: _root_mean_square(block) for origin, block in blocks.items()},
         at_bound=tuple(

@@ -34,10 +34,14 @@ class ScreenedLog:
         assert self.experiment.temperatures is not None
         return self.experiment.temperatures
 
+    def first_reading(self, channel: int) -> float:
+        """The first reading of a channel, degC."""
+        column = self.temperatures[:, channel]
+        return float(column[np.isfinite(column)][0])
+
 
 def screened_log(recording: Experiment, samples: int = MAX_SCREENED_SAMPLES) -> ScreenedLog:
     """Averages a recording to at most `samples` samples of one distance."""
-    assert recording.temperatures is not None
     count = min(samples, len(recording.time))
     time = np.linspace(recording.time[0], recording.time[-1], count)
     half = (time[1] - time[0]) / 2
@@ -47,7 +51,9 @@ def screened_log(recording: Experiment, samples: int = MAX_SCREENED_SAMPLES) -> 
         time - time[0],
         _held_means(recording.time, np.asarray(recording.duty), time),
         channels=recording.channels,
-        temperatures=_bin_means(recording.time, recording.temperatures, edges),
+        temperatures=None
+        if recording.temperatures is None
+        else _bin_means(recording.time, recording.temperatures, edges),
         ambient=None
         if ambient is None
         else _filled(time, _bin_means(recording.time, np.asarray(ambient)[:, None], edges)[:, 0]),

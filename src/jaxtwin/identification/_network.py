@@ -21,6 +21,11 @@ from ._log import ScreenedLog
 # relative to it, W.
 NOMINAL_POWER = 10.0
 
+# `match` finds that the errors of a structure are correlated, and counts some five independent
+# readings where the screening counts `EFFECTIVE_SAMPLES`: with priors so much wider both weigh
+# readings and priors alike.
+WEAKENED = 3.0
+
 
 @final
 @dataclass(frozen=True)
@@ -113,17 +118,21 @@ class Family:
 
     @classmethod
     def of(
-        cls, logs: Sequence[ScreenedLog], firsts: Sequence[FirstOrder], room: float | None
+        cls,
+        log: ScreenedLog,
+        firsts: Sequence[FirstOrder],
+        room: float | None,
+        has_levels: bool,
     ) -> "Family":
         """The family for a log.
 
         **Arguments:**
 
-        - `logs`: the recordings.
-        - `firsts`: the first-order system of each channel, fitted to the first recording.
+        - `log`: the first recording.
+        - `firsts`: the first-order system of each channel, fitted to it.
         - `room`: the temperature of the room, if it is known, degC.
+        - `has_levels`: as in the class.
         """
-        log = logs[0]
         experiment, readings = log.experiment, log.temperatures
         duty = np.asarray(experiment.duty)
         scales = [
@@ -138,7 +147,6 @@ class Family:
         # An input heats the place that it warms fastest.
         rates = np.array([first.gains / first.time_constant for first in firsts])
         start = tuple(float(column[np.isfinite(column)][0]) for column in readings.T)
-        inside = duty[(duty > 0) & (duty < 1)]
         return cls(
             channels=experiment.channels,
             inputs=experiment.cell_names,
@@ -146,7 +154,7 @@ class Family:
             heated=tuple(int(place) for place in rates.argmax(axis=0)),
             room=_room_prior(start, bool(duty[0].any())) if room is None else (room, 0.5),
             start=start,
-            has_levels=duty.shape[1] == 1 and len(np.unique(np.round(inside, 3))) > 2,
+            has_levels=has_levels,
         )
 
     def parts(self) -> tuple[str, ...]:
@@ -375,7 +383,7 @@ def _room_prior(start: Sequence[float], is_driven: bool) -> tuple[float, float]:
     if not 12 < coldest < 30 or max(start) - coldest > 2:
         return 21.0, 4.0  # a log that begins hot: a room as people like it
     # A rig that is alike everywhere and not heated is at rest.
-    return ((coldest + 21) / 2, 3.0) if is_driven else (coldest, 0.7)
+    return ((coldest + 21) / 2, 3.0) if is_driven else (coldest, 1.5)
 
 
 def _place_unknowns(place: int, scale: Scale, room: float, start: float) -> list[Unknown]:
@@ -484,7 +492,7 @@ def _row(unknown: Unknown, value: float | None) -> dict[str, Any]:
         "value": float(start),
         "unit": unknown.unit,
         "bounds": [float(bound) for bound in bounds],
-        "prior": {"value": float(unknown.prior), "spread": float(unknown.spread)},
+        "prior": {"value": float(unknown.prior), "spread": WEAKENED * float(unknown.spread)},
         "free": True,
         "scope": "recording" if unknown.is_own else "shared",
         "description": unknown.description,
