@@ -33,6 +33,7 @@ from .commands import (
     _estimate_noise,
     _export,
     _health,
+    _identify,
     _import_recording,
     _match,
     _monitor,
@@ -128,6 +129,12 @@ _add(
     _simulate.simulate,
     "jaxtwin simulate paper-2024 --duty 0:0.5,500:0.78 --duration 1000 --out run.nc",
     "jaxtwin simulate paper-2024 --recording synthetic-A --parameters fit.toml --out run.csv",
+)
+_add(
+    "identify",
+    TWINS,
+    _identify.identify,
+    "jaxtwin identify log.csv --out oven.toml --fit fit.toml",
 )
 _add(
     "match",

@@ -127,9 +127,7 @@ def _checked(
 ) -> tuple[list[Experiment], list[str]]:
     """The recordings, and remarks on what was left out of them."""
     several = (
-        [recordings]
-        if isinstance(recordings, Experiment | str | os.PathLike)
-        else list(recordings)
+        [recordings] if isinstance(recordings, Experiment | str | os.PathLike) else list(recordings)
     )
     if not several:
         raise MatchError("identify: recordings: expected at least one, got none")

@@ -1,0 +1,133 @@
+"""A twin from a log alone, on a device whose network and values are known."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxtwin as jt
+from jaxtwin import Experiment
+from jaxtwin.errors import MatchError
+from jaxtwin.rig import rig_from_tables
+
+DEVICE = tomllib.loads("""
+format = 1
+name = "pot"
+ambient = { temperature = "21 degC" }
+sensors = { noise = "0.1 K" }
+channels = [{ name = "water", nodes = ["pot"] }]
+heaters = [{ name = "H", power = "300 W", contacts = ["pot"] }]
+bodies = [{ name = "pot", capacitance = "900 J/K" }, { name = "wall", capacitance = "1500 J/K" }]
+links = [
+    { resistance = "0.25 K/W", between = ["pot-ambient"] },
+    { resistance = "0.1 K/W", between = ["pot-wall"] },
+]
+""")
+SCHEDULE = "0:0,200:1,800:0.2,1500:0.8,2300:0,2900:0.5,3300:0.9"
+
+
+def recording(noise: float = 0.1, seed: int = 1) -> Experiment:
+    """The readings of the device over an hour, every 10 s."""
+    plan = Experiment.schedule(SCHEDULE, duration=3600, step=10.0, cells=1)
+    run = jt.simulate(jt.Twin(rig_from_tables(DEVICE, "pot")), plan)
+    readings = run.temperatures + np.random.default_rng(seed).normal(0, noise, (361, 1))
+    return Experiment(plan.time, plan.duty, channels=["water"], temperatures=readings, name="pot")
+
+
+@pytest.fixture(scope="module")
+def identified():
+    return jt.identify(recording().between(None, 2600.0))
+
+
+def test_what_follows_is_predicted(identified):
+    whole = recording()
+    band = identified.predict(whole)
+    later = whole.time >= 2600.0
+    error = (band.middle - whole.temperatures)[later, 0]
+    assert np.sqrt(np.mean(error**2)) < 0.5  # of a range of 40 K
+    inside = (whole.temperatures > band.lower) & (whole.temperatures < band.upper)
+    assert inside[later].mean() > 0.9
+    assert (band.upper - band.lower)[later].mean() < 4.0
+
+
+def test_the_ratios_of_the_device_come_back(identified):
+    # All values are relative to 10 W, a thirtieth of the power.
+    values = {name: float(value) for name, value in identified.fit.twin.values.items()}
+    assert values["C_1"] == pytest.approx(900 / 30, rel=0.15)
+    assert "a wall" in identified.candidates[0].structure or "a shell" in repr(identified)
+
+
+def test_physics_beats_the_simple_models_here(identified):
+    held_out = identified.candidates[0].held_out_rmse
+    assert held_out < min(identified.baselines.values())
+    assert held_out < 0.5
+
+
+def test_the_rig_file_can_be_read_again(identified, tmp_path):
+    path = tmp_path / "pot.toml"
+    path.write_text(identified.rig.text)
+    again = jt.load_rig(path)
+    assert again.fingerprint == replace(identified.rig, source=again.source).fingerprint
+    assert "jaxtwin identify" in again.text
+    identified.fit.save(tmp_path / "fit.toml")
+    assert jt.Fit.load(tmp_path / "fit.toml").rmse == pytest.approx(identified.fit.rmse)
+
+
+def test_the_result_says_what_it_is(identified):
+    text = identified.summary()
+    assert identified.candidates[0].structure in text
+    assert "first order with delay" in text
+    assert "two capacities" in text
+    assert "one recording" in text
+    table = identified.to_dataframe()
+    assert len(table) == len(identified.candidates)
+    assert list(table["cost"].iloc[:2]) == sorted(table["cost"].iloc[:2])
+    assert identified.to_dict()["structure"] == identified.candidates[0].structure
+    assert "<table>" in identified._repr_html_()
+    assert identified.plot().axes
+
+
+def test_another_recording_of_the_device_is_predicted(identified):
+    other = replace(recording(seed=2), name="another day")
+    band = identified.predict(other)
+    error = (band.middle - other.temperatures)[other.time > 60]
+    assert np.sqrt(np.mean(error**2)) < 1.0
+
+
+def with_duty(duty) -> Experiment:
+    whole = recording()
+    return Experiment(
+        whole.time, duty, channels=whole.channels, temperatures=whole.temperatures, name="pot"
+    )
+
+
+def test_logs_from_which_nothing_can_be_learnt_are_refused():
+    whole = recording()
+    assert whole.temperatures is not None
+    constant = np.full_like(whole.duty, 0.3)
+    with pytest.raises(MatchError, match="pot: duty of P1: expected a duty that changes, got 0"):
+        jt.identify(with_duty(constant))
+    with pytest.raises(MatchError, match=r"expected duties of 0 to 1, got -0\.5"):
+        jt.identify(with_duty(np.where(whole.duty > 0.5, -0.5, whole.duty)))
+    with pytest.raises(MatchError, match="always change together"):
+        jt.identify(with_duty(np.concatenate([whole.duty, whole.duty / 2], axis=1)))
+    with pytest.raises(MatchError, match="at least 60 readings of each channel, got 5"):
+        jt.identify(whole.between(None, 50.0))
+    still = replace(whole, temperatures=np.full_like(whole.temperatures, 20.0))
+    with pytest.raises(MatchError, match="water: expected readings that move"):
+        jt.identify(still)
+    with pytest.raises(MatchError, match="expected temperatures, got none"):
+        jt.identify(replace(whole, temperatures=None))
+    with pytest.raises(MatchError, match="expected at least one, got none"):
+        jt.identify([])
+
+
+def test_a_glitch_is_left_out_and_named():
+    whole = recording()
+    assert whole.temperatures is not None
+    readings = whole.temperatures.copy()
+    readings[100] = 85.0
+    result = jt.identify(replace(whole, temperatures=readings))
+    assert any("left out" in note and "water at 1000 s" in note for note in result.notes)
+    assert result.fit.rmse < 0.3
