@@ -120,11 +120,22 @@ def separating() -> jt.experiment_design.DiagnosisDesign:
     )
 
 
+def identified() -> jt.identification.Identified:
+    plan = jt.Experiment.schedule("0:0,100:1,500:0.2,900:0.8", duration=1200, step=10, cells=2)
+    run = jt.simulate(jt.Twin("tclab"), plan)
+    return jt.identify(
+        jt.Experiment(
+            plan.time, plan.duty[:, :1], channels=["T1"], temperatures=run.temperatures[:, :1]
+        )
+    )
+
+
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Experiment": lambda _: recordings()[0],
     "Run": lambda _: fit().runs["synthetic-A"],
     "Reductions": lambda _: reductions(),
     "Fit": lambda _: fit(),
+    "Identified": lambda _: identified(),
     "FitDifference": lambda _: jt.compare_fits(fit(), shifted()),
     "Band": lambda _: jt.prediction_band(fit()),
     "Profile": lambda _: jt.profile(fit(), "R_E", points=3),
@@ -163,6 +174,7 @@ LONG = {
     "ExperimentDesign",
     "Frontier",
     "GlobalSensitivity",
+    "Identified",
     "Isolability",
     "Monitored",
     "Observed",

@@ -17,6 +17,7 @@ from ._screening import Rivals
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
     from matplotlib.figure import Figure
 
 # The normal quantile of a band of 95 %.
@@ -203,6 +204,10 @@ class Identified:
                 for row in self.candidates
             ]
         )
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The same table as a dataset over the structures."""
+        return self.to_dataframe().rename_axis("candidate").to_xarray()
 
     def plot(self) -> "Figure":
         """Plots the matched recordings: `Fit.plot`."""

@@ -24,6 +24,8 @@ def _inline(value: Any) -> str:
     """A value as TOML writes it on one line: as JSON does, except tables."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {_inline(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_inline, value)) + "]"
     if isinstance(value, float):
         return repr(float(f"{value:.6g}"))
     return json.dumps(value, ensure_ascii=False)
