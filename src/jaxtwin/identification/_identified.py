@@ -214,7 +214,10 @@ class Identified:
         return self.fit.plot()
 
     def __repr__(self) -> str:
-        return f"<Identified: {self.candidates[0].structure}, RMSE {self.fit.rmse:.3g} K>"
+        return (
+            f"<Identified {self.rig.name}: {self.candidates[0].structure}, "
+            f"RMSE {self.fit.rmse:.3g} K>"
+        )
 
     def _repr_html_(self) -> str:
         rows = [
