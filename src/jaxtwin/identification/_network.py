@@ -1,13 +1,15 @@
 """The family of networks that identification chooses from, as tables of a rig file.
 
-For each place, which is a channel, there is a block that loses heat to the room. To it may be added
-a wall behind it, natural convection, radiation and the lag of its sensor; to each heater a heat
-capacity of its own and a law of its drive; between two places a link.
+Each channel is a place: a block whose temperature its sensor reads. A network is the blocks, the
+heaters, and a choice of `Part`s: losses, walls and shells, lags, heat capacities of heaters, laws
+of their drive, links between places. A part has its parameters and its tables beside each other.
 """
 
 import math
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
 from typing import Any, final
 
 import numpy as np
@@ -17,14 +19,24 @@ from ..rig._plate import FILM_REFERENCE
 from ._baselines import FirstOrder
 from ._log import ScreenedLog
 
-# A log says nothing of the power: every heater has this one, and all capacities and resistances are
-# relative to it, W.
+# A log says nothing of the power: the first heater has this one, and all capacities and resistances
+# are relative to it, W.
 NOMINAL_POWER = 10.0
 
 # `match` finds that the errors of a structure are correlated, and counts some five independent
 # readings where the screening counts `EFFECTIVE_SAMPLES`: with priors so much wider both weigh
 # readings and priors alike.
 WEAKENED = 3.0
+
+# Standard deviations of the logarithms of what is expected: a loss follows from the gain of the
+# first-order system, a heat capacity from its time constant; of a wall or a link little is known.
+LOSS_SPREAD, CAPACITANCE_SPREAD, HIDDEN_SPREAD, LINK_SPREAD = 0.7, 1.0, 1.3, 1.5
+
+# Of the temperature at the start: of a place, which its sensor reads, and of what is hidden in a
+# rig that begins hot, K.
+START_SPREAD, HOT_START_SPREAD = 1.0, 10.0
+
+Table = dict[str, Any]
 
 
 @final
@@ -37,10 +49,9 @@ class Unknown:
     - `name`, `unit`, `description`: as in the rig file.
     - `prior`: what is expected of it, in its unit.
     - `spread`: the standard deviation of that, of its logarithm if it is positive.
-    - `part`: the part of a network that needs it; empty for what every network has.
-    - `absent`: the value with which a network that contains the part behaves as one without.
-    - `is_positive`: whether it is searched by its logarithm.
-    - `is_own`: whether each recording has a value of its own.
+    - `absent`: the value with which a network that contains its part behaves as one without.
+    - `is_positive`: whether it is searched by its logarithm; if not, it is a temperature, of which
+      each recording has its own.
     """
 
     name: str
@@ -48,10 +59,40 @@ class Unknown:
     description: str
     prior: float
     spread: float
-    part: str = ""
-    absent: float = math.nan
+    absent: float
     is_positive: bool = True
-    is_own: bool = False
+
+    @property
+    def is_own(self) -> bool:
+        """Whether each recording has a value of its own."""
+        return not self.is_positive
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """Something that a network may have.
+
+    **Arguments:**
+
+    - `name`: such as `"wall 2"`, with the number of its place or heater; empty for what every
+      network has.
+    - `unknowns`: its parameters.
+    - `bodies`, `links`: its tables in the rig file.
+    - `channel`, `heater`: its keys in the table of the channel or heater of its number.
+    """
+
+    name: str
+    unknowns: tuple[Unknown, ...]
+    bodies: tuple[Table, ...] = ()
+    links: tuple[Table, ...] = ()
+    channel: Table = field(default_factory=dict)
+    heater: Table = field(default_factory=dict)
+
+    @property
+    def number(self) -> int:
+        """The number of its place or heater, counted from 1."""
+        return int(self.name.rsplit(" ", 1)[1])
 
 
 @final
@@ -77,12 +118,10 @@ class Scale:
         A gain that the log does not determine is at least `swing`, the standard deviation of the
         readings, K.
         """
-        span = log.experiment.duration
-        strongest = int(
-            np.argmax(np.abs(first.gains) * np.asarray(log.experiment.duty).std(axis=0))
-        )
+        variation = np.asarray(log.experiment.duty).std(axis=0)
+        strongest = int(np.argmax(np.abs(first.gains) * variation))
         # Of a slower system the log shows only the beginning.
-        tau = min(first.time_constant, 3 * span)
+        tau = min(first.time_constant, 3 * log.experiment.duration)
         rise = max(abs(first.gains[strongest]) * tau / first.time_constant, swing)
         return cls(float(rise) / NOMINAL_POWER, tau, log.sample_time)
 
@@ -100,21 +139,17 @@ class Family:
     **Arguments:**
 
     - `channels`, `inputs`: names.
-    - `scales`: of each channel.
-    - `heated`: for each input, the number of the channel that it heats.
-    - `room`: what is expected of the room, degC, and the standard deviation of that, K.
-    - `start`: the first reading of each channel, degC.
+    - `heated`: for each input, the number of the channel that it heats, counted from 0.
     - `has_levels`: whether the only input has values between 0 and 1, so that its heat need not be
       proportional to it.
+    - `parts`: what a network may have, with what every network has at first.
     """
 
     channels: tuple[str, ...]
     inputs: tuple[str, ...]
-    scales: tuple[Scale, ...]
     heated: tuple[int, ...]
-    room: tuple[float, float]
-    start: tuple[float, ...]
     has_levels: bool
+    parts: tuple[Part, ...]
 
     @classmethod
     def of(
@@ -134,247 +169,85 @@ class Family:
         - `has_levels`: as in the class.
         """
         experiment, readings = log.experiment, log.temperatures
-        duty = np.asarray(experiment.duty)
         scales = [
             Scale.of(first, log, float(np.nanstd(column)))
             for first, column in zip(firsts, readings.T, strict=True)
         ]
-        # A channel that is still on its way up tells little of its own size: places are taken as
-        # alike.
-        settled = [n for n, f in enumerate(firsts) if f.time_constant < experiment.duration]
+        # A channel that is still on its way up tells little of its own size: places are alike.
+        settled = [n for n, first in enumerate(firsts) if first.time_constant < experiment.duration]
         if settled:
             scales = [scales[n if n in settled else settled[0]] for n in range(len(scales))]
         # An input heats the place that it warms fastest.
         rates = np.array([first.gains / first.time_constant for first in firsts])
-        start = tuple(float(column[np.isfinite(column)][0]) for column in readings.T)
-        return cls(
-            channels=experiment.channels,
-            inputs=experiment.cell_names,
-            scales=tuple(scales),
-            heated=tuple(int(place) for place in rates.argmax(axis=0)),
-            room=_room_prior(start, bool(duty[0].any())) if room is None else (room, 0.5),
-            start=start,
-            has_levels=has_levels,
-        )
+        heated = tuple(int(place) for place in rates.argmax(axis=0))
+        starts = [log.first_reading(channel) for channel in range(len(scales))]
+        is_driven = bool(np.asarray(experiment.duty)[0].any())
+        expected = _room_prior(starts, is_driven) if room is None else (room, 0.5)
+        room_itself = Unknown("T_room", "degC", "room", *expected, expected[0], is_positive=False)
+        parts = [Part("", (room_itself,))]
+        for place, (scale, start) in enumerate(zip(scales, starts, strict=True), 1):
+            parts += _parts_of_place(place, scale, expected[0], start)
+        for number, place in enumerate(heated, 1):
+            parts += _parts_of_heater(number, place + 1, scales[place])
+        if has_levels:
+            exponent = Unknown("p_1", "", "exponent of the drive", 1.3, 0.3, 1.0)
+            parts.append(Part("power law 1", (exponent,), heater={"drive": "p_1"}))
+        for (a, first), (b, second) in combinations(enumerate(scales, 1), 2):
+            parts.append(_link(a, b, math.sqrt(first.resistance * second.resistance)))
+        if len(scales) > 1:
+            parts.append(_board(scales, expected[0], starts[0]))
+        return cls(experiment.channels, experiment.cell_names, heated, has_levels, tuple(parts))
 
-    def parts(self) -> tuple[str, ...]:
-        """The parts that a network may have, such as `"wall T1"`."""
-        places = range(1, len(self.channels) + 1)
-        result = [
-            f"{part} {place}"
-            for place in places
-            for part in ("linear", "lag", "wall", "shell", "convection", "radiation")
-        ]
-        result += [f"heater {number}" for number in range(1, len(self.inputs) + 1)]
-        result += ["power law 1"] * self.has_levels
-        result += [f"link {a} {b}" for a in places for b in places if a < b]
-        return (*result, "board 1") if len(self.channels) > 1 else tuple(result)
+    @cached_property
+    def choices(self) -> tuple[str, ...]:
+        """The names of the parts that a network may have."""
+        return tuple(part.name for part in self.parts if part.name)
 
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """All parameters."""
-        room, spread = self.room
-        result = [Unknown("T_room", "degC", "room", room, spread, is_positive=False, is_own=True)]
-        for place, scale in enumerate(self.scales, 1):
-            result += _place_unknowns(place, scale, room, self.start[place - 1])
-        for number, place in enumerate(self.heated, 1):
-            scale = self.scales[place]
-            if number > 1:
-                result.append(
-                    Unknown(
-                        f"P_{number}",
-                        "W",
-                        f"power of {self.inputs[number - 1]} at full duty",
-                        NOMINAL_POWER,
-                        1.0,
-                    )
-                )
-            part = f"heater {number}"
-            result += [
-                Unknown(
-                    f"C_heater_{number}",
-                    "J/K",
-                    f"heat capacity of heater {number}",
-                    0.3 * scale.capacitance,
-                    1.3,
-                    part,
-                    1e-3 * scale.capacitance,
-                ),
-                Unknown(
-                    f"R_heater_{number}",
-                    "K/W",
-                    f"heater {number} to its block",
-                    0.3 * scale.resistance,
-                    1.3,
-                    part,
-                    1e-3 * scale.resistance,
-                ),
-            ]
-            if self.has_levels:
-                result.append(
-                    Unknown(
-                        f"p_{number}",
-                        "",
-                        f"exponent of the drive of heater {number}",
-                        1.3,
-                        0.3,
-                        f"power law {number}",
-                        1.0,
-                    )
-                )
-        for a, first in enumerate(self.scales, 1):
-            for b, second in enumerate(self.scales, 1):
-                if a < b:
-                    both = math.sqrt(first.resistance * second.resistance)
-                    result.append(
-                        Unknown(
-                            f"R_{a}_{b}",
-                            "K/W",
-                            f"between places {a} and {b}",
-                            3 * both,
-                            1.5,
-                            f"link {a} {b}",
-                            1e5 * both,
-                        )
-                    )
-        if len(self.channels) > 1:
-            c = sum(scale.capacitance for scale in self.scales)
-            r = 1 / sum(1 / scale.resistance for scale in self.scales)
-            result += [
-                Unknown(
-                    "C_board_1",
-                    "J/K",
-                    "heat capacity of the board under all places",
-                    c,
-                    1.3,
-                    "board 1",
-                    c,
-                ),
-                Unknown(
-                    "R_board_room_1", "K/W", "from the board to the room", r, 1.3, "board 1", r
-                ),
-                Unknown(
-                    "T_board_1",
-                    "degC",
-                    "start of the board",
-                    self.start[0],
-                    1.0 if abs(self.start[0] - room) < 3 else 10.0,
-                    "board 1",
-                    self.start[0],
-                    is_positive=False,
-                    is_own=True,
-                ),
-            ]
-            result += [
-                Unknown(
-                    f"R_board_{place}",
-                    "K/W",
-                    f"from place {place} to the board",
-                    scale.resistance,
-                    1.3,
-                    "board 1",
-                    1e4 * scale.resistance,
-                )
-                for place, scale in enumerate(self.scales, 1)
-            ]
-        return tuple(result)
+    def unknowns(self, chosen: Set[str]) -> list[Unknown]:
+        """The parameters of the network with the chosen parts."""
+        return [row for part in self._chosen(chosen) for row in part.unknowns]
 
-    def tables(self, parts: Set[str], values: Mapping[str, float] | None = None) -> dict[str, Any]:
-        """The tables of the rig file of a network.
+    def tables(self, chosen: Set[str], values: Mapping[str, float] | None = None) -> Table:
+        """The tables of the rig file of the network with the chosen parts.
 
         **Arguments:**
 
-        - `parts`: the parts that it has.
         - `values`: parameter -> its value, by default what is expected.
         """
-        bodies, links, channels = [], [], []
-        for place, channel in enumerate(self.channels, 1):
-            block = f"block_{place}"
-            bodies.append(
-                {
-                    "name": block,
-                    "capacitance": f"C_{place}",
-                    "initial_temperature": f"T_start_{place}",
-                }
-            )
-            if f"linear {place}" in parts:
-                links.append({"resistance": f"R_{place}", "between": [f"{block}-ambient"]})
-            if f"convection {place}" in parts:
-                links.append({"convection": f"G_{place}", "between": [f"{block}-ambient"]})
-            if f"radiation {place}" in parts:
-                links.append({"radiating_area": f"A_{place}", "between": [f"{block}-ambient"]})
-            for part in ("wall", "shell"):
-                if f"{part} {place}" in parts:
-                    bodies.append(
-                        {
-                            "name": f"{part}_{place}",
-                            "capacitance": f"C_{part}_{place}",
-                            "initial_temperature": f"T_{part}_{place}",
-                        }
-                    )
-                    links.append(
-                        {"resistance": f"R_{part}_{place}", "between": [f"{block}-{part}_{place}"]}
-                    )
-                    if part == "shell":
-                        links.append(
-                            {
-                                "resistance": f"R_shell_room_{place}",
-                                "between": [f"shell_{place}-ambient"],
-                            }
-                        )
-            sensor: dict[str, Any] = {"name": channel, "nodes": [block]}
-            if f"lag {place}" in parts:
-                sensor["lag"] = f"tau_{place}"
-            channels.append(sensor)
-        if "board 1" in parts:
-            bodies.append(
-                {"name": "board", "capacitance": "C_board_1", "initial_temperature": "T_board_1"}
-            )
-            links.append({"resistance": "R_board_room_1", "between": ["board-ambient"]})
-            links += [
-                {"resistance": f"R_board_{place}", "between": [f"block_{place}-board"]}
-                for place in range(1, len(self.channels) + 1)
-            ]
-        heaters = []
-        for number, (name, place) in enumerate(zip(self.inputs, self.heated, strict=True), 1):
-            block = f"block_{place + 1}"
-            heater: dict[str, Any] = {
+        parts = self._chosen(chosen)
+        channels: list[Table] = [
+            {"name": name, "nodes": [f"block_{place}"]}
+            for place, name in enumerate(self.channels, 1)
+        ]
+        heaters: list[Table] = [
+            {
                 "name": name,
                 "power": f"P_{number}" if number > 1 else f"{NOMINAL_POWER:g} W",
+                "contacts": [f"block_{place + 1}"],
             }
-            if f"heater {number}" in parts:
-                heater |= {
-                    "capacitance": f"C_heater_{number}",
-                    "contacts": {block: f"R_heater_{number}"},
-                    "initial_temperature": f"T_start_{place + 1}",
-                }
-            else:
-                heater["contacts"] = [block]
-            if f"power law {number}" in parts:
-                heater["drive"] = f"p_{number}"
-            heaters.append(heater)
-        for a in range(1, len(self.channels) + 1):
-            links += [
-                {"resistance": f"R_{a}_{b}", "between": [f"block_{a}-block_{b}"]}
-                for b in range(a + 1, len(self.channels) + 1)
-                if f"link {a} {b}" in parts
-            ]
+            for number, (name, place) in enumerate(zip(self.inputs, self.heated, strict=True), 1)
+        ]
+        for part in parts:
+            if part.channel:
+                channels[part.number - 1] |= part.channel
+            if part.heater:
+                heaters[part.number - 1] |= part.heater
+        rows = [row for part in parts for row in part.unknowns]
         return {
             "format": 1,
             "name": "identified",
             "ambient": {"temperature": "T_room"},
             "sensors": {"noise": "0.1 K"},
-            "driver": {"counts": 1000},
             "channels": channels,
             "heaters": heaters,
-            "bodies": bodies,
-            "links": links,
+            "bodies": [body for part in parts for body in part.bodies],
+            "links": [link for part in parts for link in part.links],
             "initial": {"temperature": "T_start_1"},
-            "parameters": {
-                row.name: _row(row, (values or {}).get(row.name))
-                for row in self.unknowns()
-                if not row.part or row.part in parts
-            },
+            "parameters": {row.name: _parameter(row, (values or {}).get(row.name)) for row in rows},
         }
+
+    def _chosen(self, names: Set[str]) -> list[Part]:
+        return [part for part in self.parts if not part.name or part.name in names]
 
 
 def _room_prior(start: Sequence[float], is_driven: bool) -> tuple[float, float]:
@@ -386,101 +259,157 @@ def _room_prior(start: Sequence[float], is_driven: bool) -> tuple[float, float]:
     return ((coldest + 21) / 2, 3.0) if is_driven else (coldest, 1.5)
 
 
-def _place_unknowns(place: int, scale: Scale, room: float, start: float) -> list[Unknown]:
-    r, c, tau = scale.resistance, scale.capacitance, scale.time_constant
-    mean = 273.15 + room + 0.5 * r * NOMINAL_POWER
-    area = 0.7 / r / (4 * STEFAN_BOLTZMANN * mean**3)
-    convection = 0.7 / r * (FILM_REFERENCE / max(0.5 * r * NOMINAL_POWER, 1.0)) ** 0.25
-    at = f"of place {place}"
-    return [
-        Unknown(f"C_{place}", "J/K", f"heat capacity {at}", c, 1.0),
-        Unknown(
-            f"R_{place}",
-            "K/W",
-            f"from place {place} to the room",
-            r,
-            0.7,
+def _body(name: str, capacitance: str, start: str) -> Table:
+    return {"name": name, "capacitance": capacitance, "initial_temperature": start}
+
+
+def _to_room(node: str, **conductance: str) -> Table:
+    return {**conductance, "between": [f"{node}-ambient"]}
+
+
+def _start(name: str, description: str, start: float, spread: float) -> Unknown:
+    return Unknown(name, "degC", f"start {description}", start, spread, start, is_positive=False)
+
+
+def _hidden_start(name: str, description: str, start: float, room: float) -> Unknown:
+    """The start of what no sensor reads: in a cold rig, that of what is read."""
+    spread = START_SPREAD if abs(start - room) < 3 else HOT_START_SPREAD
+    return _start(name, description, start, spread)
+
+
+def _parts_of_place(place: int, scale: Scale, room: float, start: float) -> list[Part]:
+    r, c, at, block = scale.resistance, scale.capacitance, f"of place {place}", f"block_{place}"
+    rise = 0.5 * r * NOMINAL_POWER
+    # Losses at half of the power as large as 70 % of the linear one.
+    area = 0.7 / r / (4 * STEFAN_BOLTZMANN * (273.15 + room + rise) ** 3)
+    film = 0.7 / r * (FILM_REFERENCE / max(rise, 1.0)) ** 0.25
+    lag = max(0.03 * scale.time_constant, scale.sample_time / 2)
+    parts = [
+        Part(
+            "",
+            (
+                Unknown(f"C_{place}", "J/K", f"heat capacity {at}", c, CAPACITANCE_SPREAD, c),
+                _start(f"T_start_{place}", at, start, START_SPREAD),
+            ),
+            bodies=(_body(block, f"C_{place}", f"T_start_{place}"),),
+        ),
+        Part(
             f"linear {place}",
-            1e4 * r,
+            (Unknown(f"R_{place}", "K/W", f"loss {at}", r, LOSS_SPREAD, 1e4 * r),),
+            links=(_to_room(block, resistance=f"R_{place}"),),
         ),
-        Unknown(
-            f"T_start_{place}", "degC", f"start {at}", start, 1.0, is_positive=False, is_own=True
-        ),
-        Unknown(
-            f"tau_{place}",
-            "s",
-            f"lag of the sensor {at}",
-            max(0.03 * tau, scale.sample_time / 2),
-            1.0,
-            f"lag {place}",
-            scale.sample_time / 50,
-        ),
-        Unknown(
-            f"G_{place}",
-            "W/K",
-            f"natural convection at 20 K {at}",
-            convection,
-            0.7,
+        Part(
             f"convection {place}",
-            1e-6 * convection,
+            (
+                Unknown(
+                    f"G_{place}",
+                    "W/K",
+                    f"natural convection {at}, at a difference of 20 K",
+                    film,
+                    LOSS_SPREAD,
+                    1e-6 * film,
+                ),
+            ),
+            links=(_to_room(block, convection=f"G_{place}"),),
         ),
-        Unknown(
-            f"A_{place}",
-            "m^2",
-            f"radiating area times emissivity {at}",
-            area,
-            0.7,
+        Part(
             f"radiation {place}",
-            1e-6 * area,
+            (
+                Unknown(
+                    f"A_{place}",
+                    "m^2",
+                    f"radiating area times emissivity {at}",
+                    area,
+                    LOSS_SPREAD,
+                    1e-6 * area,
+                ),
+            ),
+            links=(_to_room(block, radiating_area=f"A_{place}"),),
         ),
-        *(
-            row
-            for part in ("wall", "shell")
-            for row in (
+        Part(
+            f"lag {place}",
+            (
                 Unknown(
-                    f"C_{part}_{place}",
-                    "J/K",
-                    f"heat capacity of the {part} {at}",
-                    2 * c,
-                    1.3,
-                    f"{part} {place}",
-                    c,
+                    f"tau_{place}",
+                    "s",
+                    f"lag of the sensor {at}",
+                    lag,
+                    CAPACITANCE_SPREAD,
+                    scale.sample_time / 50,
                 ),
-                Unknown(
-                    f"R_{part}_{place}",
-                    "K/W",
-                    f"from place {place} to its {part}",
-                    0.5 * r,
-                    1.3,
-                    f"{part} {place}",
-                    1e4 * r,
-                ),
-                Unknown(
-                    f"T_{part}_{place}",
-                    "degC",
-                    f"start of the {part} {at}",
-                    start,
-                    1.0 if abs(start - room) < 3 else 10.0,
-                    f"{part} {place}",
-                    start,
-                    is_positive=False,
-                    is_own=True,
-                ),
-            )
-        ),
-        Unknown(
-            f"R_shell_room_{place}",
-            "K/W",
-            f"from the shell of place {place} to the room",
-            r,
-            1.3,
-            f"shell {place}",
-            r,
+            ),
+            channel={"lag": f"tau_{place}"},
         ),
     ]
+    for kind in ("wall", "shell"):
+        name, node = f"{kind}_{place}", f"the {kind} {at}"
+        rows = [
+            Unknown(f"C_{name}", "J/K", f"heat capacity of {node}", 2 * c, HIDDEN_SPREAD, c),
+            Unknown(f"R_{name}", "K/W", f"block to {node}", 0.5 * r, HIDDEN_SPREAD, 1e4 * r),
+            _hidden_start(f"T_{name}", f"of {node}", start, room),
+        ]
+        links = [{"resistance": f"R_{name}", "between": [f"{block}-{name}"]}]
+        if kind == "shell":
+            loss = f"R_shell_room_{place}"
+            rows.append(Unknown(loss, "K/W", f"loss of {node}", r, HIDDEN_SPREAD, r))
+            links.append(_to_room(name, resistance=loss))
+        bodies = (_body(name, f"C_{name}", f"T_{name}"),)
+        parts.append(Part(f"{kind} {place}", tuple(rows), bodies, tuple(links)))
+    return parts
 
 
-def _row(unknown: Unknown, value: float | None) -> dict[str, Any]:
+def _parts_of_heater(number: int, place: int, scale: Scale) -> list[Part]:
+    r, c = scale.resistance, scale.capacitance
+    capacitance, contact = f"C_heater_{number}", f"R_heater_{number}"
+    power = Unknown(
+        f"P_{number}", "W", f"power of heater {number} at full duty", NOMINAL_POWER, 1.0, math.nan
+    )
+    # Without a heat capacity of its own a heater is a thousandth of its block.
+    rows = (
+        Unknown(
+            capacitance, "J/K", f"capacity of heater {number}", 0.3 * c, HIDDEN_SPREAD, 1e-3 * c
+        ),
+        Unknown(contact, "K/W", f"heater {number} to block", 0.3 * r, HIDDEN_SPREAD, 1e-3 * r),
+    )
+    keys = {
+        "capacitance": capacitance,
+        "contacts": {f"block_{place}": contact},
+        "initial_temperature": f"T_start_{place}",
+    }
+    always = [Part("", (power,))] if number > 1 else []
+    return [*always, Part(f"heater {number}", rows, heater=keys)]
+
+
+def _link(a: int, b: int, resistance: float) -> Part:
+    name = f"R_{a}_{b}"
+    row = Unknown(
+        name, "K/W", f"between places {a} and {b}", 3 * resistance, LINK_SPREAD, 1e5 * resistance
+    )
+    link = {"resistance": name, "between": [f"block_{a}-block_{b}"]}
+    return Part(f"link {a} {b}", (row,), links=(link,))
+
+
+def _board(scales: Sequence[Scale], room: float, start: float) -> Part:
+    """A body that all places stand on."""
+    c = sum(scale.capacitance for scale in scales)
+    r = 1 / sum(1 / scale.resistance for scale in scales)
+    loss = "R_board_room_1"
+    rows = [
+        Unknown("C_board_1", "J/K", "heat capacity of the board", c, HIDDEN_SPREAD, c),
+        Unknown(loss, "K/W", "loss of the board", r, HIDDEN_SPREAD, r),
+        _hidden_start("T_board_1", "of the board", start, room),
+    ]
+    links = [_to_room("board", resistance=loss)]
+    for place, scale in enumerate(scales, 1):
+        name, own = f"R_board_{place}", scale.resistance
+        rows.append(Unknown(name, "K/W", f"place {place} to board", own, HIDDEN_SPREAD, 1e4 * own))
+        links.append({"resistance": name, "between": [f"block_{place}-board"]})
+    bodies = (_body("board", "C_board_1", "T_board_1"),)
+    return Part("board 1", tuple(rows), bodies, tuple(links))
+
+
+def _parameter(unknown: Unknown, value: float | None) -> Table:
+    """The row of a parameter in the rig file."""
     start = unknown.prior if value is None else value
     if unknown.is_positive:
         factor = math.exp(min(6 * unknown.spread, 9.0))

@@ -123,16 +123,16 @@ class Screen:
         self, family: Family, logs: Sequence[ScreenedLog], floor: Float[np.ndarray, " channels"]
     ):
         self.family, self.logs, self.floor = family, tuple(logs), floor
-        self.unknowns = {row.name: row for row in family.unknowns()}
-        self.twin = Twin(rig_from_tables(family.tables(set(family.parts())), "the log"))
+        everything = frozenset(family.choices)
+        self.unknowns = {row.name: row for row in family.unknowns(everything)}
+        self.twin = Twin(rig_from_tables(family.tables(everything), "the log"))
 
     def keys(self, parts: Set[str]) -> list[Key]:
         """The unknowns of a network."""
         result: list[Key] = []
-        for row in self.unknowns.values():
-            is_absent = row.part and row.part not in parts
-            is_recorded = row.name == "T_room" and self.logs[0].experiment.ambient is not None
-            if is_absent or is_recorded:
+        is_recorded = self.logs[0].experiment.ambient is not None
+        for row in self.family.unknowns(parts):
+            if row.name == "T_room" and is_recorded:
                 continue
             numbers = range(len(self.logs)) if row.is_own else (SHARED,)
             result += [(row.name, number) for number in numbers]
@@ -169,12 +169,10 @@ class Screen:
         for row in self.unknowns.values():
             key = (row.name, number if row.is_own else SHARED)
             # A part that is absent begins where the place does, whose temperature is always there.
-            at_start = (f"T_start_{_place(row.name) + 1}", number) if row.is_own else key
-            absent = row.absent if row.part else row.prior
-            if row.name == "T_room":
-                at_start = key
+            is_start = row.is_own and row.name != "T_room"
+            at_start = (f"T_start_{_place(row.name) + 1}", number) if is_start else key
             draws[row.name] = np.array(
-                [values.get(key, values.get(at_start, absent)) for values in networks]
+                [values.get(key, values.get(at_start, row.absent)) for values in networks]
             )
         return simulate_batch(self.twin, log.experiment, draws)
 
@@ -280,7 +278,7 @@ class Screen:
 
 def _place(name: str) -> int:
     """The place of a parameter such as `T_wall_2`, counted from 0."""
-    return int(name.rsplit("_", 1)[1]) - 1 if name != "T_room" else 0
+    return int(name.rsplit("_", 1)[1]) - 1
 
 
 @final

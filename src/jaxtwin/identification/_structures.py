@@ -45,7 +45,7 @@ def structures(family: Family) -> list[frozenset[str]]:
         ((), ("power law",)) if family.has_levels else ((),),
     ):
         kinds = {*loss, *back, *lag, *heater, *power, "link"}
-        result.append(frozenset(part for part in family.parts() if kind_of(part) in kinds))
+        result.append(frozenset(part for part in family.choices if kind_of(part) in kinds))
     return sorted(result, key=len)
 
 
