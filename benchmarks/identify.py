@@ -43,6 +43,7 @@ def fit_percent(readings: np.ndarray, predicted: np.ndarray) -> float:
 def judged(path: Path, split: float) -> list[dict[str, Any]]:
     """The numbers of each channel of a log."""
     log = read_recording(path)
+    assert log.temperatures is not None
     began, cpu = time.perf_counter(), time.process_time()
     identified = identify(log.between(None, split))
     wall, cpu = time.perf_counter() - began, time.process_time() - cpu

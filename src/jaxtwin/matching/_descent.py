@@ -154,17 +154,7 @@ def _descend_batch(
                 vectors = state.vectors
                 if iteration > 0:
                     vectors = _propose(solver, vectors, state.optimiser, space)
-                modes = None if native is not None else _find_modes(vectors, objective)
-                if native is not None:
-                    errors = native.output_errors(vectors, active)
-                    proposal = _Proposal(vectors, errors, None, None)
-                elif space.difference_steps is not None:
-                    result = _solve_and_difference(vectors, objective, modes, space)
-                    proposal = _Proposal(vectors, *result, modes)
-                elif iteration == 0:
-                    proposal = _at_start(vectors, objective, modes, batch.meanwhile)
-                else:
-                    proposal = _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
+                proposal = _proposal(vectors, objective, space, batch, active, native, iteration)
             state = _step(solver, state, proposal, space, objective, batch, active, native)
             # Indexing NumPy arrays needs no compiled function.
             optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
@@ -270,6 +260,26 @@ def _step(
     return DescentState(vectors, optimiser, evaluation)
 
 
+def _proposal(
+    vectors: "Vectors",
+    objective: MatchObjective,
+    space: SearchSpace,
+    batch: _Batch,
+    active: Bool[np.ndarray, " descents"],
+    native: NativeDescents | None,
+    iteration: int,
+) -> _Proposal:
+    """The next vectors, evaluated by the means that the problem has."""
+    if native is not None:
+        return _Proposal(vectors, native.output_errors(vectors, active), None, None)
+    modes = _find_modes(vectors, objective)
+    if space.difference_steps is not None:
+        return _Proposal(vectors, *_solve_and_difference(vectors, objective, modes, space), modes)
+    if iteration == 0:
+        return _at_start(vectors, objective, modes, batch.meanwhile)
+    return _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
+
+
 def _result(
     state: DescentState, objective: MatchObjective, steps: list[DescentStep]
 ) -> DescentResult:
@@ -301,7 +311,7 @@ def _stacked(trees: Sequence[Tree]) -> Tree:
 Vectors = Float[Array, "descents unknowns"]
 Costs = Float[np.ndarray | Array, " descents"]
 # One array for each batch of recordings of equal shapes, with a leading descents axis.
-BatchArrays = list[Float[np.ndarray | Array, "..."]]
+BatchArrays = Sequence[Float[np.ndarray | Array, "..."]]
 
 
 @persistent_jit_unoptimised
@@ -369,14 +379,15 @@ def _factorise(
 ) -> Factors:
     """The `factorise` of each descent, by LAPACK."""
     # NumPy's own takes twice as long: it copies and transposes a matrix that is tall.
-    from scipy.linalg.lapack import dgeqrf
+    from scipy.linalg import get_lapack_funcs
 
+    (geqrf,) = get_lapack_funcs(["geqrf"], dtype=np.float64)
     triangles = []
     for number, objective in enumerate(objectives):
         of_descent = [np.asarray(part[number]) for part in jacobians]
         columns = weighted_jacobian(of_descent, objective).T
         table = np.concatenate([columns, residuals[number][None]])
-        reduced, *_ = dgeqrf(table.T, overwrite_a=True)
+        reduced, *_ = geqrf(table.T, overwrite_a=True)
         triangles.append(np.triu(reduced[: len(table)]))
     whole = np.stack(triangles)
     return Factors(whole[:, :-1, :-1], whole[:, :-1, -1])

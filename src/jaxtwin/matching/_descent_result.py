@@ -4,7 +4,7 @@
 same in the parameters' units.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
@@ -67,8 +67,8 @@ class Evaluation(eqx.Module):
     - `jacobians`: their derivatives, see `_jacobian`.
     """
 
-    output_errors: list[Float[np.ndarray | Array, "..."]]
-    jacobians: list[Float[np.ndarray | Array, "..."]]
+    output_errors: Sequence[Float[np.ndarray | Array, "..."]]
+    jacobians: Sequence[Float[np.ndarray | Array, "..."]]
 
 
 @final

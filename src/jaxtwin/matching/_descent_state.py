@@ -30,7 +30,7 @@ class Factors(eqx.Module):
     projected: Float[np.ndarray | Array, "*descents unknowns"]
 
     @property
-    def gradient(self) -> Vector:
+    def gradient(self) -> Float[np.ndarray | Array, " unknowns"]:
         """$J^T r$, the gradient of half the sum of squares."""
         return self.triangle.T @ self.projected
 

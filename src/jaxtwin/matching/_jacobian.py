@@ -32,7 +32,7 @@ def residual_jacobian(
     vector: Float[Array, " unknowns"], objective: MatchObjective
 ) -> Float[Array, "residuals unknowns"]:
     """Derivatives of the `residuals`, in the order of `ravel_pytree`."""
-    return weighted_jacobian(output_error_jacobians(vector, objective), objective)
+    return jnp.asarray(weighted_jacobian(output_error_jacobians(vector, objective), objective))
 
 
 def output_error_jacobians(

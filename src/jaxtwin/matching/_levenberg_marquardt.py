@@ -179,13 +179,14 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         self, vector: Vector, trial: Trial, space: SearchSpace, state: LMState
     ) -> tuple[Vector, LMState]:
         """The vector and the state after a trial."""
-        predicted, actual, ratio = _gain(vector, trial.vector, trial.cost, state)
-        accepted = self.accepts(vector, trial.vector, trial.cost, state)
+        cost = jnp.asarray(trial.cost)
+        predicted, actual, ratio = _gain(vector, trial.vector, cost, state)
+        accepted = self.accepts(vector, trial.vector, cost, state)
 
         def chosen(new: Array, old: Array) -> Array:
             return jnp.where(accepted, new, old)
 
-        new_vector, new_cost = chosen(trial.vector, vector), chosen(trial.cost, state.cost)
+        new_vector, new_cost = chosen(trial.vector, vector), chosen(cost, state.cost)
         factors = jax.tree.map(chosen, trial.factors, state.factors)
         lengths = jnp.linalg.norm(factors.triangle, axis=0)
         held = _held(new_vector, space, factors)

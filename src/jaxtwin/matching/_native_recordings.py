@@ -23,7 +23,7 @@ from .._jax_settings import own_settings
 from ..io import Experiment
 from ..simulation import TimeGrid
 from ..simulation._delay import draws_change_delay
-from ..simulation._initial import checked_initial
+from ..simulation._initial import CheckedInitial, checked_initial
 from ..simulation._native_chunk import NativeRun, native_run
 from ..simulation._padding import padded, padded_time_grid
 from ..simulation._simulate import _run_exponential
@@ -59,8 +59,9 @@ class NativeRecordings:
 
     def __init__(self, problem: MatchProblem) -> None:
         twin, unknowns = problem.twin, problem.unknowns
-        layout, initial = unknowns.layout, checked_initial(twin, problem.initial)
-        self._twin, self._initial = twin, initial
+        layout = unknowns.layout
+        self._twin = twin
+        self._initial: CheckedInitial = checked_initial(twin, problem.initial)
         self._names = [name for name, _ in layout.names]
         self._entries = layout.entry_indices()
         self._inner = np.array(layout.network_entries(twin), int)
@@ -74,7 +75,7 @@ class NativeRecordings:
         self._recordings = [
             _Recording(
                 experiment,
-                padded_time_grid(twin, experiment, steady_start=isinstance(initial, str)),
+                padded_time_grid(twin, experiment, steady_start=isinstance(self._initial, str)),
                 np.array([twin.channels.index(name) for name in experiment.channels]),
                 padded(np.nan_to_num(np.asarray(experiment.temperatures))),
             )

@@ -153,7 +153,9 @@ def _evaluate(
     jacobian = weighted_jacobian(evaluation.jacobians, objective)
     lengths = jnp.linalg.norm(jacobian, axis=0) * jnp.linalg.norm(residual)
     cosines = jnp.abs(jacobian.T @ residual) / jnp.where(lengths > 0, lengths, 1.0)
-    return _Evaluated(evaluation, 0.5 * jnp.sum(residual**2), mean_square, cosines.max())
+    return _Evaluated(
+        evaluation, 0.5 * jnp.sum(residual**2), jnp.asarray(mean_square), cosines.max()
+    )
 
 
 def _step(number: int, found: _Evaluated, vector: Float[np.ndarray, " unknowns"]) -> DescentStep:

@@ -15,6 +15,7 @@ is eq. (11) of the paper.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +40,8 @@ def residuals(
     vector: Float[Array, " unknowns"], objective: MatchObjective
 ) -> tuple[Residuals, Float[Array, ""]]:
     """The weighted residuals, and the mean squared error of all existing samples, K^2."""
-    return weighted_residuals(output_errors(vector, objective), vector, objective)
+    parts, mean_square = weighted_residuals(output_errors(vector, objective), vector, objective)
+    return parts, jnp.asarray(mean_square)
 
 
 def recording_modes(vector: Float[Array, " unknowns"], objective: MatchObjective) -> list[Modes]:
@@ -104,7 +106,8 @@ def weighted_residuals(
 ) -> tuple[Residuals, Float[AnyArray | np.floating, ""]]:
     """Computes the result of `residuals` from the output errors, in NumPy if these are."""
     parts: Residuals = []
-    squares, samples = 0.0, 0
+    squares: Any = 0.0
+    samples = 0
     for batch, batch_errors in zip(objective.same_shape_batches, errors, strict=True):
 
         def of_recording(
