@@ -55,6 +55,7 @@ COMMANDS = [
     ["import"],
     ["simulate"],
     ["match"],
+    ["identify"],
     ["validate"],
     ["estimate-noise"],
     ["diff"],

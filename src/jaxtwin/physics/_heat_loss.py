@@ -112,7 +112,8 @@ class LossPaths:
         self.near, self.far, self.elements = near, far, elements
         self.is_of_plate = len(near) == elements
         self.linear = np.where(np.arange(len(near)) < elements, 0.0, RADIATION_AT_ROOM)
-        self.between = np.flatnonzero(far >= 0)  # the paths that end at nodes
+        # The paths that end at nodes. An index of 64 bits is another one where 64 bits are off.
+        self.between = np.flatnonzero(far >= 0).astype(np.int32)
 
     def across(self, of_nodes: Float[Array, "nodes *columns"]) -> Float[Array, "paths *columns"]:
         """The values of the near ends, less those of the far ends that are nodes."""
