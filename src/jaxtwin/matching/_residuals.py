@@ -15,7 +15,6 @@ is eq. (11) of the paper.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -103,10 +102,10 @@ def weighted_residuals(
     errors: Sequence[Float[AnyArray, "_recordings _times _channels"]],
     vector: Float[AnyArray, " unknowns"],
     objective: MatchObjective,
-) -> tuple[Residuals, Float[AnyArray | np.floating, ""]]:
+) -> tuple[Residuals, Float[AnyArray | np.floating | float, ""]]:
     """Computes the result of `residuals` from the output errors, in NumPy if these are."""
     parts: Residuals = []
-    squares: Any = 0.0
+    squares: AnyArray | np.floating | float = 0.0
     samples = 0
     for batch, batch_errors in zip(objective.same_shape_batches, errors, strict=True):
 
