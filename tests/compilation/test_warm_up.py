@@ -48,7 +48,8 @@ def test_a_match_after_it_compiles_nothing(tmp_path: Path):
     """Neither the large programs nor small ones that NumPy would do for."""
     said = printed(tmp_path, "-m", "jaxtwin", "warm-up", "paper-2024", "synthetic-A")
     assert said.endswith(f"MiB in {tmp_path}")
-    assert len(list(tmp_path.iterdir())) > 8
+    # The derivatives of a match are not compiled: seven files are all that it and the run need.
+    assert len(list(tmp_path.iterdir())) > 4
     assert printed(tmp_path, "-c", LISTEN + MATCH) == "[]"
 
 

@@ -364,8 +364,8 @@ def _weigh(
     """Weighted residuals, half the sum of their squares, and the mean squared error, K^2."""
     rows, mean_squares = [], []
     for number, objective in enumerate(objectives):
-        of_descent = [np.asarray(part[number]) for part in errors]
-        parts, mean_square = weighted_residuals(of_descent, np.asarray(vectors[number]), objective)
+        of_descent = [np.asarray(part)[number] for part in errors]
+        parts, mean_square = weighted_residuals(of_descent, np.asarray(vectors)[number], objective)
         rows.append(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(parts)]))
         mean_squares.append(mean_square)
     residuals = np.stack(rows)
@@ -384,7 +384,7 @@ def _factorise(
     (geqrf,) = get_lapack_funcs(["geqrf"], dtype=np.float64)
     triangles = []
     for number, objective in enumerate(objectives):
-        of_descent = [np.asarray(part[number]) for part in jacobians]
+        of_descent = [np.asarray(part)[number] for part in jacobians]
         columns = weighted_jacobian(of_descent, objective).T
         table = np.concatenate([columns, residuals[number][None]])
         reduced, *_ = geqrf(table.T, overwrite_a=True)
