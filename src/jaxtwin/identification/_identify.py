@@ -95,14 +95,17 @@ def identify(
     report(f"judging {in_words(matched[0].problem.parts)}")
     origins = _origins(logs)
     judged = _judged(screen, logs, matched[:JUDGED], origins)
-    pairs = sorted(
-        zip(matched, judged, strict=False),
-        key=lambda pair: pair[0].cost + _held_out_cost(pair[1], floor),
+    best_first = sorted(
+        (
+            (end.cost + _held_out_cost(blocks, floor), end, blocks)
+            for end, blocks in zip(matched, judged, strict=False)
+        ),
+        key=lambda scored: scored[0],
     )
-    candidates = [_candidate(screen, logs, *pair, floor) for pair in pairs]
-    candidates += [_candidate(screen, logs, end, {}, floor) for end in matched[JUDGED:]]
+    candidates = [_candidate(screen, logs, *scored) for scored in best_first]
+    candidates += [_candidate(screen, logs, end.cost, end, {}) for end in matched[JUDGED:]]
     baselines = _baselines(logs, origins)
-    best, blocks = pairs[0]
+    _, best, blocks = best_first[0]
     report(f"matching {in_words(best.problem.parts)}")
     fit = match(
         Twin(parse_rig(_text(family, best, notes).encode(), "identified.toml")), experiments
@@ -118,7 +121,7 @@ def identify(
         baselines,
         error,
         tuple(remarks),
-        Rivals(screen, [end for end, _ in pairs]),
+        Rivals(screen, [end for _, end, _ in best_first]),
     )
 
 
@@ -278,9 +281,9 @@ def _held_out_cost(blocks: Blocks, floor: Float[np.ndarray, " channels"]) -> flo
 def _candidate(
     screen: Screen,
     logs: Sequence[ScreenedLog],
+    cost: float,
     end: Screened,
     blocks: Blocks,
-    floor: Float[np.ndarray, " channels"],
 ) -> Candidate:
     errors = np.concatenate(
         [run - log.temperatures for run, log in zip(end.predicted, logs, strict=True)]
@@ -289,7 +292,7 @@ def _candidate(
     return Candidate(
         structure=in_words(end.problem.parts),
         unknowns=len(end.values),
-        cost=float(end.cost + (_held_out_cost(blocks, floor) if blocks else 0.0)),
+        cost=float(cost),
         rmse=dict(zip(screen.family.channels, map(float, rmse), strict=True)),
         held_out={origin: _root_mean_square(block) for origin, block in blocks.items()},
         at_bound=tuple(

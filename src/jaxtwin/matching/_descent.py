@@ -154,7 +154,7 @@ def _descend_batch(
                 vectors = state.vectors
                 if iteration > 0:
                     vectors = _propose(solver, vectors, state.optimiser, space)
-                proposal = _proposal(vectors, objective, space, batch, active, native, iteration)
+                proposal = _proposal(vectors, objective, space, active, native, iteration)
             state = _step(solver, state, proposal, space, objective, batch, active, native)
             # Indexing NumPy arrays needs no compiled function.
             optimiser, vectors = jax.tree.map(np.asarray, (state.optimiser, state.vectors))
@@ -211,15 +211,12 @@ def _at_start(
     vectors: Float[Array, "descents unknowns"],
     objective: MatchObjective,
     modes: list[Modes],
-    meanwhile: Callable[[], None] | None,
 ) -> _Proposal:
     """Evaluates the starts, with Jacobians because a start is always accepted. If a process has
     neither of the two programs yet, both are compiled at the same time."""
     with ThreadPoolExecutor(1) as pool:
         jacobians = pool.submit(own_settings()(_differentiate), vectors, objective, modes)
         errors = _solve(vectors, objective, modes)
-        if meanwhile is not None:
-            meanwhile()
         return _Proposal(vectors, errors, jacobians.result(), modes)
 
 
@@ -264,7 +261,6 @@ def _proposal(
     vectors: "Vectors",
     objective: MatchObjective,
     space: SearchSpace,
-    batch: _Batch,
     active: Bool[np.ndarray, " descents"],
     native: NativeDescents | None,
     iteration: int,
@@ -276,7 +272,7 @@ def _proposal(
     if space.difference_steps is not None:
         return _Proposal(vectors, *_solve_and_difference(vectors, objective, modes, space), modes)
     if iteration == 0:
-        return _at_start(vectors, objective, modes, batch.meanwhile)
+        return _at_start(vectors, objective, modes)
     return _Proposal(vectors, _solve(vectors, objective, modes), None, modes)
 
 

@@ -208,7 +208,7 @@ class NativeDescents:
         """Those of each descent's problem; None if C cannot solve all."""
         of_problem = {id(problem): problem for problem in problems}
         native = {key: NativeRecordings.of(problem) for key, problem in of_problem.items()}
-        recordings = [one for problem in problems if (one := native[id(problem)]) is not None]
+        recordings = [part for problem in problems if (part := native[id(problem)]) is not None]
         return cls(recordings, objective) if len(recordings) == len(problems) else None
 
     def output_errors(

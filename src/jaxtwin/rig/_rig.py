@@ -163,7 +163,9 @@ class Rig:
         names = [part.name for part in fields(self) if part.name not in (*words, *values)]
         equations = {name: getattr(self, name) for name in names}
         units = {name: (row.scale, row.offset) for name, row in self.parameters.items()}
-        drives = [(one.name, one.drive_exponent) for one in self.heaters if one.drive_exponent]
+        drives = [
+            (heater.name, heater.drive_exponent) for heater in self.heaters if heater.drive_exponent
+        ]
         more = (drives,) if drives else ()  # rigs of before keep their fingerprints
         text = repr((equations, units, self.maximum_temperature, *more))
         return hashlib.sha256(text.encode()).hexdigest()

@@ -134,7 +134,8 @@ struct workspace {
 };
 
 /* What drives a cell at a stage: the share of a period during which it is connected, the sign of
-   its voltage, or of a heater the derivative of the share by the duty, the voltage, and the conductance of its circuit while it is connected. */
+   its voltage, or of a heater the derivative of the share by the duty, the voltage, and the
+   conductance of its circuit while it is connected. */
 struct drive {
     lanes share, sign, voltage, conductance;
 };
