@@ -1,31 +1,34 @@
 """Tables of a rig file as the text of one."""
 
-import json
 from collections.abc import Mapping
 from typing import Any
+
+from .._toml_text import toml_inline, toml_key
 
 
 def rig_text(tables: Mapping[str, Any], comment: str) -> str:
     """The text of a rig file, with a comment at its top."""
     lines = [f"# {line}".rstrip() for line in comment.splitlines()] + [""]
-    parameters = tables["parameters"]
-    for key, value in tables.items():
+    rounded = _rounded(tables)
+    for key, value in rounded.items():
         if key == "parameters":
             continue
         if isinstance(value, list):
-            lines += ["", f"{key} = [", *(f"    {_inline(item)}," for item in value), "]"]
+            lines += ["", f"{key} = [", *(f"    {toml_inline(item)}," for item in value), "]"]
         else:
-            lines.append(f"{key} = {_inline(value)}")
-    lines += ["", "[parameters]", *(f"{name} = {_inline(row)}" for name, row in parameters.items())]
+            lines.append(f"{key} = {toml_inline(value)}")
+    lines += [
+        "",
+        "[parameters]",
+        *(f"{toml_key(name)} = {toml_inline(row)}" for name, row in rounded["parameters"].items()),
+    ]
     return "\n".join(lines) + "\n"
 
 
-def _inline(value: Any) -> str:
-    """A value as TOML writes it on one line: as JSON does, except tables."""
+def _rounded(value: Any) -> Any:
+    """A value with numbers of six digits, for people to read."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_inline(item)}" for key, item in value.items()) + " }"
+        return {key: _rounded(entry) for key, entry in value.items()}
     if isinstance(value, list):
-        return "[" + ", ".join(map(_inline, value)) + "]"
-    if isinstance(value, float):
-        return repr(float(f"{value:.6g}"))
-    return json.dumps(value, ensure_ascii=False)
+        return [_rounded(entry) for entry in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value

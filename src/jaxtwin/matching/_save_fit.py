@@ -21,7 +21,6 @@ fingerprint = "9f86d081..."
 ```
 """
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -30,6 +29,7 @@ from typing import Any, Literal, final
 import numpy as np
 from jaxtyping import Float
 
+from .._toml_text import toml_inline, toml_key, toml_string
 from .._whole_file import check_ending, write_whole_file
 from ..errors import ParameterError, RigError
 from ..rig import Rig
@@ -234,9 +234,9 @@ def _fit_tables(fit: Fit) -> str:
     parts = [_table("fit", head) + _rig_text(rig), _table("fit.unknowns", unknowns)]
     for name, row in fit.parameters.items():
         own = {f.name: getattr(row, f.name) for f in fields(row) if f.name not in TABLE}
-        parts.append(_table(f"fit.parameters.{_key(name)}", own))
+        parts.append(_table(f"fit.parameters.{toml_key(name)}", own))
     for number, name in enumerate(fit.recordings):
-        parts.append(_table(f"fit.recordings.{_key(name)}", _recording(fit, number)))
+        parts.append(_table(f"fit.recordings.{toml_key(name)}", _recording(fit, number)))
     return "\n".join(parts)
 
 
@@ -254,7 +254,7 @@ def _rig_text(rig: Rig) -> str:
     # Literally, as people wrote it, where TOML can say that.
     lines = rig.text.replace("\r\n", "\n")
     literal = "'''" not in lines and all(c.isprintable() or c in "\n\t" for c in lines)
-    return f"rig_text = '''\n{lines}'''\n" if literal else f"rig_text = {_text(rig.text)}\n"
+    return f"rig_text = '''\n{lines}'''\n" if literal else f"rig_text = {toml_string(rig.text)}\n"
 
 
 def unrolled(stretches: Stretches, times: int, channels: int) -> Float[np.ndarray, "times columns"]:
@@ -311,10 +311,10 @@ def _table(name: str, entries: Mapping[str, Any]) -> str:
         if plain is None:
             continue
         if isinstance(plain, list) and plain and isinstance(plain[0], list | dict):
-            rows = "".join(f"    {_inline(entry)},\n" for entry in plain)
-            lines.append(f"{_key(key)} = [\n{rows}]")
+            rows = "".join(f"    {toml_inline(entry)},\n" for entry in plain)
+            lines.append(f"{toml_key(key)} = [\n{rows}]")
         else:
-            lines.append(f"{_key(key)} = {_inline(plain)}")
+            lines.append(f"{toml_key(key)} = {toml_inline(plain)}")
     return "\n".join(lines) + "\n"
 
 
@@ -329,26 +329,3 @@ def _plain(value: object) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_plain(entry) for entry in value]
     return value
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, dict):
-        kept = {key: entry for key, entry in value.items() if entry is not None}
-        return f"{{ {', '.join(f'{_key(k)} = {_inline(v)}' for k, v in kept.items())} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_inline, value))}]"
-    if isinstance(value, bool | np.bool_):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _text(value)
-    # TOML writes numbers that are not finite as Python does: inf, nan.
-    return repr(float(value)) if isinstance(value, float) else repr(int(value))
-
-
-def _key(name: str) -> str:
-    bare = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
-    return name if bare else _text(name)
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
