@@ -6,7 +6,7 @@ the twin is shown (`_baselines`), and matches all structures (`_structures`) of 
 written as a rig file (`_rig_text`) and matched to all readings. `_identified` is the result.
 """
 
-from ._identified import Candidate, Identified, ModelError
+from ._identified import Candidate, Identified
 from ._identify import identify
 
-__all__ = ["Candidate", "Identified", "ModelError", "identify"]
+__all__ = ["Candidate", "Identified", "identify"]

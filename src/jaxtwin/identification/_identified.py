@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from jaxtyping import Float
 
 from .._display import html_table
 from .._json_values import json_value
 from ..io import Experiment
-from ..matching import WARM_UP, Band, Fit, prediction_band
+from ..matching import Band, Fit, prediction_band
 from ..rig import Rig
 from ._screening import Rivals
 
@@ -22,10 +21,6 @@ if TYPE_CHECKING:
 
 # The normal quantile of a band of 95 %.
 QUANTILE_95 = 1.96
-
-# Beyond the temperatures that were matched the error grows by this part of the way: laws of loss
-# that are alike inside differ by so much outside.
-EXTRAPOLATION_ERROR = 0.25
 
 
 @final
@@ -38,7 +33,7 @@ class Candidate:
     - `structure`: in words.
     - `unknowns`: the number of its parameters.
     - `cost`: minus the logarithm of its posterior probability, up to a constant, with what the
-      held-out blocks add for those that were judged: the lowest is chosen.
+      held-out blocks add for those that were judged.
     - `rmse`: channel -> root mean square error of the matched readings, K.
     - `held_out`: origin -> root mean square error over all channels from there to the end, of a
       match to what is before, K. An origin is a fraction of the recording; empty for a structure
@@ -62,40 +57,6 @@ class Candidate:
 
 
 @final
-@dataclass(frozen=True)
-class ModelError:
-    """What the structure itself does not know, learnt from held-out blocks.
-
-    **Arguments:**
-
-    - `growth`: of the standard deviation of each channel's error with time, K/s.
-    - `largest`: the standard deviation at most, K.
-    - `lowest`, `highest`: the temperatures of each channel that were matched, degC.
-    """
-
-    growth: tuple[float, ...]
-    largest: tuple[float, ...]
-    lowest: tuple[float, ...]
-    highest: tuple[float, ...]
-
-    def variance(
-        self,
-        ahead: Float[np.ndarray, " times"],
-        temperatures: Float[np.ndarray, "times channels"],
-    ) -> Float[np.ndarray, "times channels"]:
-        """The variance of the error, K^2.
-
-        **Arguments:**
-
-        - `ahead`: the time since the last known reading, s.
-        - `temperatures`: predicted, degC.
-        """
-        grown = np.minimum(np.array(self.growth) * ahead[:, None], self.largest)
-        outside = np.maximum(temperatures - self.highest, self.lowest - temperatures)
-        return grown**2 + (EXTRAPOLATION_ERROR * np.maximum(outside, 0.0)) ** 2
-
-
-@final
 @dataclass(frozen=True, repr=False, eq=False)
 class Identified:
     """A twin that was found from recordings alone.
@@ -104,17 +65,15 @@ class Identified:
 
     - `fit`: the match of the chosen structure, for `validate`, `observe`, `monitor`, control and
       export.
-    - `candidates`: all structures, those that were judged first, the best of
-      them first.
+    - `candidates`: all structures: the chosen one, the others that were judged, the most probable
+      first, and the rest.
     - `baselines`: simple model -> root mean square error over the same held-out blocks, K.
-    - `model_error`: what the structure itself does not know.
     - `notes`: what a reader should know of the log, in sentences.
     """
 
     fit: Fit
     candidates: tuple[Candidate, ...]
     baselines: Mapping[str, float]
-    model_error: ModelError
     notes: tuple[str, ...]
     _rivals: Rivals
 
@@ -133,22 +92,16 @@ class Identified:
 
         **Raises:** the errors of `prediction_band`.
         """
-        name, own, known_until = None, 0, experiment.time[0] + WARM_UP
-        for number, matched in enumerate(self.fit.experiments):
-            count = len(matched.time)
-            if (
-                count <= len(experiment.time)
-                and np.array_equal(experiment.time[:count], matched.time)
-                and np.array_equal(experiment.duty[:count], matched.duty)
-            ):
-                name, own = self.fit.recordings[number], number
-                known_until = matched.time[-1]
+        begun = [
+            number
+            for number, matched in enumerate(self.fit.experiments)
+            if experiment.begins_with(matched)
+        ]
+        name = self.fit.recordings[begun[0]] if begun else None
         band = prediction_band(self.fit, name, experiment=experiment)
         half = (band.upper - band.middle) / QUANTILE_95
-        ahead = np.maximum(experiment.time - known_until, 0.0)
-        variance = half**2 + self.model_error.variance(ahead, band.middle)
-        variance += self._rivals.disagreement(experiment, own) ** 2
-        wide = QUANTILE_95 * np.sqrt(variance)
+        disagreement = self._rivals.disagreement(experiment, begun[0] if begun else 0)
+        wide = QUANTILE_95 * np.hypot(half, disagreement)
         return Band(band.run, band.middle - wide, band.middle + wide, band.level)
 
     def summary(self) -> str:
@@ -156,7 +109,7 @@ class Identified:
         best = self.candidates[0]
         growth = " and ".join(
             f"{1000 * rate:.2g} mK/s ({channel})"
-            for rate, channel in zip(self.model_error.growth, self.fit.channels[0], strict=True)
+            for channel, rate in self.fit.model_error.growth.items()
         )
         judged = [row for row in self.candidates[1:] if row.held_out]
         close = [row for row in judged if row.cost - best.cost < math.log(20)]
@@ -183,7 +136,6 @@ class Identified:
             "structure": self.candidates[0].structure,
             "candidates": [json_value(row.__dict__) for row in self.candidates],
             "baselines": dict(self.baselines),
-            "model_error": json_value(self.model_error.__dict__),
             "notes": list(self.notes),
             "fit": self.fit.to_dict(),
         }

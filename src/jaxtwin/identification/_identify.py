@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -10,11 +11,12 @@ from .._arguments import check_callable, finite_number, names_of
 from .._waiting import advanced, announced
 from ..errors import MatchError
 from ..io import Experiment, read_recording
-from ..matching import match
+from ..matching import ModelError, match
+from ..matching._model_error import MAX_SPREAD
 from ..physics import Twin
 from ..rig._build import parse_rig
 from ._baselines import FirstOrder, fit_first_order, fit_two_capacities
-from ._identified import Candidate, Identified, ModelError
+from ._identified import Candidate, Identified
 from ._log import ScreenedLog, screened_log
 from ._network import Family
 from ._rig_text import rig_text
@@ -36,6 +38,10 @@ FIRST_ORIGIN, LAST_ORIGIN, ORIGINS = 0.35, 0.8, 4
 EXCITED = 0.15
 # Errors below these do not count: a part of the range of the readings, and K.
 RELATIVE_FLOOR, FLOOR = 0.005, 0.02
+# Beyond the temperatures that were matched the error grows by this part of the way: laws of loss
+# that are alike inside differ by so much outside.
+EXTRAPOLATION_ERROR = 0.25
+
 # So many standard deviations of its prior from what was expected is far.
 FAR = 3.0
 
@@ -52,15 +58,16 @@ def identify(
     """Finds a twin from recordings alone: the structure of its thermal network and its values.
 
     Thermal networks of growing size are matched side by side to the averaged recordings, by draws
-    of one network that contains the parts of all. The most probable one is chosen and matched to
-    all readings. Matches to the first part of the recordings, which predict the rest, tell how far
-    it can be trusted. The powers of the heaters are not in a log: the first one has 10 W, to which
-    all heat capacities and resistances are relative.
+    of one network that contains the parts of all. Of the most probable ones the one that predicts
+    what the others do on average is chosen and matched to all readings. Matches to the first part
+    of the recordings, which predict the rest, tell how far it can be trusted. The powers of the
+    heaters are not in a log: the first one has 10 W, to which all heat capacities and resistances
+    are relative.
 
     **Arguments:**
 
     - `recordings`: one or several recordings of the same device, or their files, with duties
-      of 0 to 1.
+      of 0 to 1 for heaters, -1 to 1 for thermoelectric cells.
     - `channels`: the channels to use; by default all.
     - `ambient`: the temperature of the room, degC, if it is known; a recorded one is used as it is.
     - `notes`: a description of the device for its rig file.
@@ -69,8 +76,8 @@ def identify(
     **Returns:** the chosen twin with its rivals.
 
     **Raises:** `MatchError` if the recordings are too short or differ in their columns, if a duty
-    or a channel never changes, if two duties always change together, or if a duty is negative: a
-    thermoelectric cell needs a rig file. `RecordingError` if a file cannot be read.
+    or a channel never changes, or if two duties always change together. `RecordingError` if a file
+    cannot be read.
     """
     check_callable("identify: on_progress", on_progress, MatchError)
     room = None if ambient is None else finite_number("identify: ambient", ambient, MatchError)
@@ -95,33 +102,36 @@ def identify(
     report(f"judging {in_words(matched[0].problem.parts)}")
     origins = _origins(logs)
     judged = _judged(screen, logs, matched[:JUDGED], origins)
-    best_first = sorted(
-        (
-            (end.cost + _held_out_cost(blocks, floor), end, blocks)
-            for end, blocks in zip(matched, judged, strict=False)
-        ),
-        key=lambda scored: scored[0],
-    )
-    candidates = [_candidate(screen, logs, *scored) for scored in best_first]
+    costs = [
+        end.cost + _held_out_cost(blocks, floor)
+        for end, blocks in zip(matched, judged, strict=False)
+    ]
+    order = [int(place) for place in np.argsort(costs, kind="stable")]
+    rivals = Rivals(screen, [matched[place] for place in order], np.sort(costs))
+    # The chosen one is the first.
+    order.insert(0, order.pop(rivals.central))
+    candidates = [
+        _candidate(screen, logs, costs[place], matched[place], judged[place]) for place in order
+    ]
     candidates += [_candidate(screen, logs, end.cost, end, {}) for end in matched[JUDGED:]]
     baselines = _baselines(logs, origins)
-    _, best, blocks = best_first[0]
-    report(f"matching {in_words(best.problem.parts)}")
+    chosen, blocks = matched[order[0]], judged[order[0]]
+    report(f"matching {in_words(chosen.problem.parts)}")
     fit = match(
-        Twin(parse_rig(_text(family, best, notes).encode(), "identified.toml")), experiments
+        Twin(parse_rig(_text(family, chosen, notes).encode(), "identified.toml")), experiments
     )
-    error = _model_error(logs, blocks, fit.rmse)
+    # Blocks that were matched anew say more than one linear step from the whole match.
+    model_error = _model_error(family.channels, logs, blocks, fit.rmse)
     if len(experiments) == 1:
         remarks.append(
             "one recording: how much the device differs from one recording to the next is not known"
         )
     return Identified(
-        fit,
+        replace(fit, model_error=model_error),
         tuple(candidates),
         baselines,
-        error,
         tuple(remarks),
-        Rivals(screen, [end for _, end, _ in best_first]),
+        rivals,
     )
 
 
@@ -165,11 +175,6 @@ def _check_content(experiment: Experiment) -> None:
         raise MatchError(
             f"{name}: expected at least {MIN_SAMPLES} readings of each channel, got {count}"
         )
-    if duty.min() < 0:
-        raise MatchError(
-            f"{name}: expected duties of 0 to 1, got {duty.min():g}; a thermoelectric cell needs a "
-            "rig file (jaxtwin new-rig), which match takes"
-        )
     for actuator, column in zip(experiment.cell_names, duty.T, strict=True):
         if np.ptp(column) == 0:
             raise MatchError(
@@ -199,7 +204,8 @@ def _has_levels(experiments: Sequence[Experiment]) -> bool:
     """Whether a log has a single input that is no switch: with levels between off and full."""
     duty = np.concatenate([np.asarray(experiment.duty) for experiment in experiments])
     levels = np.unique(np.round(duty, 3))
-    return duty.shape[1] == 1 and int(np.count_nonzero((levels > 0) & (levels < 1))) >= 2
+    is_heater = duty.shape[1] == 1 and duty.min() >= 0
+    return bool(is_heater) and int(np.count_nonzero((levels > 0) & (levels < 1))) >= 2
 
 
 def _first_order(
@@ -321,19 +327,26 @@ def _baselines(logs: Sequence[ScreenedLog], origins: Sequence[float]) -> dict[st
     return {name: float(np.sqrt(np.mean(values))) for name, values in squares.items()}
 
 
-def _model_error(logs: Sequence[ScreenedLog], blocks: Blocks, rmse: float) -> ModelError:
+def _model_error(
+    channels: Sequence[str], logs: Sequence[ScreenedLog], blocks: Blocks, rmse: float
+) -> ModelError:
     """The growth of the error over the held-out blocks, beyond that of a matched reading."""
-    growths = []
+    rates = []
     for origin, errors in blocks.items():
         squares = np.nanmean(np.concatenate(errors) ** 2, axis=0)
         ahead = max(log.experiment.duration for log in logs) * (1 - origin)
-        growths.append(np.maximum(squares - rmse**2, 0.0) / ahead**2)
+        rates.append(np.maximum(squares - rmse**2, 0.0) / ahead**2)
     readings = np.concatenate([log.temperatures for log in logs])
+
+    def named(numbers: Float[np.ndarray, " channels"]) -> dict[str, float]:
+        return dict(zip(channels, map(float, numbers), strict=True))
+
     return ModelError(
-        growth=tuple(map(float, np.sqrt(np.mean(growths, axis=0)))),
-        largest=tuple(map(float, 2 * np.nanstd(readings, axis=0))),
-        lowest=tuple(map(float, np.nanmin(readings, axis=0))),
-        highest=tuple(map(float, np.nanmax(readings, axis=0))),
+        growth=named(np.sqrt(np.mean(rates, axis=0))),
+        largest=named(MAX_SPREAD * np.nanstd(readings, axis=0)),
+        lowest=named(np.nanmin(readings, axis=0)),
+        highest=named(np.nanmax(readings, axis=0)),
+        extrapolation=EXTRAPOLATION_ERROR,
     )
 
 

@@ -28,6 +28,14 @@ NOMINAL_POWER = 10.0
 # readings and priors alike.
 WEAKENED = 3.0
 
+# Nor does it say anything of the electrical side of a thermoelectric cell. These are the voltage
+# and the resistance of one whose Joule heat, at full duty on one side, is 4 W; typical modules pump
+# two to three times as much by the Peltier effect.
+CELL_VOLTAGE, CELL_RESISTANCE, CELL_SEEBECK = 6.0, 4.5, 0.025
+
+# K/W between the sides: such a cell can hold some 60 K.
+CELL_THERMAL_RESISTANCE = 8.0
+
 # Standard deviations of the logarithms of what is expected: a loss follows from the gain of the
 # first-order system, a heat capacity from its time constant; of a wall or a link little is known.
 LOSS_SPREAD, CAPACITANCE_SPREAD, HIDDEN_SPREAD, LINK_SPREAD = 0.7, 1.0, 1.3, 1.5
@@ -79,7 +87,8 @@ class Part:
       network has.
     - `unknowns`: its parameters.
     - `bodies`, `links`: its tables in the rig file.
-    - `channel`, `heater`: its keys in the table of the channel or heater of its number.
+    - `channel`, `actuator`: its keys in the table of the channel or the cell or heater of its
+      number.
     """
 
     name: str
@@ -87,7 +96,7 @@ class Part:
     bodies: tuple[Table, ...] = ()
     links: tuple[Table, ...] = ()
     channel: Table = field(default_factory=dict)
-    heater: Table = field(default_factory=dict)
+    actuator: Table = field(default_factory=dict)
 
     @property
     def number(self) -> int:
@@ -140,6 +149,8 @@ class Family:
 
     - `channels`, `inputs`: names.
     - `heated`: for each input, the number of the channel that it heats, counted from 0.
+    - `cells`: the inputs with negative values, which are thermoelectric cells, counted from 0.
+    - `polarity`: 1 if positive duties heat, -1 if they cool.
     - `has_levels`: whether the only input has values between 0 and 1, so that its heat need not be
       proportional to it.
     - `parts`: what a network may have, with what every network has at first.
@@ -148,6 +159,8 @@ class Family:
     channels: tuple[str, ...]
     inputs: tuple[str, ...]
     heated: tuple[int, ...]
+    cells: tuple[int, ...]
+    polarity: int
     has_levels: bool
     parts: tuple[Part, ...]
 
@@ -177,26 +190,43 @@ class Family:
         settled = [n for n, first in enumerate(firsts) if first.time_constant < experiment.duration]
         if settled:
             scales = [scales[n if n in settled else settled[0]] for n in range(len(scales))]
+        duty = np.asarray(experiment.duty)
+        cells = tuple(int(column) for column in np.flatnonzero((duty < 0).any(axis=0)))
         # An input heats the place that it warms fastest.
         rates = np.array([first.gains / first.time_constant for first in firsts])
-        heated = tuple(int(place) for place in rates.argmax(axis=0))
+        of_cells = rates[:, cells].ravel()
+        polarity = 1
+        if cells and of_cells[np.abs(of_cells).argmax()] < 0:
+            polarity = -1
+        heated = tuple(int(place) for place in (polarity * rates).argmax(axis=0))
         starts = [log.first_reading(channel) for channel in range(len(scales))]
-        is_driven = bool(np.asarray(experiment.duty)[0].any())
+        is_driven = bool(duty[0].any())
         expected = _room_prior(starts, is_driven) if room is None else (room, 0.5)
         room_itself = Unknown("T_room", "degC", "room", *expected, expected[0], is_positive=False)
         parts = [Part("", (room_itself,))]
         for place, (scale, start) in enumerate(zip(scales, starts, strict=True), 1):
             parts += _parts_of_place(place, scale, expected[0], start)
         for number, place in enumerate(heated, 1):
-            parts += _parts_of_heater(number, place + 1, scales[place])
+            if number - 1 in cells:
+                parts += _parts_of_cell(number, scales[place])
+            else:
+                parts += _parts_of_heater(number, place + 1, scales[place])
         if has_levels:
             exponent = Unknown("p_1", "", "exponent of the drive", 1.3, 0.3, 1.0)
-            parts.append(Part("power law 1", (exponent,), heater={"drive": "p_1"}))
+            parts.append(Part("power law 1", (exponent,), actuator={"drive": "p_1"}))
         for (a, first), (b, second) in combinations(enumerate(scales, 1), 2):
             parts.append(_link(a, b, math.sqrt(first.resistance * second.resistance)))
         if len(scales) > 1:
             parts.append(_board(scales, expected[0], starts[0]))
-        return cls(experiment.channels, experiment.cell_names, heated, has_levels, tuple(parts))
+        return cls(
+            experiment.channels,
+            experiment.cell_names,
+            heated,
+            cells,
+            polarity,
+            has_levels,
+            tuple(parts),
+        )
 
     @cached_property
     def choices(self) -> tuple[str, ...]:
@@ -219,19 +249,21 @@ class Family:
             {"name": name, "nodes": [f"block_{place}"]}
             for place, name in enumerate(self.channels, 1)
         ]
-        heaters: list[Table] = [
-            {
+        actuators = [
+            _cell(name, number, place)
+            if number in self.cells
+            else {
                 "name": name,
-                "power": f"P_{number}" if number > 1 else f"{NOMINAL_POWER:g} W",
+                "power": f"P_{number + 1}" if number else f"{NOMINAL_POWER:g} W",
                 "contacts": [f"block_{place + 1}"],
             }
-            for number, (name, place) in enumerate(zip(self.inputs, self.heated, strict=True), 1)
+            for number, (name, place) in enumerate(zip(self.inputs, self.heated, strict=True))
         ]
         for part in parts:
             if part.channel:
                 channels[part.number - 1] |= part.channel
-            if part.heater:
-                heaters[part.number - 1] |= part.heater
+            if part.actuator:
+                actuators[part.number - 1] |= part.actuator
         rows = [row for part in parts for row in part.unknowns]
         return {
             "format": 1,
@@ -239,12 +271,22 @@ class Family:
             "ambient": {"temperature": "T_room"},
             "sensors": {"noise": "0.1 K"},
             "channels": channels,
-            "heaters": heaters,
+            **self._driver(),
+            "cells": [actuators[number] for number in self.cells],
+            "heaters": [row for number, row in enumerate(actuators) if number not in self.cells],
             "bodies": [body for part in parts for body in part.bodies],
             "links": [link for part in parts for link in part.links],
             "initial": {"temperature": "T_start_1"},
             "parameters": {row.name: _parameter(row, (values or {}).get(row.name)) for row in rows},
         }
+
+    def _driver(self) -> Table:
+        """The table of the driver, which only cells need."""
+        if not self.cells:
+            return {}
+        driver = {"supply_voltage": f"{CELL_VOLTAGE:g} V", "on_resistance": "0.1 ohm"}
+        driver |= {"counts": 255, "polarity": self.polarity, "averaging": "on-off"}
+        return {"driver": driver}
 
     def _chosen(self, names: Set[str]) -> list[Part]:
         return [part for part in self.parts if not part.name or part.name in names]
@@ -377,7 +419,47 @@ def _parts_of_heater(number: int, place: int, scale: Scale) -> list[Part]:
         "initial_temperature": f"T_start_{place}",
     }
     always = [Part("", (power,))] if number > 1 else []
-    return [*always, Part(f"heater {number}", rows, heater=keys)]
+    return [*always, Part(f"heater {number}", rows, actuator=keys)]
+
+
+def _cell(name: str, number: int, place: int) -> Table:
+    """The table of a thermoelectric cell between a block and the room."""
+    return {
+        "name": name,
+        "seebeck_coefficient": f"S_{number + 1}",
+        "electrical_resistance": f"{CELL_RESISTANCE:g} ohm",
+        "thermal_resistance": f"R_cell_{number + 1}",
+        "side_capacitance": f"C_side_{number + 1}",
+        "contacts": {f"block_{place + 1}": f"R_contact_{number + 1}"},
+        "sink_resistance": f"R_sink_{number + 1}",
+    }
+
+
+def _parts_of_cell(number: int, scale: Scale) -> list[Part]:
+    r, c, of = scale.resistance, scale.capacitance, f"of cell {number}"
+    always = (
+        Unknown(f"S_{number}", "V/K", f"Seebeck coefficient {of}", CELL_SEEBECK, 0.5, CELL_SEEBECK),
+        Unknown(
+            f"R_cell_{number}",
+            "K/W",
+            f"thermal resistance {of}",
+            CELL_THERMAL_RESISTANCE,
+            0.7,
+            CELL_THERMAL_RESISTANCE,
+        ),
+        Unknown(f"C_side_{number}", "J/K", f"heat capacity of a side {of}", 0.05 * c, 1.0, c),
+        Unknown(f"R_contact_{number}", "K/W", f"contact {of}", 0.05 * r, 1.0, r),
+        Unknown(f"R_sink_{number}", "K/W", f"far side {of} to its sink", 0.2 * r, HIDDEN_SPREAD, r),
+    )
+    capacitance, to_air = f"C_sink_{number}", f"R_air_{number}"
+    sink = (
+        Unknown(
+            capacitance, "J/K", f"heat capacity of the sink {of}", 3 * c, HIDDEN_SPREAD, 1e-2 * c
+        ),
+        Unknown(to_air, "K/W", f"sink {of} to the room", 0.2 * r, HIDDEN_SPREAD, 1e-3 * r),
+    )
+    keys = {"sink_capacitance": capacitance, "sink_air_resistance": to_air}
+    return [Part("", always), Part(f"sink {number}", sink, actuator=keys)]
 
 
 def _link(a: int, b: int, resistance: float) -> Part:

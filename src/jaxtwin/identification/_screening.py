@@ -7,6 +7,7 @@ differences of two draws.
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -39,7 +40,10 @@ MAX_STEP, MAX_DISTANCE = 1.5, 5.0
 
 # The width of the weights of rivals in their cost: that of a posterior is 1, which trusts the
 # network of the highest probability too much.
-WEIGHT_WIDTH = 5.0
+WEIGHT_WIDTH = 10.0
+
+# A rival of less than this part of the largest weight is not chosen.
+MIN_WEIGHT = 0.02
 
 # A parameter, and the number of the recording whose own value it is, or SHARED.
 Key = tuple[str, int]
@@ -284,15 +288,45 @@ def _place(name: str) -> int:
 @final
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """The most probable networks of a log, the best first, which disagree where it says little."""
+    """The most probable networks of a log, which disagree where it says little.
+
+    **Arguments:**
+
+    - `screen`: with which they were matched.
+    - `ends`: the networks.
+    - `costs`: minus the logarithms of their probabilities, up to a constant.
+    """
 
     screen: Screen
     ends: list[Screened]
+    costs: Float[np.ndarray, " networks"]
+
+    @cached_property
+    def weights(self) -> Float[np.ndarray, " networks"]:
+        """Their probabilities, tempered: the errors of wrong networks are not independent."""
+        weights = np.exp(-(self.costs - self.costs.min()) / WEIGHT_WIDTH)
+        return weights / weights.sum()
+
+    @cached_property
+    def central(self) -> int:
+        """The number of the probable network whose prediction is nearest to the mean of all.
+
+        Of networks that a log does not tell apart, the most probable one may be the one that
+        predicts something of its own. This one has the least expected squared error over what
+        follows: the inputs of the first recording, once more.
+        """
+        log = self.screen.logs[0]
+        runs = self._runs(_repeated(log), 0)[:, len(log.experiment.time) :]
+        mean = np.tensordot(self.weights, runs, 1)
+        scaled = (runs - mean) / np.nanstd(log.temperatures, axis=0)
+        distance = np.mean(scaled**2, axis=(1, 2))
+        is_probable = self.weights > MIN_WEIGHT * self.weights.max()
+        return int(np.argmin(np.where(is_probable, distance, np.inf)))
 
     def disagreement(
         self, experiment: Experiment, number: int
     ) -> Float[np.ndarray, "times channels"]:
-        """The standard deviation of the rivals' predictions about that of the best, K.
+        """The standard deviation of the rivals' predictions about that of the central one, K.
 
         **Arguments:**
 
@@ -300,11 +334,29 @@ class Rivals:
         - `number`: of the recording whose own values are taken.
         """
         log = screened_log(experiment)
-        runs = self.screen.run(log, number, [end.values for end in self.ends])
-        costs = np.array([end.cost for end in self.ends])
-        weights = np.exp(-(costs - costs[0]) / WEIGHT_WIDTH)
-        squares = np.tensordot(weights / weights.sum(), (runs - runs[0]) ** 2, 1)
+        runs = self._runs(log, number)
+        squares = np.tensordot(self.weights, (runs - runs[self.central]) ** 2, 1)
         time = experiment.time - experiment.time[0]
         return np.stack(
             [np.interp(time, log.experiment.time, column) for column in np.sqrt(squares).T], axis=1
         )
+
+    def _runs(self, log: ScreenedLog, number: int) -> Float[np.ndarray, "networks times channels"]:
+        return self.screen.run(log, number, [end.values for end in self.ends])
+
+
+def _repeated(log: ScreenedLog) -> ScreenedLog:
+    """A recording whose inputs begin anew where it ends."""
+    experiment, count = log.experiment, len(log.experiment.time)
+    time = log.sample_time * np.arange(2 * count)
+    room = experiment.ambient
+    return ScreenedLog(
+        Experiment(
+            time,
+            np.tile(np.asarray(experiment.duty), (2, 1)),
+            channels=experiment.channels,
+            ambient=None if room is None else np.tile(np.asarray(room), 2),
+            name=experiment.name,
+        ),
+        log.sample_time,
+    )

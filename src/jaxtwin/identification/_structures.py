@@ -24,6 +24,7 @@ WORDS = {
     "board": "a common board",
     "lag": "the lag of its sensor",
     "heater": "a heater with a heat capacity",
+    "sink": "a sink that warms",
     "power law": "heat as a power of the drive",
     "link": "links between the places",
 }
@@ -37,14 +38,14 @@ def structures(family: Family) -> list[frozenset[str]]:
     """
     has_several = len(family.channels) > 1
     result = []
-    for loss, back, lag, heater, power in product(
-        LOSSES,
-        BACKS + BOARDS * has_several,
-        ((), ("lag",)),
-        ((), ("heater",)),
-        ((), ("power law",)) if family.has_levels else ((),),
+    optional = [("lag",)]
+    optional += [("sink",)] * bool(family.cells)
+    optional += [("heater",)] * (len(family.cells) < len(family.inputs))
+    optional += [("power law",)] * int(family.has_levels)
+    for loss, back, *others in product(
+        LOSSES, BACKS + BOARDS * has_several, *(((), kind) for kind in optional)
     ):
-        kinds = {*loss, *back, *lag, *heater, *power, "link"}
+        kinds = {*loss, *back, *(kind for chosen in others for kind in chosen), "link"}
         result.append(frozenset(part for part in family.choices if kind_of(part) in kinds))
     return sorted(result, key=len)
 

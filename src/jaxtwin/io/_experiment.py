@@ -411,6 +411,13 @@ class Experiment:
             )
         return part_of(self, part, self.name)
 
+    def begins_with(self, other: "Experiment") -> bool:
+        """Whether the times and duties of another experiment are the first ones of this."""
+        count = len(other.time)
+        return np.array_equal(self.time[:count], other.time) and np.array_equal(
+            self.duty[:count], other.duty
+        )
+
     def select(self, channels: Iterable[str]) -> "Experiment":
         """Returns the experiment with only these channels, in this order.
 

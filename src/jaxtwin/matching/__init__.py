@@ -15,7 +15,8 @@ covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which fil
   `_jacobian` (solve and subtract)
 - the minimum: `_descent`, `_descent_state`, `_descent_result`, `_levenberg_marquardt`,
   `_optimistix` (other solvers), `_reweighted_least_squares` (rounds with new weights)
-- the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_between_recordings`
+- the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_between_recordings`,
+  `_model_error`
 - the entries: `_match`, `_many` (sets side by side), `_match_group` (a new group)
 - the result: `_fit`, `_fitted_parameters`, `_summary`, `_save_fit`, `_load_fit`, `_nominal_twin`
 - what follows from it: `_band`, `_posterior_draws`, `_profile`, `_compare_fits`

@@ -23,6 +23,7 @@ from ._loss import Huber as Huber
 from ._loss import register_loss as register_loss
 from ._many import match_many as match_many
 from ._match import match as match
+from ._model_error import ModelError as ModelError
 from ._noise_model import Noise as Noise
 from ._noise_model import estimate_noise as estimate_noise
 from ._posterior_draws import posterior_draws as posterior_draws

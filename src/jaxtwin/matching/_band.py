@@ -7,6 +7,9 @@ the match, as the covariance is (the delta method; for models of many parameters
 and Bauer, AISTATS 2021):
 
 $$\operatorname{var} \hat y_{tc} = J_{tc} \operatorname{cov}(u) J_{tc}^T + \sigma^2$$
+
+The error of the model itself comes on top, which grows with the time since the last known reading:
+`_model_error`.
 """
 
 import math
@@ -160,8 +163,9 @@ def prediction_band(
 ) -> Band:
     """Computes the interval in which each reading is expected.
 
-    The band includes the joint covariance of the matched parameters, and the noise of a reading
-    with the twin's unexplained error and the camera's common error. For an experiment that was not
+    The band includes the joint covariance of the matched parameters, the noise of a reading with
+    the twin's unexplained error and the camera's common error, and the error of the model itself
+    (`Fit.model_error`), which grows after the last known reading. For an experiment that was not
     matched it also includes the differences of the rig between recordings
     (`Uncertainty.between_recordings`) and the recording's own values (room, start, delay) with
     their covariance. `estimate_initial_conditions` estimates these from the first `warm_up`
@@ -214,10 +218,21 @@ def prediction_band(
             check_given(fit, [group], recordings)
             fit = match_group(fit, recordings, group)
         start = estimate_initial_conditions(fit, experiment, warm_up, group=group, initial=initial)
-        return band_about(fit, experiment, values_of_unseen(fit, group, start), level)
+        known_until = float(experiment.time[0]) + warm_up
+        values = values_of_unseen(fit, group, start)
+        return band_about(fit, experiment, values, known_until, level)
     number = 0 if recording is None else fit.recordings.index(recording)
     experiment = fit.experiments[number] if experiment is None else experiment
-    return band_about(fit, experiment, values_of_matched(fit, fit.recordings[number]), level)
+    values = values_of_matched(fit, fit.recordings[number])
+    return band_about(fit, experiment, values, _known_until(fit, number, experiment), level)
+
+
+def _known_until(fit: Fit, number: int, experiment: Experiment) -> float:
+    """The end of a matched recording in an experiment that begins with it, else the start, s."""
+    problem = solution_of(fit).problem
+    matched = problem.experiments[number] if problem.experiments else experiment
+    is_continued = experiment.begins_with(matched)
+    return float(matched.time[-1] if is_continued else experiment.time[0])
 
 
 @final
@@ -237,15 +252,26 @@ class UncertainValues:
 
 
 def band_about(
-    fit: Fit, experiment: Experiment, values: UncertainValues, level: float = LEVEL
+    fit: Fit,
+    experiment: Experiment,
+    values: UncertainValues,
+    known_until: float,
+    level: float = LEVEL,
 ) -> Band:
-    """The band about the run of an experiment with uncertain values."""
+    """The band about the run of an experiment with uncertain values.
+
+    **Arguments:**
+
+    - `known_until`: the time of the last reading that the values rest on, s.
+    """
     from scipy.special import ndtri  # takes a while to import
 
     slopes = _slopes(values, experiment)
     variance = np.einsum("tci,ij,tcj->tc", slopes, values.covariance, slopes)
     variance += _reading_noise(fit) ** 2
     run = simulate(values.twin, experiment, initial=values.initial)
+    ahead = np.maximum(experiment.time - known_until, 0.0)
+    variance += fit.model_error.variance(ahead, run.temperatures, run.channels)
     half = float(ndtri((1 + level) / 2)) * np.sqrt(variance)
     return Band(run, run.temperatures - half, run.temperatures + half, float(level))
 

@@ -23,6 +23,7 @@ from ._camera_error import CameraError, Comparison
 from ._descent_result import Iteration, Optimum
 from ._fitted_parameters import FittedParameter, FittedParameters
 from ._group_values import new_group_values
+from ._model_error import ModelError
 from ._noise_model import Noise, NoiseModel
 from ._problem import MatchProblem
 from ._start import FirstSample
@@ -83,6 +84,8 @@ class Fit:
     - `noise`: the noise of the channels without their common mode, and the noise of the common mode
       times the root of the number of channels.
     - `uncertainty`: the covariance, correlations and identifiability of the values.
+    - `model_error`: the error of the network itself, as predictions of the recordings' later parts
+      show it.
     - `cost`: half the sum of squared weighted residuals and priors.
     - `date`: the end of the match, UTC, ISO 8601. `versions`: the versions of jaxtwin and jax.
     - `notes`: what should be looked at in the recordings, such as gaps and readings that hold much
@@ -109,6 +112,7 @@ class Fit:
     camera_error: float
     noise: tuple[Noise, Noise]
     uncertainty: Uncertainty
+    model_error: ModelError
     cost: float
     date: str
     versions: Mapping[str, str]

@@ -244,6 +244,7 @@ def _fit(
         camera_error=stored.camera_error,
         noise=stored.noise,
         uncertainty=uncertainty,
+        model_error=stored.model_error,
         cost=stored.cost,
         date=stored.date,
         versions=stored.versions,

@@ -34,6 +34,7 @@ from ._fit import Fit, Solution
 from ._fitted_parameters import fitted_parameters
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._loss import AbstractLoss
+from ._model_error import estimate_model_error
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
 from ._problem import (
@@ -254,6 +255,7 @@ def make_fit(
         run.temperatures - solved for run, solved in zip(runs, result.temperatures(), strict=True)
     ]
     uncertainty, noise = estimate_uncertainty(problem, estimate)
+    model_error = estimate_model_error(problem, estimate)
     return Fit(
         twin=twin.with_values(values[0]),
         recordings=names,
@@ -285,6 +287,7 @@ def make_fit(
         ),
         noise=noise,
         uncertainty=uncertainty,
+        model_error=model_error,
         cost=result.cost,
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         versions={"jaxtwin": __version__, "jax": jax.__version__},

@@ -23,7 +23,7 @@ fingerprint = "9f86d081..."
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, final
 
 import numpy as np
@@ -39,6 +39,7 @@ from ._descent_result import Iteration, Optimum
 from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
 from ._loss import saved_loss
+from ._model_error import ModelError
 from ._noise_model import Noise
 from ._start import FirstSample
 from ._uncertainty import UnidentifiableDirection
@@ -145,6 +146,7 @@ class StoredFit:
     optima: tuple[Optimum, ...]
     rig_text: str | None = None
     loss: dict[str, str | float] | None = None
+    model_error: ModelError = field(default_factory=ModelError)
     initial: Literal["steady"] | float | tuple[float, ...] | dict[str, float] | None = None
     notes: tuple[str, ...] = ()
 
@@ -216,6 +218,7 @@ def _fit_tables(fit: Fit) -> str:
         "assumed_noise": (solution.noise_model.channel, solution.noise_model.common_mode),
         "loss": saved_loss(solution.problem.loss),
         "initial": _plain_initial(solution.problem.initial),
+        "model_error": fit.model_error,
         "history": fit.history,
         "optima": fit.optima,
         "notes": fit.notes or None,

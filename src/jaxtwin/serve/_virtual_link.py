@@ -9,6 +9,7 @@ from typing import final
 from ..errors import JaxtwinError, LinkError
 from ..live import SystemClock, TcpServer, VirtualRig
 from ..live import serve as serve_device
+from ..live.protocol._identity import WATCHDOG_SECONDS
 from ..physics import Faults, Twin
 from ._child_process import end_with_parent
 
@@ -78,7 +79,11 @@ def _run(answer: Connection, twin: Twin, speed: float, faults: Faults, seed: int
     end_with_parent()
     try:
         frames = min(max(FRAMES_PER_SECOND / speed, MIN_FRAMES_PER_SECOND), FRAMES_PER_SECOND)
-        device = VirtualRig(twin, speed=speed, seed=seed, camera_rate=frames, faults=faults)
+        # A host that is busy with other things commands late; a rig of a story need not trip.
+        longest = WATCHDOG_SECONDS[1]
+        device = VirtualRig(
+            twin, speed=speed, seed=seed, camera_rate=frames, faults=faults, watchdog=longest
+        )
         server = TcpServer("127.0.0.1:0")
     except JaxtwinError as error:
         answer.send(("", str(error)))

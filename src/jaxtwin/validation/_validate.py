@@ -341,7 +341,7 @@ def _predict_rest(
 
 def _band(fit: Fit, recording: Experiment, values: UncertainValues, start: float) -> Band:
     """The band of the predicted part of a recording."""
-    return band_about(fit, recording, values).between(start)
+    return band_about(fit, recording, values, start).between(start)
 
 
 def _beyond_given(

@@ -1,0 +1,114 @@
+"""The error of the model itself, learnt from predictions of a recording's later part."""
+
+import copy
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import jaxtwin as jt
+from jaxtwin.matching import ModelError
+from jaxtwin.matching._fit import solution_of
+from jaxtwin.matching._match import make_fit
+from jaxtwin.rig import rig_from_tables
+
+# A pot with a wall behind it.
+DEVICE = tomllib.loads("""
+format = 1
+name = "pot"
+ambient = { temperature = "21 degC" }
+sensors = { noise = "0.1 K" }
+channels = [{ name = "water", nodes = ["pot"] }]
+heaters = [{ name = "H", power = "300 W", contacts = ["pot"] }]
+bodies = [{ name = "pot", capacitance = "C" }, { name = "wall", capacitance = "C_wall" }]
+links = [
+    { resistance = "R", between = ["pot-ambient"] },
+    { resistance = "R_wall", between = ["pot-wall"] },
+]
+
+[parameters]
+C = { value = 900, unit = "J/K", bounds = [90, 9000], free = true }
+R = { value = 0.25, unit = "K/W", bounds = [0.02, 2.5], free = true }
+C_wall = { value = 6000, unit = "J/K", bounds = [600, 60000], free = true }
+R_wall = { value = 0.2, unit = "K/W", bounds = [0.02, 2], free = true }
+""")
+
+
+def without_wall() -> jt.Twin:
+    tables = copy.deepcopy(DEVICE)
+    del tables["bodies"][1], tables["links"][1]
+    del tables["parameters"]["C_wall"], tables["parameters"]["R_wall"]
+    return jt.Twin(rig_from_tables(tables, "pot without wall"))
+
+
+@pytest.fixture(scope="module")
+def device():
+    return jt.Twin(rig_from_tables(DEVICE, "pot"))
+
+
+@pytest.fixture(scope="module")
+def recording(device):
+    schedule = "0:0,200:0.5,900:0.2,1500:0.8,2300:0.1,2900:0.5,3600:0.9,4400:0.1"
+    plan = jt.Experiment.schedule(schedule, duration=5400, step=10.0, cells=1)
+    return jt.simulate(device, plan).to_recording(seed=3, name="pot")
+
+
+def coverage_and_width(fit, recording, split):
+    later = jt.prediction_band(fit, fit.recordings[0], experiment=recording).between(split)
+    return float(later.coverage[0]), float(later.width[0])
+
+
+def test_a_network_that_lacks_a_body_has_a_band_that_holds(recording):
+    fit = jt.match(without_wall(), recording.between(None, 3000.0))
+    plain = replace(fit, model_error=ModelError())
+    assert coverage_and_width(plain, recording, 3000.0)[0] < 0.8
+    covered, width = coverage_and_width(fit, recording, 3000.0)
+    assert covered > 0.9
+    assert width < 25  # of readings that range over 50 K
+
+
+def test_the_right_network_keeps_its_band(device, recording):
+    fit = jt.match(device, recording.between(None, 3000.0))
+    _, plain = coverage_and_width(replace(fit, model_error=ModelError()), recording, 3000.0)
+    covered, width = coverage_and_width(fit, recording, 3000.0)
+    assert covered > 0.9
+    assert width < 1.3 * plain
+
+
+def test_inside_the_matched_recording_nothing_is_added(recording):
+    fit = jt.match(without_wall(), recording)
+    band = jt.prediction_band(fit)
+    plain = jt.prediction_band(replace(fit, model_error=ModelError()))
+    np.testing.assert_allclose(band.upper, plain.upper)
+
+
+def test_it_is_saved_with_the_fit(recording, tmp_path):
+    fit = jt.match(without_wall(), recording)
+    assert fit.model_error.growth["water"] > 0
+    fit.save(tmp_path / "fit.toml")
+    assert jt.Fit.load(tmp_path / "fit.toml").model_error == fit.model_error
+
+
+def test_it_grows_with_time_up_to_a_limit_and_outside_of_what_was_matched():
+    error = ModelError({"a": 0.1}, {"a": 2.0}, {"a": 20.0}, {"a": 40.0}, extrapolation=0.5)
+    ahead = np.array([0.0, 10.0, 1000.0, 0.0])
+    predicted = np.array([[30.0, 0.0], [30.0, 0.0], [30.0, 0.0], [44.0, 0.0]])
+    variance = error.variance(ahead, predicted, ("a", "another"))
+    np.testing.assert_allclose(variance[:, 0], [0.0, 1.0, 4.0, 4.0])
+    np.testing.assert_allclose(variance[:, 1], 0.0)
+
+
+def test_the_linear_step_is_a_match_to_the_first_part(device, recording):
+    """What one step from the match says of the first part's values, a match to it says too."""
+    fit = jt.match(device, recording)
+    first = jt.match(device, recording.between(None, 2700.0))
+    later = recording.between(2700.0)
+    errors = jt.simulate(first.twin, recording).between(2700.0).temperatures - later.temperatures
+    by_match = float(np.mean(errors**2))
+    growth = fit.model_error.growth["water"]
+    # Right network, so that both are noise.
+    assert by_match == pytest.approx(0.01, rel=0.3)
+    assert growth * 2700.0 < 0.1
+    assert solution_of(fit).problem.names == ("pot",)
+    assert callable(make_fit)
