@@ -9,8 +9,6 @@ import pytest
 
 import jaxtwin as jt
 from jaxtwin.matching import ModelError
-from jaxtwin.matching._fit import solution_of
-from jaxtwin.matching._match import make_fit
 from jaxtwin.rig import rig_from_tables
 
 # A pot with a wall behind it.
@@ -62,10 +60,12 @@ def coverage_and_width(fit, recording, split):
 def test_a_network_that_lacks_a_body_has_a_band_that_holds(recording):
     fit = jt.match(without_wall(), recording.between(None, 3000.0))
     plain = replace(fit, model_error=ModelError())
-    assert coverage_and_width(plain, recording, 3000.0)[0] < 0.8
+    assert coverage_and_width(plain, recording, 3000.0)[0] < 0.6
     covered, width = coverage_and_width(fit, recording, 3000.0)
-    assert covered > 0.9
-    assert width < 25  # of readings that range over 50 K
+    assert covered > 0.85
+    # Not wider than needed: that of a normal distribution is four times its standard deviation.
+    errors = jt.simulate(fit.twin, recording).temperatures - recording.temperatures
+    assert width < 5 * np.sqrt(np.mean(errors[recording.time >= 3000.0] ** 2))
 
 
 def test_the_right_network_keeps_its_band(device, recording):
@@ -87,7 +87,8 @@ def test_it_is_saved_with_the_fit(recording, tmp_path):
     fit = jt.match(without_wall(), recording)
     assert fit.model_error.growth["water"] > 0
     fit.save(tmp_path / "fit.toml")
-    assert jt.Fit.load(tmp_path / "fit.toml").model_error == fit.model_error
+    again = jt.Fit.load(tmp_path / "fit.toml", rig=without_wall().rig)
+    assert again.model_error == fit.model_error
 
 
 def test_it_grows_with_time_up_to_a_limit_and_outside_of_what_was_matched():
@@ -99,16 +100,13 @@ def test_it_grows_with_time_up_to_a_limit_and_outside_of_what_was_matched():
     np.testing.assert_allclose(variance[:, 1], 0.0)
 
 
-def test_the_linear_step_is_a_match_to_the_first_part(device, recording):
-    """What one step from the match says of the first part's values, a match to it says too."""
+def test_the_right_network_predicts_the_later_part_within_its_noise(device, recording):
+    """As a match to the first part does, which the linear step stands for."""
     fit = jt.match(device, recording)
     first = jt.match(device, recording.between(None, 2700.0))
     later = recording.between(2700.0)
     errors = jt.simulate(first.twin, recording).between(2700.0).temperatures - later.temperatures
     by_match = float(np.mean(errors**2))
     growth = fit.model_error.growth["water"]
-    # Right network, so that both are noise.
     assert by_match == pytest.approx(0.01, rel=0.3)
     assert growth * 2700.0 < 0.1
-    assert solution_of(fit).problem.names == ("pot",)
-    assert callable(make_fit)

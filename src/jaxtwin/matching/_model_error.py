@@ -28,7 +28,7 @@ from ._problem import MatchProblem
 from ._residual_weights import RecordingErrors, ResidualWeights
 
 # The origins of the predictions, as fractions of a recording.
-ORIGINS = (0.5, 0.65, 0.8, 0.9)
+ORIGINS = (0.5, 0.65, 0.8)
 
 # An error that has grown without limit would be useless: it stays below so many standard deviations
 # of the readings.
