@@ -1,9 +1,12 @@
 """How well does a twin that is found from a log alone predict the rest of the log?
 
     python -m benchmarks.identify FOLDER_WITH_LOGS
+    python -m benchmarks.identify --devices 60
 
 The first part of each public log is identified, the rest is predicted, beside the two simple
-models, fitted to the same first part. The splits are those of the README beside the logs.
+models, fitted to the same first part. The splits are those of the README beside the logs. With
+`--devices`, random thermal networks take the place of the logs: the rest is then compared with what
+their temperatures really are.
 """
 
 import time
@@ -12,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxtwin import identify, read_recording
+from jaxtwin import Experiment, Twin, identify, read_recording, simulate
 from jaxtwin.identification._baselines import fit_first_order, fit_two_capacities
 from jaxtwin.identification._log import screened_log
+from jaxtwin.rig import rig_from_tables
 
 from ._machine import machine
 from ._results import parser_of, write_results
@@ -75,6 +79,126 @@ def judged(path: Path, split: float) -> list[dict[str, Any]]:
     return results
 
 
+def random_device(random: np.random.Generator) -> tuple[Twin, str]:
+    """A heated block with a random choice of other parts, and what it has, in words."""
+
+    def about(value: float, spread: float = 0.5) -> float:
+        return float(value * np.exp(spread * random.standard_normal()))
+
+    rise, tau = random.uniform(20, 80), about(600)
+    resistance = about(1.0)
+    power = rise / resistance
+    capacitance = tau / resistance
+    bodies = [{"name": "block", "capacitance": f"{capacitance} J/K"}]
+    links, words = [], []
+    channel = {"name": "T", "nodes": ["block"]}
+    heater = {"name": "heater", "power": f"{power} W", "contacts": ["block"]}
+    losses = [("linear",), ("convection",), ("radiation",), ("linear", "radiation")]
+    for loss in losses[random.integers(len(losses))]:
+        share = 1 / resistance
+        laws = {
+            "linear": {"resistance": f"{1 / share} K/W"},
+            "convection": {"convection": f"{share} W/K"},
+            "radiation": {"radiating_area": f"{share / 6.5} m^2"},
+        }
+        links.append({**laws[loss], "between": ["block-ambient"]})
+        words.append(loss)
+    for back in ("wall", "shell"):
+        if random.random() < 0.4:
+            bodies.append({"name": back, "capacitance": f"{about(2 * capacitance)} J/K"})
+            contact = {"resistance": f"{about(0.5 * resistance)} K/W"}
+            links.append({**contact, "between": [f"block-{back}"]})
+            if back == "shell":
+                loss = {"resistance": f"{about(2 * resistance)} K/W"}
+                links.append({**loss, "between": ["shell-ambient"]})
+            words.append(back)
+    if random.random() < 0.5:
+        channel["lag"] = f"{about(0.05 * tau)} s"
+        words.append("lag")
+    if random.random() < 0.4:
+        heater["capacitance"] = f"{about(0.2 * capacitance)} J/K"
+        heater["contacts"] = {"block": f"{about(0.3 * resistance)} K/W"}
+        words.append("heater")
+    tables = {
+        "format": 1,
+        "name": "device",
+        "ambient": {"temperature": f"{random.uniform(17, 25)} degC"},
+        "sensors": {"noise": "0.1 K"},
+        "channels": [channel],
+        "heaters": [heater],
+        "bodies": bodies,
+        "links": links,
+    }
+    return Twin(rig_from_tables(tables, "device")), ", ".join(words)
+
+
+def judged_device(seed: int) -> dict[str, Any]:
+    """The numbers of one random device: the first 60 % of its log are identified."""
+    random = np.random.default_rng(seed)
+    device, parts = random_device(random)
+    duration = float(np.round(random.uniform(3600, 10_800)))
+    time_ = np.arange(0.0, duration, 10.0)
+    lengths = np.cumsum(random.uniform(200, 900, 60))
+    levels = np.append(0.0, random.uniform(0, 1, 60))
+    duty = levels[np.searchsorted(lengths, time_)][:, None]
+    truth = simulate(device, Experiment(time_, duty, channels=["T"])).temperatures
+    noise = random.uniform(0.1, 0.3)
+    readings = truth + random.normal(0, noise, truth.shape)
+    log = Experiment(time_, duty, channels=["T"], temperatures=readings, name=f"device {seed}")
+    split = float(time_[int(0.6 * len(time_))])
+    began, cpu = time.perf_counter(), time.process_time()
+    identified = identify(log.between(None, split))
+    wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+    band = identified.predict(log)
+    later = time_ >= split
+    inside = (readings > band.lower) & (readings < band.upper)
+    return {
+        "seed": seed,
+        "parts": parts,
+        "structure": identified.candidates[0].structure,
+        "fit": fit_percent(truth[later, 0], band.middle[later, 0]),
+        "rmse": float(np.sqrt(np.mean((truth - band.middle)[later] ** 2))),
+        "range": float(np.ptp(truth[later])),
+        "inside": float(100 * inside[later].mean()),
+        "width": float((band.upper - band.lower)[later].mean()),
+        "noise": float(noise),
+        "wall": wall,
+        "cpu": cpu,
+    }
+
+
+def page_of_devices(rows: list[dict[str, Any]], where: dict[str, Any]) -> str:
+    """The results of random devices as a page."""
+    fits, inside, cpu, ratios = (
+        np.array([row[name] for row in rows]) for name in ("fit", "inside", "cpu", "width")
+    )
+    ratios = ratios / np.array([row["range"] for row in rows])
+    near = int(np.sum(fits >= 98))
+    lines = [
+        ("devices", f"{len(rows)}"),
+        ("predicted within 2 % of what their temperatures are", f"{near}"),
+        (
+            "fit of these temperatures, median and worst, %",
+            f"{np.median(fits):.1f}, {fits.min():.1f}",
+        ),
+        (
+            "readings inside the band of 95 %: mean, median, least, %",
+            f"{inside.mean():.1f}, {np.median(inside):.1f}, {inside.min():.1f}",
+        ),
+        ("mean width of the band over the range of the readings, %", f"{100 * ratios.mean():.1f}"),
+        ("CPU time of `identify`, median, s", f"{np.median(cpu):.0f}"),
+    ]
+    return (
+        "# Twins of random devices from a log alone\n\n"
+        "A heated block with a loss by conduction, natural convection, radiation or two of them; "
+        "by chance a wall, a shell, a lag of the sensor and a heater with a heat capacity. Duties "
+        "change every 200 to 900 s, one to three hours are logged every 10 s with noise of 0.1 to "
+        "0.3 K. The first 60 % are identified; the rest is compared with the device's own "
+        f"temperatures. {where['cores']} cores of {where['processor']}, {where['date']} "
+        "(`python -m benchmarks.identify --devices 60`).\n\n" + table(("", ""), lines)
+    )
+
+
 def page(rows: list[dict[str, Any]], where: dict[str, Any]) -> str:
     """The results as a page."""
     names = ("first_order", "two_capacities", "identified")
@@ -103,10 +227,25 @@ def page(rows: list[dict[str, Any]], where: dict[str, Any]) -> str:
 def main() -> None:
     """Runs the benchmark."""
     parser = parser_of(__doc__)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?")
+    parser.add_argument("--devices", type=int, default=0, help="random devices in place of logs")
+    parser.add_argument("--first-seed", type=int, default=1000)
     given = parser.parse_args()
-    rows = [row for n, split in SPLITS.items() for row in judged(given.folder / f"{n}.csv", split)]
     where = machine()
+    if given.devices:
+        seeds = range(given.first_seed, given.first_seed + given.devices)
+        rows = []
+        for seed in seeds:
+            rows.append(judged_device(seed))
+            print(rows[-1], flush=True)
+        text = page_of_devices(rows, where)
+        write_results(
+            given.out / "identify_devices.json", {"machine": where, "devices": rows}, text
+        )
+        return
+    if given.folder is None:
+        parser.error("expected a folder of logs, or --devices")
+    rows = [row for n, split in SPLITS.items() for row in judged(given.folder / f"{n}.csv", split)]
     write_results(given.out / "identify.json", {"machine": where, "logs": rows}, page(rows, where))
 
 
