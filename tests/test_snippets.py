@@ -63,8 +63,11 @@ SMALLER = {
 ADDRESS = "127.0.0.1:7000"
 """Of the virtual rig in the pages."""
 
-ADDRESSES = {"docs/live.md": "127.0.0.1:7000", "docs/control.md": "127.0.0.1:7002"}
-"""Where it listens in the test, because two pages may run at the same time."""
+LISTENING = {
+    "docs/live.md": ("127.0.0.1:7000", "dual-cell"),
+    "docs/control.md": ("127.0.0.1:7002", "tclab"),
+}
+"""Where it listens in the test, because two pages may run at the same time, and which rig it is."""
 
 CAMERA = "127.0.0.1:7001"
 """Of docs/firmware/lepton.md."""
@@ -140,7 +143,8 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
     code = "\n".join(snippets(page))
     for long, short in SMALLER.items():
         code = code.replace(long, short)
-    code = code.replace(ADDRESS, ADDRESSES.get(page, ADDRESS))
+    if page in LISTENING:
+        code = code.replace(ADDRESS, LISTENING[page][0])
     with surroundings_of(page, prepared):
         for statement in ast.parse(code).body:
             with contextlib.suppress(KeyboardInterrupt):
@@ -151,10 +155,10 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
 @contextlib.contextmanager
 def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
     """What a page's reader has already."""
-    if page in ADDRESSES:
+    if page in LISTENING:
         if page == "docs/live.md":
             names["print"] = printing_for(5.0)
-        with rig_that_listens(ADDRESSES[page]):
+        with rig_that_listens(*LISTENING[page]):
             yield
     elif page == "docs/experiment-design.md":
         shutil.copy(data_folder() / "rigs/single-cell.toml", "my-rig.toml")
@@ -208,9 +212,9 @@ def host_of_the_camera(names: dict[str, Any]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def rig_that_listens(address: str) -> Iterator[None]:
+def rig_that_listens(address: str, name: str) -> Iterator[None]:
     server, stop = TcpServer(address), threading.Event()
-    rig = VirtualRig(jt.Twin("dual-cell"))
+    rig = VirtualRig(jt.Twin(name))
     thread = threading.Thread(target=serve, args=(rig, server, SystemClock(), stop))
     thread.start()
     try:
