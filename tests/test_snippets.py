@@ -64,7 +64,7 @@ ADDRESS = "127.0.0.1:7000"
 """Of the virtual rig in the pages."""
 
 LISTENING = {
-    "docs/live.md": ("127.0.0.1:7000", "dual-cell"),
+    "docs/live-python.md": ("127.0.0.1:7000", "dual-cell"),
     "docs/control.md": ("127.0.0.1:7002", "tclab"),
 }
 """Where it listens in the test, because two pages may run at the same time, and which rig it is."""
@@ -156,7 +156,7 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
 def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
     """What a page's reader has already."""
     if page in LISTENING:
-        if page == "docs/live.md":
+        if page == "docs/live-python.md":
             names["print"] = printing_for(5.0)
         with rig_that_listens(*LISTENING[page]):
             yield
