@@ -112,7 +112,7 @@ def main() -> None:
 def forecast() -> jt.matching.Band:
     """What the README shows: a twin from the first hour of the log of an oven, and the rest."""
     plan = jt.Experiment.schedule(
-        "0:0, 120:0.3, 1200:0.1, 2400:0.35, 3600:0.05, 4500:0.3", duration=5400, step=5
+        "0:0, 120:0.3, 1200:0.1, 2400:0.35, 3600:0.05, 4500:0.3", duration=5400, step=10
     )
     oven = jt.Twin("oven").simulate(plan).to_recording(seed=1)
     log = jt.Experiment(
