@@ -44,7 +44,7 @@ WITHOUT_A_PLATE = {
 def main() -> None:
     """Draws and writes."""
     (FOLDER / "gallery").mkdir(parents=True, exist_ok=True)
-    write("from-a-log", forecast().plot(), dpi=80)
+    write("from-a-log", forecast().plot(), dpi=100)
     twin = jt.Twin("paper-2024")
     experiments = [jt.read_recording(path) for path in synthetic_recordings()]
     truth = jt.read_parameters(synthetic_truth(), twin.rig)
