@@ -8,6 +8,8 @@ would, by an interrupt.
 import ast
 import contextlib
 import re
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -68,6 +70,10 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
         code = code.replace(long, short)
     if page in LISTENING:
         code = code.replace(ADDRESS, LISTENING[page][0])
+    if "if __name__ ==" in code:  # a program of several processes, which import it
+        Path("program.py").write_text(code)
+        subprocess.run([sys.executable, "program.py"], check=True)
+        return
     with surroundings_of(page, prepared):
         for statement in ast.parse(code).body:
             with contextlib.suppress(KeyboardInterrupt):
