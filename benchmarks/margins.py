@@ -101,8 +101,8 @@ def page(answer: dict[str, Any]) -> str:
     return (
         f"# Margins of three controllers, measured {where['date']}\n\n"
         "`python -m benchmarks.margins FOLDER`. Controllers of two halves of `dual-cell`, at 40 "
-        "degC with the values of its rig file, and at 32 degC matched to the first halves of the authors' steps.\n\n"
-        + table(head, rows)
+        "degC with the values of its rig file, and at 32 degC matched to the first halves of the "
+        "authors' steps.\n\n" + table(head, rows)
     )
 
 

@@ -95,7 +95,8 @@ def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
 
     Plans amplify rounding in an hour of a loop: to 3e-12 in double
     (docs/controller-firmware.md). In float the minimum of a plan is as sharp as its cost is: half a
-    percent of full duty, and 4 percent along the duty cycles that hold the mean with hardly another range.
+    percent of full duty, and 4 percent along the duty cycles that hold the mean with hardly another
+    range.
     """
     reference, readings, duty = an_hour(key)
     found = asked(c_of(controller_of(key), tmp_path, precision), reference, readings)
