@@ -133,7 +133,7 @@ def host_of_the_camera(names: dict[str, Any]) -> Iterator[None]:
 @contextlib.contextmanager
 def rig_that_listens(address: str, name: str) -> Iterator[None]:
     server, stop = TcpServer(address), threading.Event()
-    rig = VirtualRig(jt.Twin(name))
+    rig = VirtualRig(jt.Twin(name), speed=5.0)
     thread = threading.Thread(target=serve, args=(rig, server, SystemClock(), stop))
     thread.start()
     try:
