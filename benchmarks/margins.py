@@ -1,8 +1,8 @@
-"""How far from instability are the examples of docs/control.md?
+"""How far from instability are three controllers of two halves of the plate?
 
     python -m benchmarks.margins FOLDER --draws 1000
 
-The `DecoupledPI`, the `LQI` and the `MPC` of the page, designed on `dual-cell` with the values of
+A `DecoupledPI`, an `LQI` and an `MPC`, designed on `dual-cell` with the values of
 its rig file, and in the same way on `dual-cell` matched to the first halves of the authors' steps
 in FOLDER, then on draws of what that match leaves open: sensitivity peaks. With twice the delay of
 the driver: the overshoot of a step from the room, and how much the outputs swing at the end.
@@ -99,10 +99,10 @@ def page(answer: dict[str, Any]) -> str:
         "swing at its end, K",
     )
     return (
-        f"# Margins of the examples, measured {where['date']}\n\n`python -m benchmarks.margins "
-        "FOLDER`. The controllers of docs/control.md on `dual-cell`, at 40 degC with the values "
-        "of its rig file, and at 32 degC matched to the first halves of the authors' steps.\n\n"
-        + table(head, rows)
+        f"# Margins of three controllers, measured {where['date']}\n\n"
+        "`python -m benchmarks.margins FOLDER`. Controllers of two halves of `dual-cell`, at 40 "
+        "degC with the values of its rig file, and at 32 degC matched to the first halves of the "
+        "authors' steps.\n\n" + table(head, rows)
     )
 
 

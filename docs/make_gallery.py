@@ -1,4 +1,4 @@
-"""The thumbnails of the gallery, and the picture of the first page: `make pictures`.
+"""The thumbnails of the gallery, and the first picture of the README: `make pictures`.
 
 They are drawn from what comes with jaxtwin, and need no recordings of a rig.
 """
@@ -23,11 +23,11 @@ from jaxtwin.control import (
     loop_margins,
     most_even_point,
 )
-from jaxtwin.data import synthetic_recordings
+from jaxtwin.data import synthetic_recordings, synthetic_truth
 from jaxtwin.physics import FAULT_MODELS
 
 FOLDER = Path(__file__).parent / "images"
-FREE = ("R_E", "R_pc", "R_Tfx", "T_amb", "T_start")
+FREE = ("R_E", "R_pc", "R_Tez", "R_Tfx", "T_amb", "T_start")
 
 WITHOUT_A_PLATE = {
     "heated-box": ("0:0.5,1200:0.1,2400:0.3", {"lid": "0:closed,1800:open,1920:closed"}),
@@ -44,10 +44,12 @@ WITHOUT_A_PLATE = {
 def main() -> None:
     """Draws and writes."""
     (FOLDER / "gallery").mkdir(parents=True, exist_ok=True)
+    write("from-a-log", forecast().plot(), dpi=100)
     twin = jt.Twin("paper-2024")
     experiments = [jt.read_recording(path) for path in synthetic_recordings()]
-    fit = jt.match(twin, experiments, free=FREE)
-    write("first-code", fit.plot(), dpi=80)
+    truth = jt.read_parameters(synthetic_truth(), twin.rig)
+    known = {name: value for name, value in truth.items() if name not in FREE}
+    fit = jt.match(twin.with_values(known), experiments, free=FREE)
     plate = jt.Twin("dual-cell")
     run = plate.simulate("0:0.5,500:0.78", duration=1000)
     sensitivity = jt.sensitivity(fit, draws=1000)
@@ -105,6 +107,18 @@ def main() -> None:
     for name in WITHOUT_A_PLATE:
         write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
         write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
+
+
+def forecast() -> jt.matching.Band:
+    """What the README shows: a twin from the first hour of the log of an oven, and the rest."""
+    plan = jt.Experiment.schedule(
+        "0:0, 120:0.3, 1200:0.1, 2400:0.35, 3600:0.05, 4500:0.3", duration=5400, step=10
+    )
+    oven = jt.Twin("oven").simulate(plan).to_recording(seed=1)
+    log = jt.Experiment(
+        plan.time, plan.duty, channels=["oven"], temperatures=oven.temperatures, name="oven"
+    )
+    return jt.identify(log.between(None, 3600)).predict(log)
 
 
 def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:

@@ -25,7 +25,7 @@ def command_lines(page: Path) -> Iterator[str]:
     """What follows `jaxtwin` on the lines of shell blocks, or of a service's file."""
     text = page.read_text(encoding="utf-8")
     if page.suffix == ".md":
-        text = "\n".join(block for kind, block in BLOCK.findall(text) if kind in ("", "bash"))
+        text = "\n".join(block for kind, block in BLOCK.findall(text) if kind in ("", "bash", "sh"))
     for line in text.replace("\\\n", " ").splitlines():
         if START.match(line):
             yield START.sub("", line)

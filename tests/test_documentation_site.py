@@ -91,11 +91,11 @@ def test_links_lead_to_the_same_from_their_place_on_the_site(
 ) -> None:
     pages = tmp_path / "pages"
     Pages(checkout, pages).write()
-    assert (pages / "overview.md").read_text() == (
+    assert (pages / "index.md").read_text() == (
         "[a](a.md#part) [code](source/src/code.py.md) [data](source/src/data.md) "
         "[web](https://jax.dev)\n"
     )
-    assert "[up](overview.md) [here](#part) `run[0](loop)`" in (pages / "a.md").read_text()
+    assert "[up](index.md) [here](#part) `run[0](loop)`" in (pages / "a.md").read_text()
     assert "~~~~~python\nx = 1\n~~~~~" in (pages / "source/src/code.py.md").read_text()
     assert "[`one.toml`](data/one.toml.md)" in (pages / "source/src/data.md").read_text()
     assert (pages / place("src/data/one.toml")).exists()

@@ -1,14 +1,15 @@
-"""Every Python snippet of the README and of docs/ runs, in the order in which a reader meets them.
+"""Every Python snippet of the README and of docs/ runs, in the order in which a reader meets them,
+in an empty folder and without a network.
 
-Rigs, recordings and a camera that a snippet takes for granted are made beforehand. What would take
-minutes is made smaller, and a loop that goes on for ever is stopped as its reader would, by an
-interrupt.
+What would take minutes is made smaller, and a loop that goes on for ever is stopped as its reader
+would, by an interrupt.
 """
 
 import ast
 import contextlib
 import re
-import shutil
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,53 +19,24 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from placed_rig import GRID, placed_text
 
 import jaxtwin as jt
-import jaxtwin.io
-from jaxtwin.data import data_folder, synthetic_recordings
 from jaxtwin.live import Reading, SystemClock, TcpServer, VirtualRig, connect, serve
 
 CHECKOUT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 SMALLER = {
-    "1_000_000": "300",
-    "10_000": "300",
-    "draws=1000": "draws=300",
-    "draws=4096": "draws=16",
     "moment.time > 600": "moment.time > 3",
     '"0:30,300:35", duration=600)': '"0:30", duration=5)',
-    "LiveLoop(twin, relay, 40, duration=900)": "LiveLoop(twin, relay, 40, duration=5)",
-    # Matches, of which each option is compiled anew, get two parameters; the notebooks match all.
-    "fit = jt.match(twin, recordings)\nprint": (
-        'fit = jt.match(twin, recordings, free=["R_E", "h_A"])\nprint'
-    ),
-    "match(twin, recordings, solver=": (
-        'match(jt.Twin("single-cell"), "session-0.csv", free=["R_E", "R_Th"], solver='
-    ),
-    "match(twin, recordings, on_progress=": (
-        'match(twin, recordings, free=["R_E", "h_A"], on_progress='
-    ),
-    "duration=1200, names=": "duration=600, names=",
-    "match(twin, experiments)": 'match(twin, experiments, free=["R_E", "R_pc"])',
-    'leave_one_out(jt.Twin("single-cell"), sessions)': (
-        'leave_one_out(jt.Twin("single-cell"), sessions, free=["R_E", "R_Th"])'
-    ),
-    "match(twin, recordings, loss=": 'match(twin, recordings, free=["R_E", "h_A"], loss=',
-    "loss=Huber(3.0),": 'loss=Huber(3.0), free=["R_E", "h_A"],',
-    'free=[*names, "T_amb_drift"]': 'free=["R_E", "T_amb_drift"]',
-    "[*recordings, full], groups=": '[*recordings, full], free=["R_E", "d_x"], groups=',
-    'validate_split(jt.Twin("dual-cell"), experiments, 500.0)': (
-        'validate_split(jt.Twin("dual-cell"), experiments, 500.0, free=["R_E", "h_A"])'
-    ),
-    "    rounds=10,": "    rounds=2,",
-    "    rounds=6,": "    rounds=2,",
 }
 ADDRESS = "127.0.0.1:7000"
 """Of the virtual rig in the pages."""
 
-ADDRESSES = {"docs/live.md": "127.0.0.1:7000", "docs/control.md": "127.0.0.1:7002"}
-"""Where it listens in the test, because two pages may run at the same time."""
+LISTENING = {
+    "docs/live-python.md": ("127.0.0.1:7000", "dual-cell"),
+    "docs/control.md": ("127.0.0.1:7002", "tclab"),
+}
+"""Where it listens in the test, because two pages may run at the same time, and which rig it is."""
 
 CAMERA = "127.0.0.1:7001"
 """Of docs/firmware/lepton.md."""
@@ -83,55 +55,11 @@ PAGES = [
 ]
 
 
-def record(rig: str, file: Path, seed: int) -> Path:
-    """A short recording of a rig, with noise."""
-    twin = jt.Twin(rig)
-    cells = len(twin.rig.cells)
-    drive = jt.Experiment.schedule("0:0,30:0.6,200:0.2", duration=400.0, cells=cells)
-    run = jt.simulate(twin, drive)
-    noise = np.random.default_rng(seed).normal(scale=0.1, size=run.temperatures.shape)
-    recording = jt.Experiment(
-        time=run.time,
-        duty=drive.duty,
-        temperatures=run.temperatures + noise,
-        channels=run.channels,
-        name=file.stem,
-    )
-    jt.write_recording(recording, file)
-    return file
-
-
-@pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """What the pages name, and the sessions of the single cell."""
-    folder = tmp_path_factory.mktemp("recordings")
-    days = ("monday", "tuesday", "wednesday")
-    made = {day: record("dual-cell", folder / f"{day}.csv", n) for n, day in enumerate(days)}
-    for number in range(4):
-        name = f"session-{number}"
-        made[name] = record("single-cell", folder / f"{name}.csv", number)
-    return made
-
-
 @pytest.fixture
-def prepared(
-    recordings: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> dict[str, Any]:
-    """The folder in which a page is read, and the names that it takes for granted."""
+def prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """An empty folder, and the names that every program has."""
     monkeypatch.chdir(tmp_path)
-    for name, file in recordings.items():
-        (tmp_path / f"{name}.csv").write_bytes(file.read_bytes())
-    # A rig whose cell has a place, on a coarse grid.
-    (tmp_path / "plate.toml").write_text(placed_text(grid=GRID.replace('"1 cm"', '"2 cm"')))
     monkeypatch.setattr(plt, "show", lambda: None)
-
-    def find_recordings(names: Any = None) -> tuple[Path, ...]:
-        if names is None:
-            return synthetic_recordings()
-        assert set(names) <= {known.name for known in jaxtwin.io.SINGLE_CELL}
-        return tuple(recordings[f"session-{number}"] for number in range(len(names)))
-
-    monkeypatch.setattr(jt, "find_recordings", find_recordings, raising=False)
     return {"print": print}
 
 
@@ -140,7 +68,12 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
     code = "\n".join(snippets(page))
     for long, short in SMALLER.items():
         code = code.replace(long, short)
-    code = code.replace(ADDRESS, ADDRESSES.get(page, ADDRESS))
+    if page in LISTENING:
+        code = code.replace(ADDRESS, LISTENING[page][0])
+    if "if __name__ ==" in code:  # a program of several processes, which import it
+        Path("program.py").write_text(code)
+        subprocess.run([sys.executable, "program.py"], check=True)
+        return
     with surroundings_of(page, prepared):
         for statement in ast.parse(code).body:
             with contextlib.suppress(KeyboardInterrupt):
@@ -151,24 +84,14 @@ def test_every_snippet_runs(page: str, prepared: dict[str, Any]) -> None:
 @contextlib.contextmanager
 def surroundings_of(page: str, names: dict[str, Any]) -> Iterator[None]:
     """What a page's reader has already."""
-    if page in ADDRESSES:
-        if page == "docs/live.md":
+    if page in LISTENING:
+        if page == "docs/live-python.md":
             names["print"] = printing_for(5.0)
-        with rig_that_listens(ADDRESSES[page]):
+        with rig_that_listens(*LISTENING[page]):
             yield
-    elif page == "docs/experiment-design.md":
-        shutil.copy(data_folder() / "rigs/single-cell.toml", "my-rig.toml")
-        names["recordings"] = [jt.read_recording("session-0.csv")]
-        yield
     elif page == "docs/firmware/lepton.md":
         with host_of_the_camera(names):
             yield
-    elif page == "docs/sweep.md":
-        experiments = [jt.read_recording(path) for path in synthetic_recordings()]
-        names["experiments"] = experiments
-        jt.match(jt.Twin("paper-2024"), experiments[:1], free=["R_E"]).save("fit.toml")
-        jt.sweep(jt.Twin("paper-2024", "fit.toml"), experiments, "sweep", draws=300, seed=0)
-        yield
     else:
         yield
 
@@ -208,9 +131,9 @@ def host_of_the_camera(names: dict[str, Any]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def rig_that_listens(address: str) -> Iterator[None]:
+def rig_that_listens(address: str, name: str) -> Iterator[None]:
     server, stop = TcpServer(address), threading.Event()
-    rig = VirtualRig(jt.Twin("dual-cell"))
+    rig = VirtualRig(jt.Twin(name), speed=5.0)
     thread = threading.Thread(target=serve, args=(rig, server, SystemClock(), stop))
     thread.start()
     try:

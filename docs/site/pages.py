@@ -16,7 +16,7 @@ from urllib.parse import urlparse
 from .notebook import to_markdown
 
 ROOTS = {
-    "README.md": "overview.md",
+    "README.md": "index.md",
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
     "SECURITY.md": "security.md",

@@ -93,9 +93,10 @@ def test_an_hour_in_c_is_the_hour_of_the_closed_loop(
 ):
     """With readings that do not come, to 1e-12 of full duty in double, 1e-5 in float; then off.
 
-    Plans amplify rounding in an hour of a loop: to 3e-12 in double, as docs/control.md says.
-    In float the minimum of a plan is as sharp as its cost is: half a percent of full duty, and 4
-    percent along the duty cycles that hold the mean with hardly another range.
+    Plans amplify rounding in an hour of a loop: to 3e-12 in double
+    (docs/controller-firmware.md). In float the minimum of a plan is as sharp as its cost is: half a
+    percent of full duty, and 4 percent along the duty cycles that hold the mean with hardly another
+    range.
     """
     reference, readings, duty = an_hour(key)
     found = asked(c_of(controller_of(key), tmp_path, precision), reference, readings)

@@ -69,7 +69,7 @@ def test_the_duty_does_not_jump_when_the_parameters_change(controllers: Any):
 
 @pytest.mark.slow
 def test_a_plate_that_is_cooled_is_another_plant():
-    """The numbers of docs/control.md: neither PID is both robust and quick at both temperatures."""
+    """benchmarks/results/controllers.md: neither PID is robust and quick at both temperatures."""
     twin = Twin("dual-cell")
     cooling = PID(Kp=0.16, Ki=0.0042, limits=(-1, 1))
     heating = PID(Kp=0.055, Ki=0.0013, limits=(-1, 1))
