@@ -113,6 +113,8 @@ def test_logs_from_which_nothing_can_be_learnt_are_refused():
         jt.identify(with_duty(constant))
     with pytest.raises(MatchError, match="always change together"):
         jt.identify(with_duty(np.concatenate([whole.duty, whole.duty / 2], axis=1)))
+    with pytest.raises(MatchError, match="duty of immersion heater: expected a name of letters"):
+        jt.identify(replace(whole, cells=("immersion heater",)))
     with pytest.raises(MatchError, match="at least 60 readings of each channel, got 5"):
         jt.identify(whole.between(None, 50.0))
     still = replace(whole, temperatures=np.full_like(whole.temperatures, 20.0))
@@ -155,6 +157,13 @@ def test_a_thermoelectric_cell_is_found_and_its_other_session_predicted():
     assert ((other.temperatures > band.lower) & (other.temperatures < band.upper))[
         later
     ].mean() > 0.9
+
+
+def test_actuators_keep_the_names_of_the_log_s_columns():
+    named = replace(recording(), cells=("immersion",))
+    identified = jt.identify(named)
+    assert identified.rig.driven == ("immersion",)
+    assert identified.predict(named).coverage[0] > 0.9
 
 
 def test_inputs_that_cool_where_they_are_positive_are_cells_of_that_polarity():

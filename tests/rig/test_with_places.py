@@ -12,7 +12,7 @@ from placed_rig import AT, MOVING, placed_text
 from jaxtwin.errors import RigError
 from jaxtwin.rig import Rig
 from jaxtwin.rig._build import parse_rig
-from jaxtwin.rig._with_places import with_places
+from jaxtwin.rig._with_places import _tables, with_places
 
 HEATER = """
 # A mat that was glued on.
@@ -100,3 +100,7 @@ def test_a_file_without_a_table_of_that_name_is_refused():
     text = placed_text().replace(table[0], "").replace("[plate]", inline)
     with pytest.raises(RigError, match=r"placed.toml: P1: expected a table \[\[cells\]\]"):
         with_places(rig_of(text), {"P1": (0.05, 0.04)}, {})
+
+
+def test_a_file_without_headers_has_no_tables_of_cells():
+    assert _tables('name = "inline"\ncells = [{ name = "P1" }]\n') == []

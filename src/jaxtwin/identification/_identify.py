@@ -117,9 +117,8 @@ def identify(
     baselines = _baselines(logs, origins)
     chosen, blocks = matched[order[0]], judged[order[0]]
     report(f"matching {in_words(chosen.problem.parts)}")
-    fit = match(
-        Twin(parse_rig(_text(family, chosen, notes).encode(), "identified.toml")), experiments
-    )
+    text = _text(family, chosen, _reading_noise(experiments, candidates[0]), notes)
+    fit = match(Twin(parse_rig(text.encode(), "identified.toml")), experiments)
     # Blocks that were matched anew say more than one linear step from the whole match.
     model_error = _model_error(family.channels, logs, blocks, fit.rmse)
     if len(experiments) == 1:
@@ -176,6 +175,11 @@ def _check_content(experiment: Experiment) -> None:
             f"{name}: expected at least {MIN_SAMPLES} readings of each channel, got {count}"
         )
     for actuator, column in zip(experiment.cell_names, duty.T, strict=True):
+        if not actuator.replace("_", "a").isalnum():
+            raise MatchError(
+                f"{name}: duty of {actuator}: expected a name of letters, digits and _, as in a "
+                "rig file; rename the column"
+            )
         if np.ptp(column) == 0:
             raise MatchError(
                 f"{name}: duty of {actuator}: expected a duty that changes, got {column[0]:g} "
@@ -350,7 +354,19 @@ def _model_error(
     )
 
 
-def _text(family: Family, end: Screened, notes: str | None) -> str:
+def _reading_noise(experiments: Sequence[Experiment], candidate: Candidate) -> float:
+    """The standard deviation of a reading about a structure, of the channel where it is largest, K:
+    the error of the averaged readings, and what averaging has removed."""
+    noises = []
+    for place, rmse in enumerate(candidate.rmse.values()):
+        columns = [np.asarray(experiment.temperatures)[:, place] for experiment in experiments]
+        steps = np.concatenate([np.diff(column[np.isfinite(column)]) for column in columns])
+        # The median of the size of a difference of two normal numbers is 0.954 of their deviation.
+        noises.append(float(np.hypot(rmse, np.median(np.abs(steps)) / 0.954)))
+    return max(noises)
+
+
+def _text(family: Family, end: Screened, noise: float, notes: str | None) -> str:
     """The text of the rig file of a matched structure."""
     values: dict[str, list[float]] = {}
     for (name, _), value in end.values.items():
@@ -362,6 +378,7 @@ def _text(family: Family, end: Screened, notes: str | None) -> str:
         "relative to it. Priors are what is typical for the log's time constants and gains."
     )
     tables = family.tables(end.problem.parts, means)
+    tables["sensors"] = {"noise": f"{noise:.2g} K"}
     if notes is not None:
         tables = {"description": notes, **tables}
     return rig_text(tables, comment)

@@ -51,6 +51,7 @@ def screened_log(recording: Experiment, samples: int = MAX_SCREENED_SAMPLES) -> 
         time - time[0],
         _held_means(recording.time, np.asarray(recording.duty), time),
         channels=recording.channels,
+        cells=recording.cells,
         temperatures=None
         if recording.temperatures is None
         else _bin_means(recording.time, recording.temperatures, edges),

@@ -355,6 +355,7 @@ def _repeated(log: ScreenedLog) -> ScreenedLog:
             time,
             np.tile(np.asarray(experiment.duty), (2, 1)),
             channels=experiment.channels,
+            cells=experiment.cells,
             ambient=None if room is None else np.tile(np.asarray(room), 2),
             name=experiment.name,
         ),

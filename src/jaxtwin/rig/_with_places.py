@@ -81,9 +81,9 @@ def _without_parameter(text: str, name: str) -> str:
 def _tables(text: str) -> Sequence[_Table]:
     """The tables of cells and heaters. A table ends where the comments above the next one begin."""
     headers = [*_HEADER.finditer(text)]
-    ends = [*(header.start() for header in headers[1:]), len(text)]
+    starts = [header.start() for header in headers]
     result: list[_Table] = []
-    for header, end in zip(headers, ends, strict=True):
+    for header, end in zip(headers, [*starts, len(text)][1:], strict=True):
         kind = header[1].split(".")
         if kind[0] not in ("cells", "heaters"):
             continue
