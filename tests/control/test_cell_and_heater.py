@@ -165,8 +165,8 @@ int main(void)
 """
 
 
-# The largest undershoot, K. An integral for each brought the cell to rest at -0.13 beside heaters at
-# 0.38, after 0.35, 2.1, 0.02 and 1.2 K.
+# The largest undershoot, K. An integral for each brought the cell to rest at -0.13 beside heaters
+# at 0.38, after 0.35, 2.1, 0.02 and 1.2 K.
 MAX_UNDERSHOOT = {
     ("back-calculation", 0.004): 0.1,
     ("back-calculation", 0.02): 1.25,
