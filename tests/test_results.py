@@ -217,6 +217,13 @@ def test_every_class_that_a_public_function_gives_is_looked_at_here():
     assert {"Run", "Fit", "Validation", "Sensitivity", "Sweep", "Frontier"} <= given
 
 
+def parts_of(result: Any) -> list[Any]:
+    """The public attributes of a result that are of classes of the library."""
+    names = [name for name in dir(type(result)) if not name.startswith("_")]
+    values = [getattr(result, name) for name in {*names, *vars(result)} if name[0] != "_"]
+    return [value for value in values if type(value).__module__.startswith("jaxtwin")]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
@@ -226,6 +233,9 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
     result = RESULTS[kind](tmp_path)
     assert type(result).__name__ == kind
     assert repr(result).startswith((f"<{kind} ", f"{kind}("))
+    # Printed, neither the result nor a part of it is longer than a screen.
+    for part in [result, *parts_of(result)]:
+        assert len(str(part).splitlines()) <= 40, type(part)
     # As worker processes hand it on.
     assert repr(pickle.loads(pickle.dumps(result))) == repr(result)
     html = result._repr_html_()
