@@ -91,6 +91,20 @@ def test_the_result_says_what_it_is(identified):
     assert identified.plot().axes
 
 
+def test_the_next_recording_separates_the_rivals_within_a_limit(identified):
+    plan = identified.next_recording(1800, highest=60)
+    assert plan.duration == pytest.approx(1800)
+    assert plan.duty.min() >= 0
+    rivals = identified._rivals
+    limit = np.array([60.0])
+    designed = rivals.separation(plan, limit)
+    usual = Experiment.schedule("0:0.3", duration=1800, step=6.0, cells=1)
+    assert designed > rivals.separation(usual, limit) > 0
+    assert identified.predict(plan).middle.max() < 61
+    with pytest.raises(MatchError, match="highest: expected a temperature that a schedule keeps"):
+        identified.next_recording(1800, highest=10)
+
+
 def test_another_recording_of_the_device_is_predicted(identified):
     other = replace(recording(seed=2), name="another day")
     band = identified.predict(other)

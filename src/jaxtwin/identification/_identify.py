@@ -305,7 +305,7 @@ def _candidate(
         cost=float(cost),
         rmse=dict(zip(screen.family.channels, map(float, rmse), strict=True)),
         held_out={origin: _root_mean_square(block) for origin, block in blocks.items()},
-        at_bound=tuple(
+        far_from_prior=tuple(
             name for (name, _), entry in screen.entries(end).items() if abs(entry) > FAR
         ),
     )
