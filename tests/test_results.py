@@ -130,6 +130,7 @@ def identified() -> jt.identification.Identified:
     )
 
 
+# Class -> one of it.
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Experiment": lambda _: recordings()[0],
     "Run": lambda _: fit().runs["synthetic-A"],
@@ -161,11 +162,11 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Refit": lambda _: refitted(),
     "Health": lambda _: aged(),
 }
-"""Class -> one of it."""
 
+# Of these, those that are a few numbers: they have a table and a dataset, but no picture.
 NUMBERS = {"OperatingPoint", "UltimatePoint", "GridConvergence", "Refit"}
-"""Of these, those that are a few numbers: they have a table and a dataset, but no picture."""
 
+# Of these, those that take more than some seconds, nearly all of it compilation.
 LONG = {
     "Band",
     "ClosedLoopRun",
@@ -184,17 +185,16 @@ LONG = {
     "Tuning",
     "Validation",
 }
-"""Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
 INPUTS |= {"AbstractController", "MPC", "MonitorCalibration", "ProcessNoise", "Scenario"}
 """Classes that public functions give and that are no results."""
 
+# Signals as JAX arrays; `ClosedLoopRun` shows them.
 INSIDE_JAX = {"ClosedLoop"}
-"""Signals as JAX arrays; `ClosedLoopRun` shows them."""
 
+# Named tuples of numbers, as python-control gives them.
 TUPLES = {"DiskMargin", "LoopMargins", "Margins"}
-"""Named tuples of numbers, as python-control gives them."""
 
 
 @pytest.fixture(autouse=True)

@@ -30,8 +30,8 @@ from jaxtwin.control.loops._measures import saturation_share
 from jaxtwin.errors import ControlError
 from jaxtwin.rig import Rig
 
+# The limits of a cell, P1, and of the heaters foil and wire.
 EACH = ((-1.0, 0.0, 0.0), 1.0)
-"""The limits of a cell, P1, and of the heaters foil and wire."""
 
 
 @pytest.fixture(scope="module", name="rig")
