@@ -125,6 +125,10 @@ def test_logs_from_which_nothing_can_be_learnt_are_refused():
     constant = np.full_like(whole.duty, 0.3)
     with pytest.raises(MatchError, match="pot: duty of P1: expected a duty that changes, got 0"):
         jt.identify(with_duty(constant))
+    many = [f"T{number}" for number in range(9)]
+    wide = replace(whole, channels=many, temperatures=np.tile(whole.temperatures, 9))
+    with pytest.raises(MatchError, match="at most 8 channels, got 9; choose some by channels="):
+        jt.identify(wide)
     with pytest.raises(MatchError, match="always change together"):
         jt.identify(with_duty(np.concatenate([whole.duty, whole.duty / 2], axis=1)))
     with pytest.raises(MatchError, match="duty of immersion heater: expected a name of letters"):

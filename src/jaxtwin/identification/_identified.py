@@ -169,10 +169,8 @@ class Identified:
     def summary(self) -> str:
         """The structure, its rivals and how far to trust it, as text."""
         best = self.candidates[0]
-        growth = " and ".join(
-            f"{1000 * rate:.2g} mK/s ({channel})"
-            for channel, rate in self.fit.model_error.growth.items()
-        )
+        rates = self.fit.model_error.growth
+        fastest = max(rates, key=lambda channel: rates[channel])
         judged = [row for row in self.candidates[1:] if row.held_out]
         close = [row for row in judged if row.cost - best.cost < math.log(20)]
         lines = [
@@ -180,7 +178,8 @@ class Identified:
             f"{best.unknowns} unknowns, matched within {self.fit.rmse:.3g} K",
             f"held-out blocks: {best.held_out_rmse:.3g} K; "
             + ", ".join(f"{name} {error:.3g} K" for name, error in self.baselines.items()),
-            f"the error of the model itself grows by {growth}",
+            "the error of the model itself grows by "
+            f"{'up to ' * (len(rates) > 1)}{1000 * rates[fastest]:.2g} mK/s ({fastest})",
         ]
         if close:
             lines.append(
