@@ -178,8 +178,10 @@ class Identified:
             f"{best.unknowns} unknowns, matched within {self.fit.rmse:.3g} K",
             f"held-out blocks: {best.held_out_rmse:.3g} K; "
             + ", ".join(f"{name} {error:.3g} K" for name, error in self.baselines.items()),
-            "the error of the model itself grows by "
-            f"{'up to ' * (len(rates) > 1)}{1000 * rates[fastest]:.2g} mK/s ({fastest})",
+            (
+                "the error of the model itself grows by "
+                f"{'up to ' * (len(rates) > 1)}{1000 * rates[fastest]:.2g} mK/s ({fastest})"
+            ),
         ]
         if close:
             lines.append(
