@@ -101,7 +101,7 @@ def checked_method(
 
 
 def differentiable(method: DiffraxMethod, experiment: Experiment) -> DiffraxMethod:
-    """The method with an adjoint for derivatives of both directions, where none was chosen, and with
+    """The method with an adjoint for derivatives of both directions where none was chosen, and with
     a limit of its steps, without which diffrax gives none in reverse mode."""
     most = max(MIN_MAX_STEPS, STEPS_PER_SAMPLE * len(experiment.time))
     adjoint = diffrax.DirectAdjoint() if method.adjoint is None else method.adjoint
