@@ -172,10 +172,13 @@ class Experiment:
         time, duty, columns = schedule_samples(
             text, duration=duration, step=step, cells=cells, inputs=inputs or {}
         )
-        if isinstance(ambient, str):
-            where = "schedule: ambient"
-            ambient = scheduled_temperatures(where, ambient, time, 1, RecordingError)[:, 0]
-        return cls(time, duty, channels=channels, ambient=ambient, inputs=columns, name=name)
+        where = "schedule: ambient"
+        room = (
+            scheduled_temperatures(where, ambient, time, 1, RecordingError)[:, 0]
+            if isinstance(ambient, str)
+            else ambient
+        )
+        return cls(time, duty, channels=channels, ambient=room, inputs=columns, name=name)
 
     @classmethod
     def from_dataframe(
