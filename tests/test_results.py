@@ -37,6 +37,7 @@ from jaxtwin.control import (
 from jaxtwin.matching import FittedParameters, Profile
 from jaxtwin.physics import DCSweep
 from jaxtwin.refitting import GateCheck
+from jaxtwin.retuning import LoopTrial, Retuned, ScenarioTrial, TrialScenario
 from jaxtwin.simulation import Grid, GridConvergence, Reductions
 from jaxtwin.validation import Prediction
 
@@ -99,6 +100,14 @@ def refitted() -> jt.refitting.Refit:
     return jt.refitting.Refit("unchanged", "nothing has changed", fit(), fit(), (check,), ())
 
 
+def retuned() -> jt.retuning.Retuned:
+    pid = PID(Kp=0.1, Ki=0.001)
+    loop = LoopTrial(2.0, 1.0, 40.0, 0.1)
+    steps = TrialScenario("steps", "the references")
+    trial = ScenarioTrial(steps, loop, loop._replace(cost=1.0), True, "a cost of 1")
+    return Retuned("rig", "rejected", "too hot", pid, pid, None, (trial,), 1.5, None, 1.0)
+
+
 def aged() -> jt.prognostics.Health:
     sessions = [session(value) for value in (2.0, 2.1, 2.05, 2.2)]
     return jt.health(sessions, limits={"R_E": 3.0})
@@ -159,6 +168,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Diagnosis": lambda _: jt.diagnose(bench(), recording("gain", "T1", 0.8)),
     "Isolability": lambda _: jt.isolability(bench(), faults=["age H1", "gain T1"]),
     "Refit": lambda _: refitted(),
+    "Retuned": lambda _: retuned(),
     "Health": lambda _: aged(),
 }
 """Class -> one of it."""
@@ -187,7 +197,14 @@ LONG = {
 """Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
-INPUTS |= {"AbstractController", "MPC", "MonitorCalibration", "ProcessNoise", "Scenario"}
+INPUTS |= {
+    "AbstractController",
+    "ControllerDesign",
+    "MPC",
+    "MonitorCalibration",
+    "ProcessNoise",
+    "Scenario",
+}
 """Classes that public functions give and that are no results."""
 
 INSIDE_JAX = {"ClosedLoop"}
