@@ -394,7 +394,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
         PID(0.2, [0.001, 0.002], anti_windup="clamping"),
     ]
     for controller in [*of_models(twin), GainScheduled(pids, at=[20.5, 40.25])]:
-        save_controller(path, controller, twin.rig)
+        save_controller(path, controller, twin.rig, design=DESIGN)
         made.append(path.read_text(encoding="utf-8"))
     return made
 

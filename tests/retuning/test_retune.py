@@ -1,6 +1,6 @@
 """Retuning: what is tried, what is decided, and what a band allows.
 
-The rig is `tclab`, two heaters; its fit is that of a simulated session of five minutes.
+The rig is `tclab`, two heaters.
 """
 
 from collections.abc import Mapping
@@ -12,11 +12,11 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from tuned_board import DESIGN, LENGTH, REFERENCES, fit, pid, text
 
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
-from jaxtwin.control import PID, ControllerDesign, Decision
-from jaxtwin.control.controllers._controller_file import controller_file
+from jaxtwin.control import PID, Decision
 from jaxtwin.control.loops._many_loops import simulate_many_loops
 from jaxtwin.control.loops._measures import MEASURES
 from jaxtwin.errors import ControlError
@@ -31,21 +31,8 @@ from jaxtwin.retuning import (
 )
 from jaxtwin.retuning._loop_band import MIN_REST, PATIENCE, WINDOW
 
-REFERENCES, LENGTH = "0:30,100:36", 200
-
 STEPS = TrialScenario("steps", "the references")
 HALF = TrialScenario("half", "half the voltage", faults=(("weaken", "supply", 0.7),))
-
-
-def pid(Kp: float = 0.02, **more: Any) -> PID:
-    return PID(Kp=Kp, Ki=Kp / 150, limits=(0, 1), measured=(("T1",), ("T2",)), **more)
-
-
-@cache
-def fit() -> jt.Fit:
-    plan = jt.Experiment.schedule("0:0.5/0.2,100:0.2/0.6", duration=300, step=2, cells=2)
-    recording = jt.simulate(jt.Twin("tclab"), plan).to_recording(seed=1)
-    return jt.match(jt.Twin("tclab"), recording, free=["R_1", "R_2", "T_amb"])
 
 
 @cache
@@ -210,13 +197,9 @@ def test_an_error_after_a_step_is_worse_only_if_it_stays():
     assert any(seen(slow, 10 * np.exp(-time / 200)))
 
 
-DESIGN = ControllerDesign(REFERENCES, float(LENGTH), {"integral_absolute_error": 1.0})
-
-
 def test_an_accepted_controller_is_kept_as_a_pair_that_can_be_rolled_back(tmp_path: Path):
     store = jt.TwinStore(tmp_path / "twins.db")
-    text = controller_file(pid(), fit().twin.rig, "first", DESIGN)
-    first = store.add(fit(), reason="first", aliases=["champion"], controller=text)
+    first = store.add(fit(), reason="first", aliases=["champion"], controller=text(pid()))
     kept = keep_retuned(store, first, accepted(), DESIGN)
     assert kept is not None
     assert (kept.parent, kept.reason) == (first.number, accepted().reason)

@@ -7,7 +7,8 @@ FOUND_ERROR = 1
 USAGE_ERROR = 2
 
 TRIPPED = REJECTED = 3
-"""An interlock switched the rig off; `refit` rejected a recording or asks."""
+"""An interlock switched the rig off; `refit` rejected a recording or asks, or `retune` a
+controller."""
 
 # A match did not converge.
 NOT_CONVERGED = 4

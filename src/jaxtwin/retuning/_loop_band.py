@@ -136,9 +136,11 @@ class LoopWatch:
         """
         now = decision.time
         reference, measured = np.asarray(decision.reference), np.asarray(decision.measurement)
-        if self._errors:
-            self.time += max(now - self._errors[-1][0], 0.0)
-        if self._reference is None or now < self._changed or (reference != self._reference).any():
+        last = self._errors[-1][0] if self._errors else now
+        self.time += max(now - last, 0.0)
+        # The time of a run begins anew with each order.
+        is_new = self._reference is None or now < last
+        if is_new or (reference != self._reference).any():
             self._reference, self._changed = reference, now
             self._step = float(np.abs(reference - measured).mean())
             self._errors.clear()

@@ -31,7 +31,13 @@ class Champion:
         self._uncertain = _uncertain(champion)
         self._looked = 0
 
-    def next(self, now: int, *, is_driven: bool = False) -> TwinBeside | None:
+    def next(
+        self,
+        now: int,
+        *,
+        is_driven: bool = False,
+        accepts: "Callable[[TwinVersion], bool] | None" = None,
+    ) -> TwinBeside | None:
         """Returns the twin of a new champion; None if there is no other.
 
         **Arguments:**
@@ -39,6 +45,7 @@ class Champion:
         - `now`: host time, ns.
         - `is_driven`: whether the rig is driven now. A twin whose observer has other states, which
           compiles for seconds, then waits.
+        - `accepts`: whether a version can be followed now; others wait. None: all can.
 
         **Raises:** `StoreError` if the store cannot be read, and the errors of making the twin.
         """
@@ -49,6 +56,8 @@ class Champion:
             return None
         version = self.store.version("champion")
         if is_driven and _uncertain(version) != self._uncertain:
+            return None
+        if accepts is not None and not accepts(version):
             return None
         beside = self._made(version)
         self.number, self._uncertain = version.number, _uncertain(version)

@@ -274,6 +274,11 @@ def with_values(controller: Controller, values: Mapping[str, Any]) -> Controller
     return controller
 
 
+def is_same(one: AbstractController, other: AbstractController) -> bool:
+    """Whether two controllers are equal in all numbers and settings."""
+    return one is other or bool(eqx.tree_equal(one, other))
+
+
 def checked_sample_time(where: str, sample_time_s: object) -> float:
     """Returns a sample time as a float.
 
