@@ -63,6 +63,15 @@ def test_a_controller_that_is_tuned_already_stays():
     assert again.controller is again.present
 
 
+def test_a_fragile_controller_is_replaced_though_it_is_as_quick():
+    found = jt.retune(
+        fit(), pid(0.6), REFERENCES, duration=LENGTH, scenarios=[STEPS], draws=4, allowance=1.0
+    )
+    assert found.decision == "accepted"
+    assert found.reason.startswith("the sensitivity peak is up to")
+    assert found.sensitivity_peak <= 2.002
+
+
 def test_a_candidate_that_becomes_too_hot_is_rejected_and_kept():
     """The limit of the rig lies below the references."""
     one = fit()

@@ -105,7 +105,7 @@ def test_a_candidate_of_another_twin_than_the_champion_is_not_promoted(store: Tw
 
 def test_promotions_are_few_and_far_apart(store: TwinStore):
     """Also if the server is started again in between, because the store remembers them."""
-    promoted = 0
+    promoted, optimised = 0, Optimised(store)
     for _ in range(12):
         optimised = Optimised(store)
         optimised.time += timedelta(seconds=promoted * PAUSE_SECONDS)

@@ -72,7 +72,7 @@ class LoopBand:
             [mean[:, part][:, -max(1, (part.stop - part.start) // 10) :].ravel() for part in parts]
         )
         rest = float(np.quantile(last, COVERAGE))
-        length = min(time[part.stop - 1] - time[part.start] for part in parts)
+        length = min(float(time[part.stop - 1] - time[part.start]) for part in parts)
         grid = np.arange(0.0, length + 1e-9, SPACING)
         shape = np.zeros(len(grid))
         for part in parts:

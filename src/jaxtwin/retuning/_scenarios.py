@@ -123,7 +123,8 @@ def usual_scenarios(
         ),
     ]
     weights = np.asarray(controller.output_weights(twin.channels), float)
-    read = [name for name, used in zip(twin.channels, weights.any(axis=0), strict=True) if used]
+    used = np.flatnonzero(np.abs(weights).sum(axis=0))
+    read = [twin.channels[number] for number in used]
     if len(read) > 1:
         result.append(
             TrialScenario(
