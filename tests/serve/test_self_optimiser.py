@@ -13,7 +13,7 @@ from tuned_board import DESIGN, fit, pid, text
 from jaxtwin import TwinStore
 from jaxtwin.control import PID, Decision
 from jaxtwin.live import Finding, Record, RigState, Sample, StopRequest, VirtualRig
-from jaxtwin.retuning import LoopBand, TrialScenario
+from jaxtwin.retuning import LoopBand, TrialScenario, _pairs
 from jaxtwin.serve import Champion, Desk, FrameRing, Page, RigLoop, SelfOptimiser, TwinBeside
 from jaxtwin.serve import _self_optimiser as module
 from jaxtwin.serve._child_process import Outcome
@@ -24,7 +24,7 @@ from jaxtwin.serve._self_optimiser import (
     PROBATION_SECONDS,
     TRUSTED,
     Policy,
-    retune_champion,
+    retuned_champion,
 )
 
 TRIAL = {
@@ -138,7 +138,7 @@ def test_a_refit_begins_the_tuning_and_a_rollback_does_not(
     monkeypatch.setattr(optimised.made._process, "begin", lambda *given: begun.append(given))
     refitted = store.add(fit(), reason="refitted", parent=1, aliases=["champion"])
     optimised.made.use(refitted)
-    assert [given[0] for given in begun] == [retune_champion]
+    assert [given[0] for given in begun] == [retuned_champion]
     optimised.made.use(store.version(candidate(store)))
     optimised.made.use(refitted)
     optimised.made.use(store.version(1))
@@ -174,14 +174,12 @@ def test_a_restart_goes_on_with_the_probation(store: TwinStore):
 def test_a_champion_is_retuned_and_the_decision_is_kept(
     store: TwinStore, monkeypatch: pytest.MonkeyPatch
 ):
-    from jaxtwin import retuning
-
-    full = retuning.retune
+    full = _pairs.retune
     steps = [TrialScenario("steps", "the references")]
     monkeypatch.setattr(
-        retuning, "retune", lambda *given, **more: full(*given, **more, draws=4, scenarios=steps)
+        _pairs, "retune", lambda *given, **more: full(*given, **more, draws=4, scenarios=steps)
     )
-    said, number = retune_champion(store, pid(), DESIGN)
+    said, number = retuned_champion(store, pid(), DESIGN)
     assert said.startswith("accepted: the cost is")
     assert number == 2
     version = store.version(2)

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from ..errors import JaxtwinError
 from ._exit_codes import REJECTED
 from ._options import JsonOption
 from ._output import check_json, say, write_json
@@ -21,7 +20,7 @@ def retune(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="The present controller with its design, .toml; default: that of the champion.",
+            help="The present controller with its design, .toml, of a champion without one.",
         ),
     ] = None,
     draws: Annotated[
@@ -42,48 +41,23 @@ def retune(
     it the champion. The exit code is 3 if the candidate was rejected.
     """
     from ..control import read_controller, read_design
-    from ..retuning import keep_retuned, pair_of
-    from ..retuning import retune as retuned
+    from ..retuning import retune_champion
 
     check_json(json)
     twins = open_store(store)
     with show_progress() as progress:
-        progress.step("reading")
-        champion = twins.version("champion")
-        fit = champion.fit()
-        rig = fit.twin.rig
-        if controller is not None:
-            present, design = read_controller(controller, rig), read_design(controller, rig)
-        else:
-            pair = pair_of(champion, rig)
-            if pair is None:
-                raise JaxtwinError(
-                    f"{champion.address}: controller: expected a champion with a controller of its "
-                    "own, got none; give --controller"
-                )
-            present, design = pair.controller, pair.design
-        if design is None:
-            raise JaxtwinError(
-                f"{controller or champion.address}: design: expected references, duration and "
-                "objective for which the controller is tuned, got none; docs/deploy.md has an "
-                "example"
-            )
         progress.step("tuning and trying")
-        found = retuned(
-            fit,
-            present,
-            design.references,
-            duration=design.duration,
-            objective=design.objective,
-            draws=draws,
-            allowance=allowance,
-            seed=seed,
+        present = design = None
+        if controller is not None:
+            rig = twins.version("champion").fit().twin.rig
+            present, design = read_controller(controller, rig), read_design(controller, rig)
+        found, kept = retune_champion(
+            twins, present, design, draws=draws, allowance=allowance, seed=seed
         )
-        kept = keep_retuned(twins, champion, found, design)
     say(found.summary(), json)
     if kept is not None:
         say(f"version {kept.number} waits as challenger", json)
     number = None if kept is None else kept.number
-    write_json(json, {"champion": champion.number, "challenger": number, **found.to_dict()})
+    write_json(json, {"challenger": number, **found.to_dict()})
     if found.decision == "rejected":
         raise typer.Exit(REJECTED)

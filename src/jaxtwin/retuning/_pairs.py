@@ -2,13 +2,15 @@
 
 import json
 from datetime import UTC, datetime
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 from ..control import AbstractController, ControllerDesign
 from ..control.controllers._controller_file import controller_file, controller_of_text
+from ..errors import ControlError
 from ..rig import Rig
 from ..twin_store import TwinStore, TwinVersion
 from ._loop_band import LoopBand
+from ._retune import retune
 from ._retuned import Retuned
 
 # Tags of a version of whose controller a candidate was not accepted.
@@ -39,6 +41,50 @@ def pair_of(version: TwinVersion, rig: Rig) -> Pair | None:
     controller, design = controller_of_text(version.controller_text, version.address, rig)
     band = version.trial.get("band")
     return Pair(controller, design, None if band is None else LoopBand.of_dict(band))
+
+
+def retune_champion(
+    store: TwinStore,
+    controller: AbstractController | None = None,
+    design: ControllerDesign | None = None,
+    **options: Any,
+) -> tuple[Retuned, TwinVersion | None]:
+    """Retunes the controller of the champion of a store, and writes down what was decided.
+
+    **Arguments:**
+
+    - `store`: the store.
+    - `controller`, `design`: those of a champion without a controller of its own.
+    - `options`: further keywords of `retune`.
+
+    **Returns:** what was decided, and the challenger; None if there is none.
+
+    **Raises:** `ControlError` if nothing says which controller it is, or for what it was designed;
+    the errors of `retune` and of the store.
+    """
+    champion = store.version("champion")
+    fit = champion.fit()
+    if (own := pair_of(champion, fit.twin.rig)) is not None:
+        controller, design = own.controller, own.design or design
+    if controller is None:
+        raise ControlError(
+            f"{champion.address}: controller: expected a champion with a controller of its own, or "
+            "the file of one, got none"
+        )
+    if design is None:
+        raise ControlError(
+            f"{champion.address}: design: expected references, duration and objective for which "
+            "the controller is tuned, got none; docs/deploy.md has an example"
+        )
+    found = retune(
+        fit,
+        controller,
+        design.references,
+        duration=design.duration,
+        objective=design.objective,
+        **options,
+    )
+    return found, keep_retuned(store, champion, found, design)
 
 
 def keep_retuned(

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -23,7 +23,7 @@ from ..matching._nominal_twin import nominal_twin
 from ..physics import Twin
 from ._retuned import Decision, Retuned
 from ._scenarios import TrialScenario, usual_scenarios
-from ._trial import Trial, Tried, check_limit
+from ._trial import ScenarioTrial, Trial, check_limit
 
 # The number of draws with which a controller is tuned: those of the trial are other ones.
 TUNING_DRAWS = 8
@@ -34,8 +34,10 @@ STARTS, ROUNDS = 2, 20
 # The share of the draws whose sensitivity peak is within the limit.
 PEAKS_WITHIN = 0.95
 
-# How often the search is repeated with a lower limit, because the draws of the trial exceed it.
-REPEATS = 3
+# The peak that counts as one within the limit, and the limit below which the search is not
+# repeated, though the draws of the trial exceed it.
+HIGHEST_PEAK = USUAL_PEAK * (1 + PEAK_TOLERANCE)
+LOWEST_LIMIT = 1.5
 
 # The part by which the cost is lower at least, so that a change of the controller is worth it.
 WORTH = 0.05
@@ -121,92 +123,109 @@ def retune(
     if not several:
         raise ControlError(f"{where}: scenarios: expected at least one, got none")
 
-    def made(
-        decision: Decision,
-        reason: str,
-        tuning: Tuning | None = None,
-        tried: Tried | None = None,
-        peak: float = math.nan,
-    ) -> Retuned:
-        return Retuned(
-            rig=twin.rig.name,
-            decision=decision,
-            reason=reason,
-            present=present,
-            candidate=None if tuning is None else tuning.controller,
-            tuning=tuning,
-            trials=() if tried is None else tried.trials,
-            sensitivity_peak=peak,
-            band=None if tried is None else tried.band,
-            wall_time=time.perf_counter() - began,
-        )
-
     levels = _levels(references, duration, present, twin)
-    limit, tuning, peak = USUAL_PEAK, None, math.nan
-    for _ in range(REPEATS):
+
+    def peak_of(one: AbstractController) -> float:
+        return _peak(twin, one, levels, trial.draws)
+
+    tuning, peak, trials, band = None, math.nan, (), None
+    try:
+        tuning, peak = _tuned(fit, present, trial, objective, peak_of)
+        trials, band = trial.of(present, tuning.controller, several)
+        decision, reason = _decided(present, tuning.controller, trials, peak, peak_of)
+    except NotTunedError as error:
+        decision, reason = "rejected", str(error)
+    return Retuned(
+        rig=twin.rig.name,
+        decision=decision,
+        reason=reason,
+        present=present,
+        candidate=None if tuning is None else tuning.controller,
+        tuning=tuning,
+        trials=trials,
+        sensitivity_peak=peak,
+        band=band,
+        wall_time=time.perf_counter() - began,
+    )
+
+
+class NotTunedError(Exception):
+    """The search has found no controller."""
+
+
+def _tuned(
+    fit: Fit,
+    present: AbstractController,
+    trial: Trial,
+    objective: str | Mapping[str, float] | Measure,
+    peak_of: Callable[[AbstractController], float],
+) -> tuple[Tuning, float]:
+    """Tunes the controller, and returns the sensitivity peak in the draws of the trial too. The
+    search is repeated with a lower limit where these exceed it.
+
+    **Raises:** `NotTunedError` if no controller satisfies the limit.
+    """
+    limit = USUAL_PEAK
+    while True:
         problem = tuning_problem(
-            where,
+            "retune",
             present,
             fit,
-            references,
-            duration,
+            trial.references,
+            trial.duration,
             tuned=None,
             objective=objective,
             draws=TUNING_DRAWS,
             tail_weight=0.5,
             sensitivity_limit=limit if present.is_linear else None,
             starts=STARTS,
-            seed=least,
-            workers=workers,
+            seed=trial.seed,
+            workers=trial.workers,
             settings={},
         )
         try:
             tuning = problem.solved(ROUNDS, time.perf_counter())
         except ControlError as error:
-            return made("rejected", str(error))
-        peak = _peak(twin, tuning.controller, levels, trial.draws)
-        if not peak > USUAL_PEAK * (1 + PEAK_TOLERANCE):
-            break
+            raise NotTunedError(str(error)) from None
+        peak = peak_of(tuning.controller)
+        if not peak > HIGHEST_PEAK or limit < LOWEST_LIMIT:
+            return tuning, peak
         # About what the excess asks for, and at most half of what there was.
         limit = 1 + (limit - 1) * max(0.98 * (USUAL_PEAK - 1) / (peak - 1), 0.5)
-    assert tuning is not None
-    candidate = tuning.controller
-    same = ("limits", "sample_time_s")
-    if any(getattr(candidate, name) != getattr(present, name) for name in same):
-        return made(
-            "rejected", "the candidate has other limits than the present controller", tuning
-        )
-    tried = trial.of(present, candidate, several)
-    failed = [one for one in tried.trials if not one.passed]
+
+
+def _decided(
+    present: AbstractController,
+    candidate: AbstractController,
+    trials: tuple[ScenarioTrial, ...],
+    peak: float,
+    peak_of: Callable[[AbstractController], float],
+) -> tuple[Decision, str]:
+    """The decision about a candidate, and its reason."""
+    for name in ("limits", "sample_time_s"):
+        if getattr(candidate, name) != getattr(present, name):
+            return "rejected", f"the {name} of the candidate are not those of the controller in use"
+    failed = [trial for trial in trials if not trial.passed]
     if failed:
-        first = failed[0]
         more = f", and {len(failed) - 1} more scenarios" if len(failed) > 1 else ""
-        reason = f"{first.scenario.name}: {first.sentence}{more}"
-        return made("rejected", reason, tuning, tried, peak)
-    if peak > USUAL_PEAK * (1 + PEAK_TOLERANCE):
-        reason = (
-            f"the sensitivity peak is up to {peak:.3g} in {100 * PEAKS_WITHIN:g} % of the draws, "
-            f"where {USUAL_PEAK:g} is allowed"
+        return "rejected", f"{failed[0].scenario.name}: {failed[0].sentence}{more}"
+    if peak > HIGHEST_PEAK:
+        share = f"{100 * PEAKS_WITHIN:g} % of the draws"
+        return "rejected", (
+            f"the sensitivity peak is up to {peak:.3g} in {share}, where {USUAL_PEAK:g} is allowed"
         )
-        return made("rejected", reason, tuning, tried, peak)
-    before, after = tried.trials[0].present.cost, tried.trials[0].candidate.cost
-    count = len(tried.trials)
-    old_peak = _peak(twin, present, levels, trial.draws)
-    if old_peak > USUAL_PEAK * (1 + PEAK_TOLERANCE):  # a fragile loop is replaced at any cost
-        better = f"the sensitivity peak is up to {peak:.3g} in place of {old_peak:.3g}"
-        reason = f"{better}, and all {count} scenarios were passed"
-        return made("accepted", reason, tuning, tried, peak)
-    if not after <= (1 - WORTH) * before:
-        reason = (
-            f"the cost would be {after:.4g}, that of the present controller is {before:.4g}; a "
-            f"change takes {100 * WORTH:g} % less"
+    passed = f"all {len(trials)} scenarios were passed"
+    if (old := peak_of(present)) > HIGHEST_PEAK:  # a fragile loop is replaced at any cost
+        return "accepted", (
+            f"the sensitivity peak is up to {peak:.3g} in place of {old:.3g}, and {passed}"
         )
-        return made("unchanged", reason, tuning, tried, peak)
-    count = len(tried.trials)
-    reason = (
-        f"the cost is {after:.4g} in place of {before:.4g}, and all {count} scenarios were passed"
+    before, after = trials[0].present.cost, trials[0].candidate.cost
+    if after <= (1 - WORTH) * before:
+        return "accepted", f"the cost is {after:.4g} in place of {before:.4g}, and {passed}"
+    return "unchanged", (
+        f"the cost would be {after:.4g}, with the present controller it is {before:.4g}; a change "
+        f"takes {100 * WORTH:g} % less"
     )
-    return made("accepted", reason, tuning, tried, peak)
 
 
 def _levels(

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, final
 
-import numpy as np
-
 from .._display import html_table, picture
 from .._json_values import json_value
 from ..control import Tuning
@@ -55,22 +53,26 @@ class Retuned:
     @property
     def controller(self) -> AbstractController:
         """The controller to use from now on: the candidate if it was accepted."""
-        is_new = self.decision == "accepted" and self.candidate is not None
-        return self.candidate if is_new and self.candidate is not None else self.present
+        accepted = self.candidate if self.decision == "accepted" else None
+        return self.present if accepted is None else accepted
 
     @property
     def failed(self) -> tuple[ScenarioTrial, ...]:
         """The scenarios in which the candidate failed."""
         return tuple(trial for trial in self.trials if not trial.passed)
 
+    @property
+    def _parameters(self) -> list[tuple[str, float, float]]:
+        """The tuned parameters with their values before and after."""
+        if self.tuning is None:
+            return []
+        before, after = self.tuning.before.values.tolist(), self.tuning.after.values.tolist()
+        return list(zip(self.tuning.tuned, before, after, strict=True))
+
     def summary(self) -> str:
         """The decision, the controllers, and a line for each scenario."""
         lines = [f"{self.decision}: {self.reason}"]
-        if self.tuning is not None:
-            pairs = zip(
-                self.tuning.tuned, self.tuning.before.values, self.tuning.after.values, strict=True
-            )
-            lines += [f"  {name}: {old:.4g} -> {new:.4g}" for name, old, new in pairs]
+        lines += [f"  {name}: {old:.4g} -> {new:.4g}" for name, old, new in self._parameters]
         lines += [
             f"  {'ok ' if trial.passed else 'NOT'} {trial.scenario.name}: {trial.sentence}"
             for trial in self.trials
@@ -79,16 +81,11 @@ class Retuned:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain types for JSON; numbers that are not finite become None."""
-        tuning = self.tuning
-        parameters = {}
-        if tuning is not None:
-            values = zip(tuning.before.values.tolist(), tuning.after.values.tolist(), strict=True)
-            parameters = dict(zip(tuning.tuned, values, strict=True))
         return {
             "rig": self.rig,
             "decision": self.decision,
             "reason": self.reason,
-            "parameters": {name: list(pair) for name, pair in parameters.items()},
+            "parameters": {name: [old, new] for name, old, new in self._parameters},
             "sensitivity_peak": json_value(self.sensitivity_peak),
             "scenarios": [
                 {
@@ -106,52 +103,19 @@ class Retuned:
         }
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """A table with a row for each scenario, its name as index."""
+        """A table with a row for each scenario, its name as index; empty without a trial."""
         import pandas
 
-        rows = [
-            {
-                "scenario": trial.scenario.name,
-                "passed": trial.passed,
-                **{
-                    f"{name} {who}": value
-                    for who, loop in (("present", trial.present), ("candidate", trial.candidate))
-                    for name, value in loop._asdict().items()
-                },
-                "sentence": trial.sentence,
-            }
-            for trial in self.trials
-        ]
-        columns = ["scenario"] if not rows else None
-        return pandas.DataFrame(rows, columns=columns).set_index("scenario")
+        table = pandas.json_normalize(self.to_dict()["scenarios"])
+        return table.set_index("name") if len(table) else table
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Returns the numbers of the trial (scenario, controller: present and candidate)."""
-        import xarray
-
-        units = {"kept": "1", "hottest": "degC", "error_at_rest": "K"}
-        variables: dict[str, Any] = {
-            name: (
-                ("scenario", "controller"),
-                np.array(
-                    [
-                        [getattr(trial.present, name), getattr(trial.candidate, name)]
-                        for trial in self.trials
-                    ]
-                ).reshape(-1, 2),
-                {"units": units[name]} if name in units else {},
-            )
-            for name in LoopTrial._fields
-        }
-        variables["passed"] = ("scenario", [trial.passed for trial in self.trials])
-        return xarray.Dataset(
-            variables,
-            {
-                "scenario": [trial.scenario.name for trial in self.trials],
-                "controller": ["present", "candidate"],
-            },
-            {"rig": self.rig, "decision": self.decision, "reason": self.reason},
-        )
+        """Returns the numbers of the trial for each scenario (dimension name)."""
+        units = {"hottest": "degC", "error_at_rest": "K"}
+        dataset = self.to_dataframe().select_dtypes(["number", "bool"]).to_xarray()
+        for name, values in dataset.items():
+            values.attrs["units"] = units.get(str(name).partition(".")[2], "")
+        return dataset.assign_attrs(rig=self.rig, decision=self.decision, reason=self.reason)
 
     def plot(self) -> "Figure":
         """Plots the costs of both controllers in each scenario: `jaxtwin.plots.plot_retuned`."""

@@ -64,13 +64,6 @@ class ScenarioTrial:
     sentence: str
 
 
-class Tried(NamedTuple):
-    """All scenarios, and the band of the candidate's error in the first."""
-
-    trials: tuple[ScenarioTrial, ...]
-    band: LoopBand
-
-
 @final
 class Trial(NamedTuple):
     """What is the same for all scenarios of a trial.
@@ -96,8 +89,9 @@ class Trial(NamedTuple):
         present: AbstractController,
         candidate: AbstractController,
         scenarios: tuple[TrialScenario, ...],
-    ) -> Tried:
-        """Tries both controllers in all scenarios.
+    ) -> tuple[tuple[ScenarioTrial, ...], LoopBand]:
+        """Tries both controllers in all scenarios. Returns the trials, and the band of the
+        candidate's error in the first.
 
         **Raises:** `ControlError` if the references cannot be held in the first scenario.
         """
@@ -120,7 +114,7 @@ class Trial(NamedTuple):
             nothing = NEGLIGIBLE * (trials[0].present.cost if trials else before.cost)
             trials.append(self._judged(one, before, after, nothing))
         assert band is not None
-        return Tried(tuple(trials), band)
+        return tuple(trials), band
 
     def _conditions(self, one: TrialScenario, controller: AbstractController) -> Scenario:
         median = twin_at_medians(self.twin, self.draws)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..control import AbstractController, ControllerDesign, Decision
-from ..retuning import LoopBand, LoopWatch, pair_of
+from ..retuning import LoopBand, LoopWatch, pair_of, retune_champion
 from ..retuning._loop_band import MIN_REST
 from ..rig import Rig
 from ._child_process import ChildProcess
@@ -113,7 +113,7 @@ class SelfOptimiser:
         """Begins to tune the controller on the champion, unless that goes on already."""
         if not self._process.is_running:
             self._say("notice", "the controller is tuned on the new twin")
-            self._process.begin(retune_champion, self._store, self._usual, self._design)
+            self._process.begin(retuned_champion, self._store, self._usual, self._design)
 
     def see(self, decision: Decision) -> None:
         """Takes a sample of the loop."""
@@ -168,34 +168,14 @@ class SelfOptimiser:
         return paused and len(recent) < MAX_A_DAY
 
 
-def retune_champion(
+def retuned_champion(
     store: "TwinStore", controller: AbstractController, design: ControllerDesign
 ) -> tuple[str, int | None]:
-    """Tunes the controller of the champion of a store, and writes the decision down.
-
-    **Arguments:**
-
-    - `controller`, `design`: those of a champion without a controller of its own.
+    """As `retune_champion`, for another process.
 
     **Returns:** the decision and its reason, and the version of an accepted candidate.
-
-    **Raises:** the errors of `jaxtwin.retune` and of the store.
     """
-    from ..retuning import keep_retuned, retune
-
-    champion = store.version("champion")
-    fit = champion.fit()
-    pair = pair_of(champion, fit.twin.rig)
-    if pair is not None:
-        controller, design = pair.controller, pair.design or design
-    found = retune(
-        fit,
-        controller,
-        design.references,
-        duration=design.duration,
-        objective=design.objective,
-    )
-    kept = keep_retuned(store, champion, found, design)
+    found, kept = retune_champion(store, controller, design)
     return f"{found.decision}: {found.reason}", None if kept is None else kept.number
 
 
