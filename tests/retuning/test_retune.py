@@ -109,6 +109,36 @@ def test_what_is_impossible_is_refused(more: Mapping[str, Any], message: str):
         jt.retune(fit(), pid(), **{**given, **more})
 
 
+def test_a_room_in_which_no_duty_holds_the_references_is_not_tried():
+    cold = TrialScenario("cold", "a room of -40 degC", {"ambient": -40.0, "initial": -40.0})
+    found = jt.retune(fit(), pid(), REFERENCES, duration=LENGTH, scenarios=[STEPS, cold], draws=4)
+    assert [trial.is_tried for trial in found.trials] == [True, False]
+    assert "all 1 scenarios" in found.reason
+    assert "not tried cold: references: expected" in found.summary()
+
+
+def test_a_scenario_that_is_none_is_refused_and_not_passed():
+    wrong = TrialScenario("wrong", "a channel that is not there", {"failed_channels": {"T9": 1.0}})
+    with pytest.raises(ControlError, match="T9"):
+        jt.retune(fit(), pid(), REFERENCES, duration=LENGTH, scenarios=[STEPS, wrong], draws=2)
+
+
+def test_nothing_is_tuned_on_a_match_that_has_not_converged():
+    one = replace(fit(), converged=False)
+    found = jt.retune(one, pid(), REFERENCES, duration=LENGTH, scenarios=[STEPS], draws=2)
+    assert found.decision == "rejected"
+    assert found.reason.startswith("the match of the twin has not converged")
+    assert found.candidate is None
+    assert len(found.to_dataframe()) == 0
+
+
+def test_a_band_that_is_none_is_refused(tmp_path: Path):
+    store = jt.TwinStore(tmp_path / "twins.db")
+    one = store.add(fit(), reason="by hand", controller=text(pid()), trial={"band": {"rest": 1}})
+    with pytest.raises(ControlError, match=r"twins.db@1: trial.band: expected"):
+        pair_of(one, fit().twin.rig)
+
+
 def test_the_usual_scenarios_are_those_that_a_rig_can_have():
     names = {one.name for one in usual_scenarios(jt.Twin("tclab"), pid(), 600.0)}
     assert {"steps", "warm room", "cold room", "twice the delay", "saturated supply"} <= names

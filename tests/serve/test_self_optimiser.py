@@ -127,6 +127,7 @@ def test_nothing_is_promoted_during_a_probation_and_too_soon_after(store: TwinSt
     optimised.propose(candidate(store, 0.05))
     assert not optimised.made.turn(is_at_rest=True)
     optimised.made.is_on_probation = False
+    optimised.time += timedelta(seconds=10)
     assert optimised.made.turn(is_at_rest=True)
 
 

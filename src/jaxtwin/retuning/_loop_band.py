@@ -87,7 +87,8 @@ class LoopBand:
     @classmethod
     def of_dict(cls, values: Mapping[str, Any]) -> "LoopBand":
         """Makes a band from what `to_dict` gave."""
-        return cls(values["rest"], tuple(values["after_step"]), values["largest_step"])
+        shape = tuple(float(part) for part in values["after_step"])
+        return cls(float(values["rest"]), shape, float(values["largest_step"]))
 
     def to_dict(self) -> dict[str, Any]:
         """The band as plain types for JSON."""

@@ -39,8 +39,15 @@ def pair_of(version: TwinVersion, rig: Rig) -> Pair | None:
     if version.controller_text is None:
         return None
     controller, design = controller_of_text(version.controller_text, version.address, rig)
-    band = version.trial.get("band")
-    return Pair(controller, design, None if band is None else LoopBand.of_dict(band))
+    if (band := version.trial.get("band")) is None:
+        return Pair(controller, design, None)
+    try:
+        return Pair(controller, design, LoopBand.of_dict(band))
+    except (KeyError, TypeError, ValueError):
+        raise ControlError(
+            f"{version.address}: trial.band: expected rest, after_step and largest_step, got "
+            f"{band!r}"
+        ) from None
 
 
 def retune_champion(

@@ -55,7 +55,6 @@ def retune(
     draws: int = 100,
     allowance: float | int = 0.1,
     seed: int = 0,
-    workers: int | None = None,
 ) -> Retuned:
     r"""Tunes a controller on a new twin, and tries the candidate there beside the present one.
 
@@ -83,7 +82,6 @@ def retune(
     - `allowance`: the part by which the candidate may be worse than the present controller in a
       scenario.
     - `seed`: the seed of draws, starts and noise.
-    - `workers`: the number of threads, None for one for each core.
 
     **Returns:** a `Retuned`. Nothing is written: `keep_retuned` and `jaxtwin retune` do that.
 
@@ -108,18 +106,10 @@ def retune(
         )
     check_limit(twin)
     present = controller.for_rig(twin.rig)
-    trial = Trial(
-        twin,
-        posterior_draws(fit, count, seed=least + 1),
-        references,
-        duration,
-        aim,
-        part,
-        least,
-        workers,
-    )
-    chosen = usual_scenarios(twin, present, float(duration)) if scenarios is None else scenarios
-    several = tuple(chosen)
+    drawn = posterior_draws(fit, count, seed=least + 1)
+    trial = Trial(twin, drawn, references, duration, aim, part, least)
+    usual = scenarios is None
+    several = usual_scenarios(twin, present, float(duration)) if usual else tuple(scenarios)
     if not several:
         raise ControlError(f"{where}: scenarios: expected at least one, got none")
 
@@ -163,8 +153,11 @@ def _tuned(
     """Tunes the controller, and returns the sensitivity peak in the draws of the trial too. The
     search is repeated with a lower limit where these exceed it.
 
-    **Raises:** `NotTunedError` if no controller satisfies the limit.
+    **Raises:** `NotTunedError` for a match that has not converged, and if no controller satisfies
+    the limit.
     """
+    if not fit.converged:
+        raise NotTunedError(f"the match of the twin has not converged: {fit.status}")
     limit = USUAL_PEAK
     while True:
         problem = tuning_problem(
@@ -180,7 +173,7 @@ def _tuned(
             sensitivity_limit=limit if present.is_linear else None,
             starts=STARTS,
             seed=trial.seed,
-            workers=trial.workers,
+            workers=None,
             settings={},
         )
         try:
@@ -214,7 +207,7 @@ def _decided(
         return "rejected", (
             f"the sensitivity peak is up to {peak:.3g} in {share}, where {USUAL_PEAK:g} is allowed"
         )
-    passed = f"all {len(trials)} scenarios were passed"
+    passed = f"all {sum(trial.is_tried for trial in trials)} scenarios were passed"
     if (old := peak_of(present)) > HIGHEST_PEAK:  # a fragile loop is replaced at any cost
         return "accepted", (
             f"the sensitivity peak is up to {peak:.3g} in place of {old:.3g}, and {passed}"

@@ -74,8 +74,7 @@ class Retuned:
         lines = [f"{self.decision}: {self.reason}"]
         lines += [f"  {name}: {old:.4g} -> {new:.4g}" for name, old, new in self._parameters]
         lines += [
-            f"  {'ok ' if trial.passed else 'NOT'} {trial.scenario.name}: {trial.sentence}"
-            for trial in self.trials
+            f"  {_mark(trial)} {trial.scenario.name}: {trial.sentence}" for trial in self.trials
         ]
         return "\n".join(lines)
 
@@ -130,13 +129,19 @@ class Retuned:
                 trial.scenario.name,
                 f"{trial.present.cost:.4g}",
                 f"{trial.candidate.cost:.4g}",
-                "passed" if trial.passed else "failed",
+                _mark(trial),
                 trial.sentence,
             )
             for trial in self.trials
         ]
         head = ("scenario", "present", "candidate", "", "what was found")
         return html_table(repr(self), head, rows or [("no trial", "", "", "", "")])
+
+
+def _mark(trial: ScenarioTrial) -> str:
+    if not trial.is_tried:
+        return "not tried"
+    return "ok " if trial.passed else "NOT"
 
 
 def _plain(loop: LoopTrial) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..control.controllers._controller import AbstractController
+from ..control.loops._loop_checks import OutOfReachError
 from ..control.loops._loop_signals import ClosedLoop
 from ..control.loops._many_loops import longest_delay, simulate_many_loops, twin_at_medians
 from ..control.loops._measures import MEASURES, REST_FRACTION, SETTLING_BAND
@@ -48,6 +49,10 @@ class LoopTrial(NamedTuple):
     error_at_rest: float
 
 
+NOT_TRIED = LoopTrial(math.nan, math.nan, math.nan, math.nan)
+"""In place of a loop whose references no duty can hold."""
+
+
 @final
 @dataclass(frozen=True)
 class ScenarioTrial:
@@ -63,6 +68,11 @@ class ScenarioTrial:
     passed: bool
     sentence: str
 
+    @property
+    def is_tried(self) -> bool:
+        """Whether a duty can hold the references in this scenario at all."""
+        return self.present is not NOT_TRIED
+
 
 @final
 class Trial(NamedTuple):
@@ -72,7 +82,7 @@ class Trial(NamedTuple):
     - `references`, `duration`: as in `simulate_closed_loops`.
     - `objective`: the objective.
     - `allowance`: the part by which a candidate may be worse than the present controller.
-    - `seed`: that of the noise. `workers`: the number of threads.
+    - `seed`: that of the noise.
     """
 
     twin: Twin
@@ -82,7 +92,6 @@ class Trial(NamedTuple):
     objective: TuningObjective
     allowance: float
     seed: int
-    workers: int | None
 
     def of(
         self,
@@ -100,12 +109,11 @@ class Trial(NamedTuple):
         for number, one in enumerate(scenarios):
             try:
                 conditions = self._conditions(one, present)
-            except ControlError as problem:
+            except OutOfReachError as problem:
                 if number == 0:
                     raise
                 # A room that is so cold that no duty holds the references is no fault of either.
-                nothing = LoopTrial(np.nan, np.nan, np.nan, np.nan)
-                trials.append(ScenarioTrial(one, nothing, nothing, True, f"not tried: {problem}"))
+                trials.append(ScenarioTrial(one, NOT_TRIED, NOT_TRIED, True, f"{problem}"))
                 continue
             before, _ = self._run(one, conditions, present)
             after, errors = self._run(one, conditions, candidate)
@@ -140,9 +148,9 @@ class Trial(NamedTuple):
     def _run(
         self, one: TrialScenario, conditions: Scenario, controller: AbstractController
     ) -> tuple[LoopTrial, Float[np.ndarray, "draws times"]]:
-        weighs = np.array(self.objective.weights) != 0
-        measures = dict(zip(self.objective.measures, weighs, strict=True))
-        used = {name: self.objective.measures[name] for name, counts in measures.items() if counts}
+        weighs = np.flatnonzero(self.objective.weights)
+        names = [[*self.objective.measures][number] for number in weighs]
+        used = {name: self.objective.measures[name] for name in names}
         own = {
             "_hottest": hottest_reading,
             "_cell": MEASURES["hottest_cell_side"][0],
@@ -158,10 +166,10 @@ class Trial(NamedTuple):
                 count=len(next(iter(self.draws.values()))),
                 measures={**used, **own},
                 precision="float64",
-                workers=self.workers,
+                workers=None,
                 fault=one.fault(self.twin),
             )
-        cost = np.stack([found[name] for name in used], axis=1) @ self.objective.weights[weighs]
+        cost = np.stack([found[name] for name in names], axis=1) @ self.objective.weights[weighs]
         hottest, errors = np.asarray(found["_hottest"]), np.asarray(found["_error"])
         # NaN is no temperature that keeps a limit.
         of_readings, of_cells = _limits(self.twin)
@@ -180,26 +188,20 @@ class Trial(NamedTuple):
         self, one: TrialScenario, present: LoopTrial, candidate: LoopTrial, nothing: float
     ) -> ScenarioTrial:
         most = (1 + self.allowance) * present.cost + nothing
-        passed = True
-        text = (
-            f"a cost of {candidate.cost:.4g}, that of the present controller is {present.cost:.4g}"
-        )
-        if not candidate.kept >= KEPT:
-            passed = False
-            text = (
-                f"the limits of temperature are kept in {100 * candidate.kept:.3g} % of the draws, "
-                f"where {100 * KEPT:g} % are needed, up to {candidate.hottest:.1f} degC"
-            )
-        elif not candidate.cost <= most:
-            passed = False
-            text += f", and at most {most:.4g} is allowed"
-        elif not candidate.error_at_rest <= present.error_at_rest + SETTLING_BAND:
-            passed = False
-            text = (
-                f"an error at rest of {candidate.error_at_rest:.2g} K, that of the present "
-                f"controller is {present.error_at_rest:.2g} K"
-            )
-        return ScenarioTrial(one, present, candidate, passed, text)
+        cost = f"a cost of {candidate.cost:.4g}, with the present controller {present.cost:.4g}"
+        kept = f"the limits of temperature are kept in {100 * candidate.kept:.3g} % of the draws"
+        rest = f"an error at rest of {candidate.error_at_rest:.2g} K, with the present controller"
+        checks = [
+            (candidate.kept >= KEPT, f"{kept}, up to {candidate.hottest:.1f} degC"),
+            (candidate.cost <= most, f"{cost}, and at most {most:.4g} is allowed"),
+            (
+                candidate.error_at_rest <= present.error_at_rest + SETTLING_BAND,
+                f"{rest} {present.error_at_rest:.2g} K",
+            ),
+        ]
+        # What is not a number passes no check.
+        failed = [text for passed, text in checks if not passed]
+        return ScenarioTrial(one, present, candidate, not failed, failed[0] if failed else cost)
 
     def _band(self, conditions: Scenario, errors: Float[np.ndarray, "draws times"]) -> LoopBand:
         substeps = np.asarray(conditions.ambient).shape[1]

@@ -1,5 +1,6 @@
 """The controller of a store's champion: tuned again after a refit, and watched after a change."""
 
+import contextlib
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Literal, final
@@ -8,9 +9,11 @@ import jax
 import numpy as np
 
 from ..control import AbstractController, ControllerDesign, Decision
+from ..errors import StoreError
 from ..retuning import LoopBand, LoopWatch, pair_of, retune_champion
 from ..retuning._loop_band import MIN_REST
 from ..rig import Rig
+from ._champion import LOOK_SECONDS
 from ._child_process import ChildProcess
 
 if TYPE_CHECKING:
@@ -61,10 +64,11 @@ class SelfOptimiser:
         self._usual, self._design = controller.for_rig(rig), design
         self._process = ChildProcess()
         self._proposed: int | None = None
+        self._looked = datetime.fromtimestamp(0, UTC)
         self.number = 0
         """The version whose controller is in use."""
-        self.controller = self._usual
-        """The controller in use."""
+        self.controller = self.previous = self._usual
+        """The controller in use, and that of the version from which it was made."""
         self.worse = ""
         """Why the loop is worse than its trial; `""` if it is not."""
         self.is_on_probation = False
@@ -75,12 +79,6 @@ class SelfOptimiser:
     def is_at_rest(self) -> bool:
         """Whether the loop has been at rest for a minute."""
         return self._watch.is_at_rest
-
-    @property
-    def previous(self) -> AbstractController:
-        """The controller of the version from which the one in use was made."""
-        parent = self._store.version(self.number).parent
-        return self._usual if parent is None else self.controller_of(self._store.version(parent))
 
     def controller_of(self, version: "TwinVersion") -> AbstractController:
         """The controller of a version.
@@ -104,6 +102,8 @@ class SelfOptimiser:
         band = None if pair is None else pair.band
         self._is_judged = band is not None
         self._watch = LoopWatch(LoopBand(MIN_REST, (0.0,), 0.0) if band is None else band)
+        if version.parent is not None:
+            self.previous = self.controller_of(self._store.version(version.parent))
         has_before = version.parent is not None and TRUSTED not in version.tags
         self.is_on_probation = self._is_judged and has_before
         if is_refitted:
@@ -122,9 +122,10 @@ class SelfOptimiser:
             self.worse = text
         elif self.is_on_probation and self._watch.time >= PROBATION_SECONDS:
             self.is_on_probation = False
-            text = f"passed, {self._watch.time:.0f} s as predicted"
-            self._store.set_tag(self.number, TRUSTED, text)
             self._say("notice", f"the controller of version {self.number} has kept to its trial")
+            text = f"passed, {self._watch.time:.0f} s as predicted"
+            with contextlib.suppress(StoreError):  # which ends no run; a restart begins anew
+                self._store.set_tag(self.number, TRUSTED, text)
 
     def turn(self, *, is_at_rest: bool) -> bool:
         """Says what was decided, once it was, and promotes a candidate if the policy says so, the
@@ -138,8 +139,10 @@ class SelfOptimiser:
             self._say("notice", f"retune: {text}")
             if self._proposed is not None and self._policy == "propose":
                 self._say("notice", f"version {self._proposed} waits for somebody to promote it")
-        if self._policy != "apply" or self._proposed is None or not is_at_rest:
+        waits = self._now() - self._looked < timedelta(seconds=LOOK_SECONDS)
+        if self._policy != "apply" or self._proposed is None or not is_at_rest or waits:
             return False
+        self._looked = self._now()
         version = self._store.version(self._proposed)
         if version.parent != self.number or "challenger" not in version.aliases:
             self._proposed = None  # the twin has changed meanwhile, or a person has decided
