@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import numpy as np
 
 from ..control import AbstractController
-from ..control.controllers._controller import is_same
-from ..errors import JaxtwinError, RecordingError, SafetyStop, StoreError
+from ..control.controllers._controller import is_same, is_same_kind
+from ..errors import ControlError, JaxtwinError, RecordingError, SafetyStop, StoreError
 from ..live import (
     AlarmInterlock,
     Document,
@@ -345,6 +345,7 @@ class RigLoop:
         """Goes on with a new champion. A run is guarded by the twin with which it began."""
         if self._champion is None:
             return
+        number = self._champion.number
         try:
             optimiser = self._optimiser
             if optimiser is not None and optimiser.turn(is_at_rest=self._is_at_rest):
@@ -361,6 +362,7 @@ class RigLoop:
             if self._diagnosis is not None:
                 self._diagnosis.use(beside.twin, beside.noise)
             self._page.say("notice", f"the twin is {beside.label} from now on")
+        if self._champion.number != number:
             self._follow_controller()
             self._show_twins()
 
@@ -373,7 +375,7 @@ class RigLoop:
             version = champion.store.version(champion.number)
             controller = optimiser.controller_of(version)
             if not is_same(controller, optimiser.controller):
-                if self._order is None:  # nothing waits for it
+                if self._order is None:
                     compile_loop(self._page.twin, controller)
                 self._swap(controller, f"version {version.number}: {version.reason}")
             optimiser.use(version)
@@ -392,6 +394,8 @@ class RigLoop:
         if isinstance(before, HeldReferences) and in_force is not None:
             order = in_force.order
             assert isinstance(order, HoldOrder)
+            if not is_same_kind(controller, self._controller):  # which would compile for seconds
+                raise ControlError("expected a controller of the same kind and limits in a run")
             left = max(order.seconds - (self._elapsed - self._began), controller.sample_time_s)
             command = self._held(replace(order, seconds=left), controller)
             self._guard.check_plan(command.simulated_plan())

@@ -5,10 +5,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Literal, final
 
-import jax
-import numpy as np
-
 from ..control import AbstractController, ControllerDesign, Decision
+from ..control.controllers._controller import is_same_kind
 from ..errors import StoreError
 from ..retuning import LoopBand, LoopWatch, pair_of, retune_champion
 from ..retuning._loop_band import MIN_REST
@@ -91,7 +89,7 @@ class SelfOptimiser:
     def fits(self, version: "TwinVersion") -> bool:
         """Whether a loop that runs can go on with the controller of a version: one of the same
         kind, limits and sample time, which needs no compilation."""
-        return _form(self.controller_of(version)) == _form(self.controller)
+        return is_same_kind(self.controller_of(version), self.controller)
 
     def use(self, version: "TwinVersion") -> None:
         """Goes on with a version; a new controller is on probation from now on."""
@@ -180,8 +178,3 @@ def retuned_champion(
     """
     found, kept = retune_champion(store, controller, design)
     return f"{found.decision}: {found.reason}", None if kept is None else kept.number
-
-
-def _form(controller: AbstractController) -> object:
-    leaves, tree = jax.tree.flatten(controller)
-    return tree, [np.shape(leaf) for leaf in leaves]
