@@ -190,10 +190,9 @@ def test_a_champion_is_retuned_and_the_decision_is_kept(
 class Bench:
     """A virtual `tclab` whose loop has an optimiser."""
 
-    def __init__(self, store: TwinStore, policy: Policy = "apply"):
-        self.store = store
+    def __init__(self, store: TwinStore, policy: Policy = "apply", **differs: float):
         self.clock = HandClock()
-        self.device = VirtualRig(fit().twin, controller_rate=4.0)
+        self.device = VirtualRig(fit().twin.with_values(differs), controller_rate=4.0)
         source = virtual_bench(fit().twin.rig, self.device, self.clock)
         about = {"source": "virtual rig", "is_live": True, "recording": "", "control": True}
         beside = TwinBeside(fit().twin, "version 1")
@@ -245,10 +244,48 @@ def test_a_promoted_controller_takes_over_in_a_run_without_a_jump_of_the_duty(st
     assert "another controller from now on: version 2: all scenarios were passed" in bench.lines()
     assert "the time is over; the device reports off" in bench.lines()
     assert bench.optimiser.number == 2
+    assert bench.page.ring.newest_of("twins")["followed"] == 2
+    assert bench.page.followed[1] == "version 1"  # the twin is the same: its observer goes on
     driven = bench.duty(50.0, 100.0)
     assert len(driven) > 50
     assert (driven.max(axis=1) > 0).all()
     assert np.abs(np.diff(driven, axis=0)).max() < 0.05  # noise of 0.04 1/K and an LSB
+
+
+def test_a_controller_with_other_limits_waits_until_the_run_has_ended(store: TwinStore):
+    bench = Bench(store)
+    other = PID(Kp=0.04, Ki=0.0003, limits=(0, 0.9), measured=(("T1",), ("T2",)))
+    numbers: list[int] = []
+    bench.actions[20] = lambda: store.add(
+        fit(), reason="lower limits", parent=1, aliases=["champion"], controller=text(other)
+    )
+    bench.actions[40] = lambda: numbers.append(bench.optimiser.number)
+    bench.hold(30.0, 50.0)
+    assert numbers == [1]
+    assert "the time is over; the device reports off" in bench.lines()
+    bench.clock.turn(6.0)
+    bench.loop.turn()
+    assert bench.optimiser.number == 2
+    assert bench.loop._controller is not None
+    assert bench.loop._controller.limits == (0, 0.9)
+
+
+@pytest.mark.slow
+def test_a_loop_that_swings_on_a_rig_that_is_slower_than_its_twin_goes_back_by_itself(
+    store: TwinStore,
+):
+    """The sensors lag by 80 s in place of 20, which nothing says."""
+    store.promote(candidate(store, 0.4), reason="by hand")
+    bench = Bench(store, tau_1=80.0, tau_2=80.0)
+    bench.loop._champion.number = 2  # pyright: ignore[reportOptionalMemberAccess]
+    bench.hold(30.0, 900.0)
+    assert store.aliases["champion"] == 1
+    assert "above the" in store.history("champion")[-1].reason
+    assert "the time is over; the device reports off" in bench.lines()
+    assert isinstance(bench.loop._controller, PID)
+    np.testing.assert_allclose(bench.loop._controller.Kp, 0.02)
+    driven = bench.duty(600.0, 900.0)
+    assert np.abs(np.diff(driven, axis=0)).max() < 0.05
 
 
 @pytest.mark.parametrize("reason", ["trial", "alarm"])
