@@ -26,11 +26,6 @@ def retune(
     draws: Annotated[
         int, typer.Option(min=1, help="Draws of the twin with which it is tried.")
     ] = 100,
-    allowance: Annotated[
-        float,
-        typer.Option(min=0, help="The part by which it may be worse in a scenario."),
-    ] = 0.1,
-    seed: Annotated[int, typer.Option(min=0, help="Of draws, starts and noise.")] = 0,
     json: JsonOption = None,
 ) -> None:
     """Tune a controller on the champion of a store, for what its file says that it was designed
@@ -51,9 +46,7 @@ def retune(
         if controller is not None:
             rig = twins.version("champion").fit().twin.rig
             present, design = read_controller(controller, rig), read_design(controller, rig)
-        found, kept = retune_champion(
-            twins, present, design, draws=draws, allowance=allowance, seed=seed
-        )
+        found, kept = retune_champion(twins, present, design, draws=draws)
     say(found.summary(), json)
     if kept is not None:
         say(f"version {kept.number} waits as challenger", json)
