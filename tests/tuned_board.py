@@ -1,10 +1,11 @@
 """A fit of `tclab` that takes a second, and controllers of it, for tests of retuning."""
 
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import jaxtwin as jt
-from jaxtwin.control import PID, ControllerDesign
-from jaxtwin.control.controllers._controller_file import controller_file
+from jaxtwin.control import PID, ControllerDesign, save_controller
 
 REFERENCES, LENGTH = "0:30,100:36", 200
 """The steps for which its controllers are tuned, degC, and their time, s."""
@@ -25,4 +26,7 @@ def pid(Kp: float = 0.02) -> PID:
 
 def text(controller: PID) -> str:
     """The file of a controller."""
-    return controller_file(controller, fit().twin.rig, "a test", DESIGN)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "controller.toml"
+        save_controller(file, controller, fit().twin.rig, design=DESIGN)
+        return file.read_text(encoding="utf-8")

@@ -17,8 +17,6 @@ from tuned_board import DESIGN, LENGTH, REFERENCES, fit, pid, text
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.control import PID, Decision
-from jaxtwin.control.loops._many_loops import simulate_many_loops
-from jaxtwin.control.loops._measures import MEASURES
 from jaxtwin.errors import ControlError
 from jaxtwin.retuning import (
     LoopBand,
@@ -147,32 +145,6 @@ def test_the_usual_scenarios_are_those_that_a_rig_can_have():
     single = {one.name for one in usual_scenarios(jt.Twin("single-cell"), PID(0.1), 600.0)}
     assert {"hand", "door", "loosen P1", "block P1"} <= single
     assert "sensor lost" not in single
-
-
-def test_loops_with_a_fault_are_those_of_a_twin_with_the_changed_value():
-    """A cell of a resistance that is half as large again, as a fault and as a value."""
-    twin = jt.Twin("single-cell")
-    conditions = jt.control.scenario(twin, PID(0.1, 0.001), 30.0, duration=60, noise=False)
-    fault = TrialScenario("aged", "", faults=(("age", "P1", 1.5),)).fault(twin)
-    measures = {"energy": MEASURES["energy"][0]}
-    results = []
-    for value, change in ((2.0, fault), (3.0, None)):
-        with own_settings():
-            results.append(
-                simulate_many_loops(
-                    twin,
-                    PID(0.1, 0.001),
-                    conditions,
-                    draws={"R_E": np.array([value])},
-                    controller_draws={},
-                    count=1,
-                    measures=measures,
-                    precision="float64",
-                    workers=1,
-                    fault=change,
-                )["energy"]
-            )
-    np.testing.assert_allclose(*results, rtol=1e-9)
 
 
 def test_all_scenarios_have_equations_of_one_form():

@@ -2,6 +2,7 @@
 and how the one before comes back."""
 
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from tuned_board import DESIGN, fit, pid, text
 from jaxtwin import TwinStore
 from jaxtwin.control import PID, Decision
 from jaxtwin.live import Finding, Record, RigState, Sample, StopRequest, VirtualRig
-from jaxtwin.retuning import LoopBand, TrialScenario, _pairs
+from jaxtwin.retuning import LoopBand, TrialScenario, retune_champion
 from jaxtwin.serve import Champion, Desk, FrameRing, Page, RigLoop, SelfOptimiser, TwinBeside
 from jaxtwin.serve import _self_optimiser as module
 from jaxtwin.serve._child_process import Outcome
@@ -175,11 +176,9 @@ def test_a_restart_goes_on_with_the_probation(store: TwinStore):
 def test_a_champion_is_retuned_and_the_decision_is_kept(
     store: TwinStore, monkeypatch: pytest.MonkeyPatch
 ):
-    full = _pairs.retune
     steps = [TrialScenario("steps", "the references")]
-    monkeypatch.setattr(
-        _pairs, "retune", lambda *given, **more: full(*given, **more, draws=4, scenarios=steps)
-    )
+    quick = partial(retune_champion, draws=4, scenarios=steps)
+    monkeypatch.setattr(module, "retune_champion", quick)
     said, number = retuned_champion(store, pid(), DESIGN)
     assert said.startswith("accepted: the cost is")
     assert number == 2
