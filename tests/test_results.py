@@ -37,6 +37,7 @@ from jaxtwin.control import (
 from jaxtwin.matching import FittedParameters, Profile
 from jaxtwin.physics import DCSweep
 from jaxtwin.refitting import GateCheck
+from jaxtwin.retuning import LoopTrial, Retuned, ScenarioTrial, TrialScenario
 from jaxtwin.simulation import Grid, GridConvergence, Reductions
 from jaxtwin.validation import Prediction
 
@@ -97,6 +98,14 @@ def two_grids() -> GridConvergence:
 def refitted() -> jt.refitting.Refit:
     check = GateCheck("readings", True, 0.0, 0.0, "every channel is alive")
     return jt.refitting.Refit("unchanged", "nothing has changed", fit(), fit(), (check,), ())
+
+
+def retuned() -> jt.retuning.Retuned:
+    pid = PID(Kp=0.1, Ki=0.001)
+    loop = LoopTrial(2.0, 1.0, 40.0, 0.1)
+    steps = TrialScenario("steps", "the references")
+    trial = ScenarioTrial(steps, loop, loop._replace(cost=1.0), True, "a cost of 1")
+    return Retuned("rig", "rejected", "too hot", pid, pid, None, (trial,), 1.5, None, 1.0)
 
 
 def aged() -> jt.prognostics.Health:
@@ -160,6 +169,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Diagnosis": lambda _: jt.diagnose(bench(), recording("gain", "T1", 0.8)),
     "Isolability": lambda _: jt.isolability(bench(), faults=["age H1", "gain T1"]),
     "Refit": lambda _: refitted(),
+    "Retuned": lambda _: retuned(),
     "Health": lambda _: aged(),
 }
 
@@ -187,7 +197,14 @@ LONG = {
 }
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
-INPUTS |= {"AbstractController", "MPC", "MonitorCalibration", "ProcessNoise", "Scenario"}
+INPUTS |= {
+    "AbstractController",
+    "ControllerDesign",
+    "MPC",
+    "MonitorCalibration",
+    "ProcessNoise",
+    "Scenario",
+}
 """Classes that public functions give and that are no results."""
 
 # Signals as JAX arrays; `ClosedLoopRun` shows them.

@@ -54,6 +54,7 @@ from .diagnosis import diagnose as diagnose  # which fault, since when, how larg
 from .diagnosis import isolability as isolability  # and what it could say, before the fact
 from .prognostics import health as health  # trends, and when limits are passed
 from .refitting import refit as refit  # a twin from new recordings, through a gate
+from .retuning import retune as retune  # a controller on a new twin, tried before it is used
 from .twin_store import TwinStore as TwinStore  # a memory of twins: versions and aliases
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin

@@ -40,6 +40,7 @@ from ._png import to_png
 from ._profile import plot_profile
 from ._recordings import plot_recordings
 from ._residual_tests import plot_residual_tests
+from ._retuned import plot_retuned
 from ._rig_design import plot_rig_design
 from ._sensitivity_indices import plot_sensitivity_indices
 from ._sensitivity_matrix import plot_sensitivity_matrix
@@ -89,6 +90,7 @@ __all__ = [
     "plot_recordings",
     "plot_residual_tests",
     "plot_residuals",
+    "plot_retuned",
     "plot_rig_design",
     "plot_sensitivity_indices",
     "plot_sensitivity_matrix",
