@@ -30,7 +30,6 @@ from .sweeps import open_sweep as open_sweep  # its results, as an xarray data s
 from .identification import identify as identify  # a twin from a log, without a rig file
 from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
-from .observers import match_innovations as match_innovations  # values by an observer's likelihood
 from .matching import Fit as Fit  # the result of a match
 from .matching import compare_fits as compare_fits  # the differences in standard errors
 from .matching import profile as profile  # the cost of a match over one parameter
