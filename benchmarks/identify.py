@@ -247,7 +247,8 @@ def page_of_devices(rows: list[dict[str, Any]], where: dict[str, Any]) -> str:
     near = int(np.sum(errors <= 2))
     lines = [
         ("devices", f"{len(rows)}"),
-        ("predicted within 2 % of what their temperatures are", f"{near}"),
+        ("predicted within 2 % of the range of their temperatures (RMSE)", f"{near}"),
+        ("this error, median and worst, %", f"{np.median(errors):.2f}, {errors.max():.2f}"),
         (
             "fit of these temperatures, median and worst, %",
             f"{np.median(fits):.1f}, {fits.min():.1f}",
