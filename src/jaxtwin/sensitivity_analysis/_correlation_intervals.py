@@ -14,8 +14,8 @@ distribution-free variance of a correlation). Here
   Twice the change by a tenfold number of draws is added: the correlation of all draws minus the
   mean correlation of ten parts.
 
-benchmarks/sensitivity_coverage.py measures how often such intervals hold the value of very many
-draws, beside those of other methods.
+How often such intervals hold the value of very many draws, beside those of other methods, stands in
+benchmarks/NOTES.md ("Intervals of sensitivity indices").
 """
 
 from collections.abc import Iterable
