@@ -18,8 +18,7 @@ from .._arguments import finite_number, whole_number
 from ..errors import ParameterError
 from ..rig import Rig
 from ..simulation import Run
-from ._plate_map import HEAT, draw_cells, frame, rectangle
-from ._plates import runs_of_plate
+from ._plate_map import HEAT, draw_cells, frame, rectangle, runs_of_plate
 from ._style import line_of, palette, points, styled
 
 if TYPE_CHECKING:

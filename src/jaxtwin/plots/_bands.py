@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from ..errors import SimulationError
 from ..observers import Forecast
 from ..simulation import Run
-from ._samples import joined_samples
+from ._recordings import joined_samples
 from ._style import palette, points, styled
 
 MAX_PANELS = 5  # panels in a row

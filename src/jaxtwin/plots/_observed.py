@@ -9,7 +9,7 @@ from .._normal_distribution import QUANTILE_975, normal_quantiles
 from .._residual_statistics import autocorrelation, partial_autocorrelation
 from ..errors import ObserverError
 from ..observers import Estimate, Observed
-from ._samples import joined_samples
+from ._recordings import joined_samples
 from ._style import palette, points, styled
 
 # The largest lag of the autocorrelations, samples.
