@@ -6,7 +6,7 @@ from typing import NamedTuple, NoReturn, final
 from .._celsius import ZERO_CELSIUS
 from ..errors import MatchError
 from ..physics import Twin
-from ..rig._limits import SOLDER
+from ..rig._instruments import SOLDER
 
 
 @final

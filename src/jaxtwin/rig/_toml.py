@@ -1,15 +1,16 @@
-"""Files that come with the package, and reading TOML."""
+"""Files in TOML: those that come with the package, reading, and messages about errors that name the
+file, the field, the expected and the actual value.
+"""
 
 import os
 import tomllib
-from typing import Any
+from typing import Any, NoReturn
 
 from .._arguments import path_of
 from .._data_folder import data_folder
 from .._name_suggestions import unknown_name
 from .._twin_address import read_stored_fit, twin_address
 from ..errors import JaxtwinError, RigError
-from ._problems import refuse
 
 
 def bundled_rigs() -> tuple[str, ...]:
@@ -103,3 +104,20 @@ def parse_toml(content: bytes, source: str, error: type[JaxtwinError] = RigError
 
 def _names(folder: str) -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in (data_folder() / folder).glob("*.toml")))
+
+
+def refuse(source: str, field: str, message: str, error: type[JaxtwinError] = RigError) -> NoReturn:
+    """Raises the error for a field of a file."""
+    text = f"{field}: {message}" if field else message
+    # Keys come from a file and may contain anything; the message must be one printable line.
+    shown = "".join(c if c.isprintable() else "?" for c in text)
+    raise error(f"{source}: {shown}") from None
+
+
+def label(item: object, index: int) -> str:
+    """The label of a table of a list in messages: its name, or its position counted from 1."""
+    if isinstance(item, dict):
+        for key in ("name", "resistance"):
+            if isinstance(item.get(key), str):
+                return item[key]
+    return str(index + 1)
