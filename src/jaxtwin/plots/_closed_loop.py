@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..control import MEASURES, ClosedLoopRun, Frontier, Tuning
-from ._style import line_of, palette, points, rim, styled, unit_text
+from ._panels import title_aside
+from ._style import color_of, line_of, palette, points, rim, styled, unit_text
 
 
 @styled
@@ -43,14 +44,14 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
             time, reference, where="post", color=palette().muted, ls="--", lw=1.2, label=label
         )
     for number, (name, output) in enumerate(zip(run.outputs, run.output.T, strict=True)):
-        above.plot(time, output, color=palette().cycle[number % len(palette().cycle)], label=name)
+        above.plot(time, output, color=color_of(number), label=name)
     above.set_ylabel("temperature, °C")
     # Legends are above the axes, because curves would cross them inside.
     above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
     above.legend(ncols=4, **above_right)
     names = run.run.experiment.cell_names
     for number, (part, watts) in enumerate(zip(run.duty.T, run.power.T, strict=True)):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         look = {"color": color, "lw": 1.4, "ls": line_of(number)}
         duty.step(time, 100 * part, where="post", label=names[number], **look)
         power.plot(time, watts, **look)
@@ -97,7 +98,7 @@ def _draw_rounds(axes: Axes, tuning: Tuning) -> None:
         steps = [s for s in tuning.history if s.start == start and np.isfinite(s.objective)]
         if not steps:
             continue
-        color = palette().cycle[start % len(palette().cycle)]
+        color = color_of(start)
         taken = [step for step in steps if step.accepted]
         label = "given controller" if start == 0 else f"random start {start}"
         values = [step.objective for step in taken]
@@ -121,9 +122,7 @@ def _draw_rounds(axes: Axes, tuning: Tuning) -> None:
     axes.set(xlabel="round", ylabel="objective", title="descents")
     axes.legend(loc="upper right")
     if limit is not None:
-        axes.set_title(
-            f"$M_s$ at most {limit:g}", loc="right", fontsize=points(9), color=palette().muted
-        )
+        title_aside(axes, f"$M_s$ at most {limit:g}")
 
 
 def _draw_sensitivity(axes: Axes, tuning: Tuning) -> None:

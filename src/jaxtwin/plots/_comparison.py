@@ -19,6 +19,7 @@ from .._residual_statistics import autocorrelation, ljung_box
 from ..errors import SimulationError
 from ..matching import Fit
 from ..simulation import Run
+from ._panels import title_aside
 from ._recordings import (
     joined_samples,
     label_ends,
@@ -28,7 +29,7 @@ from ._recordings import (
     shade_masked,
     weights_of_samples,
 )
-from ._style import palette, points, styled
+from ._style import color_of, palette, points, styled
 
 MAX_PANELS = 5  # panels in a row
 MIN_WIDTH_INCHES = 6.4  # inches, which the heading and the legend need beside each other
@@ -120,13 +121,11 @@ def plot_residuals(
             shade_masked(axes, run.time, weights_of_samples(run, weight))
         residual = _recorded(run) - run.temperatures
         for number, part in enumerate(residual.T):
-            axes.plot(run.time, part, color=palette().cycle[number % len(palette().cycle)], lw=0.9)
+            axes.plot(run.time, part, color=color_of(number), lw=0.9)
         axes.plot(run.time, mean_of_samples(residual, axis=1), color=palette().ink, lw=2.0)
         axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0)
         axes.set(title=run.experiment.name or "recording", xlabel="time, s")
-        axes.set_title(
-            f"RMSE {run.rmse:.2f} K", loc="right", fontsize=points(9), fontweight="normal"
-        )
+        title_aside(axes, f"RMSE {run.rmse:.2f} K")
         axes.set_xlim(run.time[0], run.time[-1])
         tail = means_of_last_samples(residual, len(run.time) // 20)
         ends.append(
@@ -201,7 +200,7 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
             )
         residuals = run.experiment.temperatures - run.temperatures
         for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):
-            _draw(row, run, channel, series, palette().cycle[number % len(palette().cycle)])
+            _draw(row, run, channel, series, color_of(number))
         _finish(row, run, residuals)
     grid[0, 1].legend(loc="lower right")
     for axes, text in zip(grid[-1], ("time, s", "lag, s", "standard normal quantile"), strict=True):
@@ -230,9 +229,7 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     over_time.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
     over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))
     over_time.set_title(run.experiment.name or "recording")
-    over_time.set_title(
-        f"RMSE {run.rmse:.2f} K", loc="right", fontsize=points(9), fontweight="normal"
-    )
+    title_aside(over_time, f"RMSE {run.rmse:.2f} K")
     tail = means_of_last_samples(residuals, len(run.time) // 20)
     label_ends(
         over_time, list(zip(tail.tolist(), run.channels, palette().cycle * len(tail), strict=False))
@@ -245,7 +242,7 @@ def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
     against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
     p = min(ljung_box(series).p_value for series in residuals.T)
     text = f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99"
-    against_itself.set_title(text, loc="right", fontsize=points(9), fontweight="normal")
+    title_aside(against_itself, text)
     line = np.array([-3.3, 3.3])
     against_normal.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
     against_normal.set(ylabel="standardised residual")
@@ -282,7 +279,7 @@ def plot_camera_error(fit: Fit) -> Figure:
             axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
             rms = float(np.sqrt(np.nanmean(series**2)))
             axes.set_title(title)
-            axes.set_title(f"{rms:.2f} K rms", loc="right", fontsize=points(9), fontweight="normal")
+            title_aside(axes, f"{rms:.2f} K rms")
         if camera.events:
             # The ticks are at the upper edge: lines through the whole panel would hide the jumps.
             edge = above.get_xaxis_transform()

@@ -4,11 +4,11 @@ the paper).
 
 import numpy as np
 from jaxtyping import Bool, Float
-from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from ..matching import Fit
 from ..sensitivity_analysis import Sensitivity
+from ._panels import axes_or_new, title_aside
 from ._style import INK, PALE, palette, points, styled, symbol
 
 # Correlations whose size is above this are written as numbers, if the cells are large enough.
@@ -41,9 +41,7 @@ def plot_correlation(fit: Fit, *, ax: Axes | None = None) -> Axes:
     )
     count = len(correlation)
     cell = min(CELL, WIDEST / count)
-    if ax is None:
-        size = (2.4 + cell * count, 1.6 + 0.86 * cell * count)
-        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    ax = axes_or_new(ax, 2.4 + cell * count, 1.6 + 0.86 * cell * count)
     written = np.abs(np.nan_to_num(correlation)) > SHOWN
     written &= ~np.eye(count, dtype=bool) & (cell > MIN_FOR_NUMBERS)
     draw_correlation_matrix(ax, correlation, written)
@@ -80,9 +78,7 @@ def plot_sensitivity_matrix(sensitivity: Sensitivity, *, ax: Axes | None = None)
     correlation = sensitivity.correlation[:, order]
     low, high = np.moveaxis(sensitivity.interval[:, order], -1, 0)
     rows, columns = correlation.shape
-    if ax is None:
-        size = (2.6 + 0.47 * columns, 1.3 + 0.31 * rows)
-        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    ax = axes_or_new(ax, 2.6 + 0.47 * columns, 1.3 + 0.31 * rows)
     draw_correlation_matrix(ax, correlation, (low > 0) | (high < 0))
     ax.set_xticks(range(columns), [symbol(sensitivity.names[place]) for place in order])
     ax.set_yticks(range(rows), sensitivity.channels)
@@ -113,9 +109,7 @@ def plot_tornado(
     shown = np.round(correlation, 2) + 0.0  # no -0.00
     interval = sensitivity.interval[row, order]
     places = np.arange(len(names))[::-1]
-    if ax is None:
-        size = (5.6, 1.2 + 0.29 * len(names))
-        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    ax = axes_or_new(ax, 5.6, 1.2 + 0.29 * len(names))
     colors = [palette().blue if value < 0 else palette().vermilion for value in correlation]
     ax.barh(places, correlation, color=colors, height=0.66, alpha=0.9)
     ax.hlines(places, interval[:, 0], interval[:, 1], color=palette().ink, lw=1.3)
@@ -134,7 +128,7 @@ def plot_tornado(
     failed = int(np.count_nonzero(sensitivity.failed))
     draws = f"{len(sensitivity.failed):,} draws".replace(",", " ")
     note = f"{draws}, {failed} failed" if failed else draws
-    ax.set_title(note, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted)
+    title_aside(ax, note)
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", length=0)
     return ax

@@ -21,6 +21,7 @@ from ..matching import Fit, FitDifference, FittedParameter, Profile
 from ..matching._fit import solution_of
 from ..matching._fitted_parameters import interval_95
 from ..rig import Parameter
+from ._panels import axes_or_new, panel_grid
 from ._sensitivity_indices import label_rows
 from ._style import palette, points, styled, symbol, unit_text
 
@@ -289,16 +290,9 @@ def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None
                 f"for each group, got {missing[0]!r}"
             )
         rows = {name: rows[name] for name in wanted}
-    columns = min(GROUP_COLUMNS, len(rows))
-    height = -(-len(rows) // columns)
-    figure = pyplot.figure(figsize=(3.1 * columns, 0.6 + 2.1 * height), layout="constrained")
-    panels = figure.subplots(height, columns, squeeze=False, sharex=True).ravel()
-    for axes, row in zip(panels, rows.values(), strict=False):
+    figure, panels = panel_grid(len(rows), GROUP_COLUMNS, width=3.1, height=2.1, frame=0.6)
+    for axes, row in zip(panels, rows.values(), strict=True):
         _draw(axes, groups, row)
-    for axes in panels[max(0, len(rows) - columns) : len(rows)]:
-        axes.tick_params(labelbottom=True)  # the lowest panel of each column
-    for axes in panels[len(rows) :]:
-        axes.set_axis_off()
     return figure
 
 
@@ -385,8 +379,7 @@ def plot_profile(profile: Profile, *, ax: Axes | None = None) -> Axes:
 
     **Returns:** the axes.
     """
-    if ax is None:
-        ax = pyplot.figure(figsize=(5.6, 3.6), layout="constrained").subplots()
+    ax = axes_or_new(ax, 5.6, 3.6)
     low, high = np.clip(profile.interval, profile.values[0], profile.values[-1])
     ax.axvspan(low, high, color=palette().sky, alpha=0.35, lw=0, label="95 % interval")
     ax.plot(profile.values, profile.excess, "o-", color=palette().vermilion, ms=5)
@@ -424,9 +417,7 @@ def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) ->
     known.sort(key=lambda row: -abs(row.standard_errors))
     sizes = np.array([row.standard_errors for row in known])
     places = np.arange(len(known), dtype=float)[::-1]
-    if ax is None:
-        size = (5.6, 1.4 + 0.29 * len(known))
-        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    ax = axes_or_new(ax, 5.6, 1.4 + 0.29 * len(known))
     ax.axvspan(-QUANTILE_975, QUANTILE_975, color=palette().faint, lw=0, zorder=0)
     colors = [palette().blue if size < 0 else palette().vermilion for size in sizes]
     ax.barh(places, sizes, color=colors, height=0.66, alpha=0.9, zorder=2)

@@ -14,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 
 from ..control import LinearModel, LoopMargins
 from ..errors import ControlError
-from ._style import line_of, palette, styled
+from ._style import color_of, line_of, palette, styled
 
 # The least gain, as a part of the largest, that is drawn by default.
 MIN_GAIN = 1e-3
@@ -55,7 +55,7 @@ def plot_bode(
     figure = pyplot.figure(figsize=(1.2 + 4.2 * columns, 5.4), layout="constrained")
     grid = figure.subplots(2, columns, sharex=True, sharey="row", squeeze=False)
     for number, (label, model) in enumerate(named.items()):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         response = np.asarray(model.frequency_response(frequencies))
         for column, (gain, phase) in enumerate(grid.T):
             channels = np.abs(response[:, :, column])
@@ -217,7 +217,7 @@ def plot_nyquist(margins: LoopMargins) -> Figure:
         )
     curves = _curves(margins.response)
     for number, curve in enumerate(curves.T):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         name = "loop" if curves.shape[1] == 1 else f"eigenvalue {number + 1}"
         axes.plot(curve.real, curve.imag, color=color, ls=line_of(number), label=name)
         axes.plot(curve.real, -curve.imag, color=color, ls=line_of(number), lw=0.8, alpha=0.5)

@@ -18,8 +18,9 @@ from ..diagnosis._diagnosis import HEALTHY, NONE_OF_THESE
 from ..monitoring import Monitored
 from ..observers import Observed
 from ..prognostics import Health, ParameterHealth
+from ._panels import legend_beside, panel_grid, title_aside
 from ._recordings import joined_samples
-from ._style import palette, points, styled, symbol, unit_text
+from ._style import color_of, palette, points, styled, symbol, unit_text
 
 # The largest number of channels with a line of their own, of rows of findings, and of faults with a
 # colour of their own.
@@ -96,7 +97,7 @@ def _scores(axes: Axes, monitored: Monitored) -> None:
             axes.plot(monitored.time, np.clip(largest, 0.0, 2.0), color=color, lw=1.0, label=label)
     axes.axhline(1.0, color=palette().ink, lw=0.8, ls=(0, (4, 3)))
     axes.set(ylabel="score", ylim=(0.0, 2.05))
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
+    legend_beside(axes)
 
 
 def _largest(scores: Float[np.ndarray, "times members"]) -> Float[np.ndarray, " times"] | None:
@@ -145,10 +146,7 @@ def _probabilities(axes: Axes, diagnosis: Diagnosis) -> None:
         n for n, name in enumerate(names) if n not in shown and name not in (HEALTHY, NONE_OF_THESE)
     ]
     layers = [(HEALTHY, table[:, names.index(HEALTHY)], palette().faint)]
-    layers += [
-        (names[n], table[:, n], palette().cycle[place % len(palette().cycle)])
-        for place, n in enumerate(shown)
-    ]
+    layers += [(names[n], table[:, n], color_of(place)) for place, n in enumerate(shown)]
     layers += [
         ("other suspects", table[:, rest].sum(axis=1), palette().muted),
         (NONE_OF_THESE, table[:, names.index(NONE_OF_THESE)], palette().ink),
@@ -162,20 +160,20 @@ def _probabilities(axes: Axes, diagnosis: Diagnosis) -> None:
         linewidth=0,
     )
     axes.set(ylabel="probability", ylim=(0, 1))
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8), reverse=True)
+    legend_beside(axes, reverse=True)
 
 
 def draw_readings(axes: Axes, observed: Observed) -> None:
     """Draws the readings of the first channels as dots and what was expected as lines."""
     readings = np.asarray(observed.experiment.temperatures)
     for number, channel in enumerate(observed.channels[:MAX_CHANNELS]):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         axes.plot(*joined_samples(observed.time, readings[:, number]), ".", ms=1.5, color=color)
         expected = observed.expected.mean[:, number]
         axes.plot(observed.time, expected, color=color, lw=0.8, label=channel)
     axes.set(ylabel="channel, °C")
     axes.set_title(observed.experiment.name or "recording")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
+    legend_beside(axes)
 
 
 # The largest number of faults whose times are written into the matrix.
@@ -252,18 +250,12 @@ def plot_health(health: Health) -> Figure:
     **Returns:** the figure.
     """
     rows = sorted(health.parameters.values(), key=lambda row: row.limit is None)[:MAX_PARAMETERS]
-    columns = min(HEALTH_COLUMNS, len(rows))
-    height = -(-len(rows) // columns)
-    figure = pyplot.figure(figsize=(3.6 * columns, 1.0 + 2.3 * height), layout="constrained")
-    panels = figure.subplots(height, columns, squeeze=False, sharex=True).ravel()
+    figure, panels = panel_grid(len(rows), HEALTH_COLUMNS, width=3.6, height=2.3, frame=1.0)
     ahead = health.within if health.probabilities else 0.0
-    for axes, row in zip(panels, rows, strict=False):
+    for axes, row in zip(panels, rows, strict=True):
         _draw(axes, health, row, ahead)
-    for axes in panels[max(0, len(rows) - columns) : len(rows)]:
-        axes.tick_params(labelbottom=True)  # the lowest panel of each column
+    for axes in panels[-HEALTH_COLUMNS:]:
         axes.set_xlabel("session" if health.time_unit == "session" else "days")
-    for axes in panels[len(rows) :]:
-        axes.set_axis_off()
     color = palette().vermilion
     handles = [
         Line2D([], [], color=color, marker="o", lw=3, alpha=0.6, label="session, 95 %"),
@@ -300,7 +292,7 @@ def _draw(axes: Axes, health: Health, row: ParameterHealth, ahead: float) -> Non
         chance = 100 * row.probability_of_passing(health.within)
         unit = health.time_unit if health.within == 1 else f"{health.time_unit}s"
         note += f"; passes in {short_number(health.within, 3)} {unit}: {chance:.2g} %"
-    axes.set_title(note, loc="right", fontsize=points(9), fontweight="normal")
+    title_aside(axes, note)
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
 
 

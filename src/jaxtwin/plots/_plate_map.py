@@ -20,6 +20,7 @@ from ..errors import ControlError, ParameterError
 from ..rig import Cell, Channel, Heater, Plate, Rig
 from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
+from ._panels import title_aside
 from ._style import INK, PALE, palette, points, styled
 
 if TYPE_CHECKING:
@@ -135,10 +136,7 @@ def draw_map(
         axes.add_patch(rectangle(rig.plate.extent(element), fc=color, ec=color, lw=0.3))
     draw_cells(axes, rig)
     axes.set_title(title)
-    axes.set_title(
-        f"{values.min():.1f} … {values.max():.1f} °C",
-        loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
-    )  # fmt: skip
+    title_aside(axes, f"{values.min():.1f} … {values.max():.1f} °C")
 
 
 def draw_cells(axes: Axes, rig: Rig) -> None:
@@ -351,10 +349,7 @@ def plot_plate_seen(rig: Rig, at: ClosedLoopRun | OperatingPoint) -> Figure:
 
 def _entitle(axes: Axes, title: str, values: np.ndarray) -> None:
     axes.set_title(title)
-    axes.set_title(
-        f"range {np.ptp(values):.1f} K",
-        loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
-    )  # fmt: skip
+    title_aside(axes, f"range {np.ptp(values):.1f} K")
 
 
 def write_inside(axes: Axes, place: tuple[float, float, float, float], text: str) -> None:
@@ -393,10 +388,7 @@ def plot_rig_design(design: RigDesign) -> Figure:
             place = rig.plate.extent(rig.plate.element_names[number])
             write_inside(axes, place, f"{elements[number]:.1f}")
         duty = " and ".join(f"{100 * each:.0f} %" for each in np.asarray(placed.point.duty))
-        axes.set_title(
-            f"range {placed.point.range:.1f} K, duty {duty}",
-            loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
-        )  # fmt: skip
+        title_aside(axes, f"range {placed.point.range:.1f} K, duty {duty}")
     draw_scale(figure, scale, grid, 24)
     return figure
 

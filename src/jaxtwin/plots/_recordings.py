@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from ..io import Experiment
 from ..io._gaps import GAP_FACTOR
 from ..simulation import Run
-from ._style import Dashes, line_of, palette, points, styled
+from ._style import Dashes, color_of, line_of, palette, points, styled
 
 
 @styled
@@ -48,7 +48,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
             for number, temperature in enumerate(experiment.temperatures.T):
                 axes[0].plot(
                     *joined_samples(experiment.time, temperature),
-                    color=palette().cycle[number % len(palette().cycle)],
+                    color=color_of(number),
                     lw=1.1,
                 )
         for cells, color, dashes in _drives(experiment):
@@ -64,7 +64,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
         label_ends(axes[-1], _cells_by_drive(experiment), spacing=0.2)
         if experiment.temperatures is not None:
             tail = means_of_last_samples(experiment.temperatures, len(experiment.time) // 50)
-            colors = [palette().cycle[number % len(palette().cycle)] for number in range(len(tail))]
+            colors = [color_of(number) for number in range(len(tail))]
             label_ends(axes[0], list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
     return figure
 

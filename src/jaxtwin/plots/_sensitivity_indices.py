@@ -5,14 +5,14 @@ indices over the time of a run, and how they converge with the number of draws.
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
-from matplotlib import pyplot
+from jaxtyping import Float, Int, Shaped
 from matplotlib.axes import Axes
 from numpy import ndarray
 
 from .._name_suggestions import did_you_mean
 from ..errors import ParameterError
 from ..sensitivity_analysis import GlobalSensitivity, Morris, OneAtATime, indices_of
+from ._panels import axes_or_new, legend_beside, title_aside
 from ._style import palette, points, rim, styled, symbol, unit_text
 
 
@@ -61,9 +61,7 @@ def plot_index_bars(
     order = [sensitivity.names.index(name) for name in names]
     index = sensitivity[main][row, order]
     places = np.arange(len(names), dtype=float)[::-1]
-    if ax is None:
-        size = (5.6, 1.2 + 0.29 * len(names))
-        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    ax = axes_or_new(ax, 5.6, 1.2 + 0.29 * len(names))
     colors = [palette().blue if value < 0 else palette().vermilion for value in index]
     ax.barh(places, index, color=colors, height=0.66, alpha=0.9)
     known = sensitivity.indices
@@ -103,9 +101,7 @@ def plot_sobol_bars(
     names = sensitivity.ranking(output)
     order = [sensitivity.names.index(name) for name in names]
     places = np.arange(len(names), dtype=float)[::-1]
-    if ax is None:
-        size = (5.6, 1.3 + 0.34 * len(names))
-        ax = pyplot.figure(figsize=size, layout="constrained").subplots()
+    ax = axes_or_new(ax, 5.6, 1.3 + 0.34 * len(names))
     widest = 0.0
     for name, words, shift, color in (
         ("ST", "ST, with interactions", 0.19, palette().sky),
@@ -153,8 +149,7 @@ def plot_morris_plane(
     """
     row = sensitivity.row(output)
     mu_star, sigma = sensitivity["mu_star"][row], sensitivity["sigma"][row]
-    if ax is None:
-        ax = pyplot.figure(figsize=(5.6, 4.2), layout="constrained").subplots()
+    ax = axes_or_new(ax, 5.6, 4.2)
     half = sensitivity["mu_star_conf"][row]
     ax.errorbar(
         mu_star,
@@ -232,36 +227,18 @@ def plot_indices_over_time(
         raise ParameterError(f"index: expected one of single parameters, got {name!r}")
     values = values[rows]
     times = np.array([sensitivity.outputs[row].time for row in rows])
-    if ax is None:
-        ax = pyplot.figure(figsize=(6.4, 3.8), layout="constrained").subplots()
+    ax = axes_or_new(ax, 6.4, 3.8)
     half = sensitivity.indices.get(f"{name}_conf")
+    half = np.full_like(values, np.nan) if half is None else half[rows]
     height = np.abs(np.nan_to_num(values)).max(axis=0)
     order = np.argsort(-height, kind="stable")
-    for place, column in reversed(list(enumerate(order))):
-        is_named = place < MAX_NAMED_LINES
-        color = palette().cycle[place] if is_named else palette().muted
-        ax.plot(
-            times, values[:, column], color=color, lw=1.8 if is_named else 0.7,
-            label=symbol(sensitivity.names[column]) if is_named else None, zorder=3 - place / 100,
-        )  # fmt: skip
-        if is_named and half is not None:
-            edge = half[rows, column]
-            ax.fill_between(
-                times, values[:, column] - edge, values[:, column] + edge,
-                color=color, alpha=0.18, lw=0,
-            )  # fmt: skip
-    ax.axhline(0.0, color=palette().muted, lw=0.8)
+    _draw_lines(ax, sensitivity, order, times, (values, values - half, values + half))
     output = sensitivity.outputs[rows[0]]
     title = f"{name} of {output.quantity} {output.channel}"
     ax.set(title=title, xlabel="time, s", ylabel=INDEX_WORDS.get(name, name))
     ax.set_xlim(min(0.0, times[0]), times[-1])
-    handles, labels = ax.get_legend_handles_labels()
-    ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
     if len(sensitivity.names) > MAX_NAMED_LINES:
-        ax.set_title(
-            f"{len(sensitivity.names) - MAX_NAMED_LINES} weaker parameters in grey",
-            loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
-        )  # fmt: skip
+        title_aside(ax, f"{len(sensitivity.names) - MAX_NAMED_LINES} weaker parameters in grey")
     return ax
 
 
@@ -329,20 +306,9 @@ def plot_convergence(
         numbers.append(blocks)
     result = [_ends(sensitivity, row, name, number) for number in numbers]
     values, low, high = np.moveaxis(np.array(result), 1, 0)
-    if ax is None:
-        ax = pyplot.figure(figsize=(6.4, 3.8), layout="constrained").subplots()
+    ax = axes_or_new(ax, 6.4, 3.8)
     order = np.argsort(-np.abs(np.nan_to_num(values[-1])), kind="stable")
-    for place, column in reversed(list(enumerate(order))):
-        is_named = place < MAX_NAMED_LINES
-        color = palette().cycle[place] if is_named else palette().muted
-        ax.plot(
-            numbers, values[:, column], "o-" if is_named else "-", ms=3.5, color=color,
-            lw=1.6 if is_named else 0.7, zorder=3 - place / 100,
-            label=symbol(sensitivity.names[column]) if is_named else None,
-        )  # fmt: skip
-        if is_named:
-            ax.fill_between(numbers, low[:, column], high[:, column], color=color, alpha=0.18, lw=0)
-    ax.axhline(0.0, color=palette().muted, lw=0.8)
+    _draw_lines(ax, sensitivity, order, np.array(numbers), (values, low, high), marker="o")
     ax.set_xscale("log", base=2)
     # The last number replaces a power of two if its label would cover it.
     shown = [number for number in numbers[:-1] if number < numbers[-1] / 1.5] + numbers[-1:]
@@ -350,10 +316,40 @@ def plot_convergence(
     ax.tick_params(axis="x", labelsize=points(8))
     ax.set_ylim(*_limits(values, *(end[:, order[:MAX_NAMED_LINES]] for end in (low, high))))
     ax.set(xlabel="draws", ylabel=INDEX_WORDS.get(name, name), xlim=(numbers[0], numbers[-1]))
-    handles, labels = ax.get_legend_handles_labels()
-    ax.legend(handles[::-1], labels[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5))
     title_output(ax, sensitivity, row)
     return ax
+
+
+def _draw_lines(
+    ax: Axes,
+    sensitivity: GlobalSensitivity,
+    order: Int[np.ndarray, " parameters"],
+    places: Shaped[np.ndarray, " points"],
+    index: tuple[Float[np.ndarray, "points parameters"], ...],
+    *,
+    marker: str = "",
+) -> None:
+    """Draws an index as a line for each parameter. The first in the order have a colour, a name and
+    their interval; the others are grey and below.
+
+    **Arguments:**
+
+    - `places`: the points on the horizontal axis.
+    - `index`: the values, and the lower and upper ends of their intervals; NaN without any.
+    """
+    values, low, high = index
+    for place, column in reversed(list(enumerate(order))):
+        is_named = place < MAX_NAMED_LINES
+        color = palette().cycle[place] if is_named else palette().muted
+        ax.plot(
+            places, values[:, column], color=color, lw=1.7 if is_named else 0.7,
+            marker=marker if is_named else "", ms=3.5, zorder=3 - place / 100,
+            label=symbol(sensitivity.names[column]) if is_named else None,
+        )  # fmt: skip
+        if is_named:
+            ax.fill_between(places, low[:, column], high[:, column], color=color, alpha=0.18, lw=0)
+    ax.axhline(0.0, color=palette().muted, lw=0.8)
+    legend_beside(ax, reverse=True)
 
 
 def _limits(
@@ -417,6 +413,4 @@ def title_output(axes: Axes, sensitivity: GlobalSensitivity, row: int) -> None:
     """Writes the name of the output and the number of runs."""
     axes.set_title(sensitivity.labels[row])
     runs = f"{len(sensitivity.failed):,} runs".replace(",", " ")
-    axes.set_title(
-        runs, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
-    )
+    title_aside(axes, runs)

@@ -165,6 +165,11 @@ def palette() -> Palette:
     return _look.get().palette
 
 
+def color_of(number: int) -> str:
+    """The colour of a line among several of one kind."""
+    return palette().cycle[number % len(palette().cycle)]
+
+
 def line_of(number: int) -> str | Dashes:
     """The dashes of a line among several that may cover each other: solid, then shorter ones, so
     that what is below shows in the gaps."""

@@ -18,8 +18,9 @@ from ..physics import plate_map
 from ..rig import Channel, Rig
 from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
+from ._panels import title_aside
 from ._plate_map import HEAT, draw_cells, frame, rectangle
-from ._style import line_of, palette, points, styled
+from ._style import color_of, line_of, palette, styled
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # width of a panel and room above it, inches
 
@@ -53,10 +54,7 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
         ):
             axes.plot(run.time, was, color=palette().muted, lw=2.4, alpha=0.55)
             axes.plot(run.time, says, color=palette().vermilion, lw=1.4)
-            axes.set_title(
-                f"mean {means[0]:.2f} K, twin {means[1]:.2f} K", loc="right", fontsize=points(9),
-                fontweight="normal",
-            )  # fmt: skip
+            title_aside(axes, f"mean {means[0]:.2f} K, twin {means[1]:.2f} K")
         column[0].set_title(run.experiment.name or "recording")
         column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
     for axes in grid[:, 0]:
@@ -131,13 +129,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             axes.set_title(f"{time:g} s" if number == 0 else "")
             there = shown[~np.isnan(shown)]
             text = f"{there.min():.1f} … {there.max():.1f} {unit}" if there.size else "no sample"
-            axes.set_title(
-                text.replace("-", "−"),
-                loc="right",
-                fontsize=points(9),
-                fontweight="normal",
-                color=palette().muted,
-            )
+            title_aside(axes, text.replace("-", "−"))
             if number == 0:
                 _draw_field(axes, rig, shown, norm)
                 draw_cells(axes, rig)
@@ -214,7 +206,7 @@ def plot_plate_range(
     figure = pyplot.figure(figsize=(7.2, 4.8), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.3))
     for number, (name, run) in enumerate(runs.items()):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         look = {"color": color, "ls": line_of(number), "lw": 1.6}
         above.plot(run.time, run.run.temperatures.mean(axis=1), label=name, **look)
         below.plot(run.time, run.range, **look)
