@@ -8,8 +8,9 @@ from small_results import fit
 from jaxtwin.matching import Fit, FittedParameters
 
 NAME = "R_E"
+
+# A prior of R_E.
 PRIOR, SPREAD = 1.6, 0.25
-"""A prior of R_E."""
 
 
 def session(value: float, error: float = 0.01, *, prior: bool = False, **fields: object) -> Fit:

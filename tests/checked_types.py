@@ -17,8 +17,8 @@ import jaxtyping
 from beartype import BeartypeConf, beartype
 from jaxtyping import AbstractArray, jaxtyped
 
+# A wrong type is a `TypeError`, as it is to jaxtyping.
 CHECKS = BeartypeConf(violation_type=TypeError)
-"""A wrong type is a `TypeError`, as it is to jaxtyping."""
 
 
 def check_package(name: str) -> None:

@@ -29,32 +29,32 @@ hypothesis.settings.register_profile("jaxtwin", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("jaxtwin")
 
 
+# Programs that earlier test runs compiled, a folder for each worker; `make clean` removes it.
 COMPILED = Path(__file__).parent.parent / ".jax_cache"
-"""Programs that earlier test runs compiled, a folder for each worker; `make clean` removes it."""
 
+# The name of this process among those that run tests.
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "alone")
-"""The name of this process among those that run tests."""
 
+# A compiled program is written completely after this time, s.
 WRITING = 5.0
-"""A compiled program is written completely after this time, s."""
 
+# The time of compilation from which a program is kept, s. To write and read a smaller one takes as
+# long as to compile it.
 WORTH_KEEPING = 0.3
-"""The time of compilation from which a program is kept, s. To write and read a smaller one takes as
-long as to compile it."""
 
+# Bytes of compiled programs beyond which those of earlier runs are thrown away.
 LARGEST_CACHE = 4e9
-"""Bytes of compiled programs beyond which those of earlier runs are thrown away."""
 
+# A program that is older was not compiled by a run that still goes on, s.
 LONGEST_RUN = 3600.0
-"""A program that is older was not compiled by a run that still goes on, s."""
 
+# JAX's setting that leaves out most of XLA's optimisations. Runs without the slow tests set it,
+# unless the environment already says 0 or 1.
 QUICK_COMPILATION = "JAX_DISABLE_MOST_OPTIMIZATIONS"
-"""JAX's setting that leaves out most of XLA's optimisations. Runs without the slow tests set it,
-unless the environment already says 0 or 1."""
 
+# XLA's flags beside that setting. A program is not divided among threads that compile it, which
+# costs a sixth more in all: each processor has a worker here.
 QUICK_FLAGS = ["--xla_cpu_parallel_codegen_split_count=1"]
-"""XLA's flags beside that setting. A program is not divided among threads that compile it, which
-costs a sixth more in all: each processor has a worker here."""
 
 if jax.__version_info__ < (0, 11):  # jaxlib 0.12 ends a process that is given it
     # XLA itself writes small loops of a program for LLVM, as it does for the programs of the
@@ -64,12 +64,12 @@ if jax.__version_info__ < (0, 11):  # jaxlib 0.12 ends a process that is given i
     # way, without fusion (tests/simulation/test_numbered_chunk.py).
     QUICK_FLAGS.append("--xla_cpu_use_fusion_emitters=false")
 
+# New objects after which Python looks for cycles among them, in place of 700. Programs are traced
+# in so many objects that a tenth of the time would go into that.
 YOUNG_OBJECTS = 50_000
-"""New objects after which Python looks for cycles among them, in place of 700. Programs are traced
-in so many objects that a tenth of the time would go into that."""
 
+# Every compiled program maps memory, and Linux ends a process that has 65 530 maps.
 MOST_MEMORY_MAPS = 20_000
-"""Every compiled program maps memory, and Linux ends a process that has 65 530 maps."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -137,6 +137,7 @@ def float64() -> Iterator[None]:
         yield
 
 
+# Marker -> the program that its tests need.
 PROGRAMS = {
     "ngspice": "ngspice",
     "mosquitto": "mosquitto",
@@ -144,8 +145,8 @@ PROGRAMS = {
     "compiler": "c++",
     "c_compiler": "cc",
 }
-"""Marker -> the program that its tests need."""
 
+# Marker -> the Python module that its tests need.
 MODULES = {
     "salib": "SALib",
     "python_control": "control",
@@ -153,7 +154,6 @@ MODULES = {
     "fmpy": "fmpy",
     "daqp": "daqp",
 }
-"""Marker -> the Python module that its tests need."""
 
 
 def found() -> dict[str, str | None]:
@@ -165,8 +165,8 @@ def found() -> dict[str, str | None]:
     return places
 
 
+# Its tests share nothing, and one takes as long as a whole folder of others.
 PAGES = "test_snippets.py"
-"""Its tests share nothing, and one takes as long as a whole folder of others."""
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -9,10 +9,11 @@ import numpy as np
 from jaxtwin import Experiment, Stepper, Twin, match, write_recording
 from jaxtwin.physics import FAULT_MODELS
 
+# The length of a run and the onset of a fault, s.
 LENGTH, ONSET = 900, 500
-"""The length of a run and the onset of a fault, s."""
+
+# The noise of a reading, K.
 SIZE = 0.15
-"""The noise of a reading, K."""
 
 
 @cache

@@ -10,8 +10,9 @@ from jaxtwin.rig import Rig, rig_from_tables
 
 NODES = ["V11", "V12", "P1.TC", "P1.TH"]
 CAPACITANCE = 30.0, 30.0, 10.0, 10.0
+
+# Pairs of nodes -> K/W.
 LINKS = {(0, 1): 2.0, (0, 2): 0.5, (2, 3): 1.5}
-"""Pairs of nodes -> K/W."""
 TO_AIR = {0: 5.0, 1: 5.0}
 SINK = 0.8
 AMBIENT = 20.0

@@ -577,33 +577,34 @@ def frozen_value(scene: Scene, value: float) -> float:
     return scene.memory.setdefault("value", value)
 
 
+# With the next frame, at four a second, and two turns of a slow host, s.
 NEXT = 0.6
-"""With the next frame, at four a second, and two turns of a slow host, s."""
 
+# Twice the time in which 70 % of full duty warms the plate by 28 K, s.
 BENCH = 100.0
-"""Twice the time in which 70 % of full duty warms the plate by 28 K, s."""
 
+# The heat of 15 s at full duty, with the lowest duty of a run, s.
 STILL = 15.0 / 0.4 + 1.0
-"""The heat of 15 s at full duty, with the lowest duty of a run, s."""
 
+# How far the side of a cell may be above its limit before its twin says so, K: the twin is that of
+# other days, and the contact of a cell differs between days.
 TWIN_KELVIN = 7.0
-"""How far the side of a cell may be above its limit before its twin says so, K: the twin is that of
-other days, and the contact of a cell differs between days."""
 
+# How much the plate under a single sensor may be warmer than it reads, K.
 STILL_KELVIN = 28.0
-"""How much the plate under a single sensor may be warmer than it reads, K."""
 
+# How far the plate may be above the limit when all sensors hide it, K: the duty tells the twin of
+# another day how hot it is.
 HIDDEN_KELVIN = 5.0
-"""How far the plate may be above the limit when all sensors hide it, K: the duty tells the twin of
-another day how hot it is."""
 
+# The time in which a message that waits half a second longer each second is 3 s late, and when it
+# arrives, s.
 WAITS = 11.0
-"""The time in which a message that waits half a second longer each second is 3 s late, and when it
-arrives, s."""
 
 SILENCE = 3.6
+
+# A command that changes comes 0.7 s after the onset, and may take a second to show.
 CHANGE = 2.4
-"""A command that changes comes 0.7 s after the onset, and may take a second to show."""
 
 WATCHDOG = 2.6
 LOST = ("disobedience", "unacknowledged", "device-trip")
@@ -612,6 +613,7 @@ TOO_HOT = ("over-temperature", "predicted-temperature")
 HIDDEN = (*TOO_HOT, "gain", "unresponsive", "deviation", "completed")
 HOT, WRONG, DEAF = ("over-temperature",), ("implausible",), ("silence", "link-down")
 
+# All of them.
 HAZARDS = (
     # What a camera does.
     Hazard("camera: all pixels 0", WRONG, NEXT, pixels(lambda s, i: i * 0)),
@@ -735,7 +737,6 @@ HAZARDS = (
     Hazard("controller: raises", ("exception",), NEXT, happens=controller(raises)),
     Hazard("host: killed", LOST, WATCHDOG, happens=once(dies)),
 )
-"""All of them."""
 
 
 # ------------------------------------------------------------------ what follows the end
@@ -838,6 +839,7 @@ def run_after_stop(
     return Seen(ending.verdict, after, said or str(ending), max(hottest), limit)
 
 
+# All of them.
 AFTER_STOP = (
     AfterStop("after the end: nothing", None, ("off", "unknown")),
     AfterStop("after the end: the last duty goes on, reported as off", lambda t, u: u, ("heats",)),
@@ -861,4 +863,3 @@ AFTER_STOP = (
         ("heats",),
     ),
 )
-"""All of them."""

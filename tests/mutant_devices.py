@@ -291,6 +291,7 @@ class KeepsItsOwnerInATrip(Stage):
         return answer
 
 
+# Mutants of the output stage, and the step of the conformance test that finds each.
 STAGES: tuple[tuple[type[Stage], str], ...] = (
     (FedByRefusedDuties, "a refused duty does not feed the watchdog"),
     (FedByItsOwnerOnly, "a refused duty does not feed the watchdog"),
@@ -331,7 +332,6 @@ STAGES: tuple[tuple[type[Stage], str], ...] = (
     (ReleaseKeepsTheOwner, "after a release another may command"),
     (KeepsItsOwnerInATrip, "nobody commands while it has tripped"),
 )
-"""Mutants of the output stage, and the step of the conformance test that finds each."""
 
 
 class Rig(VirtualRig):  # pyright: ignore[reportGeneralTypeIssues]
@@ -450,6 +450,7 @@ class CountsNothing(Rig):
         return 0
 
 
+# Mutants of the reading of lines, and the step of the conformance test that finds each.
 RIGS: tuple[tuple[type[Rig], str], ...] = (
     (FedByLines, "no other line feeds the watchdog"),
     (FedByBytes, "no other line feeds the watchdog"),
@@ -469,4 +470,3 @@ RIGS: tuple[tuple[type[Rig], str], ...] = (
     (GreetsInAnotherWay, "greets in the same way each time"),
     (CountsNothing, "counts up its messages and its time, and speaks once a second"),
 )
-"""Mutants of the reading of lines, and the step of the conformance test that finds each."""

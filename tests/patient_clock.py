@@ -4,11 +4,11 @@ import threading
 import time
 from typing import final
 
+# How far time runs ahead of a thread that has not looked at the clock since, ns.
 MOST_AHEAD = 30_000_000
-"""How far time runs ahead of a thread that has not looked at the clock since, ns."""
 
+# How long a thread may not look at the clock, ns: one that has ended never does again.
 LONGEST_WAIT = 300_000_000_000
-"""How long a thread may not look at the clock, ns: one that has ended never does again."""
 
 
 @final

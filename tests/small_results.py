@@ -33,8 +33,8 @@ def fit() -> Fit:
     return match(twin, recordings(), free=["R_E", "R_pc", "T_amb"], max_iterations=6)
 
 
+# Of the logarithms of R_E and R_pc in `correlated_fit`.
 COVARIANCE = np.array([[0.04, 0.016], [0.016, 0.01]])
-"""Of the logarithms of R_E and R_pc in `correlated_fit`."""
 
 
 def correlated_fit() -> Fit:

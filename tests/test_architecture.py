@@ -14,14 +14,14 @@ import jaxtwin
 SOURCE = Path(jaxtwin.__file__).parent
 PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
 
+# `errors` and the modules `_*.py` beside the packages, on which every package may stand.
 FOUNDATION = "the private modules"
-"""`errors` and the modules `_*.py` beside the packages, on which every package may stand."""
 
+# `__init__`, `__main__` and `cli`, which import from any package and are imported by none.
 TOP = "the entry points"
-"""`__init__`, `__main__` and `cli`, which import from any package and are imported by none."""
 
+# `Twin.simulate` calls `simulate`, so that a person at a prompt need not import it.
 CONVENIENCES = {("physics/_twin.py", "simulation")}
-"""`Twin.simulate` calls `simulate`, so that a person at a prompt need not import it."""
 
 
 class Import(NamedTuple):
@@ -110,11 +110,11 @@ def test_a_package_imports_only_what_stands_before_it(package: str):
     assert not wrong
 
 
+# The rooms of a package, from the lowest to the highest; modules beside them stand above all.
 ROOMS = {
     "live": ("protocol", "recording", "conformance", "safety", "virtual_rig"),
     "control": ("linear", "controllers", "loops", "tuning"),
 }
-"""The rooms of a package, from the lowest to the highest; modules beside them stand above all."""
 
 
 @pytest.mark.parametrize(

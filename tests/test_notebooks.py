@@ -18,8 +18,9 @@ from docs.tidy_notebooks import tidy, with_few_colors
 
 FOLDER = Path(__file__).parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+
+# Bytes.
 LARGEST = 400_000
-"""Bytes."""
 
 
 def test_a_picture_keeps_its_size_and_nearly_its_colours() -> None:

@@ -10,8 +10,8 @@ CHECKOUT = Path(__file__).parents[1]
 RECIPE = (CHECKOUT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
+# The name on conda-forge where it is another; `matplotlib` there brings a screen's libraries.
 CONDA_NAMES = {"matplotlib": "matplotlib-base"}
-"""The name on conda-forge where it is another; `matplotlib` there brings a screen's libraries."""
 
 
 def section(name: str) -> list[str]:

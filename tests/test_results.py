@@ -37,6 +37,7 @@ from jaxtwin.control import (
 from jaxtwin.matching import FittedParameters, Profile
 from jaxtwin.physics import DCSweep
 from jaxtwin.refitting import GateCheck
+from jaxtwin.retuning import LoopTrial, Retuned, ScenarioTrial, TrialScenario
 from jaxtwin.simulation import Grid, GridConvergence, Reductions
 from jaxtwin.validation import Prediction
 
@@ -99,6 +100,14 @@ def refitted() -> jt.refitting.Refit:
     return jt.refitting.Refit("unchanged", "nothing has changed", fit(), fit(), (check,), ())
 
 
+def retuned() -> jt.retuning.Retuned:
+    pid = PID(Kp=0.1, Ki=0.001)
+    loop = LoopTrial(2.0, 1.0, 40.0, 0.1)
+    steps = TrialScenario("steps", "the references")
+    trial = ScenarioTrial(steps, loop, loop._replace(cost=1.0), True, "a cost of 1")
+    return Retuned("rig", "rejected", "too hot", pid, pid, None, (trial,), 1.5, None, 1.0)
+
+
 def aged() -> jt.prognostics.Health:
     sessions = [session(value) for value in (2.0, 2.1, 2.05, 2.2)]
     return jt.health(sessions, limits={"R_E": 3.0})
@@ -130,6 +139,7 @@ def identified() -> jt.identification.Identified:
     )
 
 
+# Class -> one of it.
 RESULTS: dict[str, Callable[[Path], Any]] = {
     "Experiment": lambda _: recordings()[0],
     "Run": lambda _: fit().runs["synthetic-A"],
@@ -159,13 +169,14 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "Diagnosis": lambda _: jt.diagnose(bench(), recording("gain", "T1", 0.8)),
     "Isolability": lambda _: jt.isolability(bench(), faults=["age H1", "gain T1"]),
     "Refit": lambda _: refitted(),
+    "Retuned": lambda _: retuned(),
     "Health": lambda _: aged(),
 }
-"""Class -> one of it."""
 
+# Of these, those that are a few numbers: they have a table and a dataset, but no picture.
 NUMBERS = {"OperatingPoint", "UltimatePoint", "GridConvergence", "Refit"}
-"""Of these, those that are a few numbers: they have a table and a dataset, but no picture."""
 
+# Of these, those that take more than some seconds, nearly all of it compilation.
 LONG = {
     "Band",
     "ClosedLoopRun",
@@ -184,17 +195,23 @@ LONG = {
     "Tuning",
     "Validation",
 }
-"""Of these, those that take more than some seconds, nearly all of it compilation."""
 
 INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
-INPUTS |= {"AbstractController", "MPC", "MonitorCalibration", "ProcessNoise", "Scenario"}
+INPUTS |= {
+    "AbstractController",
+    "ControllerDesign",
+    "MPC",
+    "MonitorCalibration",
+    "ProcessNoise",
+    "Scenario",
+}
 """Classes that public functions give and that are no results."""
 
+# Signals as JAX arrays; `ClosedLoopRun` shows them.
 INSIDE_JAX = {"ClosedLoop"}
-"""Signals as JAX arrays; `ClosedLoopRun` shows them."""
 
+# Named tuples of numbers, as python-control gives them.
 TUPLES = {"DiskMargin", "LoopMargins", "Margins"}
-"""Named tuples of numbers, as python-control gives them."""
 
 
 @pytest.fixture(autouse=True)
@@ -217,6 +234,13 @@ def test_every_class_that_a_public_function_gives_is_looked_at_here():
     assert {"Run", "Fit", "Validation", "Sensitivity", "Sweep", "Frontier"} <= given
 
 
+def parts_of(result: Any) -> list[Any]:
+    """The public attributes of a result that are of classes of the library."""
+    names = [name for name in dir(type(result)) if not name.startswith("_")]
+    values = [getattr(result, name) for name in {*names, *vars(result)} if name[0] != "_"]
+    return [value for value in values if type(value).__module__.startswith("jaxtwin")]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
@@ -226,6 +250,9 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
     result = RESULTS[kind](tmp_path)
     assert type(result).__name__ == kind
     assert repr(result).startswith((f"<{kind} ", f"{kind}("))
+    # Printed, neither the result nor a part of it is longer than a screen.
+    for part in [result, *parts_of(result)]:
+        assert len(str(part).splitlines()) <= 40, type(part)
     # As worker processes hand it on.
     assert repr(pickle.loads(pickle.dumps(result))) == repr(result)
     html = result._repr_html_()

@@ -29,17 +29,18 @@ SMALLER = {
     "moment.time > 600": "moment.time > 3",
     '"0:30,300:35", duration=600)': '"0:30", duration=5)',
 }
-ADDRESS = "127.0.0.1:7000"
-"""Of the virtual rig in the pages."""
 
+# Of the virtual rig in the pages.
+ADDRESS = "127.0.0.1:7000"
+
+# Where it listens in the test, because two pages may run at the same time, and which rig it is.
 LISTENING = {
     "docs/live-python.md": ("127.0.0.1:7000", "dual-cell"),
     "docs/control.md": ("127.0.0.1:7002", "tclab"),
 }
-"""Where it listens in the test, because two pages may run at the same time, and which rig it is."""
 
+# Of docs/firmware/lepton.md.
 CAMERA = "127.0.0.1:7001"
-"""Of docs/firmware/lepton.md."""
 
 pytestmark = pytest.mark.slow
 

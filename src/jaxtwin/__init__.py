@@ -37,6 +37,7 @@ _MOVED = {
     "Monitored": "monitoring",
     "Forecast": "observers",
     "Observed": "observers",
+    "match_innovations": "observers",
     "Netlist": "physics",
     "ThermoelectricModule": "physics",
     "build_netlist": "physics",

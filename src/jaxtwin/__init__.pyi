@@ -30,7 +30,6 @@ from .sweeps import open_sweep as open_sweep  # its results, as an xarray data s
 from .identification import identify as identify  # a twin from a log, without a rig file
 from .matching import match as match  # parameters from recordings
 from .matching import match_many as match_many  # the same for many sets of recordings at once
-from .observers import match_innovations as match_innovations  # values by an observer's likelihood
 from .matching import Fit as Fit  # the result of a match
 from .matching import compare_fits as compare_fits  # the differences in standard errors
 from .matching import profile as profile  # the cost of a match over one parameter
@@ -54,6 +53,7 @@ from .diagnosis import diagnose as diagnose  # which fault, since when, how larg
 from .diagnosis import isolability as isolability  # and what it could say, before the fact
 from .prognostics import health as health  # trends, and when limits are passed
 from .refitting import refit as refit  # a twin from new recordings, through a gate
+from .retuning import retune as retune  # a controller on a new twin, tried before it is used
 from .twin_store import TwinStore as TwinStore  # a memory of twins: versions and aliases
 from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin

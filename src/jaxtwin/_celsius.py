@@ -3,9 +3,9 @@
 # 0 degC, K. Physics computes in kelvin; what a person reads is in degC.
 ZERO_CELSIUS = 273.15
 
+# The coldest and the hottest surroundings of a rig, degC: liquid nitrogen, the inside of an oven.
+# In K every room is hotter, and 20 degC that are called K are colder.
 COLDEST_ROOM, HOTTEST_ROOM = -200.0, 150.0
-"""The coldest and the hottest surroundings of a rig, degC: liquid nitrogen, the inside of an oven.
-In K every room is hotter, and 20 degC that are called K are colder."""
 
 # How far from its room a warm rig is at most, K, where a temperature may have been given in K.
 NEAR_ROOM = 60.0

@@ -44,6 +44,7 @@ from .commands import (
     _record,
     _refit,
     _report,
+    _retune,
     _rigs,
     _sensitivity,
     _serve,
@@ -186,6 +187,13 @@ _add(
     "jaxtwin refit twins.db --recordings sessions --controller pid.toml --json refit.json",
 )
 _add(
+    "retune",
+    TWINS,
+    _retune.retune,
+    "jaxtwin retune twins.db --controller pid.toml",
+    "jaxtwin retune twins.db --json retune.json",
+)
+_add(
     "health",
     TWINS,
     _health.health,
@@ -265,6 +273,8 @@ _add(
     "jaxtwin serve dual-cell --link socket://127.0.0.1:7000 --out session.db",
     "jaxtwin serve dual-cell --virtual --speed 10 --allow-control",
     "jaxtwin serve dual-cell --replay session.db --speed 10",
+    "jaxtwin serve dual-cell --link /dev/ttyACM0 --store twins.db --controller pid.toml "
+    "--allow-control --self-optimise propose",
 )
 _add(
     "conform",

@@ -122,8 +122,8 @@ OBSERVERS = {
     "cell and heaters": (Twin(cell_and_heater("on-off")), None, 1.0),
 }
 
+# Those that the other ones contain.
 SIMILAR = ("mean voltage, no lag, no delay", "a single cell")
-"""Those that the other ones contain."""
 
 
 @pytest.mark.slow

@@ -100,8 +100,8 @@ WITH_INPUTS = {
     "battery-pack": Twin("battery-pack"),
 }
 
+# The range of an input that is a number; that of the others is 0 to 2.
 LEVELS = {"V_supply": (9.0, 14.0), "T_water": (5.0, 50.0), "T_coolant": (5.0, 50.0)}
-"""The range of an input that is a number; that of the others is 0 to 2."""
 
 PRECISIONS: tuple[Literal["double", "float"], ...] = ("double", "float")
 

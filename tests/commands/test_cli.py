@@ -74,6 +74,7 @@ COMMANDS = [
     ["monitor"],
     ["diagnose"],
     ["refit"],
+    ["retune"],
     ["health"],
     ["twins"],
     ["twins", "list"],

@@ -69,6 +69,7 @@ def a_design() -> ExperimentDesign:
     )  # fmt: skip
 
 
+# What scripts rely on where they say nothing. Every other option is off, or none.
 DEFAULTS = {
     "check": {"duty": "0:0.5", "duration": 600.0},
     "conform": {"baud": 115_200},
@@ -109,7 +110,6 @@ DEFAULTS = {
                     "seed": 0},
     "watch": {"speed": 1.0, "baud": 115_200},
 }  # fmt: skip
-"""What scripts rely on where they say nothing. Every other option is off, or none."""
 
 
 def test_options_that_are_left_out_have_the_values_that_scripts_rely_on():

@@ -20,8 +20,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "recordings.md"
 COMMANDS = re.findall(r"^jaxtwin import .* --out run\.csv$", PAGE.read_text("utf-8"), re.MULTILINE)
 START = datetime(2024, 3, 5, 14, 3, 20)
 STAMPS = [START + timedelta(seconds=k) for k in range(3)]
+
+# What every file holds, at 0, 1 and 2 s, but for one that cools.
 DUTY, READINGS = (0, 1, 1), (21.5, 21.6, 21.8)
-"""What every file holds, at 0, 1 and 2 s, but for one that cools."""
 
 TEXTS = {
     "labview.lvm": (

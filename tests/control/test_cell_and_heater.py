@@ -30,8 +30,8 @@ from jaxtwin.control.loops._measures import saturation_share
 from jaxtwin.errors import ControlError
 from jaxtwin.rig import Rig
 
+# The limits of a cell, P1, and of the heaters foil and wire.
 EACH = ((-1.0, 0.0, 0.0), 1.0)
-"""The limits of a cell, P1, and of the heaters foil and wire."""
 
 
 @pytest.fixture(scope="module", name="rig")
@@ -165,16 +165,17 @@ int main(void)
 """
 
 
-WITH_INTEGRALS_OF_EACH = {
-    ("back-calculation", 0.004): 0.348,
-    ("back-calculation", 0.02): 2.106,
+# The largest undershoot, K. An integral for each brought the cell to rest at -0.13 beside heaters
+# at 0.38, after 0.35, 2.1, 0.02 and 1.2 K.
+MAX_UNDERSHOOT = {
+    ("back-calculation", 0.004): 0.1,
+    ("back-calculation", 0.02): 1.25,
     ("clamping", 0.004): 0.03,
+    ("clamping", 0.02): 1.2,
 }
-"""The undershoot that a cell and two heaters had with an integral for each, K: they came to rest
-with the cell at -0.13 and the heaters at 0.38. The one of clamping was 0.017."""
 
 
-@pytest.mark.parametrize(("anti_windup", "Ki"), WITH_INTEGRALS_OF_EACH)
+@pytest.mark.parametrize(("anti_windup", "Ki"), MAX_UNDERSHOOT)
 def test_cell_and_heaters_do_not_work_against_each_other(twin: Twin, anti_windup: Any, Ki: float):
     """All were at their limits, on the way down the cell at -1 and the heaters at 0."""
     pid = PID(0.2, Ki, anti_windup=anti_windup)
@@ -185,7 +186,7 @@ def test_cell_and_heaters_do_not_work_against_each_other(twin: Twin, anti_windup
     np.testing.assert_array_equal(rest, np.broadcast_to(rest[:, :1], rest.shape))
     assert run.output[-1, 0] == pytest.approx(25, abs=0.01)
     undershoot = 25 - run.output[run.loop.time > 151, 0].min()
-    assert undershoot <= WITH_INTEGRALS_OF_EACH[anti_windup, Ki]
+    assert undershoot <= MAX_UNDERSHOOT[anti_windup, Ki]
 
 
 @pytest.mark.parametrize("anti_windup", ["back-calculation", "clamping"])

@@ -25,8 +25,8 @@ from jaxtwin.control.loops._many_loops import twin_at_medians
 from jaxtwin.control.loops._measures import units_of
 from jaxtwin.errors import ControlError, ParameterError, SimulationError
 
+# Of all loops, s: the same shapes compile nothing anew.
 DURATION = 120.0
-"""Of all loops, s: the same shapes compile nothing anew."""
 
 
 @pytest.mark.slow
@@ -228,8 +228,8 @@ def test_power_is_what_the_supply_gives(twin: Twin):
     assert run.energy[-1] == pytest.approx(run.measures().loc["energy", "value"])
 
 
+# Power of `printer-bed` at full duty, W: its tracks, switch and supply.
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
-"""Power of `printer-bed` at full duty, W: its tracks, switch and supply."""
 
 
 @pytest.mark.slow

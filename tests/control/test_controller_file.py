@@ -18,6 +18,7 @@ from jaxtwin.control import (
     LQI,
     MPC,
     PID,
+    ControllerDesign,
     DecoupledPI,
     FunctionController,
     GainScheduled,
@@ -27,6 +28,7 @@ from jaxtwin.control import (
     Relay,
     loop_margins,
     read_controller,
+    read_design,
     save_controller,
 )
 from jaxtwin.control.controllers._controller import with_values
@@ -392,7 +394,7 @@ def texts(tmp_path_factory: pytest.TempPathFactory, twin: Twin) -> list[str]:
         PID(0.2, [0.001, 0.002], anti_windup="clamping"),
     ]
     for controller in [*of_models(twin), GainScheduled(pids, at=[20.5, 40.25])]:
-        save_controller(path, controller, twin.rig)
+        save_controller(path, controller, twin.rig, design=DESIGN)
         made.append(path.read_text(encoding="utf-8"))
     return made
 
@@ -459,3 +461,41 @@ def damaged(text: str, place: int, kind: str) -> str:
 def test_a_function_has_no_file(tmp_path: Path, twin: Twin):
     with pytest.raises(ControlError, match=r"adds a class\), got FunctionController"):
         save_controller(tmp_path / "c.toml", FunctionController(lambda t, r, y: 0.0), twin.rig)
+
+
+DESIGN = ControllerDesign("0:30,300:45", 900.0, {"integral_absolute_error": 1.0, "energy": 0.001})
+
+
+def test_a_file_keeps_for_what_its_controller_was_designed(tmp_path: Path, twin: Twin):
+    path = tmp_path / "pid.toml"
+    save_controller(path, PID(0.1, 0.002), twin.rig, design=DESIGN)
+    assert read_design(path, twin.rig) == DESIGN
+    assert read_controller(path, twin.rig) == PID(0.1, 0.002).for_rig(twin.rig)
+    save_controller(path, PID(0.1, 0.002), twin.rig)
+    assert read_design(path, twin.rig) is None
+
+
+@pytest.mark.parametrize(
+    ("line", "field"),
+    [
+        ("design = 1", "design"),
+        ('design.references = "0:30"', "design"),
+        ("design.references = 30", "design.references"),
+        ('design.duration = "900 K"', "design.duration"),
+        ("design.objective = {}", "design.objective"),
+        ("design.objective = { energy = -1.0 }", "design.objective.energy"),
+        ("design.objective = { energy = nan }", "design.objective.energy"),
+    ],
+)
+def test_a_design_that_is_not_one_is_refused(line: str, field: str, tmp_path: Path, twin: Twin):
+    path = tmp_path / "pid.toml"
+    save_controller(path, PID(0.1, 0.002), twin.rig, design=DESIGN)
+    key = line.partition(" ")[0]
+    kept = [
+        one for one in path.read_text().splitlines()
+        if not one.startswith(key if field != "design" else "design")
+    ]  # fmt: skip
+    path.write_text("\n".join([*kept, line]), encoding="utf-8")
+    for read in (read_controller, read_design):
+        with pytest.raises(ControlError, match=f"{re.escape(str(path))}: {field}: expected"):
+            read(path, twin.rig)

@@ -17,9 +17,10 @@ from jaxtwin.errors import ControlError, RigError
 
 COARSE = 'width = "16 cm"\nheight = "8 cm"\nresolution = "2 cm"'
 MEAN, LIMITS = 30.0, (0.0, 1.0)
+
+# Left, right, top and bottom of the part of the plate to which the parameters of the place keep the
+# face.
 REACH = (0.01, 0.1, 0.009, 0.071)
-"""Left, right, top and bottom of the part of the plate to which the parameters of the place keep
-the face."""
 
 HEATER = """
 [[heaters]]

@@ -12,8 +12,8 @@ from jaxtwin.control import LQI
 from jaxtwin.errors import ControlError
 from jaxtwin.simulation import Run
 
+# After this time under one duty the commands have long arrived, s, and the plate still warms.
 WARM_UP = 60.0
-"""After this time under one duty the commands have long arrived, s, and the plate still warms."""
 
 
 @pytest.fixture(scope="module")

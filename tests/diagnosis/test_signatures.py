@@ -27,8 +27,8 @@ from jaxtwin.errors import ObserverError
 from jaxtwin.observers import Observed
 from jaxtwin.physics import FAULT_MODELS
 
+# The size of a fault for a finite difference, as a part of its usual one.
 SMALL = 0.02
-"""The size of a fault for a finite difference, as a part of its usual one."""
 
 SAMPLES = 120
 

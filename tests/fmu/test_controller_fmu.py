@@ -14,8 +14,9 @@ from jaxtwin.errors import ControlError
 pytestmark = [pytest.mark.c_compiler, pytest.mark.fmpy, pytest.mark.usefixtures("float64")]
 
 SECONDS = 40
+
+# The duty that is taken over.
 BEFORE = np.array([0.2, 0.4])
-"""The duty that is taken over."""
 
 
 @pytest.fixture(scope="module")

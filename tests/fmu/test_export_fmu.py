@@ -295,6 +295,7 @@ def test_the_c_files_compile_as_they_stand(
         assert not done.returncode, done.stderr
 
 
+# The functions that take a structure or callbacks, which the sources need not know.
 OPAQUE = {
     "2.0": {"fmi2Instantiate", "fmi2NewDiscreteStates"},
     "3.0": {
@@ -303,7 +304,6 @@ OPAQUE = {
         "fmi3InstantiateScheduledExecution",
     },
 }
-"""The functions that take a structure or callbacks, which the sources need not know."""
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -91,6 +91,20 @@ def test_the_result_says_what_it_is(identified):
     assert identified.plot().axes
 
 
+def test_the_next_recording_separates_the_rivals_within_a_limit(identified):
+    plan = identified.next_recording(1800, highest=60)
+    assert plan.duration == pytest.approx(1800)
+    assert plan.duty.min() >= 0
+    rivals = identified._rivals
+    limit = np.array([60.0])
+    designed = rivals.separation(plan, limit)
+    usual = Experiment.schedule("0:0.3", duration=1800, step=6.0, cells=1)
+    assert designed > rivals.separation(usual, limit) > 0
+    assert identified.predict(plan).middle.max() < 61
+    with pytest.raises(MatchError, match="highest: expected a temperature that a schedule keeps"):
+        identified.next_recording(1800, highest=10)
+
+
 def test_another_recording_of_the_device_is_predicted(identified):
     other = replace(recording(seed=2), name="another day")
     band = identified.predict(other)
@@ -111,6 +125,10 @@ def test_logs_from_which_nothing_can_be_learnt_are_refused():
     constant = np.full_like(whole.duty, 0.3)
     with pytest.raises(MatchError, match="pot: duty of P1: expected a duty that changes, got 0"):
         jt.identify(with_duty(constant))
+    many = [f"T{number}" for number in range(9)]
+    wide = replace(whole, channels=many, temperatures=np.tile(whole.temperatures, 9))
+    with pytest.raises(MatchError, match="at most 8 channels, got 9; choose some by channels="):
+        jt.identify(wide)
     with pytest.raises(MatchError, match="always change together"):
         jt.identify(with_duty(np.concatenate([whole.duty, whole.duty / 2], axis=1)))
     with pytest.raises(MatchError, match="duty of immersion heater: expected a name of letters"):

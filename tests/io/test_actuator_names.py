@@ -19,6 +19,7 @@ from jaxtwin.io._experiment import as_experiments
 from jaxtwin.rig import Rig, rig_from_tables
 from jaxtwin.spice import to_spice
 
+# Names that cells may have; some look like units, and not all can be written without quotes.
 NAMES: tuple[str, ...] = (
     "P1",
     "P2",
@@ -32,7 +33,6 @@ NAMES: tuple[str, ...] = (
     "a,b",
     "Ω",
 )
-"""Names that cells may have; some look like units, and not all can be written without quotes."""
 
 
 def rig_of(cells: Sequence[str], heaters: Sequence[str] = ()) -> Rig:

@@ -82,3 +82,12 @@ def test_a_wrong_entry_is_quoted(text, said):
 def test_a_grid_that_cannot_be_is_refused(arguments, said):
     with pytest.raises(RecordingError, match=said):
         Experiment.schedule("0:0.5", **arguments)
+
+
+def test_a_room_in_words_is_held_or_reached_along_a_line():
+    warming = Experiment.schedule("0:0.5", duration=100, ambient="0:20, ramp 50:25, 80:21")
+    np.testing.assert_allclose(
+        np.asarray(warming.ambient)[[0, 25, 50, 79, 80, 100]], [20, 22.5, 25, 25, 21, 21]
+    )
+    with pytest.raises(RecordingError, match=r"schedule: ambient: expected .* got '50:warm'"):
+        Experiment.schedule("0:0.5", duration=100, ambient="0:20, 50:warm")

@@ -7,8 +7,8 @@ import pytest
 
 from jaxtwin.io._session_file import APPLICATION, is_session
 
+# The first sixteen bytes of a database, https://www.sqlite.org/fileformat.html, section 1.3.
 MAGIC = b"SQLite format 3\x00"
-"""The first sixteen bytes of a database, https://www.sqlite.org/fileformat.html, section 1.3."""
 
 
 @pytest.mark.parametrize(("application", "session"), [(APPLICATION, True), (0, False), (7, False)])

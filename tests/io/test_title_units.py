@@ -11,8 +11,8 @@ from jaxtwin import Experiment, read_recording
 from jaxtwin.errors import RecordingError
 from jaxtwin.io._title_units import unit_of_title
 
+# Ways to write a unit behind a name.
 FORMS = ("{} [{}]", "{} ({})", "{}({})", "{}/{}", "{} / {}", "{}_{}", "{} {}", "{} in {}")
-"""Ways to write a unit behind a name."""
 
 TEMPERATURES = {
     "degC": ("°C", "degC", "deg C", "Celsius", "℃", "ºC", "˚C", "DEGC"),

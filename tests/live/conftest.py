@@ -27,8 +27,8 @@ def clock() -> HandClock:
     return HandClock()
 
 
+# Seconds that a test may wait for another process, on a machine that is busy.
 LONGEST = 300
-"""Seconds that a test may wait for another process, on a machine that is busy."""
 
 
 @pytest.fixture(autouse=True)

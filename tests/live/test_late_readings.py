@@ -16,8 +16,8 @@ from jaxtwin.live.protocol._rig_state import CLOCK_DRIFT
 from jaxtwin.live.safety._presence import Presence
 from jaxtwin.rig import Rig
 
+# What the clocks of both devices show at the start, microseconds.
 BEGAN = 3 * 10**6
-"""What the clocks of both devices show at the start, microseconds."""
 
 
 def at(seconds: float) -> int:

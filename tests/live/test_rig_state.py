@@ -21,8 +21,9 @@ from jaxtwin.live import (
 )
 
 CONTROLLER = Greeting("l", START, Hello(2, "r", "b", cells=("P1",)))
+
+# What the device's clock shows at START, microseconds.
 BEGAN = 5 * 10**6
-"""What the device's clock shows at START, microseconds."""
 
 
 def at(seconds: float) -> int:

@@ -16,8 +16,9 @@ from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, ProcessNoise, l
 pytestmark = pytest.mark.usefixtures("float64")
 
 RUNS, SAMPLES = 200, 60
+
+# Directions with a smaller part of the variance are certain, up to rounding.
 RANK = 1e-9
-"""Directions with a smaller part of the variance are certain, up to rounding."""
 
 NOISE = ProcessNoise(
     reading=0.1, reading_time=0.1, heat=0.3, command_time=0.3, disturbance=0.3, room=0.01,

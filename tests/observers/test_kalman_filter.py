@@ -37,12 +37,15 @@ NOISE = ProcessNoise(
     channel_time=80.0,
     ambient=0.3,
 )
+
+# What the heaters take at a duty of 1, W, as the rig file states.
 POWER = np.array([1.0, 0.75])
-"""What the heaters take at a duty of 1, W, as the rig file states."""
+
+# The temperatures of heaters and sensors at the start, degC.
 START = np.array([30.0, 25.0, 28.0, 24.0])
-"""The temperatures of heaters and sensors at the start, degC."""
+
+# That of the rig file, degC.
 ROOM = 23.0
-"""That of the rig file, degC."""
 
 
 def irregular_recording(seed: int = 0) -> Experiment:

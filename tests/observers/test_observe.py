@@ -12,9 +12,11 @@ from jaxtwin.observers import Estimates, Observed, ProcessNoise, observe
 from jaxtwin.observers._filter_run import filtered, samples_of
 from jaxtwin.observers._observe import filter_for
 
+# The noise of a reading, K.
 SIZE = 0.15
-"""The noise of a reading, K."""
 USUAL = ProcessNoise(reading=SIZE, heat=0.02, disturbance=0.05, common=0.1)
+
+# The noise of a rig that is its twin, whose readings are white.
 EXACT = ProcessNoise(
     reading=SIZE,
     reading_time=1e-7,
@@ -25,9 +27,9 @@ EXACT = ProcessNoise(
     common=1e-7,
     channel=1e-7,
 )
-"""The noise of a rig that is its twin, whose readings are white."""
+
+# The samples without any reading.
 MISSING = slice(60, 80)
-"""The samples without any reading."""
 
 
 def changed(recording: Experiment, readings: np.ndarray) -> Experiment:

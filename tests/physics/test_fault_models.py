@@ -35,11 +35,12 @@ EXAMPLES = {
     "delay": ("command", 1.0),
     "change": ("h_A", 2.0),
 }
-SHARES = ("fail", "reverse", "cover", "offset", "swap", "move", "delay")
-"""Models whose size is 0, not 1, where there is no fault."""
 
+# Models whose size is 0, not 1, where there is no fault.
+SHARES = ("fail", "reverse", "cover", "offset", "swap", "move", "delay")
+
+# Models that change nothing at rest.
 UNSEEN = ("load", "delay")
-"""Models that change nothing at rest."""
 
 
 @pytest.fixture(scope="module")

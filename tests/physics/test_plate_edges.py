@@ -10,8 +10,8 @@ from jaxtwin.errors import RigError
 from jaxtwin.physics import measure_registration
 from jaxtwin.rig import Rig
 
+# Points in each direction of a pixel.
 FINE = 10
-"""Points in each direction of a pixel."""
 
 
 @pytest.fixture(scope="module")

@@ -29,9 +29,10 @@ s = { value = 1.0, unit = "", bounds = [0.5, 2.0] }
 phi = { value = 0.0, unit = "deg" }
 """
 SECOND = zone("T2", (6.0, 9.0), (0.0, 3.0))
+
+# The part of T2 that counts as plate if one of its edges lies at the outline: half a pixel of 1 mm
+# is beside the plate, with a mean weight of a quarter, and T2 is 30 mm wide.
 AT_EDGE = 1 - 0.125 / 30
-"""The part of T2 that counts as plate if one of its edges lies at the outline: half a pixel of 1 mm
-is beside the plate, with a mean weight of a quarter, and T2 is 30 mm wide."""
 
 
 def rig_file(folder: Path, second: str = SECOND) -> Path:

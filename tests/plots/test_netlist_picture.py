@@ -60,13 +60,14 @@ side_capacitance = "17 J/K"
 contacts = {{ {contacts} }}
 sink_resistance = "0.5 K/W"
 """
+
+# Name -> elements along a side, and the elements that each cell touches.
 PLATES = {
     "2 x 2, one cell": (2, [("V11", "V12", "V21", "V22")]),
     "2 x 2, a cell each": (2, [("V11",), ("V12",), ("V21",), ("V22",)]),
     "5 x 5, nine cells": (5, [(f"V{row}{column}",) for row in (1, 3, 5) for column in (1, 3, 5)]),
     "1 x 1, two cells": (1, [("V11",), ("V11",)]),
 }
-"""Name -> elements along a side, and the elements that each cell touches."""
 
 
 def square(path: Path, elements: int, cells: list[tuple[str, ...]]) -> Twin:

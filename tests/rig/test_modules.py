@@ -59,6 +59,7 @@ def test_constants_give_about_the_heat_flow_of_the_datasheet(name):
     assert 0.8 * heat < module.maximum_heat_flow < 1.05 * heat
 
 
+# Heat flow of the datasheet / that of the constants, by hand: V I (T + difference) / (2 T).
 STATED = {
     "1MA10-063-05": 0.970,
     "CP10-127-05": 0.956,
@@ -71,7 +72,6 @@ STATED = {
     "TM-127-1.4-4.0": 0.859,
     "TM-31-1.4-8.5": 0.944,
 }
-"""Heat flow of the datasheet / that of the constants, by hand: V I (T + difference) / (2 T)."""
 
 
 @pytest.mark.parametrize(("name", "part"), STATED.items())

@@ -20,8 +20,8 @@ from jaxtwin import (
 )
 from jaxtwin.data import data_folder
 
+# K/hour: a room that a sunny window heats drifts a tenth as fast.
 RATE = 20.0
-"""K/hour: a room that a sunny window heats drifts a tenth as fast."""
 
 
 @pytest.fixture(scope="module")

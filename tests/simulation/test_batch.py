@@ -13,8 +13,9 @@ from jaxtwin.simulation._native_library import VARIABLE
 TIME = np.arange(201.0)
 DUTY = np.where(TIME < 100, 0.5, 0.78)[:, None] * np.ones(2)
 DRAWS = {"R_E": np.array([1.7, 1.9, 2.4, 2.0, 1.8]), "R_ph": np.array([6.9e-5, 0.1, 0.6, 1.0, 0.3])}
+
+# The largest difference to a single run, which takes other steps, K.
 NEAR = 1e-4
-"""The largest difference to a single run, which takes other steps, K."""
 ALL = ("cost", "final", "minimum", "maximum", "plate_range", "plate_std")
 
 

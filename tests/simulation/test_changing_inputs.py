@@ -22,8 +22,8 @@ from jaxtwin.simulation._padding import padded_time_grid
 from jaxtwin.simulation._simulate import _run_exponential
 from jaxtwin.simulation._time_grid import step_rule, time_grid
 
+# The largest errors that benchmarks/results/speed.md states for a run and draws in C, K.
 CHANNELS, DRAWS = 1e-3, 2e-4
-"""The largest errors that benchmarks/results/speed.md states for a run and draws in C, K."""
 
 RANDOM = np.random.default_rng(0)
 

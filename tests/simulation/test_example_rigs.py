@@ -13,8 +13,8 @@ from jaxtwin.simulation import Run
 
 ZERO = 273.15
 
+# J/(m^3 K).
 ALUMINIUM = 2702 * 903
-"""J/(m^3 K)."""
 
 
 def driven(rig: str, text: str, duration: float, step: float = 1.0) -> Run:

@@ -10,8 +10,8 @@ from jaxtwin import Twin
 from jaxtwin.cli import app
 from jaxtwin.simulation._exceeded_limits import exceeded_limits
 
+# Its channel may reach 110 degC; the file states no limit of its cell.
 TWIN = Twin("single-cell")
-"""Its channel may reach 110 degC; the file states no limit of its cell."""
 
 
 def test_a_run_within_the_limits_says_nothing():

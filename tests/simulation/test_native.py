@@ -32,14 +32,14 @@ from jaxtwin.simulation._rosenbrock_step import (
 
 pytestmark = pytest.mark.c_compiler
 
+# Those without inputs besides the duty.
 RIGS = [
     *("paper-2024", "dual-cell", "single-cell", "tclab", "printer-bed", "pcr-block"),
     "dew-point-mirror",
 ]
-"""Those without inputs besides the duty."""
 
+# The largest difference of two ways to solve a draw, K.
 NEAR = 6e-4
-"""The largest difference of two ways to solve a draw, K."""
 
 
 def drive(twin: Twin, seconds: int = 400) -> Experiment:

@@ -12,8 +12,8 @@ from small_rigs import bundled
 from jaxtwin import Experiment, Twin, reduce_batch, simulate
 from jaxtwin.errors import SimulationError
 
+# Power of `printer-bed` at full duty, W: its tracks, switch and supply.
 HEATER = 12.0**2 / (1.2 + 0.01 + 0.05)
-"""Power of `printer-bed` at full duty, W: its tracks, switch and supply."""
 
 
 def stepped(interval: float) -> Experiment:

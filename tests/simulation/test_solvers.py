@@ -2,12 +2,13 @@
 
 import diffrax
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from jaxtwin import Experiment, Twin, simulate, simulate_batch
-from jaxtwin.errors import SimulationError
+from jaxtwin import Experiment, Twin, response, simulate, simulate_batch
+from jaxtwin.errors import RecordingError, SimulationError
 from jaxtwin.simulation import NetworkExponential, TimeGrid, build_time_grid, solve_network
 from jaxtwin.simulation._interpolation import step_polynomials
 from jaxtwin.simulation._refinement import ERROR_TOLERANCE, needs_shorter_steps
@@ -312,3 +313,28 @@ def test_a_draw_that_does_not_stay_finite_is_solved_with_shorter_steps():
     found = simulate_batch(twin, drive, draws)
     alone = simulate(twin.with_values(odd), drive).temperatures
     np.testing.assert_allclose(found[[5, 40]], np.stack([alone] * 2), rtol=0, atol=1e-4)
+
+
+@pytest.mark.usefixtures("float64")
+def test_a_solver_of_diffrax_is_differentiated_in_both_directions():
+    twin = Twin("single-cell")
+    plan = Experiment.schedule("0:0.5", duration=30)
+
+    def heat(value, **options):
+        return response(twin.with_values({"R_pc": value}), plan, **options).sum()
+
+    value = float(twin.values["R_pc"])
+    expected = jax.jacfwd(heat)(value)
+    by_solver = [
+        differentiate(lambda v: heat(v, solver=diffrax.Tsit5()))(value)
+        for differentiate in (jax.grad, jax.jacfwd)
+    ]
+    np.testing.assert_allclose(by_solver, float(expected), rtol=1e-4)
+
+
+def test_a_traced_duty_is_answered_with_what_can_be_differentiated():
+    def heat(duty):
+        return Experiment([0.0, 1.0], jnp.full((2, 1), duty))
+
+    with pytest.raises(RecordingError, match=r"duty: expected numbers, .* jaxtwin.Stepper"):
+        jax.grad(heat)(0.5)

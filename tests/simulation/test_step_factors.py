@@ -8,8 +8,8 @@ import numpy as np
 
 from jaxtwin.simulation._exponential import step_factors
 
+# Rates for steps of 1 s; the series for small arguments ends at 0.6.
 RATES = (0.0, 1e-12, 1e-6, 1e-3, 0.01, 0.59, 0.6, 0.61, 1.2, 3.0, 30.0, 1e3, 1e6)
-"""Rates for steps of 1 s; the series for small arguments ends at 0.6."""
 
 
 def phi(order: int, y: Decimal) -> Decimal:

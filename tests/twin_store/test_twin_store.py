@@ -323,3 +323,32 @@ def test_two_processes_write_and_one_is_killed(tmp_path: Path):
     assert store.aliases["champion"] == store.aliases["other"] == max(reasons)
     assert all(one.fit_text == store.versions[0].fit_text for one in store.versions)
     assert store.add(fit(), reason="after").number == max(reasons) + 1
+
+
+def test_a_pair_keeps_its_controller_and_its_trial(two: jt.TwinStore):
+    trial = {"decision": "accepted", "scenarios": [{"name": "steps"}]}
+    three = two.add(
+        fit(), reason="retuned", parent="champion", controller="kind = 'pid'\n", trial=trial
+    )
+    assert three.controller_text == "kind = 'pid'\n"
+    assert three.trial == trial
+    assert three.to_dict()["trial"] == trial
+    assert "tried in 1 scenarios" in three.summary()
+    two.promote(three.number, reason="all scenarios were passed")
+    assert two.rollback(reason="worse").controller_text is None
+    assert two.version(1).trial == {}
+
+
+def test_the_controller_of_a_pair_never_changes(two: jt.TwinStore):
+    two.add(fit(), reason="retuned", controller="kind = 'pid'\n")
+    for statement in ("UPDATE controllers SET controller = 'x'", "DELETE FROM controllers"):
+        assert refused(statement, two.path) == "rows of controllers are never changed"
+
+
+def test_a_store_of_before_there_were_pairs_is_read_and_gets_them(two: jt.TwinStore):
+    connection = sqlite3.connect(two.path)
+    tables = "SELECT count(*) FROM sqlite_master WHERE name = 'controllers'"
+    assert connection.execute(tables).fetchone() == (0,)  # as it was made before
+    connection.close()
+    assert [version.controller_text for version in two.versions] == [None, None]
+    assert two.add(fit(), reason="retuned", controller="text").controller_text == "text"

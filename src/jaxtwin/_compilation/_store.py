@@ -22,8 +22,8 @@ from ..errors import JaxtwinError
 VARIABLE = "JAXTWIN_COMPILATION_CACHE"
 OFF = ("off", "0", "no", "false")
 
+# The largest size of the folder, bytes; the least recently used program is deleted first.
 MAX_CACHE = 1 << 30
-"""The largest size of the folder, bytes; the least recently used program is deleted first."""
 
 # The ending of the files of this cache.
 ENDING = ".jaxtwin-program"

@@ -6,8 +6,8 @@ FOUND_ERROR = 1
 # The command could not do what it was asked to; one line says why.
 USAGE_ERROR = 2
 
+# An interlock switched the rig off; `refit` rejected a recording or asks, or `retune` a controller.
 TRIPPED = REJECTED = 3
-"""An interlock switched the rig off; `refit` rejected a recording or asks."""
 
 # A match did not converge.
 NOT_CONVERGED = 4

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
@@ -97,6 +97,14 @@ def serve(
             help="A controller file, .toml: who may command the rig may also set its references.",
         ),
     ] = None,
+    self_optimise: Annotated[
+        Literal["propose", "apply"] | None,
+        typer.Option(
+            "--self-optimise",
+            help="After a refit of the champion, tune the controller and try it on the twin; what "
+            "passes waits for somebody (propose), or takes over at rest (apply).",
+        ),
+    ] = None,
     token_file: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the token there, for its owner alone to read."),
@@ -123,6 +131,8 @@ def serve(
         raise typer.BadParameter("give --store, or --parameters and --set")
     if controller is not None and not allow_control:
         raise typer.BadParameter("--controller needs --allow-control")
+    if self_optimise is not None and (store is None or controller is None):
+        raise typer.BadParameter("--self-optimise needs --store and --controller")
     if faults and not virtual:
         raise typer.BadParameter("--faults are those of a rig with --virtual")
     check_output(out, ".db")
@@ -169,11 +179,17 @@ def serve(
             known = Faults.parse(faults)
             device = stack.enter_context(VirtualLink(Twin(loaded), speed=speed, faults=known))
         chosen, twins = _chosen_twin(loaded, store, parameter_file, set_name)
-        holds = None
+        holds = design = None
         if controller is not None:
-            from ..control import read_controller  # which takes half a second to import
+            from ..control import read_controller, read_design  # which take half a second to import
 
             holds = read_controller(controller, loaded)
+            design = read_design(controller, loaded)
+        if self_optimise is not None and design is None:
+            raise JaxtwinError(
+                f"{controller}: design: expected references, duration and objective for which the "
+                "controller is tuned, got none; docs/deploy.md has an example"
+            )
         levels = None if noise is None else ProcessNoise.load(noise)
         healthy = None if calibration is None else MonitorCalibration.load(calibration)
         if allow_control:
@@ -234,6 +250,8 @@ def serve(
             silence=silence,
             champion=champion,
             controller=holds,
+            policy=self_optimise,
+            design=design,
             about={"operator": getpass.getuser()},
             raised=raised,
             publisher=publisher,

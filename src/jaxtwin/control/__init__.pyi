@@ -2,10 +2,14 @@
 
 from .controllers._controller import AbstractController as AbstractController
 from .controllers._controller import TemperatureLimit as TemperatureLimit  # of a channel
+from .controllers._controller_design import (
+    ControllerDesign as ControllerDesign,  # for what a controller was designed
+)
 from .controllers._controller_fields import (
     ControllerField as ControllerField,  # a number with its unit
 )
 from .controllers._controller_file import read_controller as read_controller  # .toml -> controller
+from .controllers._controller_file import read_design as read_design  # of a file
 from .controllers._controller_file import (
     register_controller as register_controller,  # a class with files
 )

@@ -34,12 +34,12 @@ OVER = 10.0
 # A fault that is over is followed for so many samples more, to see when it ended.
 AFTER = 30
 
+# None of the suspects is the cause if the best leaves more than this multiple of the squares of
+# noise, and more than this part of what is beyond noise. The lid of a real box, which is not quite
+# any suspect, leaves 0.17 at most, and two faults at once on a bench 0.08; readings that are
+# mirrored or exchanged, or another rig's, leave 0.22 and more, but for the 45 s after readings of
+# two cells are mirrored, with 0.19.
 FOREIGN, LEFT = 2.0, 0.2
-"""None of the suspects is the cause if the best leaves more than this multiple of the squares of
-noise, and more than this part of what is beyond noise. The lid of a real box, which is not quite
-any suspect, leaves 0.17 at most, and two faults at once on a bench 0.08; readings that are mirrored
-or exchanged, or another rig's, leave 0.22 and more, but for the 45 s after readings of two cells
-are mirrored, with 0.19."""
 
 # The largest number of causes in a recording.
 MOST = 8

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from .._arguments import finite_number, whole_number
 from .._display import html_table
 from .._json_values import json_value
+from ..errors import MatchError
 from ..io import Experiment
 from ..matching import Band, Fit, prediction_band
 from ..rig import Rig
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 
 # The normal quantile of a band of 95 %.
 QUANTILE_95 = 1.96
+
+# The number of schedules of which a next recording is one.
+SCHEDULES = 80
 
 
 @final
@@ -38,8 +43,8 @@ class Candidate:
     - `held_out`: origin -> root mean square error over all channels from there to the end, of a
       match to what is before, K. An origin is a fraction of the recording; empty for a structure
       that was not judged.
-    - `at_bound`: parameters far from what was expected of them, where the log contradicts the
-      structure.
+    - `far_from_prior`: parameters far from what was expected of them, where the log contradicts
+      the structure.
     """
 
     structure: str
@@ -47,7 +52,7 @@ class Candidate:
     cost: float
     rmse: Mapping[str, float]
     held_out: Mapping[float, float]
-    at_bound: tuple[str, ...]
+    far_from_prior: tuple[str, ...]
 
     @property
     def held_out_rmse(self) -> float:
@@ -104,13 +109,68 @@ class Identified:
         wide = QUANTILE_95 * np.hypot(half, disagreement)
         return Band(band.run, band.middle - wide, band.middle + wide, band.level)
 
+    def next_recording(
+        self,
+        duration: float | int,
+        *,
+        steps: int = 8,
+        step: float | int | None = None,
+        highest: float | int | None = None,
+        seed: int = 0,
+    ) -> Experiment:
+        """Designs the recording that would tell the probable structures apart best.
+
+        Of many random schedules of duties, the one over which their predictions disagree most is
+        chosen. It begins as the first recording does.
+
+        **Arguments:**
+
+        - `duration`: s.
+        - `steps`: the number of duties, each held for an equal part of it.
+        - `step`: the time between two samples, s; by default a 300th of the duration.
+        - `highest`: the highest temperature of any channel, degC; by default the highest that was
+          recorded.
+        - `seed`: of the schedules.
+
+        **Raises:** `MatchError` if all schedules become too hot.
+        """
+        duration = finite_number("next_recording: duration", duration, MatchError)
+        whole_number("next_recording: steps", steps, 2, MatchError)
+        period = duration / 300 if step is None else finite_number("step", step, MatchError)
+        limits = self.fit.model_error.highest
+        hottest = np.array(
+            [limits[name] if highest is None else float(highest) for name in self.fit.channels[0]]
+        )
+        random = np.random.default_rng(seed)
+        time = np.arange(0.0, duration + period / 2, period)
+        held = np.minimum((time / duration * steps).astype(int), steps - 1)
+        lowest = np.array(self.rig.lowest_duty)
+        plans = [
+            Experiment(
+                time,
+                levels[held],
+                channels=self.fit.channels[0],
+                cells=self.rig.driven,
+                name="next recording",
+            )
+            # Small duties too, as a device that must not become hot needs.
+            for scale in (1.0, 0.7, 0.4, 0.2)
+            for levels in scale * random.uniform(lowest, 1.0, (SCHEDULES // 4, steps, len(lowest)))
+        ]
+        separations = [self._rivals.separation(plan, hottest) for plan in plans]
+        best = int(np.argmax(separations))
+        if not np.isfinite(separations[best]):
+            raise MatchError(
+                f"next_recording: highest: expected a temperature that a schedule keeps, got "
+                f"{float(hottest.max()):g} degC"
+            )
+        return plans[best]
+
     def summary(self) -> str:
         """The structure, its rivals and how far to trust it, as text."""
         best = self.candidates[0]
-        growth = " and ".join(
-            f"{1000 * rate:.2g} mK/s ({channel})"
-            for channel, rate in self.fit.model_error.growth.items()
-        )
+        rates = self.fit.model_error.growth
+        fastest = max(rates, key=lambda channel: rates[channel])
         judged = [row for row in self.candidates[1:] if row.held_out]
         close = [row for row in judged if row.cost - best.cost < math.log(20)]
         lines = [
@@ -118,7 +178,10 @@ class Identified:
             f"{best.unknowns} unknowns, matched within {self.fit.rmse:.3g} K",
             f"held-out blocks: {best.held_out_rmse:.3g} K; "
             + ", ".join(f"{name} {error:.3g} K" for name, error in self.baselines.items()),
-            f"the error of the model itself grows by {growth}",
+            (
+                "the error of the model itself grows by "
+                f"{'up to ' * (len(rates) > 1)}{1000 * rates[fastest]:.2g} mK/s ({fastest})"
+            ),
         ]
         if close:
             lines.append(
@@ -126,8 +189,9 @@ class Identified:
                 "does not tell them apart"
             )
             lines += [f"  {row.structure}: {row.held_out_rmse:.3g} K held out" for row in close[:5]]
-        if best.at_bound:
-            lines.append(f"far from what was expected: {', '.join(best.at_bound)}")
+            lines.append("next_recording(duration) designs a recording that would tell them apart")
+        if best.far_from_prior:
+            lines.append(f"far from what was expected: {', '.join(best.far_from_prior)}")
         return "\n".join([*lines, *self.notes])
 
     def to_dict(self) -> dict[str, Any]:

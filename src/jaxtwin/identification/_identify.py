@@ -26,6 +26,8 @@ from ._structures import in_words, structures
 Log = Experiment | str | os.PathLike[str]
 
 MIN_SAMPLES = 60
+# The time grows with the square of the number of channels: five take two minutes on two cores.
+MAX_CHANNELS = 8
 # Two inputs of a larger correlation cannot be told apart.
 MAX_CORRELATION = 0.999
 # A channel moves if its readings do so by this part of the largest step between two of them.
@@ -68,7 +70,7 @@ def identify(
 
     - `recordings`: one or several recordings of the same device, or their files, with duties
       of 0 to 1 for heaters, -1 to 1 for thermoelectric cells.
-    - `channels`: the channels to use; by default all.
+    - `channels`: the channels to use, at most 8; by default all.
     - `ambient`: the temperature of the room, degC, if it is known; a recorded one is used as it is.
     - `notes`: a description of the device for its rig file.
     - `on_progress`: called with a sentence when a step begins.
@@ -153,6 +155,12 @@ def _checked(
         if experiment.glitches:
             remarks += [f"{experiment.name}: left out {glitch}" for glitch in experiment.glitches]
             experiment = experiment.without_glitches()
+        if len(experiment.channels) > MAX_CHANNELS:
+            raise MatchError(
+                f"{experiment.name}: expected at most {MAX_CHANNELS} channels, got "
+                f"{len(experiment.channels)}; choose some by channels=, in a command --channel, or "
+                "describe the rig (jaxtwin new-rig)"
+            )
         _check_content(experiment)
         experiments.append(experiment)
     first = experiments[0]
@@ -305,7 +313,7 @@ def _candidate(
         cost=float(cost),
         rmse=dict(zip(screen.family.channels, map(float, rmse), strict=True)),
         held_out={origin: _root_mean_square(block) for origin, block in blocks.items()},
-        at_bound=tuple(
+        far_from_prior=tuple(
             name for (name, _), entry in screen.entries(end).items() if abs(entry) > FAR
         ),
     )

@@ -341,6 +341,23 @@ class Rivals:
             [np.interp(time, log.experiment.time, column) for column in np.sqrt(squares).T], axis=1
         )
 
+    def separation(self, experiment: Experiment, highest: Float[np.ndarray, " channels"]) -> float:
+        """How far the networks disagree over an experiment: the root mean square of their weighted
+        standard deviation over channels and times, K; minus infinity if a channel may become hotter
+        than its highest temperature.
+
+        **Arguments:**
+
+        - `experiment`: the inputs, from the start of the first recording.
+        - `highest`: of each channel, degC.
+        """
+        runs = self._runs(screened_log(experiment), 0)
+        is_probable = self.weights > MIN_WEIGHT * self.weights.max()
+        if not np.all(runs[is_probable] <= highest):
+            return -np.inf
+        deviations = runs - np.tensordot(self.weights, runs, 1)
+        return float(np.sqrt(np.tensordot(self.weights, deviations**2, 1).mean()))
+
     def _runs(self, log: ScreenedLog, number: int) -> Float[np.ndarray, "networks times channels"]:
         return self.screen.run(log, number, [end.values for end in self.ends])
 

@@ -276,6 +276,12 @@ def _checked_input(
 def _numbers(values: object, field: str, may_lack: bool = False) -> np.ndarray:
     """Converts a field to real numbers. Values that are masked, None or NA become NaN if the field
     `may_lack` some."""
+    # Nothing is traced before JAX is imported, which reading a file does not need.
+    if "jax" in sys.modules and isinstance(values, sys.modules["jax"].core.Tracer):
+        raise RecordingError(
+            f"{field}: expected numbers, got values that JAX traces; jaxtwin.Stepper can be "
+            "differentiated by duty and room"
+        )
     if np.ma.is_masked(values):  # a conversion would lose the mask
         if not may_lack:
             raise RecordingError(f"{field}: expected finite numbers, got masked values")

@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 BLOCKS = 8
+
+# Limits of the length of a block, s. A block is an eighth of the recording within these limits, as
+# the drift of a crystal changes within the hour.
 SHORTEST_BLOCK, LONGEST_BLOCK = 10.0, 600.0
-"""Limits of the length of a block, s. A block is an eighth of the recording within these limits, as
-the drift of a crystal changes within the hour."""
 
 
 @final

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number, is_ordered, of_kind
 from .._display import picture
 from .._name_suggestions import did_you_mean
+from .._temperature_schedule import scheduled_temperatures
 from ..errors import JaxtwinError, RecordingError
 from ..rig import Rig
 from ._checks import (
@@ -140,7 +141,7 @@ class Experiment:
         step: Any = 1.0,
         cells: int = 1,
         channels: Iterable[str] = (),
-        ambient: float | int | None = None,
+        ambient: str | float | int | None = None,
         inputs: Mapping[str, str] | None = None,
         name: str = "",
     ) -> "Experiment":
@@ -156,7 +157,9 @@ class Experiment:
         - `cells`: number of cells.
         - `inputs`: schedules of the rig's other inputs, such as `{"lid": "0:closed,600:open"}` or
           `{"flow": "0:1.5,300:0"}`, the first of which begins at 0 s.
-        - `channels`, `ambient`, `name`: as in `Experiment`.
+        - `ambient`: the temperature of the room, degC: a number, or text such as
+          `"0:20,ramp 3600:25"` for one that is held until the next time, or reached along a line.
+        - `channels`, `name`: as in `Experiment`.
 
         **Returns:**
 
@@ -169,7 +172,13 @@ class Experiment:
         time, duty, columns = schedule_samples(
             text, duration=duration, step=step, cells=cells, inputs=inputs or {}
         )
-        return cls(time, duty, channels=channels, ambient=ambient, inputs=columns, name=name)
+        where = "schedule: ambient"
+        room = (
+            scheduled_temperatures(where, ambient, time, 1, RecordingError)[:, 0]
+            if isinstance(ambient, str)
+            else ambient
+        )
+        return cls(time, duty, channels=channels, ambient=room, inputs=columns, name=name)
 
     @classmethod
     def from_dataframe(

@@ -33,9 +33,9 @@ NUMBERS = dict(
 # and nobody has one as .mat.
 MAX_MATRIX = 256 << 20
 
+# The part of a compressed variable that holds its name, and the size of the pieces in which the
+# rest is unpacked, bytes.
 BEGINNING, PIECE = 4096, 1 << 20
-"""The part of a compressed variable that holds its name, and the size of the pieces in which the
-rest is unpacked, bytes."""
 
 NUMERIC_CLASSES = range(6, 16)  # double, single and the integers
 NAMED_CLASSES = range(1, 16)  # those, cell, struct, object, char and sparse

@@ -28,9 +28,9 @@ EXPECTED = (
 # Units of a time stamp in a second.
 STAMP = 1e6
 
+# Where a recording of a rig in a room begins, and how far from there at most: degC, K. Readings
+# that begin there in kelvin, and never fall below what a room can be, are probably in kelvin.
 ROOM, NEAR_ROOM = 20.0, 20.0
-"""Where a recording of a rig in a room begins, and how far from there at most: degC, K. Readings
-that begin there in kelvin, and never fall below what a room can be, are probably in kelvin."""
 
 
 @final

@@ -19,8 +19,8 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+# The run of a bin without samples, and of one with samples of several runs.
 NONE, MIXED = -1, -2
-"""The run of a bin without samples, and of one with samples of several runs."""
 
 
 @final

@@ -99,6 +99,9 @@ class Evidences(NamedTuple):
     impossible: Evidence
     changed: Evidence
 
+    def __repr__(self) -> str:
+        return f"<Evidences: {', '.join(self._fields)}>"
+
 
 def joined(evidences: Evidences) -> Evidence:
     """What all tests say of a sample, one behind the other: three arrays, which a program returns

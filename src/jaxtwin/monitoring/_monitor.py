@@ -56,6 +56,9 @@ class Monitor(eqx.Module):
     channels: ChannelTests
     shift: ShiftTest
 
+    def __repr__(self) -> str:
+        return f"<Monitor of {len(self.innovations.scales)} channels>"
+
     def __init__(
         self,
         observer: ExtendedKalmanFilter,

@@ -36,6 +36,9 @@ class FilterSamples(NamedTuple):
     ambient: Float[np.ndarray | Array, " samples"]
     levels: Float[np.ndarray | Array, "samples inputs"] | None = None
 
+    def __repr__(self) -> str:
+        return f"<FilterSamples: {len(self.dt)}>"
+
 
 class Filtered(NamedTuple):
     """The states after each sample, and what was expected of its readings.
@@ -46,6 +49,9 @@ class Filtered(NamedTuple):
     states: KalmanState
     expected: Float[Array, "samples channels"]
     covariance: Float[Array, "samples channels channels"]
+
+    def __repr__(self) -> str:
+        return f"<Filtered: {self.expected.shape[0]} samples of {self.expected.shape[1]} channels>"
 
 
 def samples_of(

@@ -114,6 +114,9 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     """Commands that follow each other faster than this are taken as one, s."""
     longest_step: Float[ArrayLike, ""]
 
+    def __repr__(self) -> str:
+        return f"<ExtendedKalmanFilter of {self.model.twin.rig.name}>"
+
     def __init__(self, model: AugmentedModel, longest_step: float, shortest_step: float = 0.1):
         self.model = model
         self.longest_step = np.asarray(longest_step)

@@ -27,9 +27,9 @@ class CellHeat(NamedTuple):
     power: Float[Array, "*cells"]
 
 
+# The duty below which the heat of a heater is proportional to it: a fractional power has no
+# derivative at zero. Full duty is not changed, and a quadratic law by 5e-9 of the power.
 IDLE = 1e-4
-"""The duty below which the heat of a heater is proportional to it: a fractional power has no
-derivative at zero. Full duty is not changed, and a quadratic law by 5e-9 of the power."""
 
 
 def share_of_duty(

@@ -9,8 +9,8 @@ from ..rig import CommonError
 # The time for which a recalibration freezes the image, s.
 SHUTTER_SECONDS = 1.0
 
+# Size (K) and duration (s) of a jump of the camera's offset, if the rig file states none.
 JUMP_KELVIN, JUMP_DECAY = 0.8, 25.0
-"""Size (K) and duration (s) of a jump of the camera's offset, if the rig file states none."""
 
 
 @final

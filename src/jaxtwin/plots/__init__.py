@@ -7,7 +7,7 @@ dark notebook.
 
 from ._animation import animate_plate
 from ._bands import plot_bands, plot_forecast
-from ._closed_loop import plot_closed_loop, plot_frontier, plot_tuning
+from ._closed_loop import plot_closed_loop, plot_frontier, plot_retuned, plot_tuning
 from ._comparison import plot_camera_error, plot_comparison, plot_residual_tests, plot_residuals
 from ._correlations import plot_correlation, plot_sensitivity_matrix, plot_tornado
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
@@ -77,6 +77,7 @@ __all__ = [
     "plot_recordings",
     "plot_residual_tests",
     "plot_residuals",
+    "plot_retuned",
     "plot_rig_design",
     "plot_sensitivity_indices",
     "plot_sensitivity_matrix",

@@ -1,4 +1,6 @@
-"""Closed loops: a run, the course of the tuning of a controller, and the trade between two aims."""
+"""Closed loops: a run, the course of the tuning of a controller, the trial of a retuned one, and
+the trade between two aims.
+"""
 
 from collections.abc import Sequence
 
@@ -10,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..control import MEASURES, ClosedLoopRun, Frontier, Tuning
+from ..retuning import Retuned
 from ._panels import title_aside
 from ._style import color_of, line_of, palette, points, rim, styled, unit_text
 
@@ -257,3 +260,36 @@ def _neighbours(
 def _label(name: str) -> str:
     unit = unit_text(MEASURES[name][1])
     return name.replace("_", " ") + (f", {unit}" if unit else "")
+
+
+@styled
+def plot_retuned(retuned: Retuned) -> Figure:
+    """Plots the cost of the candidate in each scenario, beside that of the present controller.
+
+    Scenarios in which the candidate failed have open dots and bold names.
+
+    **Arguments:**
+
+    - `retuned`: the result of `jaxtwin.retune`.
+
+    **Returns:** the figure.
+    """
+    tried = [trial for trial in retuned.trials if np.isfinite(trial.present.cost)]
+    figure = pyplot.figure(figsize=(6.0, 1.4 + 0.26 * len(tried)), layout="constrained")
+    axes = figure.subplots()
+    for row, trial in enumerate(tried):
+        costs = trial.present.cost, trial.candidate.cost
+        color = palette().vermilion
+        face = color if trial.passed else "none"
+        axes.plot(costs, [row, row], color=palette().muted, lw=1.0)
+        axes.plot(costs[:1], [row], "o", color=palette().blue, ms=5)
+        axes.plot(costs[1:], [row], "o", mfc=face, mec=color, ms=5)
+    axes.plot([], [], "o", color=palette().blue, label="present controller")
+    axes.plot([], [], "o", color=palette().vermilion, label="candidate")
+    axes.set_yticks(range(len(tried)), [trial.scenario.name for trial in tried])
+    for label, trial in zip(axes.get_yticklabels(), tried, strict=True):
+        label.set_fontweight("normal" if trial.passed else "bold")
+    axes.invert_yaxis()
+    axes.set(xlabel="cost", title=f"trial: {retuned.decision}")
+    axes.legend(loc="best")
+    return figure

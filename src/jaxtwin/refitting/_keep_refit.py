@@ -33,6 +33,7 @@ def keep_refit(
         parent=champion.number,
         noise=champion.noise,
         aliases=["challenger"],
+        controller=champion.controller_text,  # which goes on until it is tuned again
     )
     if found.decision == "ask":
         return champion

@@ -51,6 +51,9 @@ class Design:
     block: int = 1
     order: Int[np.ndarray, "blocks parameters"] | None = None
 
+    def __repr__(self) -> str:
+        return f"<Design: {len(self.unit)} runs of {', '.join(self.inputs.marginals)}>"
+
     @property
     def blocks(self) -> int:
         """The number of blocks."""

@@ -10,6 +10,8 @@ why a rig has changed, and `LiveRefit` refits the champion, both from the last m
 (`_virtual_link`). `PageServer` (`_page_server`) assembles everything; `_live_demo` is a story.
 
 A run is commanded by a held duty or by a controller at held references (`_commands`).
+`SelfOptimiser` (`_self_optimiser`) has that controller tuned when the champion was refitted, and
+the loop goes back to the one before if the new one is worse on the rig than in its trial.
 
 The web server (`_web_server`) runs in a second thread. It reads the ring and the history, and
 leaves orders (`_orders`) at a desk (`_desk`), which the loop takes: a run is commanded by

@@ -13,6 +13,7 @@ from ._page import Page as Page
 from ._page_server import PageServer as PageServer
 from ._recent_samples import RecentSamples as RecentSamples
 from ._rig_loop import RigLoop as RigLoop
+from ._self_optimiser import SelfOptimiser as SelfOptimiser
 from ._twin_beside import TwinBeside as TwinBeside
 from ._virtual_link import VirtualLink as VirtualLink
 from ._web_server import WebServer as WebServer

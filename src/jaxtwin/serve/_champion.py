@@ -27,18 +27,25 @@ class Champion:
         champion = store.version("champion")
         self.number = champion.number
         """The version that is followed."""
-        self._made = made
-        self._uncertain = _uncertain(champion)
+        self._made, self._version = made, champion
         self._looked = 0
 
-    def next(self, now: int, *, is_driven: bool = False) -> TwinBeside | None:
-        """Returns the twin of a new champion; None if there is no other.
+    def next(
+        self,
+        now: int,
+        *,
+        is_driven: bool = False,
+        accepts: "Callable[[TwinVersion], bool] | None" = None,
+    ) -> TwinBeside | None:
+        """Returns the twin of a new champion; None if there is no other. Of one that differs in its
+        controller alone the number is followed, and the twin goes on.
 
         **Arguments:**
 
         - `now`: host time, ns.
         - `is_driven`: whether the rig is driven now. A twin whose observer has other states, which
           compiles for seconds, then waits.
+        - `accepts`: whether a version can be followed now; others wait. None: all can.
 
         **Raises:** `StoreError` if the store cannot be read, and the errors of making the twin.
         """
@@ -48,10 +55,15 @@ class Champion:
         if self.store.aliases.get("champion", self.number) == self.number:
             return None
         version = self.store.version("champion")
-        if is_driven and _uncertain(version) != self._uncertain:
+        before = self._version
+        if is_driven and _uncertain(version) != _uncertain(before):
             return None
-        beside = self._made(version)
-        self.number, self._uncertain = version.number, _uncertain(version)
+        if accepts is not None and not accepts(version):
+            return None
+        twins = [(one.fit_text, one.noise_text) for one in (before, version)]
+        is_same = twins[0] == twins[1] and version.controller_text != before.controller_text
+        beside = None if is_same else self._made(version)
+        self.number, self._version = version.number, version
         return beside
 
     def look_at_once(self) -> None:

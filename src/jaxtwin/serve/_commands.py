@@ -1,7 +1,7 @@
 """What commands the rig in a run of the page: a held duty, or a controller at held references."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias, final
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, final
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from ..live import Moment, RigConnection
 from ..physics import Twin
 from ..simulation import simulate
 from ._desk import DriveOrder, HoldOrder, RunOrder
+
+if TYPE_CHECKING:
+    from ..control import Decision
 
 Command: TypeAlias = Callable[[Moment], Sequence[float] | np.ndarray | None]
 """The duty at a moment since the order, -1 to 1; None ends the run."""
@@ -59,6 +62,7 @@ class HeldReferences:
     - `controller`: the controller; None: there is none.
     - `order`: the order.
     - `before`: the command until now.
+    - `on_decision`: called with each sample of the controller.
 
     **Raises:** `ControlError` without a controller, and for references out of reach; the errors of
     `LiveLoop`.
@@ -71,6 +75,7 @@ class HeldReferences:
         controller: AbstractController | None,
         order: HoldOrder,
         before: Command,
+        on_decision: "Callable[[Decision], None] | None" = None,
     ):
         if controller is None:
             raise ControlError("references: expected a server with --controller")
@@ -81,7 +86,9 @@ class HeldReferences:
         self._loop = LiveLoop(twin, controller, order.references, duration=duration)
         if isinstance(before, HeldReferences):
             self._loop.continue_from(before._loop)
-        self._command = self._loop.recorded(connection)
+        self.order = order
+        """The order."""
+        self._command = self._loop.recorded(connection, on_decision)
 
     def __call__(self, moment: Moment) -> np.ndarray | None:
         return self._command(moment)

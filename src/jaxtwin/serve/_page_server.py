@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 from .._celsius import ZERO_CELSIUS
 from ..control import AbstractController
@@ -34,6 +34,10 @@ from ._rig_loop import RigLoop
 from ._twin_beside import TwinBeside
 from ._web_server import WebServer
 
+if TYPE_CHECKING:  # a page whose controller is not tuned does not import it
+    from ..control import ControllerDesign
+    from ._self_optimiser import Policy
+
 
 @final
 class PageServer:
@@ -52,6 +56,8 @@ class PageServer:
     - `champion`: the store whose champion is followed; None: there is no store.
     - `consumers`: makes those who get the records too, from the page and its desk.
     - `controller`: holds references on order; None: nobody does.
+    - `policy`: whether that controller is tuned when the champion changes, for the `design` for
+      which it was made: `propose` waits for a person, `apply` does not; None: it is not.
     - `about`: what a recording keeps of each run.
     - `raised`: called with each new finding.
     - `publisher`: sends readings, estimates and findings to a broker; None: nobody does.
@@ -71,6 +77,8 @@ class PageServer:
         champion: Champion | None = None,
         consumers: Callable[[Page, Desk], Sequence[RecordConsumer]] = lambda page, desk: (),
         controller: AbstractController | None = None,
+        policy: "Policy | None" = None,
+        design: "ControllerDesign | None" = None,
         about: Mapping[str, Any] | None = None,
         raised: Callable[[Finding], object] = lambda _: None,
         publisher: Publisher | None = None,
@@ -101,6 +109,13 @@ class PageServer:
         if champion is not None:
             say = partial(self.page.say, "notice")
             self._refit = LiveRefit(champion.store, recent, say)
+        self._optimiser = None
+        if policy is not None and champion is not None and controller and design:
+            from ._self_optimiser import SelfOptimiser
+
+            self._optimiser = SelfOptimiser(
+                champion.store, rig, controller, design, policy, self.page.say
+            )
         self.desk = Desk(stop)
         watching: list[RecordConsumer] = [recent, *consumers(self.page, self.desk)]
         if is_live:
@@ -126,6 +141,7 @@ class PageServer:
             refit=self._refit,
             champion=champion,
             controller=controller,
+            optimiser=self._optimiser,
             about=about,
         )
         self._web = WebServer(web_app(self.page, self.desk, access), opened)
@@ -133,8 +149,9 @@ class PageServer:
 
     def __enter__(self) -> "PageServer":
         self._stack.callback(self._diagnosis.close)
-        if self._refit is not None:
-            self._stack.callback(self._refit.close)
+        for one in (self._refit, self._optimiser):
+            if one is not None:
+                self._stack.callback(one.close)
         self._stack.enter_context(self._web)
         return self
 

@@ -2,12 +2,14 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, final
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
 from ..control import AbstractController
-from ..errors import JaxtwinError, RecordingError, SafetyStop, StoreError
+from ..control.controllers._controller import is_same, is_same_kind
+from ..errors import ControlError, JaxtwinError, RecordingError, SafetyStop, StoreError
 from ..live import (
     AlarmInterlock,
     Document,
@@ -28,7 +30,14 @@ from ..live._switch_off import switch_off
 from ..monitoring._finding_log import KINDS
 from ._after_run import AfterRun
 from ._champion import Champion
-from ._commands import Command, HeldDuty, HeldReferences, described, plan_of
+from ._commands import (
+    Command,
+    HeldDuty,
+    HeldReferences,
+    compile_loop,
+    described,
+    plan_of,
+)
 from ._desk import (
     Answer,
     Asked,
@@ -45,8 +54,15 @@ from ._live_refit import LiveRefit
 from ._order_in_force import OrderInForce
 from ._page import Page
 
+if TYPE_CHECKING:  # a page whose controller is not tuned does not import it
+    from ..control import Decision
+    from ._self_optimiser import SelfOptimiser
+
 # The time between two turns after a replay has ended, s.
 IDLE_SECONDS = 0.2
+
+# The last time of the rig to which its twin is refitted where its loop is worse, s.
+REFIT_SECONDS = 900.0
 
 # How a run has ended that somebody stopped.
 STOPPED_BY_HAND = "stopped by hand"
@@ -74,6 +90,7 @@ class RigLoop:
     - `champion`: the store whose champion is followed; None: there is no store.
     - `refit`: refits that champion when it is asked; None: nobody does.
     - `controller`: holds references on order; None: nobody does.
+    - `optimiser`: has that controller tuned when the champion changes; None: nobody does.
     - `about`: what a recording keeps of each run, such as who started the server.
     """
 
@@ -88,6 +105,7 @@ class RigLoop:
         champion: Champion | None = None,
         refit: LiveRefit | None = None,
         controller: AbstractController | None = None,
+        optimiser: "SelfOptimiser | None" = None,
         about: Mapping[str, Any] | None = None,
     ):
         self._source, self._page, self._desk, self._champion = source, page, desk, champion
@@ -95,7 +113,9 @@ class RigLoop:
         beside = [one for one in (diagnosis, refit) if one is not None]
         self._after = AfterRun(source, page)
         self._service = Service(source, [*consumers, *beside, page, self._after])
-        self._controller, self._about = controller, about or {}
+        self._optimiser = optimiser
+        self._controller = controller if optimiser is None else optimiser.controller
+        self._about = about or {}
         self._interlock = AlarmInterlock()
         self._order: OrderInForce | None = None
         self._command: Command = HeldDuty((), 0.0)
@@ -108,6 +128,8 @@ class RigLoop:
         """Tells a run of a finding of the monitor, which ends it where the rig file says so."""
         if finding.kind in KINDS.values():
             self._interlock.ring(finding)
+        if finding.is_alarm and self._is_on_probation:
+            self._doubt(f"an alarm, {finding.kind}: {finding.detail}")
 
     def run(self, early: Sequence[Record] = ()) -> None:
         """Runs until the program is to end. A run that commanded the cells has switched them off
@@ -136,6 +158,7 @@ class RigLoop:
 
     def turn(self) -> None:
         """Polls once, or obeys an order, which may be a whole run."""
+        self._judge_controller()
         self._follow_champion()
         asked = self._desk.next()
         if asked is not None:
@@ -165,6 +188,7 @@ class RigLoop:
         **Raises:** `SafetyStop` if the run has not begun, and nobody waits for it any more.
         """
         self._service.take([])
+        self._judge_controller()
         self._follow_champion(is_driven=True)
         if self._order is not None and not self._order.is_answered:
             # The next order waits for the answer to this one.
@@ -200,9 +224,7 @@ class RigLoop:
         if isinstance(order, DriveOrder):
             command = HeldDuty(order.duty, order.seconds)
         else:
-            command = HeldReferences(
-                self._source, self._page.twin, self._controller, order, self._command
-            )
+            command = self._held(order, self._controller)
         guard.check_plan(command.simulated_plan())
         in_force = OrderInForce(asked, order, self._source, changes_run=changes_run)
         if changes_run and not in_force.begin():
@@ -211,6 +233,14 @@ class RigLoop:
         begun = {"after_s": self._elapsed, **plan_of(order)}
         self._source.note(Document(self._source.clock.now(), "order", "page", begun))
         self._show_run("starting", "")
+
+    def _held(self, order: HoldOrder, controller: AbstractController | None) -> HeldReferences:
+        """A controller at the references of an order, which takes over from the present command."""
+        assert isinstance(self._source, RigConnection)
+        twin = self._page.twin
+        return HeldReferences(
+            self._source, twin, controller, order, self._command, self._on_decision
+        )
 
     def _drive(self, asked: Asked, order: RunOrder) -> None:
         """Commands the rig until the time is over, a stop, or an interlock."""
@@ -249,6 +279,8 @@ class RigLoop:
             text, is_off = f"{text}; {ends[-1]}", True
         except SafetyStop as error:
             level, text = "critical", str(error)
+            if self._is_on_probation and isinstance(self._command, HeldReferences):
+                self._doubt(text)
         except RecordingError as error:
             self._go_on_unrecorded(error)
             level, text = "critical", str(error)
@@ -313,8 +345,15 @@ class RigLoop:
         """Goes on with a new champion. A run is guarded by the twin with which it began."""
         if self._champion is None:
             return
+        number = self._champion.number
         try:
-            beside = self._champion.next(self._source.clock.now(), is_driven=is_driven)
+            optimiser = self._optimiser
+            if optimiser is not None and optimiser.turn(is_at_rest=self._is_at_rest):
+                self._champion.look_at_once()
+            waits = optimiser.fits if optimiser is not None and is_driven else None
+            beside = self._champion.next(
+                self._source.clock.now(), is_driven=is_driven, accepts=waits
+            )
         except JaxtwinError as error:
             self._page.say("warning", f"the champion is not followed: {error}")
             return
@@ -323,7 +362,102 @@ class RigLoop:
             if self._diagnosis is not None:
                 self._diagnosis.use(beside.twin, beside.noise)
             self._page.say("notice", f"the twin is {beside.label} from now on")
+        if self._champion.number != number:
+            self._follow_controller()
             self._show_twins()
+
+    def _follow_controller(self) -> None:
+        """Goes on with the controller of a new champion."""
+        optimiser, champion = self._optimiser, self._champion
+        if optimiser is None or champion is None:
+            return
+        try:
+            version = champion.store.version(champion.number)
+            controller = optimiser.controller_of(version)
+            if not is_same(controller, optimiser.controller):
+                if self._order is None:
+                    compile_loop(self._page.twin, controller)
+                self._swap(controller, f"version {version.number}: {version.reason}")
+            optimiser.use(version)
+        except JaxtwinError as error:
+            self._page.say("warning", f"the controller stays as it is: {error}")
+            self._roll_back(champion.number, f"its controller was not taken: {error}")
+
+    def _swap(self, controller: AbstractController, reason: str) -> None:
+        """Commands the rig with another controller from now on. In a run it takes over from the
+        duty that it finds.
+
+        **Raises:** `JaxtwinError` if its loop is not stable, or if the guard would stop the rig;
+        the controller before goes on.
+        """
+        before, in_force = self._command, self._order
+        if isinstance(before, HeldReferences) and in_force is not None:
+            order = in_force.order
+            assert isinstance(order, HoldOrder)
+            if not is_same_kind(controller, self._controller):  # which would compile for seconds
+                raise ControlError("expected a controller of the same kind and limits in a run")
+            left = max(order.seconds - (self._elapsed - self._began), controller.sample_time_s)
+            command = self._held(replace(order, seconds=left), controller)
+            self._guard.check_plan(command.simulated_plan())
+            in_force.order = command.order
+            self._command, self._began = command, self._elapsed
+        self._controller = controller
+        self._page.say("notice", f"another controller from now on: {reason}")
+        if isinstance(self._source, RigConnection):
+            content = {"reason": reason, "controller": repr(controller)}
+            now = self._source.clock.now()
+            self._source.note(Document(now, "controller", "page", content))
+
+    @property
+    def _is_on_probation(self) -> bool:
+        return self._optimiser is not None and self._optimiser.is_on_probation
+
+    @property
+    def _is_at_rest(self) -> bool:
+        """Whether a controller may take over: it commands nothing, or its loop is at rest."""
+        optimiser = self._optimiser
+        commands = isinstance(self._command, HeldReferences)
+        return optimiser is not None and (not commands or optimiser.is_at_rest)
+
+    def _on_decision(self, decision: "Decision") -> None:
+        if self._optimiser is not None:
+            self._optimiser.see(decision)
+
+    def _doubt(self, reason: str) -> None:
+        if self._optimiser is not None and not self._optimiser.worse:
+            self._optimiser.worse = reason
+
+    def _judge_controller(self) -> None:
+        """Goes back to the controller before one that is worse on the rig than in its trial. One
+        that was trusted stays; its twin is refitted, because the rig may have changed."""
+        optimiser = self._optimiser
+        if optimiser is None or not optimiser.worse:
+            return
+        reason = optimiser.worse
+        if not optimiser.is_on_probation:
+            optimiser.worse = ""
+            self._page.say("warning", reason)
+            if self._refit is not None and not self._refit.is_running:
+                self._page.say("notice", self._begin_refit(RefitOrder(REFIT_SECONDS)).text)
+            return
+        before = optimiser.previous
+        try:
+            self._swap(before, f"back to the one before, because {reason}")
+        except JaxtwinError as error:
+            # Neither is safe: the run ends, which switches the cells off. Then it goes back.
+            raise SafetyStop(f"stopped: {reason}; the controller before: {error}") from error
+        optimiser.controller, optimiser.worse, optimiser.is_on_probation = before, "", False
+        self._roll_back(optimiser.number, reason)
+
+    def _roll_back(self, number: int, reason: str) -> None:
+        """Makes the champion before the champion again, unless somebody has moved it meanwhile."""
+        assert self._champion is not None
+        try:
+            if self._champion.store.aliases.get("champion") == number:
+                self._champion.store.rollback(reason=reason)
+        except StoreError as error:
+            self._page.say("warning", f"the store was not rolled back: {error}")
+        self._champion.look_at_once()
 
     def _go_on_unrecorded(self, error: RecordingError) -> None:
         """A journal that fails, as on a full disk, does not end the page."""

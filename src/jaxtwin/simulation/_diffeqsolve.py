@@ -27,6 +27,10 @@ from ._time_grid import time_grid
 # of 4000 draws between all bounds of `paper-2024`, three fail.
 RESCUE_STEPS = 5000
 
+# The limit of the steps of a solve that is differentiated: a power of 16, as diffrax rounds it, and
+# for each sample.
+MIN_MAX_STEPS, STEPS_PER_SAMPLE = 16**4, 64
+
 
 @final
 class DiffraxMethod(eqx.Module):
@@ -94,6 +98,14 @@ def checked_method(
             f"takes the steps of the default solver, got {dt0!r}"
         )
     return DiffraxMethod(solver, stepsize_controller, None if dt0 is None else float(dt0), adjoint)
+
+
+def differentiable(method: DiffraxMethod, experiment: Experiment) -> DiffraxMethod:
+    """The method with an adjoint for derivatives of both directions where none was chosen, and with
+    a limit of its steps, without which diffrax gives none in reverse mode."""
+    most = max(MIN_MAX_STEPS, STEPS_PER_SAMPLE * len(experiment.time))
+    adjoint = diffrax.DirectAdjoint() if method.adjoint is None else method.adjoint
+    return replace(method, adjoint=adjoint, max_steps=method.max_steps or most)
 
 
 def stiff_method(experiment: Experiment, inputs: tuple[Input, ...]) -> DiffraxMethod:

@@ -25,8 +25,8 @@ TIMES = (1.0, 4.0, 16.0, 64.0)
 # finds, or a batch draws, they are others.
 OF_DUTY = 2.0
 
+# The temperature of a cell's sides, and the difference along a link that an input changes, K.
 TYPICAL_TEMPERATURE, TYPICAL_DIFFERENCE = 300.0, 20.0
-"""The temperature of a cell's sides, and the difference along a link that an input changes, K."""
 
 # The number of nodes up to which a full matrix is solved.
 MAX_DENSE = 600

@@ -41,8 +41,8 @@ NATIVE_CHUNK = 256
 # Whether the temperatures of the channels are written at all samples, the last one or none.
 Samples: TypeAlias = Literal["all", "last", "none"]
 
+# The reductions that `rodas5p.c` computes: for each channel, and for all cells together.
 OF_CHANNELS, OF_SUPPLY = ("cost", "minimum", "maximum"), ("energy", "peak_power")
-"""The reductions that `rodas5p.c` computes: for each channel, and for all cells together."""
 
 # The largest number of lanes of a vector.
 MAX_LANES = 8

@@ -23,11 +23,11 @@ from ._time_grid import StepRule, TimeGrid, build_time_grid, settling_after_reve
 # late as the one before.
 RAMP = tuple(float(step) for step in np.array([1, 3, 12, 48, 192]) / 1024)
 
+# The ratio of a step to the time since that change, and the longest step, s.
 GROWTH, LARGEST_STEP = 0.36, 256.0
-"""The ratio of a step to the time since that change, and the longest step, s."""
 
+# As those of `_time_grid`, s.
 REACH, LEAST_REACH = 1.0, 1.6
-"""As those of `_time_grid`, s."""
 
 # The integral of a jump within a step, times the rate at which channels answer, above which the
 # step is cut there, K.

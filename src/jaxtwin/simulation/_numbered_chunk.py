@@ -33,11 +33,11 @@ from ._time_grid import (
     settling_after_reversals,
 )
 
+# The first step after an input change, s; the ratio of a step to the time since that change; the
+# longest step, s. The samples inside a step are less accurate than its end: with these numbers the
+# errors around the bundled rigs are at most half a millikelvin at samples and some 1e-5 K at the
+# end.
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.125, 0.22, 256.0
-"""The first step after an input change, s; the ratio of a step to the time since that change; the
-longest step, s. The samples inside a step are less accurate than its end: with these numbers the
-errors around the bundled rigs are at most half a millikelvin at samples and some 1e-5 K at the
-end."""
 
 # With more steps, such as those of a drive that changes at every sample, the modes pay for
 # themselves.
@@ -49,10 +49,10 @@ MAX_NODES = 40
 # The number of draws from which on a compilation of up to half a minute more is worth its time.
 MIN_DRAWS = 1_000_000
 
+# The number of draws in a chunk unless trajectories are kept, on a device with less and with more
+# memory than `MUCH_MEMORY`. For 30 nodes in float64 two chunks take 19 and 27 GiB, and the larger
+# ones are computed nearly twice as fast.
 SMALL_CHUNK, LARGE_CHUNK = 32_768, 65_536
-"""The number of draws in a chunk unless trajectories are kept, on a device with less and with more
-memory than `MUCH_MEMORY`. For 30 nodes in float64 two chunks take 19 and 27 GiB, and the larger
-ones are computed nearly twice as fast."""
 
 # Bytes of a device that JAX may use.
 MUCH_MEMORY = 2**35

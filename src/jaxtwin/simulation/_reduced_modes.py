@@ -35,9 +35,8 @@ from ._refinement import stability_number
 from ._resolution import MAX_SPAN
 from ._time_grid import TimeGrid, reference_temperature
 
+# The number of rates at which responses are computed, without that at rest; and the largest, 1/s.
 POLES, FASTEST_POLE = 12, 100.0
-"""The number of rates at which responses are computed, without that at rest; and the largest,
-1/s."""
 
 # The number of responses, from the slowest, to which responses to nonlinear losses are added.
 RESPONSES_OF_LOSSES = 6

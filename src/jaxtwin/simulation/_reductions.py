@@ -121,6 +121,7 @@ def _std(temperatures: Array) -> Array:
     return temperatures.std()
 
 
+# Name -> reduction; `Reductions` explains each.
 REDUCTIONS: dict[ReductionName, Reduction] = {
     "cost": Reduction("padded_trajectory", mean_squared_error, "channel", "K2", True),
     "final": Reduction("end", _as_read, "channel", "degC"),
@@ -131,7 +132,6 @@ REDUCTIONS: dict[ReductionName, Reduction] = {
     "energy": Reduction("energy", _as_read, "recording", "J"),
     "peak_power": Reduction("peak_power", _as_read, "recording", "W"),
 }
-"""Name -> reduction; `Reductions` explains each."""
 
 
 @final

@@ -88,6 +88,8 @@ SLOPES: tuple[tuple[float, ...], ...] = (
     ),
 )
 
+# The weights of the stages in $p_2, p_3, p_4$ of the continuous output of fourth order, $$y(t_0 + s
+# h) = (1 - s) y_0 + s y_1 + s (1 - s) (p_2 + s (p_3 + s p_4)).$$
 DENSE: tuple[tuple[float, ...], ...] = (
     (
         25.948786856663858,
@@ -120,10 +122,6 @@ DENSE: tuple[tuple[float, ...], ...] = (
         4.883087185713722,
     ),
 )
-r"""The weights of the stages in $p_2, p_3, p_4$ of the continuous output of fourth order,
-
-$$y(t_0 + s h) = (1 - s) y_0 + s y_1 + s (1 - s) (p_2 + s (p_3 + s p_4)).$$
-"""
 
 
 # The weights of the powers of $s$ in a polynomial $c$ with which $y(t_0 + s h) + c(s) k_8$ is a

@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
     from ._diffeqsolve import DiffraxMethod
 
+# The numbers of nodes, of all and for each cell, from which on a run uses few modes. All modes of
+# 600 nodes take a tenth of a second; each cell adds 26 vectors to the space of the few modes.
 LARGE, NODES_PER_CELL = 600, 104
-"""The numbers of nodes, of all and for each cell, from which on a run uses few modes. All modes of
-600 nodes take a tenth of a second; each cell adds 26 vectors to the space of the few modes."""
 
 
 @announced("simulation")
@@ -191,6 +191,7 @@ def response(
     The function can be called inside `jax.jit`, `jax.vmap`, `jax.jacfwd` and `jax.grad`; outside of
     `jax.jit` it is compiled by itself. `simulate` computes the same and adds checks and labels.
     The precision is that of the caller: call it inside `jax.enable_x64(True)` for float64.
+    A duty or a room that is differentiated needs `jaxtwin.Stepper`: an `Experiment` holds numbers.
     The default solver always takes its longest steps; only `simulate` checks whether shorter steps
     or a stiff solver are needed. The result is NaN if float64 cannot resolve the rates of the
     network, for which `simulate` raises an error, and if a diffrax solver does not reach the end.
@@ -198,8 +199,8 @@ def response(
     **Arguments:** those of `simulate`, and
 
     - `adjoint`: the adjoint of a diffrax solve, which determines how it is differentiated. The
-      default is `diffrax.ForwardMode()`, for `jax.jacfwd`; `jax.grad` needs another one, such as
-      `diffrax.RecursiveCheckpointAdjoint()`.
+      default is `diffrax.DirectAdjoint()`, for both `jax.grad` and `jax.jacfwd`. For one of them
+      `diffrax.RecursiveCheckpointAdjoint()` or `diffrax.ForwardMode()` take less memory or time.
 
     **Returns:** `(times, channels)`, degC, for the channels that the experiment names, else all.
 
@@ -217,8 +218,10 @@ def response(
             grid = padded_time_grid(twin, experiment, steady_start=isinstance(start, str))
             _, readings, _, _ = _run_exponential(twin, grid, start)
         else:
+            from ._diffeqsolve import differentiable
             from ._diffrax_programs import diffrax_run, is_successful
 
+            method = differentiable(method, experiment)
             _, readings, result = diffrax_run(twin, start, experiment, method)
             readings = jnp.where(is_successful(result), readings, jnp.nan)
         return readings[: len(experiment.time), columns] - ZERO_CELSIUS

@@ -30,9 +30,9 @@ from ._input_rates import input_rates
 from ._interpolation import sample_weights, step_polynomials
 from ._merged_changes import ROUGHNESS, merged_changes
 
+# Step sizes without refinement: the first one, s; the largest one as a part of the time since the
+# last change of an input; the largest one, s.
 FIRST_STEP, GROWTH, LARGEST_STEP = 0.25, 0.2, 32.0
-"""Step sizes without refinement: the first one, s; the largest one as a part of the time since the
-last change of an input; the largest one, s."""
 
 # The parts of the first step after a large change. Right after it the sides of a cell may settle
 # within milliseconds, which hardly affects temperatures elsewhere, but does affect derivatives with

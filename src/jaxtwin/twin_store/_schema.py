@@ -5,6 +5,7 @@ always be looked up.
 """
 
 import sqlite3
+from collections.abc import Sequence
 from pathlib import Path
 
 from .._twin_address import APPLICATION, FORMAT, check_store
@@ -44,6 +45,16 @@ CREATE TABLE tags (
 );
 """
 
+# The controllers of versions that are pairs. Stores of earlier versions of the package do not have
+# this table, and those versions do not read it.
+CONTROLLERS = """
+CREATE TABLE controllers (
+    version INTEGER PRIMARY KEY REFERENCES versions (number),
+    controller TEXT NOT NULL,                       -- its file, TOML
+    trial TEXT NOT NULL                             -- JSON: what `retune` found; an empty object
+)
+"""
+
 # The tables whose rows stay as they are.
 PERMANENT = ("versions", "moves")
 
@@ -74,10 +85,23 @@ def make_tables(connection: sqlite3.Connection, file: Path) -> None:
     check_store(connection, file, StoreError)
 
 
-def _triggers() -> list[str]:
+def has_controllers(connection: sqlite3.Connection) -> bool:
+    """Whether there is a table of controllers."""
+    query = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'controllers'"
+    return connection.execute(query).fetchone() is not None
+
+
+def make_controllers(connection: sqlite3.Connection) -> None:
+    """Makes the table of controllers where there is none, in the transaction of the caller."""
+    if not has_controllers(connection):
+        for statement in [CONTROLLERS, *_triggers(("controllers",))]:
+            connection.execute(statement)
+
+
+def _triggers(tables: Sequence[str] = PERMANENT) -> list[str]:
     return [
         f"CREATE TRIGGER {table}_{action.lower()} BEFORE {action} ON {table} "
         f"BEGIN SELECT RAISE(ABORT, 'rows of {table} are never changed'); END"
-        for table in PERMANENT
+        for table in tables
         for action in ("UPDATE", "DELETE")
     ]

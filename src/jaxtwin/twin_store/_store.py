@@ -22,7 +22,7 @@ from ..matching._save_fit import fit_text
 from ..observers import ProcessNoise
 from ..rig._toml import parse_toml
 from ._diff import VersionDiff, diff_versions
-from ._schema import make_tables
+from ._schema import has_controllers, make_controllers, make_tables
 from ._version import AliasMove, TwinVersion
 
 CHAMPION, CHALLENGER, PREVIOUS = "champion", "challenger", "previous"
@@ -70,6 +70,8 @@ class TwinStore:
         noise: ProcessNoise | None = None,
         aliases: Sequence[str] = (),
         tags: Mapping[str, str] | None = None,
+        controller: str | None = None,
+        trial: Mapping[str, Any] | None = None,
     ) -> TwinVersion:
         """Adds a version.
 
@@ -81,6 +83,8 @@ class TwinStore:
         - `noise`: the noise of its observer.
         - `aliases`: aliases that move to it, in the same transaction.
         - `tags`: name -> text.
+        - `controller`: the text of the file of the controller that belongs to the twin.
+        - `trial`: what `jaxtwin.retune` found of that controller, as its `to_dict` gives it.
 
         **Returns:** the version.
 
@@ -122,6 +126,10 @@ class TwinStore:
                 ),
             ).lastrowid
             assert number is not None
+            if controller is not None:
+                make_controllers(connection)
+                row = number, controller, json.dumps(dict(trial or {}))
+                connection.execute("INSERT INTO controllers VALUES (?, ?, ?)", row)
             for name in names:
                 _move(connection, made, name, number, reason)
             for key, value in given.items():
@@ -322,6 +330,10 @@ class TwinStore:
             "SELECT name FROM aliases WHERE version = ? ORDER BY name", (number,)
         )
         query = "SELECT key, value FROM tags WHERE version = ? ORDER BY key"
+        pair = None
+        if has_controllers(connection):
+            query_pair = "SELECT controller, trial FROM controllers WHERE version = ?"
+            pair = connection.execute(query_pair, (number,)).fetchone()
         return TwinVersion(
             store=str(self.path),
             number=number,
@@ -336,6 +348,8 @@ class TwinStore:
             fit_text=fit,
             rig_text=rig_text,
             noise_text=noise,
+            controller_text=None if pair is None else pair[0],
+            trial={} if pair is None else json.loads(pair[1]),
         )
 
 

@@ -28,6 +28,8 @@ class TwinVersion:
     - `aliases`, `tags`: those that it had when it was looked up.
     - `fit_text`, `rig_text`, `noise_text`: the saved fit, the rig file, and the noise of its
       observer, all as TOML.
+    - `controller_text`: the file of the controller that belongs to the twin, TOML; None if none
+      does. `trial`: what `jaxtwin.retune` found of it.
     """
 
     store: str
@@ -43,6 +45,8 @@ class TwinVersion:
     fit_text: str = field(repr=False)
     rig_text: str = field(repr=False)
     noise_text: str | None = field(repr=False)
+    controller_text: str | None = field(default=None, repr=False)
+    trial: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def address(self) -> str:
@@ -87,6 +91,8 @@ class TwinVersion:
             "aliases": list(self.aliases),
             "tags": dict(self.tags),
             "has_noise": self.noise_text is not None,
+            "controller": self.controller_text,
+            "trial": dict(self.trial),
         }
 
     def summary(self) -> str:
@@ -101,6 +107,10 @@ class TwinVersion:
         lines += [f"  recording {name}: {digest[:12]}" for name, digest in self.recordings.items()]
         lines.append(f"  {', '.join(f'{name} {one}' for name, one in self.software.items())}")
         lines.append(f"  noise: {'none' if self.noise_text is None else 'of its own'}")
+        if self.controller_text is not None:
+            scenarios = len(self.trial.get("scenarios", ()))
+            tried = f", tried in {scenarios} scenarios" if scenarios else ""
+            lines.append(f"  controller: of its own{tried}")
         return "\n".join(lines)
 
 

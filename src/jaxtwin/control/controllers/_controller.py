@@ -274,6 +274,17 @@ def with_values(controller: Controller, values: Mapping[str, Any]) -> Controller
     return controller
 
 
+def is_same(one: AbstractController, other: AbstractController) -> bool:
+    """Whether two controllers are equal in all numbers and settings."""
+    return one is other or bool(eqx.tree_equal(one, other))
+
+
+def is_same_kind(one: AbstractController | None, other: AbstractController | None) -> bool:
+    """Whether two controllers differ in numbers alone, not in limits, sample time or outputs."""
+    (a, tree), (b, other_tree) = (jax.tree.flatten(each) for each in (one, other))
+    return tree == other_tree and [np.shape(leaf) for leaf in a] == [np.shape(leaf) for leaf in b]
+
+
 def checked_sample_time(where: str, sample_time_s: object) -> float:
     """Returns a sample time as a float.
 

@@ -21,6 +21,7 @@ import logging
 import os
 import warnings
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -33,6 +34,7 @@ from ...errors import ControlError
 from ...rig import Rig
 from ...rig._toml import parse_toml, read_toml, refuse
 from ._controller import AbstractChannelGroupController, AbstractController
+from ._controller_design import ControllerDesign, design_of
 from ._controller_fields import (
     SAMPLE_TIME,
     FileContents,
@@ -56,7 +58,7 @@ log = logging.getLogger("jaxtwin")
 
 FORMAT = 1
 
-_COMMON = ("format", "rig", "kind", "sample_time", "limits")
+_COMMON = ("format", "rig", "kind", "sample_time", "limits", "design")
 
 # Kind of controller -> its class.
 _KINDS: dict[str, type[AbstractController]] = {}
@@ -118,7 +120,36 @@ def read_controller(path: str | os.PathLike[str], rig: Rig) -> AbstractControlle
     return _controller(*read_toml(path, ControlError), rig)
 
 
-def save_controller(path: str | os.PathLike[str], controller: AbstractController, rig: Rig) -> None:
+def read_design(path: str | os.PathLike[str], rig: Rig) -> ControllerDesign | None:
+    """Reads for what the controller of a file was designed; None if the file does not say it.
+
+    **Arguments:** those of `read_controller`.
+
+    **Raises:** the errors of `read_controller`.
+    """
+    data, source = read_toml(path, ControlError)
+    _controller(data, source, rig)
+    return design_of(data, partial(_refuse_in, source))
+
+
+def controller_of_text(
+    text: str, source: str, rig: Rig
+) -> tuple[AbstractController, ControllerDesign | None]:
+    """Reads the text of a controller's file.
+
+    **Raises:** the errors of `read_controller`.
+    """
+    data = parse_toml(text.encode(), source, ControlError)
+    return _controller(data, source, rig), design_of(data, partial(_refuse_in, source))
+
+
+def save_controller(
+    path: str | os.PathLike[str],
+    controller: AbstractController,
+    rig: Rig,
+    *,
+    design: ControllerDesign | None = None,
+) -> None:
     """Writes a controller for a rig to a .toml file. If writing fails, the file is left as it was.
 
     The file of an `LQI` or an `MPC` states in a comment how far from instability their loop is on
@@ -129,6 +160,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     - `path`: the .toml file.
     - `controller`: a controller whose class has a file, as in `read_controller`.
     - `rig`: the rig that the controller is for.
+    - `design`: for what it was designed, so that it can be tuned again.
 
     **Raises:** `ControlError` for another kind of controller, for a controller that does not fit
     the rig, for another ending than .toml, and if the file cannot be written.
@@ -140,6 +172,21 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
             f"save_controller({', '.join(order)})"
         )
     check_ending(path, [".toml"], ControlError)
+    content = controller_file(controller, rig, f"save_controller: {path}", design)
+    write_whole_file(Path(path), content.encode(), ControlError)
+
+
+def controller_file(
+    controller: AbstractController, rig: Rig, where: str, design: ControllerDesign | None = None
+) -> str:
+    """Returns the text of a controller's file.
+
+    **Arguments:**
+
+    - `where`: the name of the file in messages.
+
+    **Raises:** the errors of `save_controller`.
+    """
     if _KINDS.get(getattr(controller, "kind", "")) is not type(controller):
         known = ", ".join(sorted(known.__name__ for known in _KINDS.values()))
         raise ControlError(
@@ -152,7 +199,7 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
         text, is_fragile = result
         lines.append(f"# on its own model: {text}")
         if is_fragile:
-            log.warning("save_controller: %s: on its own model: %s", path, text)
+            log.warning("%s: on its own model: %s", where, text)
     lines += [
         f"rig = {json.dumps(rig.name)}",
         f"kind = {json.dumps(controller.kind)}",
@@ -162,10 +209,13 @@ def save_controller(path: str | os.PathLike[str], controller: AbstractController
     if measured is not None:
         lines.append(f"measured = {json.dumps(measured)}")
     lines.append(f"limits = {json.dumps(controller.limits)}")
+    if design is not None:
+        # Dotted keys, because tables of the controller may follow.
+        lines += design.file_lines()
     lines += controller.file_lines()
-    content = ("\n".join(lines) + "\n").encode()
-    _controller(parse_toml(content, f"save_controller: {path}", ControlError), str(path), rig)
-    write_whole_file(Path(path), content, ControlError)
+    content = "\n".join(lines) + "\n"
+    controller_of_text(content, where, rig)
+    return content
 
 
 def _limits(found: Any, refuse: Refuse) -> list[float | list[float]]:
@@ -188,9 +238,7 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
     - `source`: the name of the file in messages.
     """
 
-    def refuse_field(field: str, message: str) -> NoReturn:
-        refuse(source, field, message, ControlError)
-
+    refuse_field = partial(_refuse_in, source)
     if data.get("format") != FORMAT:
         refuse_field("format", f"expected {FORMAT}, got {data.get('format')!r}")
     if data.get("rig") != rig.name:
@@ -198,6 +246,10 @@ def _controller(data: Mapping[str, Any], source: str, rig: Rig) -> AbstractContr
             "rig", f"expected a controller for {rig.name!r}, got one for {data.get('rig')!r}"
         )
     return controller_of_tables(data, rig, refuse_field)
+
+
+def _refuse_in(source: str, field: str, message: str) -> NoReturn:
+    refuse(source, field, message, ControlError)
 
 
 def controller_of_tables(
@@ -220,6 +272,7 @@ def controller_of_tables(
     for name in data:
         if name not in known:
             refuse_field(name, unknown_name("field", name, known))
+    design_of(data, refuse_field)
     required = [name for name, field in controller.fields.items() if field.is_required]
     for name in ("sample_time", *required):
         if name not in data:

@@ -374,16 +374,16 @@ def _excess_of_all(
     """What a sample takes back from the demand that cells share.
 
     It is nothing while one of them follows the demand: the integral of a cell that cools would
-    otherwise be pulled towards the heaters' 0, with a lasting error. Where none follows, the mean
-    excess counts, as if each had its own integral, but never more than leads back to the limit.
+    otherwise be pulled towards the heaters' 0, with a lasting error. Where none follows, the excess
+    of the one that is farthest beyond its limit counts, but never more than leads back to the limit
+    of the nearest.
     """
     counted = share > 0
     excess = beyond / jnp.where(counted, share, 1.0)
-    mean = jnp.where(counted, excess, 0.0).sum() / jnp.maximum(counted.sum(), 1)
     smallest = jnp.where(counted, excess, jnp.inf).min()
     largest = jnp.where(counted, excess, -jnp.inf).max()
-    above = jnp.maximum(jnp.minimum(back * mean, smallest), 0.0)
-    below = jnp.minimum(jnp.maximum(back * mean, largest), 0.0)
+    above = jnp.maximum(jnp.minimum(back * largest, smallest), 0.0)
+    below = jnp.minimum(jnp.maximum(back * smallest, largest), 0.0)
     return (above + below)[None]
 
 

@@ -54,6 +54,11 @@ class OperatingPoint(eqx.Module):
     rig: str = eqx.field(static=True, default="")
     elements: int = eqx.field(static=True, default=0)
 
+    def __repr__(self) -> str:
+        # Also where its numbers are traced.
+        duty = self.duty if isinstance(self.duty, np.ndarray) else np.shape(self.duty)
+        return f"OperatingPoint(rig={self.rig!r}, duty={duty}, {len(self.channel_names)} channels)"
+
     @property
     def range(self) -> float:
         """The difference between the hottest and the coldest element of the plate, K.

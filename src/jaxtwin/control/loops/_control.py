@@ -25,7 +25,7 @@ from ...live import (
 )
 from ...physics import Twin
 from ...simulation._stepper import assembled
-from ..controllers._controller import AbstractController
+from ..controllers._controller import AbstractController, is_same
 from ._loop_checks import check_cells, check_reach, check_sample_time
 from ._loop_margins import LoopMargins, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
@@ -196,6 +196,7 @@ class LiveLoop:
             self._decide(self._state, self._ahead[0], readings)
         self._silence = float(silence)
         self._sample: int | None = None
+        self._taken_over: Float[np.ndarray, " cells"] | None = None
         self._time = self._phase = 0.0
         self._duty = np.zeros(len(twin.rig.driven))
         self._lowest = np.array(twin.rig.lowest_duty)
@@ -204,8 +205,12 @@ class LiveLoop:
 
     def continue_from(self, other: "LiveLoop") -> None:
         """Takes over the state of another loop of the same controller, whose references and
-        duration end here: its integrals and its samples go on."""
+        duration end here: its integrals and its samples go on. From a loop of another controller it
+        takes over the duty."""
         if other._sample is None:
+            return
+        if not is_same(other._controller, self._controller):
+            self._taken_over = self._duty = other._duty
             return
         self._state, self._duty, self._sample = other._state, other._duty, 0
         passed = other._time + other._phase - other._sample * self._controller.sample_time_s
@@ -255,8 +260,7 @@ class LiveLoop:
             return self._duty
         with own_settings():
             if self._sample is None:
-                begun = _begun(self._controller, np.asarray(moment.duty, float), measurement)
-                self._state = jax.tree.map(np.asarray, begun)
+                self._state = self._begin(moment, measurement)
             ahead = self._ahead[min(sample, len(self._ahead) - 1)]
             asked, state = self._decide(self._state, ahead, measurement)
             self._state = jax.tree.map(np.asarray, state)
@@ -274,6 +278,17 @@ class LiveLoop:
             self._exceeded[key] = one.after(self._exceeded.get(key))
         self.decision = Decision(moment.time, reference, outputs, self._duty)
         return self._duty
+
+    def _begin(self, moment: Moment, measurement: Float[np.ndarray, " readings"]) -> PyTree:
+        """Returns the state of the first sample."""
+        duty = np.asarray(moment.duty, float)
+        if (before := self._taken_over) is not None:
+            # A state knows no reference. What the error of this moment would add to the duty is
+            # taken off, so that the duty goes on where it is.
+            begun = _begun(self._controller, before, measurement)
+            asked, _ = self._decide(begun, self._ahead[0], measurement)
+            duty = 2 * before - np.asarray(asked, float)
+        return jax.tree.map(np.asarray, _begun(self._controller, duty, measurement))
 
     def recorded(
         self,

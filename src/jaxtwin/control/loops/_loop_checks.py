@@ -39,6 +39,10 @@ _NEED_NUMBERS = (
 SEARCH_STARTS = 64
 
 
+class OutOfReachError(ControlError):
+    """No duty within the limits of the controller can hold the references."""
+
+
 def check_reach(
     system: System,
     weights: Float[np.ndarray, "outputs channels"],
@@ -58,7 +62,7 @@ def check_reach(
     - `limits`: the lowest and the highest duty of the controller, for each cell and heater if they
       differ.
 
-    **Raises:** `ControlError` that names the reference, its time, the limits and the reachable
+    **Raises:** `OutOfReachError` that names the reference, its time, the limits and the reachable
     range.
     """
     low, high = _bounds_of_cells(system, limits)
@@ -71,7 +75,7 @@ def check_reach(
     wrong = (reference < lowest - REACH_TOLERANCE) | (reference > highest + REACH_TOLERANCE)
     if wrong.any():
         sample, output = np.argwhere(wrong)[0]
-        raise ControlError(
+        raise OutOfReachError(
             f"references: expected {lowest[output]:.1f} to {highest[output]:.1f} degC, which "
             f"{held_by} can hold, got {reference[sample, output]:.1f} degC at {times[sample]:g} s"
         )
@@ -86,7 +90,7 @@ def check_reach(
             wanted, result = (
                 "/".join(f"{value:.4g}" for value in values + middle) for values in (aim, nearest)
             )
-            raise ControlError(
+            raise OutOfReachError(
                 f"references: expected temperatures that {held_by} can hold at the same time, got "
                 f"{wanted} degC at {times[sample]:g} s; the nearest are {result} degC"
             )

@@ -75,6 +75,9 @@ class LoopMargins(NamedTuple):
             return "the loop is not stable"
         return margins_text(self.sensitivity_peak, self.sensitivity_omega, self.disk)
 
+    def __repr__(self) -> str:
+        return f"<LoopMargins: {self.summary()}>"
+
 
 def loop_margins(
     twin: Twin | Fit,

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..._compilation import persistent_jit, persistent_jit_unoptimised
 from ..._jax_settings import in_precision, own_settings
-from ...physics import Twin
+from ...physics import Fault, System, Twin
 from ...simulation import Precision, Reductions, Stepper
 from ...simulation._check_values import check_draw, check_values, valid_draws
 from ...simulation._step_preparation import is_multiple
@@ -76,11 +76,12 @@ def simulate_many_loops(
     measures: Mapping[str, Measure],
     precision: Precision,
     workers: int | None,
+    fault: Fault | None = None,
 ) -> Reductions:
     """Simulates `count` loops, with a draw of the plant, of the controller or of both in each.
 
     The arguments have been checked by `simulate_closed_loops`; `scenario` allows for the longest
-    delay of all draws.
+    delay of all draws. A fault changes the equations of each draw, from the start.
     """
     dtype = jnp.float32 if precision == "float32" else jnp.float64
     whole = is_whole_delay(twin, draws, scenario.step)
@@ -103,7 +104,13 @@ def simulate_many_loops(
                 }
                 for kind in ("plant ", "controller ")
             )
-            steppers = steppers_of(twin, plant, *sizes, whole)
+            if fault is None:
+                steppers = steppers_of(twin, plant, *sizes, whole)
+            else:
+                # A fault is a closure, whose program could not be kept; as it is, all faults share
+                # the programs before and after it.
+                faulty = jax.vmap(fault)(_systems_of(twin, plant))
+                steppers = _steppers_of_systems(faulty, *sizes, whole)
             steppers, fixed, varied = in_precision((steppers, scenario, loops), dtype)
             chosen = in_precision(controller, dtype)
             kept = tuple(measures.items())
@@ -147,21 +154,45 @@ def steppers_of(
     """Makes a stepper for each draw; its numbers are NaN for invalid draws."""
 
     def stepper_of(values: Mapping[str, Array]) -> Stepper:
-        made = Stepper(
-            twin.with_values(values),
-            step,
-            longest_delay=longest_delay,
-            is_whole_delay=is_whole_delay,
-        )
-        valid = made.system.is_valid
-
-        def marked(leaf: Array) -> Array:
-            is_real = jnp.issubdtype(leaf.dtype, jnp.floating)
-            return jnp.where(valid, leaf, jnp.nan) if is_real else leaf
-
-        return jax.tree.map(marked, made)
+        return _stepper_of(twin.with_values(values), step, longest_delay, is_whole_delay)
 
     return jax.vmap(stepper_of)({name: jnp.asarray(values) for name, values in draws.items()})
+
+
+@persistent_jit_unoptimised
+def _systems_of(twin: Twin, draws: Mapping[str, Float[Array | np.ndarray, " chunk"]]) -> System:
+    """Makes the equations of each draw."""
+
+    def system_of(values: Mapping[str, Array]) -> System:
+        return twin.with_values(values).system()
+
+    return jax.vmap(system_of)({name: jnp.asarray(values) for name, values in draws.items()})
+
+
+@persistent_jit_unoptimised
+def _steppers_of_systems(
+    systems: System, step: float, longest_delay: float, is_whole_delay: bool
+) -> Stepper:
+    """Makes a stepper for each of several equations."""
+
+    def stepper_of(system: System) -> Stepper:
+        return _stepper_of(system, step, longest_delay, is_whole_delay)
+
+    return jax.vmap(stepper_of)(systems)
+
+
+def _stepper_of(
+    twin: Twin | System, step: float, longest_delay: float, is_whole_delay: bool
+) -> Stepper:
+    """Makes a stepper, whose numbers are NaN if no rig can have the values."""
+    made = Stepper(twin, step, longest_delay=longest_delay, is_whole_delay=is_whole_delay)
+    valid = made.system.is_valid
+
+    def marked(leaf: Array) -> Array:
+        is_real = jnp.issubdtype(leaf.dtype, jnp.floating)
+        return jnp.where(valid, leaf, jnp.nan) if is_real else leaf
+
+    return jax.tree.map(marked, made)
 
 
 @persistent_jit

@@ -1,25 +1,16 @@
-r"""References of a closed loop: the desired value of each output at each sample.
-
-In text a value is held until the next time. Before an entry that begins with `ramp` or `curve` the
-reference moves from the value before it, and reaches the entry's value at its time: along a line,
-or along the S-curve $3 s^2 - 2 s^3$ of the elapsed share $s$, whose rate is 0 at both ends.
-"""
+"""References of a closed loop: the desired value of each output at each sample."""
 
 import math
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..._arguments import finite_number
+from ..._temperature_schedule import scheduled_temperatures
 from ...errors import ControlError
 
 # The largest number of references for which a loop is checked.
 REPRESENTATIVES = 5
-
-# How a reference moves to an entry: the share of the change by the share of the time.
-SHAPES = {"hold": np.zeros_like, "ramp": np.copy, "curve": lambda share: share**2 * (3 - 2 * share)}
 
 
 def reference_samples(
@@ -39,7 +30,7 @@ def reference_samples(
     **Raises:** `ControlError` that quotes the invalid part.
     """
     if isinstance(references, str):
-        return _scheduled(where, references, times, outputs)
+        return scheduled_temperatures(where, references, times, outputs, ControlError)
     try:
         values = np.asarray(references, float)
         if outputs == 1 and values.shape == times.shape:
@@ -54,67 +45,6 @@ def reference_samples(
     if not np.isfinite(shaped).all():
         raise ControlError(f"{where}: expected finite numbers, in degC, got {references!r}")
     return shaped.copy()
-
-
-def _scheduled(
-    where: str, text: str, times: Float[np.ndarray, " samples"], outputs: int
-) -> Float[np.ndarray, "samples outputs"]:
-    entries = [_entry(where, part, outputs) for part in text.split(",")]
-    switches = [entry.time for entry in entries]
-    if entries[0].shape != "hold":
-        raise ControlError(
-            f"{where}: expected a temperature at time 0 before a ramp or a curve, such as "
-            f"'0:16,ramp 600:40', got {text!r}"
-        )
-    if switches[0] != 0 or any(b <= a for a, b in pairwise(switches)):
-        raise ControlError(
-            f"{where}: expected times that begin at 0 and increase, such as '0:35,600:45', got "
-            f"{text!r}"
-        )
-    if switches[-1] > times[-1]:
-        raise ControlError(
-            f"{where}: expected times up to the end at {times[-1]:g} s, got {switches[-1]:g} s in "
-            f"{text!r}"
-        )
-    held = np.searchsorted(np.array(switches), times + 1e-9 * max(times[-1], 1), side="right") - 1
-    samples = np.array([entry.values for entry in entries])[held]
-    for number, (before, entry) in enumerate(pairwise(entries)):
-        between = held == number
-        elapsed = (times[between] - before.time) / (entry.time - before.time)
-        change = np.outer(SHAPES[entry.shape](elapsed.clip(0, 1)), entry.values - before.values)
-        samples[between] += change
-    return samples
-
-
-class _Entry(NamedTuple):
-    """A part of a text: the values that hold from a time on, and how they are reached."""
-
-    time: float
-    values: Float[np.ndarray, " outputs"]
-    shape: str
-
-
-def _entry(where: str, part: str, outputs: int) -> _Entry:
-    first, _, rest = part.strip().partition(" ")
-    shape, words = (first, rest) if first in ("ramp", "curve") else ("hold", part)
-    time_text, colon, value_text = words.partition(":")
-    try:
-        if not colon:
-            raise ValueError
-        time, *values = (float(word) for word in (time_text, *value_text.split("/")))
-        if not all(math.isfinite(number) for number in (time, *values)):
-            raise ValueError
-    except ValueError:
-        raise ControlError(
-            f"{where}: expected 'time:temperature' such as '600:45', 'ramp 600:45' or 'curve "
-            f"600:45', or a temperature for each output such as '600:45/47', got {part.strip()!r}"
-        ) from None
-    if len(values) not in (1, outputs):
-        raise ControlError(
-            f"{where}: expected one temperature for all outputs, or one for each of the {outputs}, "
-            f"got {len(values)} in {part.strip()!r}"
-        )
-    return _Entry(time, np.broadcast_to(values, (outputs,)), shape)
 
 
 def references_ahead(

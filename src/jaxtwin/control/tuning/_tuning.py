@@ -51,6 +51,9 @@ class TunedLoop(NamedTuple):
     measures: Float[np.ndarray, "draws measures"]
     sensitivity: Float[np.ndarray, "draws frequency"]
 
+    def __repr__(self) -> str:
+        return f"<TunedLoop: objective {self.objective:.4g}, {len(self.measures)} draws>"
+
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)

@@ -10,9 +10,9 @@ from ._clock import Clock
 from ._records import LinkChange, LinkState
 from ._transport import Opener, Transport
 
+# The pause after the first failure, s, and the longest pause. The pause doubles with each further
+# failure.
 FIRST_RETRY, LONGEST_RETRY = 0.1, 5.0
-"""The pause after the first failure, s, and the longest pause. The pause doubles with each further
-failure."""
 
 # A connection that was valid for this time, s, is opened again at once. A device that greets and
 # then closes the connection is thus not opened ten times a second.

@@ -23,9 +23,9 @@ MIN_SECONDS = 10.0
 # K. What the first second after a stop does is known least: heat is still on its way to the plate.
 MIN_CHANGE_KELVIN = 2.0
 
+# The part of the last duty that separates a rig that is off from one that heats, and how far beyond
+# it the error of the estimate may reach.
 HEATS, CLEARANCE = 0.5, 0.25
-"""The part of the last duty that separates a rig that is off from one that heats, and how far
-beyond it the error of the estimate may reach."""
 
 # The largest part of full duty that a rig can show: its contacts may be better than the twin's.
 MAX_PART = 1.5

@@ -22,9 +22,9 @@ STEP_SECONDS = 0.5
 # The step of the twins in a plan, s: 0.02 K from shorter ones on the bundled rigs.
 PLAN_STEP_SECONDS = 10.0
 
+# A plan is divided into a power of two of steps, whose duty is averaged, so that few programs are
+# compiled. Those of a plan of more than two days are longer.
 MIN_PLAN_STEPS, MAX_PLAN_STEPS = 128, 16_384
-"""A plan is divided into a power of two of steps, whose duty is averaged, so that few programs are
-compiled. Those of a plan of more than two days are longer."""
 
 DRIVEN, IDLE = range(2)
 

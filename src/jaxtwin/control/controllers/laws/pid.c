@@ -23,26 +23,29 @@ static model_real model_demand(const model_real *rest, const int *counted)
     return size > 0 ? sum / size : sum;
 }
 
-/* What a sample takes back from the demand: nothing while one of the cells follows it, then their
-   mean excess, but never more than leads back to the limit. */
+/* What a sample takes back from the demand: nothing while one of the cells follows it, then the
+   excess of the farthest, but never more than leads back to the limit of the nearest. */
 static model_real model_excess_of_all(const model_real *beyond)
 {
-    model_real smallest = 0, largest = 0, mean = 0;
+    model_real smallest = 0, largest = 0;
     int i, counted = 0;
     for (i = 0; i < MODEL_CELLS; ++i) {
         if (model_share[i] > 0) {
             const model_real excess = beyond[i] / model_share[i];
             smallest = !counted || excess < smallest ? excess : smallest;
             largest = !counted || excess > largest ? excess : largest;
-            mean += excess;
             ++counted;
         }
     }
-    mean = counted ? model_back[0] * mean / (model_real)counted : 0;
     if (smallest > 0) {
-        return mean < smallest ? mean : smallest;
+        const model_real back = model_back[0] * largest;
+        return back < smallest ? back : smallest;
     }
-    return largest >= 0 ? 0 : mean > largest ? mean : largest;
+    if (largest < 0) {
+        const model_real back = model_back[0] * smallest;
+        return back > largest ? back : largest;
+    }
+    return 0;
 }
 #endif
 

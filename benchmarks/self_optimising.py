@@ -1,0 +1,335 @@
+"""Does a loop that retunes itself become as good as one that was designed on the true rig?
+
+A twin of `single-cell` that was matched to four healthy sessions, with the controller that is
+designed on it, or a cautious one that was never tuned. Then the rig changes, a session of a quarter
+of an hour is recorded, the twin is refitted, and if it passed the gate the controller is retuned,
+as `serve --self-optimise apply` does. Seeds that are judged were not looked at before; all settings
+were chosen on others.
+
+- changes: a contact of three times the resistance; a cell whose resistance is 1/0.7 times what it
+  was, so that it draws 30 % less; a fouled sink of three times the resistance to air; a supply of
+  10.2 V in place of 12 V, which the twin does not know as a parameter.
+- poisoned: a channel that is frozen, another rig, an open lid (`heated-box`), as in
+  `benchmarks.refit`; and objectives and references that ask for the impossible.
+- delayed: the accepted controller on a rig that reads later than its twin by 1.5 to 3 times the
+  delay that its loop tolerates, which nothing says; and the same rigs without that delay.
+- side by side: Nelder-Mead on the running loop (scipy), 900 s of the rig for each evaluation, until
+  the cost is within 10 % of the optimum.
+
+    python -m benchmarks.self_optimising [--seeds 100] [--first 0] [--kinds contact heater ...]
+"""
+
+import argparse
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+import jaxtwin as jt
+from benchmarks._machine import processor
+from benchmarks.refit import another_rig, drifted, frozen, last_fit, lid, recorded, schedule
+from jaxtwin.control import PID, AbstractController, Decision, loop_margins
+from jaxtwin.errors import JaxtwinError
+from jaxtwin.retuning import LoopWatch, Retuned
+
+RIG = "single-cell"
+
+REFERENCES, LENGTH = "0:30,300:45,600:30", 900.0
+"""The steps for which the controller is designed, degC, and their time, s."""
+
+FIRST = PID(Kp=0.05, Ki=0.0005, limits=(-1, 1))
+"""The controller from which the search of the healthy rig begins."""
+
+WITHIN = 1.1
+"""A cost is as good as the optimum up to this multiple of it."""
+
+EVALUATIONS = 60
+"""The number of experiments of a search on the rig, at most."""
+
+
+class Loop(NamedTuple):
+    """A loop on a rig: cost, K s; energy, J; overshoot, K; hottest reading, degC."""
+
+    cost: float
+    energy: float
+    overshoot: float
+    hottest: float
+
+
+@cache
+def healthy_controller() -> AbstractController:
+    """The controller before the change, designed on the healthy twin."""
+    found = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    assert found.decision == "accepted", found.summary()
+    return found.controller
+
+
+@cache
+def weak_rig() -> jt.Rig:
+    """The rig with a supply of 85 % of its voltage."""
+    text = jt.load_rig(RIG).text
+    assert text is not None
+    file = Path(tempfile.mkdtemp()) / "single-cell.toml"
+    file.write_text(text.replace('supply_voltage = "12 V"', 'supply_voltage = "10.2 V"'))
+    return jt.load_rig(file)
+
+
+def changed_rig(kind: str, seed: int) -> tuple[jt.Twin, jt.Experiment]:
+    """A rig that has changed, and a session of it."""
+    random = np.random.default_rng([31, seed, sum(map(ord, kind))])
+    twin = drifted(jt.Twin(RIG), random)
+    factors = {
+        "contact": {("R_pc", "R_ph")[seed % 2]: 3.0},
+        "heater": {"R_E": 1 / 0.7},
+        "sink": {"R_sink": 3.0},
+        "supply": {},
+    }[kind]
+    twin = twin.with_values(
+        {name: part * float(twin.values[name]) for name, part in factors.items()}
+    )
+    if kind == "supply":
+        twin = jt.Twin(weak_rig(), {name: float(value) for name, value in twin.values.items()})
+    return twin, recorded(twin, schedule(twin, random, {}), random, kind)
+
+
+def on_rig(twin: jt.Twin, controller: AbstractController, seed: int, delay: float = 0.0) -> Loop:
+    run = jt.simulate_closed_loop(
+        twin, controller, REFERENCES, duration=LENGTH, seed=seed, sensor_delay=delay
+    )
+    table = run.measures()["value"]
+    return Loop(
+        float(table["integral_absolute_error"]),
+        float(table["energy"]),
+        float(table["overshoot"]),
+        float(np.max(run.run.temperatures)),
+    )
+
+
+def limit_of(twin: jt.Twin) -> float:
+    assert twin.rig.limits is not None
+    return twin.rig.limits.temperature - 273.15
+
+
+def optimum(twin: jt.Twin) -> AbstractController:
+    """The controller that is designed on the true rig."""
+    return jt.tune(twin, healthy_controller(), REFERENCES, duration=LENGTH).controller
+
+
+class Outcome(NamedTuple):
+    """A changed rig: what the refit and the retuning decided, the time of the latter, s, and the
+    costs of the optimum, the controller before, and the one in use afterwards."""
+
+    refit: str
+    retune: str
+    seconds: float
+    best: float
+    before: float
+    after: float
+    is_hot: bool
+
+
+@cache
+def refitted(kind: str, seed: int) -> tuple[jt.Twin, jt.refitting.Refit, float]:
+    """A changed rig, the refit to a session of it, and the cost of the optimum on it."""
+    twin, recording = changed_rig(kind, seed)
+    return twin, jt.refit(last_fit(RIG), recording), on_rig(twin, optimum(twin), seed).cost
+
+
+def controller_before(which: str) -> AbstractController:
+    return healthy_controller() if which == "designed" else FIRST
+
+
+@cache
+def outcome(kind: str, seed: int, which: str) -> Outcome:
+    """As the loop of `serve` does: a retuning follows a refit that passed its gate."""
+    twin, refit, best = refitted(kind, seed)
+    present = controller_before(which)
+    word, seconds, after = "none", np.nan, present
+    if refit.decision == "promoted":
+        found = jt.retune(refit.twin, present, REFERENCES, duration=LENGTH)
+        word, seconds, after = found.decision, found.wall_time, found.controller
+    old, new = on_rig(twin, present, seed), on_rig(twin, after, seed)
+    is_hot = new.hottest > limit_of(twin)
+    return Outcome(refit.decision, word, seconds, best, old.cost, new.cost, is_hot)
+
+
+def changes(kind: str, which: str, seeds: range) -> str:
+    several = []
+    for seed in seeds:
+        one = outcome(kind, seed, which)
+        several.append(one)
+        print(f"{kind}, {which} {seed}: {tuple(one)}", flush=True)
+    ratios = np.array([one.after / one.best for one in several])
+    old = np.array([one.before / one.best for one in several])
+    is_tuned = np.array([one.refit == "promoted" for one in several])
+    near = np.sum(ratios[is_tuned] <= WITHIN), np.sum(ratios <= WITHIN)
+    refits = ", ".join(f"{a} {b}" for a, b in Counter(one.refit for one in several).items())
+    words = ", ".join(f"{a} {b}" for a, b in Counter(one.retune for one in several).items())
+    hot = sum(one.is_hot for one in several)
+    seconds = [one.seconds for one in several if np.isfinite(one.seconds)]
+    times = f"{np.median(seconds):.1f}, {max(seconds):.1f}" if seconds else ""
+    return (
+        f"| {kind} | {which} | {refits} | {words} | {np.median(old):.2f}, {old.max():.2f} | "
+        f"{np.median(ratios):.2f}, {ratios.max():.2f} | {near[0]} of {is_tuned.sum()} | "
+        f"{near[1]} of {len(seeds)} | {hot} | {times} |"
+    )
+
+
+def impossible(seed: int) -> str:
+    """A retuning that asks for the impossible, and what became of it."""
+    random = np.random.default_rng([32, seed])
+    asked: dict[str, object] = {"objective": "integral_absolute_error", "references": REFERENCES}
+    match seed % 4:
+        case 0:  # nothing but little energy: a controller that does nothing
+            asked["objective"] = {"energy": float(random.uniform(0.1, 10))}
+        case 1:
+            asked["objective"] = {"integral_absolute_error": -float(random.uniform(0.1, 10))}
+        case 2:
+            asked["references"] = f"0:30,300:{random.uniform(150, 300):.0f}"
+        case _:
+            asked["objective"] = {"total_variation": float(random.uniform(0.1, 10))}
+    try:
+        found = jt.retune(last_fit(RIG), FIRST, duration=LENGTH, **asked)  # pyright: ignore
+    except JaxtwinError:
+        return "refused"
+    return found.decision
+
+
+def poisoned(kind: str, seeds: range) -> str:
+    makes: Mapping[str, Callable[[int], tuple[jt.Fit, jt.Experiment]]] = {
+        "frozen": frozen,
+        "another rig": another_rig,
+        "lid": lid,
+    }
+    words = Counter[str]()
+    for seed in seeds:
+        if kind == "impossible":
+            word = impossible(seed)
+        else:
+            refit = jt.refit(*makes[kind](seed))
+            word = f"refit {refit.decision}"
+            if refit.decision == "promoted":
+                found = jt.retune(refit.twin, FIRST, REFERENCES, duration=LENGTH)
+                word = found.decision
+        words[word] += 1
+        print(f"{kind} {seed}: {word}", flush=True)
+    said = ", ".join(f"{a} {b}" for a, b in words.items())
+    return f"| {kind} | {len(seeds) - words['accepted']} of {len(seeds)} | {said} |"
+
+
+def watched(
+    twin: jt.Twin, controller: AbstractController, found: Retuned, seed: int, delay: float
+) -> float:
+    """The time after which the loop is worse than its trial, s; infinite if it never is."""
+    run = jt.simulate_closed_loop(
+        twin, controller, REFERENCES, duration=LENGTH, seed=seed, sensor_delay=delay
+    )
+    assert found.band is not None
+    watch = LoopWatch(found.band)
+    rows = zip(run.time, run.reference, run.measurement, run.duty, strict=True)
+    return next((float(row[0]) for row in rows if watch.see(Decision(*row))), np.inf)
+
+
+def delayed(seeds: range) -> str:
+    """Rigs with a hidden delay, and the same ones without."""
+    found = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    late, false = [], 0
+    for seed in seeds:
+        random = np.random.default_rng([33, seed])
+        twin = drifted(jt.Twin(RIG), random)
+        channel = loop_margins(twin, found.controller, 40.0).channel
+        assert channel is not None
+        tolerated = np.deg2rad(channel.pm) / channel.wcp
+        delay = float(np.ceil(random.uniform(1.5, 3.0) * tolerated))
+        late.append(watched(twin, found.controller, found, seed, delay))
+        healthy = watched(twin, found.controller, found, seed, 0.0)
+        false += healthy < np.inf
+        print(
+            f"delayed {seed}: {delay:g} s after {late[-1]:g} s, healthy {healthy:g} s", flush=True
+        )
+    seen = int(np.isfinite(late).sum())
+    times = np.array(late)[np.isfinite(late)]
+    return (
+        f"| {seen} of {len(seeds)} | {np.median(times):.0f}, {times.max():.0f} | "
+        f"{false} of {len(seeds)} |"
+    )
+
+
+def beside(kind: str, seeds: range) -> list[str]:
+    """Nelder-Mead on the running loop, and ours."""
+    rows = []
+    for seed in seeds:
+        twin, _ = changed_rig(kind, seed)
+        one = outcome(kind, seed, "cautious")
+        tried: list[Loop] = []
+
+        def cost(point: np.ndarray, twin=twin, tried=tried, best=one.best) -> float:
+            if tried and min(loop.cost for loop in tried) <= WITHIN * best:
+                return min(loop.cost for loop in tried)  # it may stop: it is as good
+            gains = np.exp(np.clip(point, -12, 3))
+            loop = on_rig(twin, PID(Kp=gains[0], Ki=gains[1], limits=(-1, 1)), len(tried))
+            tried.append(loop)
+            return loop.cost
+
+        start = np.log([float(np.ravel(one)[0]) for one in (FIRST.Kp, FIRST.Ki)])
+        minimize(cost, start, method="Nelder-Mead", options={"maxfev": EVALUATIONS})
+        best = min(loop.cost for loop in tried)
+        rows.append(
+            (
+                len(tried) * LENGTH,
+                sum(loop.energy for loop in tried),
+                max(loop.overshoot for loop in tried),
+                best / one.best,
+                one.after / one.best,
+            )
+        )
+        print(f"beside {kind} {seed}: {rows[-1]}", flush=True)
+    table = np.array(rows)
+    median, largest = np.median(table, axis=0), table.max(axis=0)
+    search = (
+        f"| Nelder-Mead on the rig | {median[0]:.0f}, {largest[0]:.0f} | "
+        f"{median[1] / 1e3:.0f}, {largest[1] / 1e3:.0f} | {median[2]:.1f}, {largest[2]:.1f} | "
+        f"{median[3]:.2f}, {largest[3]:.2f} |"
+    )
+    return [
+        search,
+        f"| `retune` | 0, 0 | 0, 0 | 0, 0 | {median[4]:.2f}, {largest[4]:.2f} |",
+    ]
+
+
+CHANGES = ("contact", "heater", "sink", "supply")
+POISONED = ("frozen", "another rig", "lid", "impossible")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--kinds", nargs="*", default=[*CHANGES, *POISONED, "delayed", "beside"])
+    chosen = parser.parse_args()
+    seeds = range(chosen.first, chosen.first + chosen.seeds)
+    print(f"{processor()}, seeds {seeds.start} to {seeds.stop - 1}")
+    began = time.perf_counter()
+    jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    print(f"fit and first retuning: {time.perf_counter() - began:.1f} s")
+    rows = []
+    for kind in chosen.kinds:
+        if kind in CHANGES:
+            rows += [changes(kind, which, seeds) for which in ("designed", "cautious")]
+        elif kind in POISONED:
+            rows.append(poisoned(kind, seeds))
+        elif kind == "delayed":
+            rows.append(delayed(seeds))
+        else:
+            rows += beside("contact", seeds)
+    print("\n".join(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,260 @@
+"""The trial of a candidate beside the present controller: many draws, in one scenario after the
+other."""
+
+import math
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple, final
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._celsius import ZERO_CELSIUS
+from .._jax_settings import own_settings
+from ..control.controllers._controller import AbstractController
+from ..control.loops._loop_checks import OutOfReachError
+from ..control.loops._loop_signals import ClosedLoop
+from ..control.loops._many_loops import longest_delay, simulate_many_loops, twin_at_medians
+from ..control.loops._measures import MEASURES, REST_FRACTION, SETTLING_BAND
+from ..control.loops._scenario import Scenario, scenario
+from ..control.tuning._objective import TuningObjective
+from ..errors import ControlError
+from ..physics import Twin
+from ..rig._instruments import SOLDER
+from ._loop_band import LoopBand
+from ._scenarios import TrialScenario
+
+# The share of the draws in which the limits of temperature are kept.
+KEPT = 0.99
+
+# What counts as nothing: a part of the cost of the present controller in the first scenario.
+NEGLIGIBLE = 0.01
+
+
+@final
+class LoopTrial(NamedTuple):
+    """A controller in a scenario.
+
+    - `cost`: the objective, in the mean over all draws; infinite if a loop does not stay finite.
+    - `kept`: the share of the draws that keep the limits of temperature.
+    - `hottest`: the highest reading of all draws, degC.
+    - `error_at_rest`: the absolute error in the last tenth of the run, in the mean over all draws,
+      K.
+    """
+
+    cost: float
+    kept: float
+    hottest: float
+    error_at_rest: float
+
+
+NOT_TRIED = LoopTrial(math.nan, math.nan, math.nan, math.nan)
+"""In place of a loop whose references no duty can hold."""
+
+
+@final
+@dataclass(frozen=True)
+class ScenarioTrial:
+    """The present controller and the candidate in a scenario.
+
+    - `scenario`: the scenario. `present`, `candidate`: what they did.
+    - `passed`: whether the candidate passed. `sentence`: what was found, for people.
+    """
+
+    scenario: TrialScenario
+    present: LoopTrial
+    candidate: LoopTrial
+    passed: bool
+    sentence: str
+
+    @property
+    def is_tried(self) -> bool:
+        """Whether a duty can hold the references in this scenario at all."""
+        return self.present is not NOT_TRIED
+
+
+@final
+class Trial(NamedTuple):
+    """What is the same for all scenarios of a trial.
+
+    - `twin`: the twin. `draws`: draws of its values.
+    - `references`, `duration`: as in `simulate_closed_loops`.
+    - `objective`: the objective.
+    - `allowance`: the part by which a candidate may be worse than the present controller.
+    - `seed`: that of the noise.
+    """
+
+    twin: Twin
+    draws: Mapping[str, Float[np.ndarray, " draws"]]
+    references: float | int | str | np.ndarray
+    duration: float | int
+    objective: TuningObjective
+    allowance: float
+    seed: int
+
+    def of(
+        self,
+        present: AbstractController,
+        candidate: AbstractController,
+        scenarios: tuple[TrialScenario, ...],
+    ) -> tuple[tuple[ScenarioTrial, ...], LoopBand]:
+        """Tries both controllers in all scenarios. Returns the trials, and the band of the
+        candidate's error in the first.
+
+        **Raises:** `ControlError` if the references cannot be held in the first scenario.
+        """
+        trials: list[ScenarioTrial] = []
+        band = None
+        for number, one in enumerate(scenarios):
+            try:
+                conditions = self._conditions(one, present)
+            except OutOfReachError as problem:
+                if number == 0:
+                    raise
+                # A room that is so cold that no duty holds the references is no fault of either.
+                trials.append(ScenarioTrial(one, NOT_TRIED, NOT_TRIED, True, f"{problem}"))
+                continue
+            with ThreadPoolExecutor(2) as pool:
+                runs = pool.map(partial(self._run, one, conditions), (present, candidate))
+                (before, _), (after, errors) = runs
+            if number == 0:
+                band = self._band(conditions, errors)
+            nothing = NEGLIGIBLE * (trials[0].present.cost if trials else before.cost)
+            is_off = conditions.switched_off is not None
+            trials.append(self._judged(one, before, after, nothing, is_off=is_off))
+        assert band is not None
+        return tuple(trials), band
+
+    def _conditions(self, one: TrialScenario, controller: AbstractController) -> Scenario:
+        median = twin_at_medians(self.twin, self.draws)
+        made = scenario(
+            median,
+            controller,
+            self.references,
+            duration=self.duration,
+            seed=self.seed,
+            **one.settings,
+        )
+        with own_settings():
+            longest = longest_delay(median, self.draws)
+        # With the same tables in all scenarios they share their programs.
+        zeros = np.zeros((*made.ambient.shape, len(self.twin.netlist.nodes)))
+        return replace(
+            made,
+            longest_delay=longest,
+            heat=zeros if made.heat is None else made.heat,
+            conductance=zeros if made.conductance is None else made.conductance,
+        )
+
+    def _run(
+        self, one: TrialScenario, conditions: Scenario, controller: AbstractController
+    ) -> tuple[LoopTrial, Float[np.ndarray, "draws times"]]:
+        weighs = np.flatnonzero(self.objective.weights)
+        names = [[*self.objective.measures][number] for number in weighs]
+        used = {name: self.objective.measures[name] for name in names}
+        own = {
+            "_hottest": hottest_reading,
+            "_cell": MEASURES["hottest_cell_side"][0],
+            "_error": absolute_error,
+        }
+        with own_settings():
+            found = simulate_many_loops(
+                twin_at_medians(self.twin, self.draws),
+                controller,
+                conditions,
+                draws=self.draws,
+                controller_draws={},
+                count=len(next(iter(self.draws.values()))),
+                measures={**used, **own},
+                precision="float64",
+                workers=None,
+                fault=one.fault(self.twin),
+            )
+        cost = np.stack([found[name] for name in names], axis=1) @ self.objective.weights[weighs]
+        hottest, errors = np.asarray(found["_hottest"]), np.asarray(found["_error"])
+        # NaN is no temperature that keeps a limit.
+        of_readings, of_cells = _limits(self.twin)
+        kept = (hottest <= of_readings) & (np.asarray(found["_cell"]) <= of_cells)
+        rest = errors[:, -max(1, round(REST_FRACTION * errors.shape[1])) :]
+        is_finite = bool(np.isfinite(cost).all())
+        result = LoopTrial(
+            float(cost.mean()) if is_finite else np.inf,
+            float(np.mean(kept)),
+            float(np.max(hottest)),
+            float(rest.mean()),
+        )
+        return result, errors
+
+    def _judged(
+        self,
+        one: TrialScenario,
+        present: LoopTrial,
+        candidate: LoopTrial,
+        nothing: float,
+        *,
+        is_off: bool,
+    ) -> ScenarioTrial:
+        """Judges a candidate. Where the cells are switched off, what they leave behind says nothing
+        of a controller, and only the limits count."""
+        most = (1 + self.allowance) * present.cost + nothing
+        cost = f"a cost of {candidate.cost:.4g}, with the present controller {present.cost:.4g}"
+        kept = f"the limits of temperature are kept in {100 * candidate.kept:.3g} % of the draws"
+        rest = f"an error at rest of {candidate.error_at_rest:.2g} K, with the present controller"
+        checks = [
+            (candidate.kept >= KEPT, f"{kept}, up to {candidate.hottest:.1f} degC"),
+            (candidate.cost <= most, f"{cost}, and at most {most:.4g} is allowed"),
+            (
+                candidate.error_at_rest <= present.error_at_rest + SETTLING_BAND,
+                f"{rest} {present.error_at_rest:.2g} K",
+            ),
+        ]
+        # What is not a number passes no check.
+        failed = [text for passed, text in checks[: 1 if is_off else None] if not passed]
+        said = "the cells were switched off within the limits" if is_off else cost
+        return ScenarioTrial(one, present, candidate, not failed, failed[0] if failed else said)
+
+    def _band(self, conditions: Scenario, errors: Float[np.ndarray, "draws times"]) -> LoopBand:
+        substeps = np.asarray(conditions.ambient).shape[1]
+        reference = np.repeat(np.asarray(conditions.reference), substeps, axis=0)
+        reference = reference[: errors.shape[1]]
+        time = conditions.step * np.arange(errors.shape[1])
+        return LoopBand.of(time, reference, float(np.median(errors[:, 0])), errors)
+
+
+def hottest_reading(loop: ClosedLoop) -> Float[Array, ""]:
+    """The highest temperature of a channel, without noise, degC."""
+    return jnp.asarray(loop.temperatures).max()
+
+
+def absolute_error(loop: ClosedLoop) -> Float[Array, " times"]:
+    """The absolute error by the readings, in the mean over the outputs, K."""
+    reference = jnp.asarray(loop.reference)
+    measured = jnp.asarray(loop.measurement)[..., : reference.shape[-1]]
+    return jnp.abs(reference - measured).mean(axis=-1)
+
+
+def check_limit(twin: Twin) -> None:
+    """Refuses a rig whose file does not say what is too hot.
+
+    **Raises:** `ControlError`.
+    """
+    if twin.rig.limits is None:
+        raise ControlError(
+            f"retune: {twin.rig.source}: limits.temperature: expected the temperature at which the "
+            'cells are switched off, such as "90 degC", got none; nothing says what is safe'
+        )
+
+
+def _limits(twin: Twin) -> tuple[float, float]:
+    """The limits of readings and of the sides of cells, degC."""
+    limits = twin.rig.limits
+    assert limits is not None
+    inside = limits.cell_temperature
+    cell = math.inf if not twin.rig.cells else SOLDER
+    return (
+        limits.temperature - ZERO_CELSIUS,
+        cell if inside is None else inside - ZERO_CELSIUS,
+    )
