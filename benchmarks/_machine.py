@@ -19,7 +19,6 @@ LIBRARIES = (
     "numpy",
     "scipy",
     "casadi",
-    "do-mpc",
     "lmfit",
 )
 

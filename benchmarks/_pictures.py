@@ -7,8 +7,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxtwin.plots._png import to_png
-from jaxtwin.plots._style import palette, styled
+from jaxtwin.plots._style import palette, styled, to_png
 
 Points = Sequence[tuple[int, float]]
 

@@ -3,8 +3,7 @@
     python -m benchmarks.matching --quick
 
 The same residuals, ours, for everyone: three recordings of 15 x 1001 samples in all, the paper's
-parameters by their logarithm and one ambient temperature each. `benchmarks/optimisers.py` compares
-optimisers alone, with exact derivatives for all.
+parameters by their logarithm and one ambient temperature each.
 """
 
 import time

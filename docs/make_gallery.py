@@ -3,7 +3,8 @@
 They are drawn from what comes with jaxtwin, and need no recordings of a rig.
 """
 
-import sys
+import re
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,8 +24,9 @@ from jaxtwin.control import (
     loop_margins,
     most_even_point,
 )
-from jaxtwin.data import synthetic_recordings, synthetic_truth
+from jaxtwin.data import data_folder, synthetic_recordings, synthetic_truth
 from jaxtwin.physics import FAULT_MODELS
+from jaxtwin.rig import rig_from_tables
 
 FOLDER = Path(__file__).parent / "images"
 FREE = ("R_E", "R_pc", "R_Tez", "R_Tfx", "T_amb", "T_start")
@@ -39,6 +41,31 @@ WITHOUT_A_PLATE = {
     ),
 }
 """Duty and inputs of an hour of each bundled rig without a plate that has inputs."""
+
+PLACED = (
+    (
+        r"columns = .*\nrows = .*",
+        'width = "25.5 cm"\nheight = "11.5 cm"\nresolution = "1 cm"',
+    ),
+    (r"film_coefficient = .*\nfilm_row_factor = .*", 'film_coefficient = "h_A"'),
+    (r"(h_B|h_C|f_row1|f_row3|R_pc\d_(row1|end)) = .*", ""),
+    *(
+        (
+            rf"contacts = .* = \"R_pc{number}_.*",
+            f'at = ["{x}", "4.25 cm"]\nsize = "4 cm"\ncontact_resistance = "R_pc{number}"',
+        )
+        for number, x in enumerate(("5.75 cm", "17 cm"), 1)
+    ),
+    (r"R_pc(\d)_row2 = (.*)", r"R_pc\1 = \2"),
+    *(
+        (
+            rf"{name} = (.*) value = [^,]*(.*) free = true(.*)",
+            rf"{name} = \1 value = {value}\2 free = false\3",
+        )
+        for name, value in {"n_film": 0.2, "R_supply": 0.2, "C_sink": 200.0}.items()
+    ),
+)
+"""Lines of the file of `dual-cell`, and what they become for cells that have a place."""
 
 
 def main() -> None:
@@ -163,10 +190,10 @@ def shortened(runs: dict[str, ClosedLoopRun]) -> dict[str, jt.simulation.Run]:
 
 def placed_better() -> jt.control.RigDesign:
     """The cells of `dual-cell` as squares, and a third one, where the plate is most even."""
-    sys.path.append(str(Path(__file__).parents[1]))
-    from benchmarks.placed_cells import placed
-
-    twin = placed("1 cm")
+    text = (data_folder() / "rigs" / "dual-cell.toml").read_text()
+    for pattern, replacement in PLACED:
+        text = re.sub(f"^{pattern}$", replacement, text, flags=re.MULTILINE)
+    twin = jt.Twin(rig_from_tables(tomllib.loads(text), "dual-cell with placed cells"))
     return jt.design_rig(twin, 40, limits=(0, 1), further_cells=1, clearance=0.005)
 
 

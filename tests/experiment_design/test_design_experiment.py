@@ -36,11 +36,14 @@ from jaxtwin.data import data_folder
 from jaxtwin.errors import MatchError
 from jaxtwin.experiment_design import ExperimentDesign
 from jaxtwin.experiment_design._design_experiment import _Search
-from jaxtwin.experiment_design._exchange import random_schedules
 from jaxtwin.experiment_design._experiment_design import PlannedSchedule
-from jaxtwin.experiment_design._information import NoisePrediction, make_design_problem
-from jaxtwin.experiment_design._prior_information import PriorInformation
+from jaxtwin.experiment_design._information import (
+    NoisePrediction,
+    PriorInformation,
+    make_design_problem,
+)
 from jaxtwin.experiment_design._schedules import make_schedules
+from jaxtwin.experiment_design._search import random_schedules
 
 TRUTH = {"C_load": 24.0, "R_loss": 6.0, "R_Th": 1.7, "T_amb": 20.0, "T_start": 18.5}
 FREE = list(TRUTH)

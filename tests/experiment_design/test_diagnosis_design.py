@@ -9,7 +9,11 @@ from faulty_runs import bench
 
 import jaxtwin as jt
 from jaxtwin.experiment_design import DiagnosisDesign
-from jaxtwin.experiment_design._evidence import EvidenceProblem, SeparationEvidence, _crossing
+from jaxtwin.experiment_design._diagnosis_design import (
+    EvidenceProblem,
+    SeparationEvidence,
+    _crossing,
+)
 from jaxtwin.experiment_design._schedules import make_schedules
 
 PAIR = ["loosen H1", "age H1"]

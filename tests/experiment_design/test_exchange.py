@@ -22,18 +22,18 @@ from jaxtwin.experiment_design._design_experiment import (
     _schedules,
     _Search,
 )
-from jaxtwin.experiment_design._exchange import (
+from jaxtwin.experiment_design._experiment_design import DesignStep, PlannedSchedule
+from jaxtwin.experiment_design._information import EvaluatedSchedule
+from jaxtwin.experiment_design._schedules import Counts, Schedules, make_schedules
+from jaxtwin.experiment_design._search import (
     MAX_PASSES,
     Candidate,
+    Hottest,
     a_objective,
     d_objective,
     exchange,
     random_schedules,
 )
-from jaxtwin.experiment_design._experiment_design import DesignStep, PlannedSchedule
-from jaxtwin.experiment_design._hottest import Hottest
-from jaxtwin.experiment_design._information import EvaluatedSchedule
-from jaxtwin.experiment_design._schedules import Counts, Schedules, make_schedules
 
 COOL = EvaluatedSchedule(np.eye(1), np.eye(1), 40.0, 60.0)
 

@@ -18,7 +18,7 @@ from jaxtwin import load_rig
 from jaxtwin.errors import ParameterError
 from jaxtwin.physics import Twin
 from jaxtwin.plots import plot_netlist
-from jaxtwin.plots._netlist_layout import WIDEST, netlist_layout
+from jaxtwin.plots._netlist_parts import WIDEST, netlist_layout
 from jaxtwin.rig import Plate, Value
 
 RIGS = ("paper-2024", "dual-cell")

@@ -12,8 +12,7 @@ from matplotlib import pyplot
 from small_results import fit
 
 import jaxtwin as jt
-from jaxtwin.prognostics._assess import _by_change
-from jaxtwin.prognostics._session_estimates import session_of
+from jaxtwin.prognostics._assess import _by_change, session_of
 
 
 def aged(values: Sequence[float] | np.ndarray, **options: object) -> jt.prognostics.Health:

@@ -12,19 +12,18 @@ import xarray
 from small_results import analysis, fit, recordings
 
 import jaxtwin.report._demo_match as demo_match
-import jaxtwin.report._sensitivity as report_sensitivity
+import jaxtwin.report._parameters as report_sensitivity
 from jaxtwin import Experiment, Twin, load_rig
 from jaxtwin._number_text import interval_text
 from jaxtwin.errors import RecordingError
 from jaxtwin.matching import FittedParameters
 from jaxtwin.physics import ThermoelectricModule
 from jaxtwin.report import _demo, write_demo
-from jaxtwin.report._corrections import shows_sawtooth
-from jaxtwin.report._demo_checks import check_table
-from jaxtwin.report._demo_sensitivity import significance_text
-from jaxtwin.report._demo_simulate import _largest_difference, _timed
-from jaxtwin.report._demo_source import Source, find_source
+from jaxtwin.report._demo import check_table
+from jaxtwin.report._demo_match import significance_text
+from jaxtwin.report._demo_simulate import Source, _largest_difference, _timed, find_source
 from jaxtwin.report._parameters import parameter_table
+from jaxtwin.report._recordings import shows_sawtooth
 from jaxtwin.sensitivity_analysis import Sensitivity
 
 PICTURES = {

@@ -3,8 +3,7 @@
 import pytest
 
 from jaxtwin import JaxtwinError
-from jaxtwin.report._folder import PAGE, check_folder, new_folder
-from jaxtwin.report._page import page_html
+from jaxtwin.report._page import PAGE, check_folder, new_folder, page_html
 
 OURS = page_html("t", [], [], "f")
 

@@ -8,8 +8,15 @@ from html.parser import HTMLParser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxtwin.report._blocks import KeyNumbers, ReportPicture, ReportTable, Section, Text
-from jaxtwin.report._page import GENERATOR, page_html
+from jaxtwin.report._page import (
+    GENERATOR,
+    KeyNumbers,
+    ReportPicture,
+    ReportTable,
+    Section,
+    Text,
+    page_html,
+)
 
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 1800, 750) + b" and so on"
 

@@ -14,13 +14,17 @@ from jaxtwin import Experiment, Fit, JaxtwinError, Twin, load_rig, match, simula
 from jaxtwin.cli import app
 from jaxtwin.errors import MatchError
 from jaxtwin.io import write_recording
-from jaxtwin.report._agreement import residuals_section
-from jaxtwin.report._blocks import ReportPicture, ReportTable, Text
 from jaxtwin.report._demo_match import _deviation
+from jaxtwin.report._page import ReportPicture, ReportTable, Text
 from jaxtwin.report._parameters import own_values_table, parameter_table
-from jaxtwin.report._recordings import _row
-from jaxtwin.report._rig import rig_section
-from jaxtwin.report._uniformity import _map_times, _seen_together, uniformity_section
+from jaxtwin.report._recordings import (
+    _map_times,
+    _row,
+    _seen_together,
+    residuals_section,
+    uniformity_section,
+)
+from jaxtwin.report._report import rig_section
 from jaxtwin.simulation import Run
 
 SECTIONS = (

@@ -23,7 +23,7 @@ from jaxtwin.rig import (
     load_module,
     new_rig_text,
 )
-from jaxtwin.rig._example_rig import example_rigs
+from jaxtwin.rig._new_rig import example_rigs
 
 PLAIN: dict[str, Any] = {
     "width": "8 cm",

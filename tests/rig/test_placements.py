@@ -13,7 +13,7 @@ from placed_rig import AT, GRID, MOVING, PLACES, placed_rig, placed_text
 
 from jaxtwin.errors import RigError
 from jaxtwin.rig import load_rig, rig_from_tables
-from jaxtwin.rig._overlap import corners, overlap_areas
+from jaxtwin.rig._placement import corners, overlap_areas
 
 COLUMNS, ROWS = np.array([0.0, 0.5, 2.0, 2.7, 4.0]), np.array([0.0, 1.0, 1.8, 3.0])
 PLACES_OF_TURNED = [

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxtwin.errors import RigError
-from jaxtwin.rig._relay_window import RelayWindow
+from jaxtwin.rig._heater import RelayWindow
 
 
 @st.composite

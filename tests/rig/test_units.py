@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxtwin.rig import _units as units
-from jaxtwin.rig._common_units import COMMON_UNITS
-from jaxtwin.rig._units import parse_quantity, unit_scale
+from jaxtwin.rig._units import COMMON_UNITS, parse_quantity, unit_scale
 
 
 @pytest.mark.parametrize("unit", COMMON_UNITS)

@@ -12,7 +12,7 @@ from placed_rig import AT, MOVING, placed_text
 from jaxtwin.errors import RigError
 from jaxtwin.rig import Rig
 from jaxtwin.rig._build import parse_rig
-from jaxtwin.rig._with_places import _tables, with_places
+from jaxtwin.rig._variants import _tables, with_places
 
 HEATER = """
 # A mat that was glued on.

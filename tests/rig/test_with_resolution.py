@@ -4,7 +4,7 @@ import pytest
 from placed_rig import placed_text
 
 from jaxtwin import load_rig
-from jaxtwin.rig._with_resolution import with_resolution
+from jaxtwin.rig._variants import with_resolution
 
 
 def test_the_same_rig_on_another_grid(tmp_path):

@@ -8,7 +8,7 @@ from small_results import fit, recordings
 from jaxtwin import Experiment, Twin, read_recording, sensitivity, validate
 from jaxtwin.data import synthetic_recordings
 from jaxtwin.errors import SimulationError
-from jaxtwin.sensitivity_analysis._paired_twins import paired_twins
+from jaxtwin.sensitivity_analysis._outputs import paired_twins
 
 
 def ambients(twins: list[Twin]) -> list[float]:

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from jaxtwin import JaxtwinError, Twin
+from jaxtwin.sensitivity_analysis._analysis import checked_method
 from jaxtwin.sensitivity_analysis._input_choices import resolve_inputs
-from jaxtwin.sensitivity_analysis._methods import checked_method
-from jaxtwin.sensitivity_analysis._unit_samples import checked_kind
+from jaxtwin.sensitivity_analysis._sampling import checked_kind
 
 
 def unchecked(function: Any) -> Any:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Experiment, Twin, reduce_batch
-from jaxtwin.sensitivity_analysis._slopes import slopes_of
+from jaxtwin.sensitivity_analysis._derivative_based import slopes_of
 
 
 @pytest.mark.slow

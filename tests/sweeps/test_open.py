@@ -10,7 +10,7 @@ from jaxtwin import open_sweep
 from jaxtwin.errors import SimulationError
 from jaxtwin.sensitivity_analysis import normal_draws
 from jaxtwin.sweeps import sweep
-from jaxtwin.sweeps._open import count_failed
+from jaxtwin.sweeps._store import count_failed
 
 ASKED: dict[str, Any] = {
     "draws": 20,

@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 from jaxtwin import Experiment, Twin, load_rig
 from jaxtwin.errors import SimulationError
 from jaxtwin.sweeps import _plan, _store, sweep
-from jaxtwin.sweeps._disk import put, to_disk
-from jaxtwin.sweeps._store import read_identity
+from jaxtwin.sweeps._store import put, read_identity, to_disk
 
 REDUCTIONS = ("final", "plate_range")
 FORKED = ProcessPoolExecutor(mp_context=multiprocessing.get_context("fork"))

@@ -210,7 +210,7 @@ def _known(
     from ..errors import RecordingError
     from ..io._column_meaning import Choices
     from ..io._named_columns import meanings
-    from ..rig._channel import is_channel_name
+    from ..rig._instruments import is_channel_name
 
     title = table.titles[place]
     named = {key: name for key, name in given.columns.items() if key in (title, str(place + 1))}

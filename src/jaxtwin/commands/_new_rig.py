@@ -85,12 +85,12 @@ def new_rig(
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
     from ..rig import _units as units
     from ..rig import bundled_materials, bundled_modules, load_module, new_rig_text
-    from ..rig._example_rig import example_rig_text
     from ..rig._fields import Fields
     from ..rig._new_rig import (
         check_zones,
         covered_elements,
         divided_plate,
+        example_rig_text,
         heated_elements,
         misfit,
         plate_size,
@@ -193,7 +193,7 @@ def _kind(given: str | None, is_plate: bool) -> str:
     """The kind of rig: a plate if one of its options is given, or if nobody can be asked."""
     if given == PLATE or (given is None and (is_plate or not sys.stdin.isatty())):
         return PLATE
-    from ..rig._example_rig import example_rigs
+    from ..rig._new_rig import example_rigs
 
     known = [PLATE, *example_rigs()]
 
@@ -208,8 +208,8 @@ def _values(example: str, given: list[str] | None) -> dict[str, float]:
     """The values of an example's parameters: those of the options, and the answers of a person,
     who is asked for each that is not of a single recording."""
     from ..rig import load_rig
-    from ..rig._example_rig import check_value
     from ..rig._fields import Fields
+    from ..rig._new_rig import check_value
 
     rig, fields = load_rig(example), Fields("new rig", {}, {})
     values = {}

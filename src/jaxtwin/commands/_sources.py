@@ -66,7 +66,7 @@ def open_fit(rig: "Rig", parameter_file: Path | None) -> "Fit | None":
     **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
     """
     from ..errors import ParameterError
-    from ..rig._bundled import read_toml
+    from ..rig._toml import read_toml
 
     if parameter_file is None:
         return None

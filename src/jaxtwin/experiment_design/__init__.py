@@ -1,14 +1,13 @@
 """Design of experiments: the duty schedule whose recording is the most informative about a rig.
 
-`_design_experiment` is the entry. `_prior_information` holds what a match knows already;
-`_information` computes what a schedule (`_schedules`) would add, by the derivatives and the noise
-of the match; `_exchange` searches, one stretch of a schedule after the other. The result is an
+`_design_experiment` is the entry. `_information` holds what a match knows already, and computes
+what a schedule (`_schedules`) would add, by the derivatives and the noise of the match; `_search`
+changes one stretch of a schedule after the other, below the limits of the rig. The result is an
 `ExperimentDesign` (`_experiment_design`).
 
-With the purpose of a diagnosis, `_separation_search` searches in the same way for the schedule that
-tells faults apart soonest; `_evidence` computes how soon one does, by the signatures of the faults
-in an observer. The result is a `DiagnosisDesign` (`_diagnosis_design`). Both keep below the limits
-of the rig (`_hottest`).
+With the purpose of a diagnosis, the same search finds the schedule that tells faults apart soonest.
+`_diagnosis_design` computes how soon one does, by the signatures of the faults in an observer, and
+holds the result, a `DiagnosisDesign`.
 """
 
 from ._design_experiment import design_experiment

@@ -18,15 +18,18 @@ from ..matching._fit import solution_of
 from ..observers import ProcessNoise
 from ..physics import Twin
 from ..physics._twin import check_twin
-from ._diagnosis_design import DiagnosisDesign, SeparationStep
-from ._evidence import EvidenceProblem
-from ._exchange import OBJECTIVES, Candidate, exchange, random_schedules
+from ._diagnosis_design import DiagnosisDesign, EvidenceProblem, SeparationStep
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
-from ._hottest import Hottest
-from ._information import DesignProblem, EvaluatedSchedule, NoisePrediction, make_design_problem
-from ._prior_information import UNKNOWN, PriorInformation
+from ._information import (
+    UNKNOWN,
+    DesignProblem,
+    EvaluatedSchedule,
+    NoisePrediction,
+    PriorInformation,
+    make_design_problem,
+)
 from ._schedules import Counts, Schedules, make_schedules
-from ._separation_search import SeparationSearch
+from ._search import OBJECTIVES, Candidate, Hottest, SeparationSearch, exchange, random_schedules
 
 # The number of random schedules among which the searches choose their starts.
 RANDOM_SCHEDULES = 11

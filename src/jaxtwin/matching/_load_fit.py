@@ -18,9 +18,8 @@ from ..io import Experiment
 from ..physics import Twin
 from ..rig import Rig, load_rig
 from ..rig._build import parse_rig
-from ..rig._bundled import parse_toml, read_toml
 from ..rig._parameter_file import parsed_values
-from ..rig._problems import refuse
+from ..rig._toml import parse_toml, read_toml, refuse
 from ..simulation import simulate
 from ._camera_error import CameraError, Comparison
 from ._fit import Fit, Solution, solution_of

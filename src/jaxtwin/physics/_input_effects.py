@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..rig import Input, Rig, Value
-from ..rig._input import depends_on
 from ..rig._plate import AMBIENT
+from ..rig._value import depends_on
 from ._expressions import Expressions
 from ._netlist import Netlist
 

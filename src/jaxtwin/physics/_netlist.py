@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any, Literal, final
 
 from ..rig import Input, Rig, Switched, Value
-from ..rig._input import conductances, depends_on
 from ..rig._placement import is_derived
 from ..rig._plate import AMBIENT
+from ..rig._value import conductances, depends_on
 from ._placed import all_values
 
 LinkRole = Literal[

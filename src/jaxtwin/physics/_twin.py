@@ -20,7 +20,7 @@ from .._pint_quantities import in_unit
 from .._twin_address import twin_address
 from ..errors import JaxtwinError, ParameterError, SimulationError
 from ..rig import Parameter, Rig, load_rig, read_parameters
-from ..rig._load import rig_of_stored_twin
+from ..rig._build import rig_of_stored_twin
 from ..rig._units import Kind, parse_quantity
 from ._netlist import Netlist
 from ._placed import all_values

@@ -18,9 +18,9 @@ from .._arguments import finite_number, whole_number
 from ..errors import ParameterError
 from ..rig import Rig
 from ..simulation import Run
-from ._plate_map import HEAT, draw_cells, frame, rectangle
-from ._plates import runs_of_plate
-from ._style import line_of, palette, points, styled
+from ._panels import legend_beside
+from ._plate_map import HEAT, draw_cells, frame, rectangle, runs_of_plate
+from ._style import color_of, line_of, palette, points, styled
 
 if TYPE_CHECKING:
     from ..control import ClosedLoopRun
@@ -158,17 +158,17 @@ class _Film:
             line = "-" if number == 0 else "--"  # cells are often driven alike
             axes.step(time, each, line, where="post", lw=1.5, label=name)
         axes.set(xlabel="time, s", ylabel="duty, %", xlim=(time[0], time[-1]))
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        legend_beside(axes)
 
     def _draw_ranges(self, axes: Axes) -> None:
         elements = len(self._rig.plate.element_names)
         for number, (name, run) in enumerate(self._runs.items()):
-            look = {"color": palette().cycle[number % len(palette().cycle)], "lw": 1.5}
+            look = {"color": color_of(number), "lw": 1.5}
             spread = np.ptp(run.states[:, :elements], axis=1)
             axes.plot(run.time, spread, ls=line_of(number), label=name, **look)
         axes.set(xlabel="time, s", ylabel="range, K", xlim=(self._times[0], self._times[-1]))
         axes.set_ylim(bottom=0)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        legend_beside(axes)
 
     def show(self, number: int) -> list[Artist]:
         """Sets the picture of this number."""

@@ -14,8 +14,9 @@ from matplotlib.ticker import MaxNLocator
 from ..errors import SimulationError
 from ..observers import Forecast
 from ..simulation import Run
-from ._samples import joined_samples
-from ._style import palette, points, styled
+from ._panels import title_aside
+from ._recordings import joined_samples
+from ._style import palette, styled
 
 MAX_PANELS = 5  # panels in a row
 
@@ -113,9 +114,7 @@ def draw_bands(
                 1, there.sum()
             )
             share = f"{100 * inside:.0f} % inside" if there.any() else "no sample"
-            axes.set_title(
-                share, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
-            )
+            title_aside(axes, share)
         axes.plot(time, middle[:, number], color=palette().vermilion, lw=1.2)
         axes.set_title(channel)
     for axes in list(grid.flat)[count:]:

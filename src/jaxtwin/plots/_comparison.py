@@ -1,4 +1,6 @@
-"""Simulated beside recorded temperatures, Fig. 15 of the paper, and their difference."""
+"""Simulated beside recorded temperatures, Fig. 15 of the paper, and what is left over: the
+difference, whether it is noise, and the error that all channels share.
+"""
 
 from collections.abc import Sequence
 from itertools import zip_longest
@@ -12,18 +14,22 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from .._goodness_of_fit import fit_text, mean_fit_percent
+from .._normal_distribution import QUANTILE_975, normal_quantiles
+from .._residual_statistics import autocorrelation, ljung_box
 from ..errors import SimulationError
+from ..matching import Fit
 from ..simulation import Run
-from ._labels import label_ends
-from ._samples import (
+from ._panels import title_aside
+from ._recordings import (
     joined_samples,
+    label_ends,
     masked_key,
     mean_of_samples,
     means_of_last_samples,
     shade_masked,
     weights_of_samples,
 )
-from ._style import palette, points, styled
+from ._style import color_of, palette, points, styled
 
 MAX_PANELS = 5  # panels in a row
 MIN_WIDTH_INCHES = 6.4  # inches, which the heading and the legend need beside each other
@@ -115,13 +121,11 @@ def plot_residuals(
             shade_masked(axes, run.time, weights_of_samples(run, weight))
         residual = _recorded(run) - run.temperatures
         for number, part in enumerate(residual.T):
-            axes.plot(run.time, part, color=palette().cycle[number % len(palette().cycle)], lw=0.9)
+            axes.plot(run.time, part, color=color_of(number), lw=0.9)
         axes.plot(run.time, mean_of_samples(residual, axis=1), color=palette().ink, lw=2.0)
         axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0)
         axes.set(title=run.experiment.name or "recording", xlabel="time, s")
-        axes.set_title(
-            f"RMSE {run.rmse:.2f} K", loc="right", fontsize=points(9), fontweight="normal"
-        )
+        title_aside(axes, f"RMSE {run.rmse:.2f} K")
         axes.set_xlim(run.time[0], run.time[-1])
         tail = means_of_last_samples(residual, len(run.time) // 20)
         ends.append(
@@ -150,3 +154,152 @@ def _recorded(run: Run) -> Float[np.ndarray, "times channels"]:
         label = run.experiment.name or "the experiment"
         raise SimulationError(f"{label}: expected recorded temperatures to compare with, got none")
     return run.experiment.temperatures
+
+
+# The largest lag of the autocorrelation that is shown, samples.
+MAX_LAG = 300
+
+# The smallest number of samples of a channel for a test of whiteness.
+MIN_SAMPLES = 10
+
+
+@styled
+def plot_residual_tests(runs: Sequence[Run]) -> Figure:
+    """Plots the residuals of each recording over time, their autocorrelation, and their quantiles.
+
+    Missing samples are gaps over time and left out of the tests.
+
+    In the middle panel the grey band contains 95 % of the autocorrelations of white noise. In the
+    right panel normal residuals lie on the line. The p-value is that of Ljung and Box's test, the
+    smallest of all channels.
+
+    **Arguments:**
+
+    - `runs`: runs of experiments that have recorded temperatures, one row each; those of a
+      validation are `list(validation.runs.values())`.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` if a run has nothing recorded to compare with, or fewer than
+    ten samples in a channel.
+    """
+    figure = pyplot.figure(figsize=(12.6, 0.4 + 2.6 * len(runs)), layout="constrained")
+    grid = figure.subplots(len(runs), 3, squeeze=False, width_ratios=(1.7, 1.15, 1))
+    for row, run in zip(grid, runs, strict=True):
+        if run.experiment.temperatures is None:
+            label = run.experiment.name or "the experiment"
+            raise SimulationError(
+                f"{label}: expected recorded temperatures to compare with, got none"
+            )
+        counts = np.count_nonzero(run.experiment.sampled, axis=0)
+        if counts.min() < MIN_SAMPLES:
+            label = run.experiment.name or "the experiment"
+            raise SimulationError(
+                f"{label}: channel {run.channels[int(counts.argmin())]}: expected at least "
+                f"{MIN_SAMPLES} samples for a test, got {counts.min()}"
+            )
+        residuals = run.experiment.temperatures - run.temperatures
+        for number, (channel, series) in enumerate(zip(run.channels, residuals.T, strict=True)):
+            _draw(row, run, channel, series, color_of(number))
+        _finish(row, run, residuals)
+    grid[0, 1].legend(loc="lower right")
+    for axes, text in zip(grid[-1], ("time, s", "lag, s", "standard normal quantile"), strict=True):
+        axes.set_xlabel(text)
+    return figure
+
+
+def _draw(row: np.ndarray, run: Run, channel: str, series: np.ndarray, color: str) -> None:
+    over_time, against_itself, against_normal = row
+    over_time.plot(run.time, series, color=color, lw=0.9)
+    sample = float(np.median(np.diff(run.time)))
+    lags = min(MAX_LAG, len(series) // 2)
+    against_itself.plot(
+        sample * np.arange(lags + 1), autocorrelation(series, lags), color=color, lw=1.2
+    )
+    there = series[~np.isnan(series)]
+    standard_deviation = there.std() or 1.0
+    against_normal.plot(
+        normal_quantiles(len(there)), np.sort(there - there.mean()) / standard_deviation,
+        color=color, lw=1.4, label=channel,
+    )  # fmt: skip
+
+
+def _finish(row: np.ndarray, run: Run, residuals: np.ndarray) -> None:
+    over_time, against_itself, against_normal = row
+    over_time.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
+    over_time.set(ylabel="recorded − twin, K", xlim=(run.time[0], run.time[-1]))
+    over_time.set_title(run.experiment.name or "recording")
+    title_aside(over_time, f"RMSE {run.rmse:.2f} K")
+    tail = means_of_last_samples(residuals, len(run.time) // 20)
+    label_ends(
+        over_time, list(zip(tail.tolist(), run.channels, palette().cycle * len(tail), strict=False))
+    )
+    band = QUANTILE_975 / np.sqrt(np.count_nonzero(run.experiment.sampled, axis=0).max())
+    against_itself.axhspan(
+        -band, band, color=palette().faint, zorder=0.4, label="95 % of white noise"
+    )
+    against_itself.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
+    against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
+    p = min(ljung_box(series).p_value for series in residuals.T)
+    text = f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99"
+    title_aside(against_itself, text)
+    line = np.array([-3.3, 3.3])
+    against_normal.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
+    against_normal.set(ylabel="standardised residual")
+
+
+@styled
+def plot_camera_error(fit: Fit) -> Figure:
+    """Plots the mean residual of each recording's channels with and without the camera's error.
+
+    The upper panel shows the mean of recorded minus simulated temperatures, and in colour the error
+    that the match attributes to the camera; ticks mark its flat-field corrections. The lower panel
+    shows the difference of the two, which remains for the plate. Shaded spans had a lower weight in
+    the match.
+
+    **Arguments:**
+
+    - `fit`: the result of `jaxtwin.match`.
+
+    **Returns:** the figure.
+    """
+    columns = len(fit.runs)
+    weights = {name: weights_of_samples(run, fit.weights[name]) for name, run in fit.runs.items()}
+    figure = pyplot.figure(figsize=(0.9 + 3.9 * columns, 4.6), layout="constrained")
+    grid = figure.subplots(2, columns, sharex="col", sharey=True, squeeze=False)
+    for (above, below), (name, run) in zip(grid.T, fit.runs.items(), strict=True):
+        assert run.experiment.temperatures is not None
+        camera = fit.camera[name]
+        shared = mean_of_samples(run.experiment.temperatures - run.temperatures, axis=1)
+        above.plot(run.time, shared, color=palette().muted, lw=1.0)
+        above.plot(run.time, camera.offset, color=palette().vermilion, lw=1.6)
+        below.plot(run.time, shared - camera.offset, color=palette().ink, lw=1.0)
+        for axes, series, title in ((above, shared, name), (below, shared - camera.offset, "")):
+            shade_masked(axes, run.time, weights[name])
+            axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
+            rms = float(np.sqrt(np.nanmean(series**2)))
+            axes.set_title(title)
+            title_aside(axes, f"{rms:.2f} K rms")
+        if camera.events:
+            # The ticks are at the upper edge: lines through the whole panel would hide the jumps.
+            edge = above.get_xaxis_transform()
+            above.plot(
+                camera.events, np.full(len(camera.events), 0.97), "v", color=palette().orange, ms=5,
+                transform=edge, clip_on=False,
+            )  # fmt: skip
+        below.set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
+    grid[0, 0].set_ylabel("recorded − twin, K")
+    grid[1, 0].set_ylabel("without camera, K")
+    corrections = Line2D([], [], color=palette().orange, marker="v", ls="", label="its corrections")
+    figure.legend(
+        handles=[
+            Line2D([], [], color=palette().muted, lw=1.2, label="mean of the channels"),
+            Line2D([], [], color=palette().vermilion, lw=1.6, label="given to the camera"),
+            *([corrections] if any(camera.events for camera in fit.camera.values()) else []),
+            Line2D([], [], color=palette().ink, lw=1.2, label="left for the plate"),
+            *masked_key(weights.values()),
+        ],
+        loc="outside lower center",
+        ncols=5,
+    )
+    return figure

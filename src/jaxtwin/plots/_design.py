@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ..diagnosis._diagnosis import TIE
 from ..experiment_design import DiagnosisDesign, ExperimentDesign
-from ._style import line_of, palette, styled, symbol
+from ._style import color_of, line_of, palette, styled, symbol
 
 MARKERS = "os^vDP"
 
@@ -59,7 +59,7 @@ def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> No
             planned.time,
             planned.duty[:, cell],
             where="post",
-            color=palette().cycle[cell % len(palette().cycle)],
+            color=color_of(cell),
             ls="-" if cell == 0 else "--",
             label=planned.cell_names[cell],
         )

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from ..errors import SimulationError
-from ._style import palette, points, styled
-from ._units import unit_text
+from ._style import palette, points, styled, unit_text
 
 if TYPE_CHECKING:
     import xarray

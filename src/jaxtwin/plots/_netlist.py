@@ -18,10 +18,16 @@ from ..physics._netlist import network_counts, network_text
 from ..physics._twin import check_twin
 from ..rig import Plate
 from ..rig._plate import AMBIENT
-from ._netlist_bodies import draw_bodies, draw_links_on_plate
-from ._netlist_cells import draw_cells, draw_contacts, outlined
-from ._netlist_layout import LEGEND, netlist_layout
-from ._netlist_sensors import draw_sensors
+from ._netlist_parts import (
+    LEGEND_WIDTH,
+    draw_bodies,
+    draw_cells,
+    draw_contacts,
+    draw_links_on_plate,
+    draw_sensors,
+    netlist_layout,
+    outlined,
+)
 from ._style import INK, OF_FIXED_SIZE, palette, points, styled
 
 _WIDEST = {"conduction": 6.0, "film": 4.5}  # line of the largest conductance of a kind, points
@@ -112,7 +118,7 @@ def plot_netlist(
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     else:  # a scale would show nothing
         handles.append(Rectangle((0, 0), 1, 1, fc=scale.to_rgba(on_plate)[0], label=label))
-    in_one_row = layout.width > 2 * LEGEND * layout.inch
+    in_one_row = layout.width > 2 * LEGEND_WIDTH * layout.inch
     columns = len(handles) if in_one_row else 3
     if handles:
         ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns)

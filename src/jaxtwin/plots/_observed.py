@@ -9,8 +9,9 @@ from .._normal_distribution import QUANTILE_975, normal_quantiles
 from .._residual_statistics import autocorrelation, partial_autocorrelation
 from ..errors import ObserverError
 from ..observers import Estimate, Observed
-from ._samples import joined_samples
-from ._style import palette, points, styled
+from ._panels import legend_beside, title_aside
+from ._recordings import joined_samples
+from ._style import color_of, palette, points, styled
 
 # The largest lag of the autocorrelations, samples.
 LAGS = 40
@@ -44,7 +45,7 @@ def plot_observed(observed: Observed) -> Figure:
     for number, channel in enumerate(observed.channels[:MAX_CHANNELS]):
         readings = observed.expected.recorded
         assert readings is not None
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         grid[0].plot(*joined_samples(observed.time, readings[:, number]), ".", ms=1.5, color=color)
         _band(grid[0], observed, estimates.channel(channel), color, channel)
     grid[0].set(ylabel="channel, °C")
@@ -52,17 +53,17 @@ def plot_observed(observed: Observed) -> Figure:
     unseen = [name for name in estimates.nodes if name not in observed.channels]
     hidden = [name for name in unseen if "." in name] or unseen
     for number, name in enumerate(hidden[:MAX_CHANNELS]):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         _band(grid[1], observed, estimates.node(name), color, name)
     grid[1].set(ylabel="estimated, °C")
     for number, cell in enumerate(estimates.cells[:MAX_CHANNELS]):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         _band(grid[2], observed, estimates.heat(cell), color, cell)
     grid[2].set(ylabel="unexplained heat, W")
     _band(grid[3], observed, estimates.room, palette().vermilion, "room")
     grid[3].set(ylabel="room, °C", xlabel="time, s", xlim=(observed.time[0], observed.time[-1]))
     for axes in grid:
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8))
+        legend_beside(axes)
     return figure
 
 
@@ -96,7 +97,7 @@ def plot_innovations(observed: Observed) -> Figure:
     for number, (name, series) in enumerate(
         zip(observed.channels, observed.standardised.T, strict=True)
     ):
-        color = palette().cycle[number % len(palette().cycle)]
+        color = color_of(number)
         there = series[np.isfinite(series)]
         quantiles.plot(
             normal_quantiles(len(there)), np.sort(there), color=color, lw=1.4, label=name
@@ -106,9 +107,7 @@ def plot_innovations(observed: Observed) -> Figure:
     line = np.array([-3.3, 3.3])
     quantiles.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
     quantiles.set(xlabel="standard normal quantile", ylabel="standardised innovation")
-    quantiles.set_title(
-        f"mean square {np.nanmean(observed.nis):.2f}", loc="right", fontsize=points(9)
-    )
+    title_aside(quantiles, f"mean square {np.nanmean(observed.nis):.2f}")
     band = QUANTILE_975 / np.sqrt(counts.max())
     for axes, label in ((itself, "autocorrelation"), (partial, "partial autocorrelation")):
         axes.axhspan(-band, band, color=palette().faint, zorder=0.4)

@@ -1,7 +1,9 @@
-"""The plate as a map of temperatures at several times, Figs. 5 and 13b of the paper."""
+"""The plate as a map of temperatures: at several times (Figs. 5 and 13b of the paper), in several
+runs, beside what the channels see, and before and after a design of its rig.
+"""
 
-from collections.abc import Sequence
-from typing import overload
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +15,17 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
-from ..errors import ParameterError
+from ..control import ClosedLoopRun, OperatingPoint, PlacedCells, RigDesign
+from ..errors import ControlError, ParameterError
 from ..rig import Cell, Channel, Heater, Plate, Rig
 from ..rig._plate_needed import check_has_plate
+from ..simulation import Run
+from ._panels import title_aside
 from ._style import INK, PALE, palette, points, styled
+
+if TYPE_CHECKING:
+    from ..control import ClosedLoopRun
+
 
 _MAP_WIDTH, _ROOM_ABOVE = 4.3, 0.42  # width of a panel and room above it, inches
 
@@ -127,10 +136,7 @@ def draw_map(
         axes.add_patch(rectangle(rig.plate.extent(element), fc=color, ec=color, lw=0.3))
     draw_cells(axes, rig)
     axes.set_title(title)
-    axes.set_title(
-        f"{values.min():.1f} … {values.max():.1f} °C",
-        loc="right", fontsize=points(9), fontweight="normal", color=palette().muted,
-    )  # fmt: skip
+    title_aside(axes, f"{values.min():.1f} … {values.max():.1f} °C")
 
 
 def draw_cells(axes: Axes, rig: Rig) -> None:
@@ -211,3 +217,181 @@ def rectangle(extent: tuple[float, float, float, float], **look) -> Rectangle:
     """A rectangle given in m on axes in cm."""
     left, right, top, bottom = (100 * edge for edge in extent)
     return Rectangle((left, top), right - left, bottom - top, **look)
+
+
+WIDTH, ROOM_ABOVE = 3.7, 0.3
+"""Width of a map and room above it, inches."""
+
+
+@styled
+def plot_plates(
+    rig: Rig, runs: "Mapping[str, Run | ClosedLoopRun]", times: Sequence[float | int]
+) -> Figure:
+    """Plots the plate at several times, a column for each run, such as the loops of several
+    controllers, and a row for each time. All maps have one scale.
+
+    **Arguments:**
+
+    - `rig`: the rig, whose plate and cells are drawn.
+    - `runs`: name -> run of a twin of this rig (`Twin.simulate`), or of a closed loop.
+    - `times`: the times of the rows, s; the nearest sample is shown.
+
+    **Returns:** the figure.
+
+    **Raises:** `ParameterError` if there is no run, one is of another rig, or a time lies outside
+    of one.
+    """
+    where = "plot_plates"
+    simulated = runs_of_plate(where, rig, runs)
+    if not len(times):
+        raise ParameterError(f"{where}: times: expected at least one, got none")
+    count = len(rig.plate.element_names)
+    maps = []
+    for time in times:
+        for name, run in simulated.items():
+            if not run.time[0] <= time <= run.time[-1]:
+                raise ParameterError(
+                    f"{where}: times: expected {run.time[0]:g} to {run.time[-1]:g} s, the time of "
+                    f"{name}, got {time!r} s"
+                )
+            maps.append(run.states[int(np.abs(run.time - time).argmin()), :count])
+    scale = ScalarMappable(Normalize(float(np.min(maps)), float(np.max(maps))), HEAT)
+    height = ROOM_ABOVE + WIDTH * rig.plate.height / rig.plate.width
+    figure = pyplot.figure(
+        figsize=(WIDTH * len(simulated) + 1, height * len(times) + 0.3), layout="constrained"
+    )
+    grid = figure.subplots(len(times), len(simulated), squeeze=False)
+    for axes, values in zip(grid.flat, maps, strict=True):
+        draw_map(axes, rig, "", values, scale)
+        look = {"fontsize": points(9), "fontweight": "normal", "color": palette().muted}
+        axes.set_title(f"range {np.ptp(values):.1f} K", loc="right", **look)
+        axes.set(xticks=[], yticks=[])
+        axes.grid(visible=False)
+        axes.spines[:].set_visible(False)
+    for axes, name in zip(grid[0], simulated, strict=True):
+        axes.set_title(name, loc="left")
+    for axes, time in zip(grid[:, 0], times, strict=True):
+        axes.set_ylabel(f"{time:g} s", color=palette().ink)
+    draw_scale(figure, scale, grid, 24)
+    return figure
+
+
+def runs_of_plate(
+    where: str, rig: Rig, runs: "Mapping[str, Run | ClosedLoopRun]"
+) -> dict[str, Run]:
+    """The runs of a rig with a plate by name, those of closed loops among them.
+
+    **Raises:** `ParameterError` if there is none, or one is of another rig.
+    """
+    check_has_plate(where, rig, ParameterError)
+    if not runs:
+        raise ParameterError(f"{where}: runs: expected at least one, got none")
+    elements = tuple(rig.plate.element_names)
+    simulated = {name: run if isinstance(run, Run) else run.run for name, run in runs.items()}
+    for run in simulated.values():
+        if tuple(run.nodes[: len(elements)]) != elements:
+            raise ParameterError(
+                f"{where}: expected a run of {rig.name}, got one of {run.rig} with other plate "
+                "elements"
+            )
+    return simulated
+
+
+@styled
+def plot_plate_seen(rig: Rig, at: ClosedLoopRun | OperatingPoint) -> Figure:
+    """Plots the temperatures of the elements, with the hottest and the coldest of them, and beside
+    them the readings of the channels, each in its place.
+
+    A channel is the mean over its place, and some elements are in no place: what the channels see
+    is more even than the plate.
+
+    **Arguments:**
+
+    - `rig`: the rig, whose plate, cells and channels are drawn.
+    - `at`: a steady state, such as `most_even_point` finds; or a closed loop, at its end.
+
+    **Returns:** the figure.
+
+    **Raises:** `ControlError` for a rig without a plate.
+    """
+    check_has_plate("plot_plate_seen", rig, ControlError)
+    count = len(rig.plate.element_names)
+    if isinstance(at, OperatingPoint):
+        elements, readings = np.asarray(at.nodes)[:count], np.asarray(at.outputs)
+    else:
+        elements, readings = at.run.states[-1, :count], at.run.temperatures[-1]
+    drawn = np.concatenate([elements, readings])
+    scale = ScalarMappable(Normalize(float(drawn.min()), float(drawn.max())), HEAT)
+    figure = pyplot.figure(figsize=(9.4, 3.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for axes in (left, right):
+        axes.set_axis_off()
+        frame(axes, rig.plate)
+    places = [rig.plate.extent(name) for name in rig.plate.element_names]
+    for place, color in zip(places, scale.to_rgba(elements), strict=True):
+        # A rim of the same colour covers the thin gap between neighbours.
+        left.add_patch(rectangle(place, fc=color, ec=color, lw=0.3))
+    draw_cells(left, rig)
+    for number in (elements.argmax(), elements.argmin()):
+        write_inside(left, places[number], f"{elements[number]:.1f}")
+    _entitle(left, "elements of the plate", elements)
+    for channel, reading in zip(rig.channels, readings, strict=True):
+        for place in channel.sensor.outline(rig.plate):
+            rim = {"ec": palette().faint, "lw": 1.5}
+            right.add_patch(rectangle(place, fc=scale.to_rgba(reading), **rim))
+    for channel, reading in zip(rig.channels, readings, strict=True):
+        for place in channel.sensor.outline(rig.plate)[:1]:
+            write_inside(right, place, f"{reading:.1f}")
+    _entitle(right, "readings of the channels", readings)
+    draw_scale(figure, scale, np.array([left, right]), 24)
+    return figure
+
+
+def _entitle(axes: Axes, title: str, values: np.ndarray) -> None:
+    axes.set_title(title)
+    title_aside(axes, f"range {np.ptp(values):.1f} K")
+
+
+def write_inside(axes: Axes, place: tuple[float, float, float, float], text: str) -> None:
+    """Writes in the middle of a place on the plate."""
+    left, right, top, bottom = place
+    axes.text(
+        50 * (left + right), 50 * (top + bottom), text, ha="center", va="center",
+        fontsize=points(8), color=PALE, path_effects=[withStroke(linewidth=2, foreground=INK)],
+    )  # fmt: skip
+
+
+@styled
+def plot_rig_design(design: RigDesign) -> Figure:
+    """Plots the plate at its most even rest with the cells where they were and where the design
+    places them, with the hottest and the coldest element.
+
+    **Arguments:**
+
+    - `design`: the result of `jaxtwin.design_rig`.
+
+    **Returns:** the figure.
+    """
+    both = {"before": design.before, "designed": design.after}
+    drawn = np.concatenate([_elements(placed) for placed in both.values()])
+    scale = ScalarMappable(Normalize(float(drawn.min()), float(drawn.max())), HEAT)
+    plate = design.rig.plate
+    figure = pyplot.figure(
+        figsize=(9.4, 0.65 + 4.1 * plate.height / plate.width), layout="constrained"
+    )
+    grid = figure.subplots(1, 2)
+    for axes, (title, placed) in zip(grid, both.items(), strict=True):
+        axes.set_axis_off()
+        rig, elements = placed.twin.rig, _elements(placed)
+        draw_map(axes, rig, title, elements, scale)
+        for number in (elements.argmax(), elements.argmin()):
+            place = rig.plate.extent(rig.plate.element_names[number])
+            write_inside(axes, place, f"{elements[number]:.1f}")
+        duty = " and ".join(f"{100 * each:.0f} %" for each in np.asarray(placed.point.duty))
+        title_aside(axes, f"range {placed.point.range:.1f} K, duty {duty}")
+    draw_scale(figure, scale, grid, 24)
+    return figure
+
+
+def _elements(placed: PlacedCells) -> np.ndarray:
+    return np.asarray(placed.point.nodes)[: placed.point.elements]

@@ -5,6 +5,7 @@ colour vision can distinguish. `style` replaces them, and the size of letters, i
 """
 
 import functools
+import io
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -164,6 +165,11 @@ def palette() -> Palette:
     return _look.get().palette
 
 
+def color_of(number: int) -> str:
+    """The colour of a line among several of one kind."""
+    return palette().cycle[number % len(palette().cycle)]
+
+
 def line_of(number: int) -> str | Dashes:
     """The dashes of a line among several that may cover each other: solid, then shorter ones, so
     that what is below shows in the gaps."""
@@ -271,3 +277,34 @@ def symbol(name: str) -> str:
         return name if letter == base else f"${letter}$"
     below = below.replace("_", r"\ ")
     return rf"${letter}_\mathrm{{{below}}}$"
+
+
+def to_png(drawn: Figure | Axes, dpi: int = 150) -> bytes:
+    """A picture as the content of a .png file. Its figure is closed.
+
+    **Arguments:**
+
+    - `drawn`: a figure or axes that a plot function returned.
+    - `dpi`: the resolution in pixels per inch.
+
+    **Returns:** the bytes of the file.
+    """
+    figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
+    assert figure is not None  # axes that a plot function returns belong to a figure
+    if not figure.stale:  # its parts are still as the plot function has arranged them
+        figure.set_layout_engine(None)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=dpi, facecolor="auto")
+    pyplot.close(figure)
+    return content.getvalue()
+
+
+# What a unit of a rig file or a dataset has, and what is shown for it.
+SIGNS = {"degC": "°C", "ohm": "Ω", "^2": "²", "K2": "K²"}
+
+
+def unit_text(unit: str) -> str:
+    """A unit with the usual signs: `Ω`, `°C`, `K²`, `W/(m² K)`."""
+    for written, sign in SIGNS.items():
+        unit = unit.replace(written, sign)
+    return unit

@@ -1,6 +1,8 @@
-"""The uniformity of the plate: recorded beside simulated, over time and over the plate."""
+"""The uniformity of the plate: recorded beside simulated, over time and over the plate, and on the
+way to a temperature in several closed loops.
+"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib import pyplot
@@ -10,13 +12,15 @@ from matplotlib.colors import CenteredNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..errors import SimulationError
+from ..control import ClosedLoopRun, OperatingPoint
+from ..errors import ControlError, SimulationError
 from ..physics import plate_map
 from ..rig import Channel, Rig
 from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
+from ._panels import title_aside
 from ._plate_map import HEAT, draw_cells, frame, rectangle
-from ._style import palette, points, styled
+from ._style import color_of, line_of, palette, styled
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # width of a panel and room above it, inches
 
@@ -50,10 +54,7 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
         ):
             axes.plot(run.time, was, color=palette().muted, lw=2.4, alpha=0.55)
             axes.plot(run.time, says, color=palette().vermilion, lw=1.4)
-            axes.set_title(
-                f"mean {means[0]:.2f} K, twin {means[1]:.2f} K", loc="right", fontsize=points(9),
-                fontweight="normal",
-            )  # fmt: skip
+            title_aside(axes, f"mean {means[0]:.2f} K, twin {means[1]:.2f} K")
         column[0].set_title(run.experiment.name or "recording")
         column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
     for axes in grid[:, 0]:
@@ -128,13 +129,7 @@ def plot_plate_beside(rig: Rig, runs: Sequence[Run], times: Sequence[float]) -> 
             axes.set_title(f"{time:g} s" if number == 0 else "")
             there = shown[~np.isnan(shown)]
             text = f"{there.min():.1f} … {there.max():.1f} {unit}" if there.size else "no sample"
-            axes.set_title(
-                text.replace("-", "−"),
-                loc="right",
-                fontsize=points(9),
-                fontweight="normal",
-                color=palette().muted,
-            )
+            title_aside(axes, text.replace("-", "−"))
             if number == 0:
                 _draw_field(axes, rig, shown, norm)
                 draw_cells(axes, rig)
@@ -188,3 +183,44 @@ def _draw_field(axes: Axes, rig: Rig, field: np.ndarray, norm: Normalize) -> Non
         extent=(0.0, 100 * rig.plate.width, 100 * rig.plate.height, 0.0),
     )  # fmt: skip
     frame(axes, rig.plate)
+
+
+@styled
+def plot_plate_range(
+    runs: Mapping[str, ClosedLoopRun], best: OperatingPoint | None = None
+) -> Figure:
+    """Plots the mean of the channels and the range of the plate, the difference between its hottest
+    and its coldest element, over time.
+
+    **Arguments:**
+
+    - `runs`: name -> closed loop of a rig with a plate.
+    - `best`: the most even steady state (`most_even_point`), whose range is a line.
+
+    **Returns:** the figure.
+
+    **Raises:** `ControlError` if there is no run, or one is of a rig without a plate.
+    """
+    if not runs:
+        raise ControlError("plot_plate_range: runs: expected at least one closed loop, got none")
+    figure = pyplot.figure(figsize=(7.2, 4.8), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.3))
+    for number, (name, run) in enumerate(runs.items()):
+        color = color_of(number)
+        look = {"color": color, "ls": line_of(number), "lw": 1.6}
+        above.plot(run.time, run.run.temperatures.mean(axis=1), label=name, **look)
+        below.plot(run.time, run.range, **look)
+    last = max(float(run.time[-1]) for run in runs.values())
+    if best is not None:
+        elements = next(iter(runs.values())).loop.elements
+        least = float(np.ptp(np.asarray(best.nodes)[:elements]))
+        below.axhline(least, color=palette().muted, ls=":", lw=1.2)
+        below.annotate(
+            f"most even at rest, {least:.1f} K", (last, least), (-2, -3), va="top", ha="right",
+            textcoords="offset points", color=palette().muted,
+        )  # fmt: skip
+    above.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, ncols=3)
+    above.set_ylabel("mean of the\nchannels, °C")
+    below.set(xlabel="time, s", ylabel="range of the plate, K", xlim=(0, last))
+    below.set_ylim(bottom=0)
+    return figure

@@ -1,11 +1,9 @@
 """Reports: a fit, or the demo of the paper's rig, as one HTML page that needs no other file.
 
-A report is a list of blocks (`_blocks`), which `_page` makes a page of and `_folder` writes as a
-whole or not at all. `_report` is the report of a fit: any rig (`_rig`), its recordings
-(`_recordings`, `_corrections`), parameters (`_parameters`, `_sensitivity`), agreement
-(`_agreement`, `_uniformity`) and the machine (`_environment`). `_demo` is the paper's example on
-the same blocks, a step a file (`_demo_simulate`, `_demo_match`, `_demo_sensitivity`), with the
-recordings of `_demo_source` and the expected numbers of `_demo_checks`.
+A report is a list of blocks, which become a page and are written with their files as a whole or not
+at all (`_page`). `_report` is the report of a fit: any rig, its recordings and the agreement with
+them (`_recordings`), and parameters (`_parameters`). `_demo` is the paper's example on the same
+blocks, a step a file (`_demo_simulate`, `_demo_match`).
 """
 
 from .._progress import Progress

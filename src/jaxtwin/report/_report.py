@@ -11,17 +11,26 @@ from .._json_values import json_value
 from .._progress import NullProgress, Progress
 from ..errors import JaxtwinError
 from ..matching import Fit
+from ..physics import Twin
+from ..physics._netlist import network_counts
+from ..plots import plot_netlist, to_png
 from ..rig import bundled_rigs
-from ._agreement import agreement_section, residuals_section
-from ._blocks import Block, Section, Text
-from ._environment import environment_section, files_table
-from ._folder import PAGE, check_folder, new_folder, write_page
-from ._page import page_html
-from ._parameters import fit_numbers, parameters_section
-from ._recordings import recordings_blocks
-from ._rig import rig_section
-from ._sensitivity import sensitivity_section
-from ._uniformity import uniformity_section
+from ._page import (
+    PAGE,
+    Block,
+    KeyNumbers,
+    ReportPicture,
+    Section,
+    Text,
+    check_folder,
+    environment_section,
+    files_table,
+    new_folder,
+    page_html,
+    write_page,
+)
+from ._parameters import fit_numbers, parameters_section, sensitivity_section
+from ._recordings import agreement_section, recordings_blocks, residuals_section, uniformity_section
 
 FILES = {
     "fit.toml": "the fit: parameters with their uncertainties, for `--parameters` and `Fit.load`",
@@ -133,3 +142,50 @@ def _files(fit: Fit, files: dict[str, str]) -> Section:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'s' * (number != 1)}"
+
+
+# Count of a network, its form, and what it is.
+_COUNTS = (
+    ("plate_nodes", "{:.0f}", "plate elements"),
+    ("plate_resistances", "{:.0f}", "resistances on the plate"),
+    ("states", "{:.0f}", "states"),
+    ("resistances", "{:.0f}", "resistances"),
+    ("plate_capacitance_J_per_K", "{:.1f} J/K", "heat capacity of the plate"),
+    ("plate_to_ambient_W_per_K", "{:.3f} W/K", "plate to ambient"),
+    ("capacitance_J_per_K", "{:.1f} J/K", "heat capacity"),
+    ("to_ambient_W_per_K", "{:.3f} W/K", "to ambient"),
+)
+
+
+def rig_section(
+    twin: Twin, title: str, *, note: str = "", caption: str = "The thermal network of the rig."
+) -> tuple[Section, dict[str, float | int]]:
+    """The rig's description and its network.
+
+    **Arguments:**
+
+    - `twin`: a twin of the rig.
+    - `title`: the title of the section.
+    - `note`: a paragraph that follows the description.
+    - `caption`: the caption of the picture.
+
+    **Returns:** the section, and the network's numbers.
+    """
+    rig = twin.rig
+    counts = network_counts(twin.netlist, rig)
+    words = (" ".join(rig.description.split()) or rig.title, note)
+    section = Section(
+        title,
+        (
+            *(Text(paragraph) for paragraph in words if paragraph),
+            KeyNumbers(
+                tuple(
+                    (form.format(counts[key]), words)
+                    for key, form, words in _COUNTS
+                    if key in counts
+                )
+            ),
+            ReportPicture("netlist", to_png(plot_netlist(twin)), caption),
+        ),
+    )
+    return section, counts

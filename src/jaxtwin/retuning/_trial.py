@@ -23,7 +23,7 @@ from ..control.loops._scenario import Scenario, scenario
 from ..control.tuning._objective import TuningObjective
 from ..errors import ControlError
 from ..physics import Twin
-from ..rig._limits import SOLDER
+from ..rig._instruments import SOLDER
 from ._loop_band import LoopBand
 from ._scenarios import TrialScenario
 

@@ -1,32 +1,108 @@
-"""Builds a `Rig` from the tables of a rig file: types are checked first, then units, names and
-geometry, part by part."""
+"""Reads rig files: builds a `Rig` from the tables of a file. Types are checked first, then units,
+names and geometry, and at last whether heat has a path from each node to the surroundings.
+"""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from .._arguments import path_of
 from .._celsius import COLDEST_ROOM, HOTTEST_ROOM, ZERO_CELSIUS
-from ._bench_table import build_camera, build_driver, build_limits
-from ._body_table import build_bodies, build_links
-from ._bundled import parse_toml
-from ._camera import Sensors
-from ._cell_table import build_cell
-from ._channel import build_channel
-from ._circuit_table import build_circuit
+from .._name_suggestions import unknown_name
+from .._twin_address import TwinAddress, read_stored_fit, twin_address
+from ..errors import RigError
+from ._bodies import (
+    Body,
+    Circuit,
+    CircuitLink,
+    NonlinearLink,
+    build_bodies,
+    build_circuit,
+    build_links,
+)
+from ._cell import Cell, build_cell
 from ._fields import Fields
-from ._grounding import check_grounded
-from ._heater_table import build_heater, heater_bodies, heater_links
-from ._input_table import build_inputs
-from ._parameter import Parameter
-from ._parameter_table import build_parameter_sets, build_parameters
-from ._plate import NO_PLATE
+from ._heater import Heater, build_heater, heater_bodies, heater_links
+from ._instruments import Sensors, build_camera, build_channel, build_driver, build_limits
+from ._parameter_table import build_inputs, build_parameter_sets, build_parameters
+from ._plate import AMBIENT, NO_PLATE, Plate
 from ._plate_table import build_plate
 from ._rig import Rig
-from ._schema import RigTable
+from ._sensors import ZoneSensor
+from ._toml import bundled_content, bundled_rigs, file_content, parse_toml, refuse
 from ._units import NOISE, TEMPERATURE, TEMPERATURE_RATE
-from ._validate import validate
-from ._value import Value
-from ._zone_sensor import ZoneSensor
+from ._value import Parameter, Value
+
+if TYPE_CHECKING:
+    from ._schema import RigTable
+
+
+def load_rig(name_or_path: Rig | str | os.PathLike[str]) -> Rig:
+    """Reads a rig file and checks it.
+
+    **Arguments:**
+
+    - `name_or_path`: the name of a bundled rig (`bundled_rigs()`), or the path of a rig file; a rig
+      that was read is returned as it is.
+
+    **Returns:** the rig, with all values in SI units except those of the parameter table, which
+    keeps its units.
+
+    **Raises:** `RigError` for the first mistake, naming file, field, what was expected and what
+    was found.
+    """
+    if isinstance(name_or_path, Rig):
+        return name_or_path
+    if twin_address(name_or_path) is not None:
+        refuse(
+            os.fspath(name_or_path),
+            "",
+            "expected a rig, got a twin of a store, which is a rig with values; Twin(address) and "
+            "Fit.load(address) read it, and --parameters takes its values, beside the rig",
+        )
+    place = path_of("load_rig", name_or_path, RigError)
+    name = os.fspath(name_or_path)
+    if name in bundled_rigs():
+        return parse_rig(*bundled_content("rigs", name))
+    if not place.exists():
+        refuse(name, "", f"no such file, {unknown_name('bundled rig', name, bundled_rigs())}")
+    content, source = file_content(place)
+    data = parse_toml(content, source)
+    if "parameters" in data and not {"plate", "cells", "driver", "channels"} & data.keys():
+        refuse(
+            source,
+            "",
+            "expected a rig file, got a parameter file, such as a saved fit; Fit.load reads a fit, "
+            "and Twin(rig, file) or --parameters takes its values, beside the rig that it is of",
+        )
+    return parse_rig(content, source)
+
+
+def rig_from_tables(tables: Mapping[str, Any], source: str) -> Rig:
+    """The rig that the tables of a rig file describe, for a program that writes or changes them.
+
+    The rig has no `text`: a saved fit of it does not hold its rig file, and neither its grid nor
+    the places of its cells can be changed afterwards.
+
+    **Arguments:**
+
+    - `tables`: tables, lists and texts as `tomllib.loads` reads them.
+    - `source`: what error messages call the rig file.
+
+    **Raises:** `RigError` for the first mistake, as `load_rig` does.
+    """
+    return build_rig(dict(tables), source)
+
+
+def rig_of_stored_twin(address: TwinAddress) -> Rig:
+    """The rig of a twin in a store, from the text of its rig file.
+
+    **Raises:** `RigError` if the store has no such twin.
+    """
+    source = f"{address.file}@{address.name}"
+    data = parse_toml(read_stored_fit(address, RigError), source)
+    return parse_rig(data["fit"]["rig_text"].encode(), data["fit"]["rig_file"])
 
 
 def parse_rig(content: bytes, source: str) -> Rig:
@@ -53,6 +129,11 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
 
     **Raises:** `RigError` for the first mistake.
     """
+    from ._schema import (  # with pydantic, which only readers of a rig should pay for
+        RigTable,
+        validate,
+    )
+
     table = validate(RigTable, data, source)
     parameters = build_parameters(table, source)
     sets = build_parameter_sets(table, parameters, source)
@@ -140,7 +221,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
     return rig
 
 
-def _check_needs_no_plate(table: RigTable, fields: Fields) -> None:
+def _check_needs_no_plate(table: "RigTable", fields: Fields) -> None:
     for part in ("circuit", "camera"):
         if getattr(table, part) is not None:
             fields.refuse(
@@ -164,3 +245,121 @@ def _check_room(ambient: Value, parameters: Mapping[str, Parameter], fields: Fie
             f"expected the temperature of a room, {COLDEST_ROOM:g} to {HOTTEST_ROOM:g} degC, got "
             f"{room - ZERO_CELSIUS:.10g} degC, which is {room:.10g} K; is the unit the other one?",
         )
+
+
+def check_grounded(
+    plate: Plate,
+    circuit: Circuit | None,
+    cells: Sequence[Cell],
+    heaters: Sequence[Heater],
+    bodies: Sequence[Body],
+    links: Sequence[CircuitLink | NonlinearLink],
+    fields: Fields,
+) -> None:
+    """Refuses a part of the rig whose heat has no path to the surroundings or to a body at a fixed
+    temperature: it has no steady state.
+
+    **Arguments:** the parts of the rig.
+
+    **Raises:** `RigError` that names the part.
+    """
+    pairs = [*_of_plate(plate, circuit), *_of_cells(cells)]
+    pairs += [pair for link in links for pair in link.between]
+    held = {AMBIENT, *(body.name for body in bodies if body.temperature is not None)}
+    reached = _reached(held, pairs)
+    for element in plate.element_names:
+        if element not in reached:
+            fields.refuse(
+                "circuit.links",
+                f'expected a path from each node to "{AMBIENT}", got none from {element}; add a '
+                "link",
+            )
+    warmed = {heater.name for heater in heaters}
+    for body in bodies:
+        if body.name not in reached:
+            part = "heaters" if body.name in warmed else "bodies"
+            to = "to the plate, " if plate.columns else ""
+            fields.refuse(
+                f"{part}[{body.name}]",
+                f"expected a path for its heat {to}to ambient or to a body that is held at a "
+                "temperature, got none; add a link",
+            )
+    for cell in cells:
+        if _name(cell) not in reached:
+            fields.refuse(
+                f"cells[{cell.name}]",
+                "expected a path for its heat to ambient or to a body that is held at a "
+                "temperature, got none; give it a sink_resistance",
+            )
+
+
+def _of_plate(plate: Plate, circuit: Circuit | None) -> Iterator[tuple[str, str]]:
+    if circuit is None:  # the film of the outer edges, and conduction between the elements
+        yield from ((element, AMBIENT) for element in plate.element_names)
+        return
+    for link in circuit.links:
+        yield from link.between
+
+
+def _of_cells(cells: Sequence[Cell]) -> Iterator[tuple[str, str]]:
+    """The paths through the cells, whose two sides are taken together."""
+    for cell in cells:
+        yield from ((node, _name(cell)) for node, _ in cell.contacts)
+        is_isolated = cell.sink_capacitance is not None and cell.sink_air_resistance is None
+        if cell.sink_resistance is not None and not is_isolated:
+            yield _name(cell), cell.sink or AMBIENT
+
+
+def _name(cell: Cell) -> str:
+    return f"cells[{cell.name}]"  # which no body has
+
+
+def _reached(start: set[str], pairs: Sequence[tuple[str, str]]) -> set[str]:
+    neighbours: dict[str, set[str]] = {}
+    for first, second in pairs:
+        neighbours.setdefault(first, set()).add(second)
+        neighbours.setdefault(second, set()).add(first)
+    reached, waiting = set(start), list(start)
+    while waiting:
+        new = neighbours.get(waiting.pop(), set()) - reached
+        reached |= new
+        waiting += new
+    return reached
+
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a rig file.
+
+    It describes tables, keys and types. Units, the names of parameters, nodes and modules, and
+    conditions on several fields are checked only by `load_rig`.
+    """
+    from ._schema import RigTable  # with pydantic, which only readers of a rig should pay for
+
+    result: dict[str, Any] = {"$schema": DIALECT, **_without_null(RigTable.model_json_schema())}
+    result["title"] = "jaxtwin rig file"
+    result["description"] = (
+        "A thermal rig: plate or bodies, cells, heaters, driver, camera or sensors, channels and "
+        "parameters."
+    )
+    return result
+
+
+def _without_null(part: object) -> Any:
+    """The schema without the value null, which TOML does not have."""
+    if isinstance(part, list):
+        return [_without_null(item) for item in part if item != {"type": "null"}]
+    if not isinstance(part, dict):
+        return part
+    kept = {
+        key: _without_null(item)
+        for key, item in part.items()
+        if not (key == "default" and item is None)
+    }
+    choices = kept.get("anyOf")
+    if isinstance(choices, list) and len(choices) == 1:
+        del kept["anyOf"]
+        kept = choices[0] | kept
+    return kept

@@ -5,9 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import final
 
 from .._name_suggestions import unknown_name
-from ._input import Input, Switched, depends_on
-from ._parameter import Parameter
-from ._problems import refuse
+from ._toml import refuse
 from ._units import (
     CURRENT,
     HEATER_POWER,
@@ -20,7 +18,7 @@ from ._units import (
     range_problem,
     unit_scale,
 )
-from ._value import Value
+from ._value import Input, Parameter, Switched, Value, depends_on
 
 
 @final

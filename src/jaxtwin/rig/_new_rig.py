@@ -6,15 +6,17 @@ Each uncertain value becomes a free parameter, with a prior as wide as its uncer
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from . import _units as units
-from ._bundled import bundled_materials, bundled_modules
-from ._datasheet import Datasheet, load_module
+from ._build import load_rig
+from ._cell import Datasheet, load_module
 from ._fields import Fields
-from ._material import load_material
 from ._plate import Plate
+from ._plate_table import load_material
+from ._rig import Rig
+from ._toml import bundled_content, bundled_materials, bundled_modules, bundled_rigs
 from ._value import Value
 
 # The size of the plate's elements, m; it is larger on large plates.
@@ -461,3 +463,41 @@ R_sink = {{ value = 0.5, unit = "K/W", bounds = [0.01, 20.0], prior = {{ spread 
 {powers}R_supply = {{ value = 0.2, unit = "ohm", bounds = [0.005, 5.0], prior = {{ spread = 1.0 }}, free = true, description = "in series with a cell while it is on" }}
 T_amb = {{ value = 20.0, unit = "degC", bounds = [-10.0, 45.0], prior = {{ spread = 5.0 }}, free = true, scope = "recording", description = "room" }}
 """  # noqa: E501 (lines of the file)
+
+
+def example_rigs() -> tuple[str, ...]:
+    """The bundled rigs without a plate."""
+    return tuple(name for name in bundled_rigs() if not load_rig(name).has_plate)
+
+
+def example_rig_text(name: str, example: str, values: Mapping[str, float]) -> str:
+    """The text of a bundled rig's file, for a rig with another name and other numbers.
+
+    **Arguments:**
+
+    - `name`: the name of the rig.
+    - `example`: one of `example_rigs()`.
+    - `values`: values of some of its parameters, in the units of its table, which `check_value`
+      accepts.
+    """
+    content, _ = bundled_content("rigs", example)
+    text = content.decode("utf-8").replace("\r\n", "\n")
+    text = re.sub(r'(?m)^name = ".*"$', lambda _: f'name = "{name}"', text, count=1)
+    for parameter, value in values.items():
+        # Digits of the number alone; prior and description stay.
+        text = re.sub(
+            rf"(?m)^({parameter} = {{ value = )[^,]+", rf"\g<1>{float(value)!r}", text, count=1
+        )
+    return text
+
+
+def check_value(rig: Rig, parameter: str, value: float, fields: Fields) -> None:
+    """Refuses a parameter that the rig does not have, or a value outside its bounds."""
+    fields.check_known("value", "parameter", parameter, rig.parameters)
+    row = rig.parameters[parameter]
+    if not row.lower <= value <= row.upper:
+        fields.refuse(
+            f"value.{parameter}",
+            f"expected {row.lower:g} to {row.upper:g} {row.unit}, got {value:g}; wider bounds are "
+            "for an editor",
+        )

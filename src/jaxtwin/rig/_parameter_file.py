@@ -22,12 +22,11 @@ from typing import Any, NoReturn
 from .._name_suggestions import unknown_name
 from .._whole_file import check_ending, write_whole_file
 from ..errors import ParameterError
-from ._bundled import read_toml
-from ._load import load_rig
-from ._parameter import Parameter
-from ._problems import refuse
+from ._build import load_rig
 from ._rig import Rig
+from ._toml import read_toml, refuse
 from ._units import unit_scale
+from ._value import Parameter
 
 
 def write_parameters(

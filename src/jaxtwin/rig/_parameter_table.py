@@ -1,16 +1,19 @@
-"""The parameter table of a rig file and its named sets of values."""
+"""The parameter table of a rig file with its named sets of values, and its inputs `[[inputs]]`."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from .._name_suggestions import unknown_name
-from ._parameter import Parameter
-from ._problems import refuse
-from ._schema import ParameterTable, RigTable
+from ._toml import refuse
 from ._units import unit_scale
+from ._value import Input, Parameter
+
+if TYPE_CHECKING:
+    from ._schema import InputTable, ParameterTable, RigTable
 
 
-def build_parameters(table: RigTable, source: str) -> dict[str, Parameter]:
+def build_parameters(table: "RigTable", source: str) -> dict[str, Parameter]:
     """The parameters of a rig file, in its order.
 
     **Raises:** `RigError` if a name is no identifier, a unit is unknown or the bounds exclude
@@ -20,7 +23,7 @@ def build_parameters(table: RigTable, source: str) -> dict[str, Parameter]:
 
 
 def build_parameter_sets(
-    table: RigTable, parameters: Mapping[str, Parameter], source: str
+    table: "RigTable", parameters: Mapping[str, Parameter], source: str
 ) -> dict[str, dict[str, float]]:
     """The named sets of values of a rig file.
 
@@ -41,7 +44,7 @@ def build_parameter_sets(
     return {name: dict(values) for name, values in table.parameter_sets.items()}
 
 
-def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
+def _parameter(name: str, row: "ParameterTable", source: str) -> Parameter:
     field = f"parameters.{name}"
     if not (name.isidentifier() and name.isascii()):
         refuse(
@@ -100,4 +103,80 @@ def _parameter(name: str, row: ParameterTable, source: str) -> Parameter:
         prior_spread=prior_spread,
         prior_value=prior_value,
         group_spread=group_spread,
+    )
+
+
+# Names that mean something else in a recording or in a rig file.
+RESERVED_NAMES = ("time", "timestamp", "date", "ambient", "by")
+
+
+def build_inputs(
+    tables: "Sequence[InputTable]", parameters: Collection[str], source: str
+) -> tuple[Input, ...]:
+    """The inputs of a file.
+
+    **Raises:** `RigError` if a name is no identifier or occurs twice, a unit is unknown, a state
+    occurs twice, or the value is missing or none of the states.
+    """
+    names = [table.name for table in tables]
+    built = []
+    for table in tables:
+        at = f"inputs[{table.name}]"
+        if not table.name.isidentifier() or table.name in (*parameters, *RESERVED_NAMES):
+            refuse(
+                source,
+                f"{at}.name",
+                "expected letters, digits and _, and neither the name of a parameter nor one of "
+                f"{', '.join(RESERVED_NAMES)}, got {table.name!r}",
+            )
+        if names.count(table.name) > 1:
+            refuse(source, f"{at}.name", f"expected each name once, got {table.name!r} twice")
+        built.append(
+            _with_states(table, at, source) if table.states else _number(table, at, source)
+        )
+    return tuple(built)
+
+
+def _with_states(table: "InputTable", at: str, source: str) -> Input:
+    states = tuple(table.states or ())
+    for state in states:
+        if not state.isidentifier() or states.count(state) > 1 or state == "by":
+            refuse(
+                source,
+                f"{at}.states",
+                f"expected different names of letters, digits and _, got {', '.join(states)}",
+            )
+    if len(states) == 1:
+        refuse(source, f"{at}.states", f"expected at least two states, got {states[0]!r} alone")
+    if table.unit is not None:
+        refuse(source, f"{at}.unit", "expected none beside states; remove one of them")
+    value = states[0] if table.value is None else table.value
+    if value not in states:
+        refuse(source, f"{at}.value", f"expected one of {', '.join(states)}, got {value!r}")
+    return Input(
+        table.name, float(states.index(str(value))), states=states, description=table.description
+    )
+
+
+def _number(table: "InputTable", at: str, source: str) -> Input:
+    if isinstance(table.value, str) or table.value is None:
+        result = "none" if table.value is None else repr(table.value)
+        refuse(
+            source,
+            f"{at}.value",
+            "expected a number, which applies where none is stated, or states such as "
+            f'["closed", "open"] beside it, got {result}',
+        )
+    unit = table.unit or ""
+    try:
+        scale, offset = unit_scale(unit)
+    except ValueError as problem:
+        refuse(source, f"{at}.unit", f"expected a unit, got {unit!r}, {problem}")
+    return Input(
+        table.name,
+        float(table.value),
+        unit=unit,
+        description=table.description,
+        scale=scale,
+        offset=offset,
     )

@@ -1,13 +1,14 @@
-"""Builds a plate from the table `[plate]` of a rig file."""
+"""Builds a plate from the table `[plate]` of a rig file: its grid, which is stated by columns and
+rows or by its size and a resolution, and its material.
+"""
 
-from typing import Any
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
 
-from ._bundled import bundled_materials
 from ._fields import Fields
-from ._grid_table import build_grid
-from ._material import load_material
 from ._plate import Plate
-from ._schema import PlateTable
+from ._toml import bundled_materials, read_bundled
 from ._units import (
     CONDUCTIVITY,
     DENSITY,
@@ -21,6 +22,10 @@ from ._units import (
 )
 from ._value import Value
 
+if TYPE_CHECKING:
+    from ._schema import PlateTable
+
+
 _OF_MATERIAL = {
     "density": DENSITY,
     "specific_heat": SPECIFIC_HEAT,
@@ -29,7 +34,7 @@ _OF_MATERIAL = {
 _NEEDED = (*_OF_MATERIAL, "film_coefficient")
 
 
-def build_plate(table: PlateTable, has_circuit: bool, fields: Fields) -> Plate:
+def build_plate(table: "PlateTable", has_circuit: bool, fields: Fields) -> Plate:
     """Builds the plate, with its material if the file states no circuit. Properties that the file
     does not state are those of the bundled material that it names.
 
@@ -114,3 +119,130 @@ def _each(
             field, f"expected {len(sizes)} values, as many as the plate has, got {len(given)}"
         )
     return tuple(fields.value(f"{field}[{i}]", text, kind) for i, text in enumerate(given, 1))
+
+
+RELATIVE_TOLERANCE = 1e-9
+# The largest number of elements that a resolution may ask for, so that a wrong unit does not fill
+# the memory.
+MAX_ELEMENTS = 100_000
+
+Sizes = tuple[float, ...]
+
+
+def build_grid(table: "PlateTable", fields: Fields) -> tuple[Sizes, Sizes]:
+    """The widths of the columns and the heights of the rows, m.
+
+    Where the file gives a resolution, all elements are equal and no larger than it. A list of film
+    coefficients then stands for equal parts of the plate, whose borders are lines of the grid.
+
+    **Raises:** `RigError` if a size is wrong or missing, or the file gives both.
+    """
+    listed, measured = ("columns", "rows"), ("width", "height", "resolution")
+    lists = [name for name in listed if getattr(table, name) is not None]
+    given = [name for name in measured if getattr(table, name) is not None]
+    if lists and given:
+        fields.refuse(
+            f"plate.{given[0]}",
+            "expected either columns and rows, or width, height and resolution, got both",
+        )
+    needed = measured if given else listed
+    for name in needed:
+        if getattr(table, name) is None:
+            fields.refuse(
+                f"plate.{name}",
+                "missing, every plate needs columns and rows, or width, height and resolution",
+            )
+    if not given:
+        return _sizes("columns", table.columns, fields), _sizes("rows", table.rows, fields)
+    width, height, resolution = (
+        fields.constant(f"plate.{name}", getattr(table, name), LENGTH) for name in measured
+    )
+    smaller = min(width, height)
+    if resolution > smaller * (1 + RELATIVE_TOLERANCE):
+        fields.refuse(
+            "plate.resolution",
+            f"expected at most the plate's smaller side, {100 * smaller:g} cm, got "
+            f"{table.resolution!r}",
+        )
+    if width * height / resolution**2 > MAX_ELEMENTS:
+        fields.refuse(
+            "plate.resolution",
+            f"expected at most {MAX_ELEMENTS} elements, got {table.resolution!r}, which makes "
+            "more; make it coarser",
+        )
+    return (
+        _equal(width, resolution, _parts(table.film_coefficient)),
+        _equal(height, resolution, _parts(table.film_row_factor)),
+    )
+
+
+def _parts(given: Any) -> int:
+    return len(given) if isinstance(given, list) else 1
+
+
+def _equal(size: float, resolution: float, parts: int) -> Sizes:
+    """Equal sizes of at most the resolution, as many as a multiple of the parts."""
+    in_part = math.ceil(size / parts / resolution - RELATIVE_TOLERANCE)
+    return (size / (parts * in_part),) * (parts * in_part)
+
+
+def _sizes(name: str, texts: list[str] | None, fields: Fields) -> Sizes:
+    return tuple(
+        fields.constant(f"plate.{name}[{number}]", text, LENGTH)
+        for number, text in enumerate(texts or (), 1)
+    )
+
+
+@final
+@dataclass(frozen=True)
+class Material:
+    """A solid at room temperature.
+
+    **Arguments:**
+
+    - `name`, `title`, `references`: its name, a title, and the sources of the numbers.
+    - `density`: kg/m^3. `specific_heat`: J/(kg K). `conductivity`: W/(m K).
+    - `diffusivity`: the thermal diffusivity in the same source, m^2/s, which is conductivity /
+      (density * specific heat); None if it lists none.
+    """
+
+    name: str
+    title: str
+    references: tuple[str, ...]
+    density: float
+    specific_heat: float
+    conductivity: float
+    diffusivity: float | None
+
+
+def load_material(name: str) -> Material:
+    """Loads a bundled material.
+
+    **Arguments:**
+
+    - `name`: one of `bundled_materials()`.
+
+    **Raises:** `RigError` if no material has this name.
+    """
+    # pydantic and pint take a while to import, and only readers of a file should pay for them.
+    from . import _units as units
+    from ._fields import Fields
+    from ._schema import MaterialTable, validate
+
+    data, source = read_bundled("materials", name)
+    table = validate(MaterialTable, data, source)
+    fields = Fields(source, {}, {})
+    kinds = {
+        "density": units.DENSITY,
+        "specific_heat": units.SPECIFIC_HEAT,
+        "conductivity": units.CONDUCTIVITY,
+    }
+    numbers = {
+        field: fields.constant(field, getattr(table, field), kind) for field, kind in kinds.items()
+    }
+    diffusivity = None
+    if table.diffusivity is not None:
+        diffusivity = fields.constant("diffusivity", table.diffusivity, units.DIFFUSIVITY)
+    return Material(
+        table.name, table.title, tuple(table.references), **numbers, diffusivity=diffusivity
+    )

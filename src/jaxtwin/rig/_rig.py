@@ -8,20 +8,13 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import final
 
-from ._body import Body
-from ._camera import Camera, CommonError, Sensors
+from ._bodies import Body, Circuit, CircuitLink, NonlinearLink
 from ._cell import Cell
-from ._channel import Channel
-from ._circuit import Circuit, CircuitLink, NonlinearLink
-from ._driver import Driver
-from ._heater import Heater
-from ._input import Input, nominal_inputs
-from ._limits import Limits
-from ._parameter import Parameter
+from ._heater import Heater, RelayWindow
+from ._instruments import Camera, Channel, CommonError, Driver, Limits, Sensors
 from ._placement import Placement
 from ._plate import Plate
-from ._relay_window import RelayWindow
-from ._value import Value
+from ._value import Input, Parameter, Value, nominal_inputs
 
 # The name of a cell or heater that is a number.
 _NUMBERED = re.compile(r"P([1-9]\d{0,3})")

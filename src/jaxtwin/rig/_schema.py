@@ -1,13 +1,14 @@
 """The format of rig files: the keys of each table, and their types.
 
 Conditions that involve more than one field (units, names, geometry) are checked when the parts are
-built.
+built. The first mistake in a file is reported in one line.
 """
 
 import reprlib
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
+import pydantic
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -19,7 +20,8 @@ from pydantic import (
 )
 
 from .._name_suggestions import unknown_name
-from ._sensor import sensor_kinds
+from ._sensors import sensor_kinds
+from ._toml import label, refuse
 
 
 def _text(value: object) -> Any:
@@ -416,3 +418,49 @@ class MaterialTable(Table):
     specific_heat: Quantity
     conductivity: Quantity
     diffusivity: Quantity | None = None
+
+
+Model = TypeVar("Model", bound=pydantic.BaseModel)
+
+
+def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
+    """Checks keys and types of a whole file.
+
+    **Arguments:**
+
+    - `model`: the model that the file must match.
+    - `data`: the file's tables, as `tomllib` reads them.
+    - `source`: the file, for messages.
+
+    **Raises:** `RigError` for the first mistake.
+    """
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as problem:
+        first = problem.errors(include_url=False)[0]
+        refuse(source, _path(data, first["loc"]), _message(first))
+
+
+def _path(data: Any, location: tuple[int | str, ...]) -> str:
+    path = ""
+    for key in location:
+        try:
+            data = data[key]
+        except (KeyError, TypeError):  # the key is missing, or its parent is not a table
+            data = None
+        path += f"[{label(data, key)}]" if isinstance(key, int) else f".{key}"
+    return path.removeprefix(".")
+
+
+def _message(error: Any) -> str:
+    if error["type"] == "missing":
+        return "missing, every file needs it here"
+    if error["type"] == "value_error":
+        return str(error["ctx"]["error"])
+    if error["type"] in ("too_short", "too_long"):
+        limits = error["ctx"]
+        bound = "at least" if error["type"] == "too_short" else "at most"
+        count = limits.get("min_length", limits.get("max_length"))
+        return f"expected {bound} {count} entries, got {limits['actual_length']}"
+    expected = error["msg"].removeprefix("Input should be ")
+    return f"expected {expected}, got {reprlib.repr(error['input'])}"

@@ -1,4 +1,6 @@
-"""Morris's elementary effects: which parameters have an effect, and which without interactions.
+"""Effects of one parameter at a time: Morris's elementary effects, which say what parameters have
+an effect, and which without interactions, and the numbers of a tornado plot, from each parameter's
+median to a low and a high quantile.
 
 The runs are random trajectories through a grid of levels, along which every parameter changes once
 (Morris, Technometrics 33 (1991) 161-174; mu_star by Campolongo and others, Environmental Modelling
@@ -15,10 +17,9 @@ from jaxtyping import Float
 
 from .._arguments import whole_number
 from ..errors import SimulationError
-from ._bootstrap import half_width, resample_weights
-from ._inputs import Inputs
-from ._method import AbstractMethod, Design, Indices
-from ._unit_samples import SampleKind
+from ._inputs import TAIL, Inputs
+from ._method import AbstractMethod, Design, Indices, half_width, resample_weights
+from ._sampling import SampleKind
 
 
 @final
@@ -87,3 +88,38 @@ class Morris(AbstractMethod):
             "mu_star_conf": half_width(resampled).T,
             "sigma": effects.std(axis=0, ddof=1).T,
         }
+
+
+@final
+@dataclass(frozen=True)
+class OneAtATime(AbstractMethod):
+    """Each parameter at its 2.5 % and 97.5 % quantile while the others are at their medians: the
+    change of the output, `low` and `high`, and `swing`, the span of the three values.
+
+    The method takes 2 d + 1 runs for d parameters, whatever `draws`, and ignores interactions.
+    """
+
+    name = "oat"
+    main = "swing"
+    default_draws = 1
+    min_draws = 1
+
+    def design(self, inputs: Inputs, draws: int, seed: int, samples: SampleKind) -> Design:
+        inputs.check_independent("one parameter at a time")
+        count = len(inputs.names)
+        unit = np.full((2 * count + 1, count), 0.5)
+        each = np.arange(count)
+        unit[1 + 2 * each, each], unit[2 + 2 * each, each] = TAIL, 1 - TAIL
+        return Design(inputs, unit)
+
+    def estimate(
+        self,
+        design: Design,
+        outputs: Float[np.ndarray, "runs outputs"],
+        slopes: Float[np.ndarray, "runs outputs parameters"] | None,
+        seed: int,
+    ) -> Indices:
+        changes = (outputs[1:] - outputs[0]).reshape(-1, 2, outputs.shape[1])
+        low, high = changes[:, 0].T, changes[:, 1].T
+        swing = np.maximum(np.maximum(low, high), 0) - np.minimum(np.minimum(low, high), 0)
+        return {"low": low, "high": high, "swing": swing}

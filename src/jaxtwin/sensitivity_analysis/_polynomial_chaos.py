@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtri
 
-from ._marginals import MIN_PROBABILITY
+from ._inputs import MIN_PROBABILITY
 from ._method import AbstractPlainMethod, Design, Indices
 
 # The largest number of terms of a polynomial; the work grows with its square.

@@ -20,10 +20,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from ._bootstrap import half_width, resample_weights
 from ._inputs import Inputs
-from ._method import AbstractMethod, Design, Indices
-from ._unit_samples import SampleKind
+from ._method import AbstractMethod, Design, Indices, half_width, resample_weights
+from ._sampling import SampleKind
 
 # The number of inner samples.
 INNER = 3

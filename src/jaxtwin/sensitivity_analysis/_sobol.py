@@ -20,10 +20,9 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from ._bootstrap import half_width, resample_weights
 from ._inputs import Inputs
-from ._method import AbstractMethod, Design, Indices
-from ._unit_samples import SampleKind, unit_samples
+from ._method import AbstractMethod, Design, Indices, half_width, resample_weights
+from ._sampling import SampleKind, unit_samples
 
 
 @final

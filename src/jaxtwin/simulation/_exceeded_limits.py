@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
 from ..rig import Rig
-from ..rig._limits import SOLDER
+from ..rig._instruments import SOLDER
 
 if TYPE_CHECKING:
     from ._run import Run

@@ -20,7 +20,7 @@ from ..physics import Twin
 from ..physics._twin import check_twin
 from ..physics._wiring import MAX_ELEMENTS
 from ..rig._plate_needed import check_has_plate
-from ..rig._with_resolution import with_resolution
+from ..rig._variants import with_resolution
 from ._simulate import simulate
 
 if TYPE_CHECKING:

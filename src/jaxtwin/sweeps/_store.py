@@ -7,19 +7,29 @@ because a draw is a function of its number.
 """
 
 import json
+import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, final
+from typing import IO, TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Bool, Shaped
 
+from .._arguments import path_of
 from ..errors import SimulationError
-from ._disk import disk_errors, lock, put, to_disk
 from ._plan import ROLES, Plan
+
+try:
+    import fcntl
+except ImportError:  # not on Windows: two processes may then do the same work, with one result
+    fcntl = None
+
+if TYPE_CHECKING:
+    import xarray
+
 
 # The attribute of the store that holds the identity of the sweep.
 KEY = "jaxtwin_sweep"
@@ -179,3 +189,120 @@ def _difference(found: object, asked: object) -> tuple[str, str]:
         name = next(name for name in (*asked, *found) if found.get(name) != asked.get(name))
         return f"{name} = {found.get(name)}", f"{name} = {asked.get(name)}"
     return str(found), str(asked)
+
+
+def open_sweep(folder: str | os.PathLike[str]) -> "xarray.Dataset":
+    """Opens the finished draws of a sweep as a dataset.
+
+    The dataset is lazy: `open_sweep(...).cost.isel(draw=slice(100))` reads one chunk, `.load()`
+    reads everything. If dask is installed, `.chunk()` makes dask arrays.
+
+    **Arguments:**
+
+    - `folder`: the folder of the sweep, which may still be running.
+
+    **Returns:** a dataset with the dimensions draw, channel, recording and parameter. `sample`
+    holds the parameters of each draw, drawn again from the seed; `value` holds the values around
+    which they are drawn; `failed` marks draws without finite temperatures; the other variables are
+    the reductions that the sweep kept. The coordinate `draw` is the number of a draw. The
+    attributes count the draws that were requested, are finished, and failed.
+
+    **Raises:** `SimulationError` if the folder does not hold a sweep.
+    """
+    place = path_of("open_sweep: folder", folder, SimulationError)
+    identity = read_identity(place)
+    with disk_errors(place):
+        import xarray
+        import zarr
+
+        from ._samples import SampledParameters
+
+        done = np.asarray(zarr.open_group(place, mode="r")["done"]).astype(bool)
+        stored = xarray.open_zarr(place, consolidated=False, chunks=None, mask_and_scale=False)
+    drawn, size, draws = identity["drawn"], identity["chunk_size"], identity["draws"]
+    table = stored.drop_vars("done").assign(
+        sample=(("draw", "parameter"), SampledParameters.of(identity)),
+        value=("parameter", list(drawn.values())),
+    )
+    table = table.assign_coords(
+        draw=np.arange(draws),
+        channel=identity["channels"],
+        recording=identity["recordings"],
+        parameter=list(drawn),
+    )
+    if not done.all():
+        table = table.isel(draw=np.flatnonzero(np.repeat(done, size)[:draws]))
+    table.attrs = {name: identity[name] for name in ("rig", "spread", "seed", "draws")}
+    return table.assign_attrs(done=table.sizes["draw"], failed=count_failed(place, done, size))
+
+
+def count_failed(folder: Path, done: Bool[np.ndarray, " chunks"], size: int) -> int:
+    """The number of failed draws in the finished chunks."""
+    with disk_errors(folder):
+        import zarr
+
+        failed = zarr.open_group(folder, mode="r")["failed"]
+        assert isinstance(failed, zarr.Array)
+        return sum(
+            int(np.count_nonzero(failed[chunk * size : (chunk + 1) * size]))
+            for chunk in np.flatnonzero(done).tolist()
+        )
+
+
+def put(file: Path, content: bytes) -> None:
+    """Writes a file completely or not at all, even if the power fails meanwhile.
+
+    Only one process at a time may write a given file.
+    """
+    part = file.with_name(f".{file.name}.part")
+    part.write_bytes(content)
+    _sync(part)
+    part.replace(file)
+    _sync(file.parent)
+
+
+def to_disk(file: Path) -> None:
+    """Forces a file and its entry in the folder to the disk."""
+    _sync(file)
+    _sync(file.parent)
+
+
+def lock(file: IO[bytes], byte: int) -> bool:
+    """Locks one byte of an open file until it is closed. Returns False if another process holds the
+    lock."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        return True  # a file system without locks is like Windows
+    return True
+
+
+@contextmanager
+def disk_errors(folder: Path) -> Iterator[None]:
+    """Turns an error of the disk, or a missing library, into an error that names the folder.
+
+    **Raises:** `SimulationError` for any of them.
+    """
+    try:
+        yield
+    except ImportError:
+        raise SimulationError(
+            "a sweep's results are kept by zarr, which is not installed: "
+            "pip install 'jaxtwin[storage]', in a checkout pip install -e '.[storage]'"
+        ) from None
+    except OSError as problem:
+        raise SimulationError(f"{folder}: {problem.strerror or problem}") from None
+
+
+def _sync(path: Path) -> None:
+    if os.name == "nt" and path.is_dir():
+        return  # folders cannot be opened there
+    handle = os.open(path, os.O_RDWR if os.name == "nt" else os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

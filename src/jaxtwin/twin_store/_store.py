@@ -20,7 +20,7 @@ from ..matching import Fit
 from ..matching._fit import solution_of
 from ..matching._save_fit import fit_text
 from ..observers import ProcessNoise
-from ..rig._bundled import parse_toml
+from ..rig._toml import parse_toml
 from ._diff import VersionDiff, diff_versions
 from ._schema import has_controllers, make_controllers, make_tables
 from ._version import AliasMove, TwinVersion

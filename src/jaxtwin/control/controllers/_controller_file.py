@@ -32,8 +32,7 @@ from ..._name_suggestions import did_you_mean, unknown_name
 from ..._whole_file import check_ending, write_whole_file
 from ...errors import ControlError
 from ...rig import Rig
-from ...rig._bundled import parse_toml, read_toml
-from ...rig._problems import refuse
+from ...rig._toml import parse_toml, read_toml, refuse
 from ._controller import AbstractChannelGroupController, AbstractController
 from ._controller_design import ControllerDesign, design_of
 from ._controller_fields import (

@@ -21,7 +21,7 @@ from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
 from ...rig import Placement, Rig
 from ...rig._plate_needed import check_has_plate
-from ...rig._with_places import Place, with_places
+from ...rig._variants import Place, with_places
 from ..controllers._duty_limits import bounds_of, checked_limits
 from ..linear._operating_point import OperatingPoint
 from ._evenness_step import (

@@ -29,8 +29,8 @@ from ...physics._placed import all_values
 from ...physics._wiring import Wiring
 from ...rig import Rig
 from ...rig._build import build_rig
-from ...rig._bundled import parse_toml
-from ...rig._with_places import with_places
+from ...rig._toml import parse_toml
+from ...rig._variants import with_places
 from ..linear._operating_point import slopes
 
 MICROMETRE = 1e-6

@@ -13,7 +13,7 @@ from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit_unoptimised
 from ...errors import JaxtwinError
 from ...physics import Twin
-from ...rig._limits import SOLDER
+from ...rig._instruments import SOLDER
 from ...simulation import Stepper, StepperState
 
 # The lowest temperature that a module of a single stage reaches, degC.
