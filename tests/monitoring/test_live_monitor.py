@@ -9,12 +9,13 @@ import pytest
 from faulty_runs import ONSET, bench, recording
 from hand_clock import START
 
-from jaxtwin import Experiment, monitor
+from jaxtwin import Experiment, Twin, monitor
 from jaxtwin.live import Finding, Reading, Record, RecordConsumer, RigState, Sample, Screen
 from jaxtwin.monitoring import LiveMonitor
 from jaxtwin.monitoring._finding_log import FindingLog, at_sample
 from jaxtwin.monitoring._thresholds import DAY
 from jaxtwin.observers import live_observer
+from jaxtwin.rig import rig_from_tables
 
 SECOND = 10**9
 
@@ -33,9 +34,11 @@ def records(run: Experiment, closed: slice | None = None) -> Iterator[Record]:
         yield Sample("rig", "b", at, since, n, counts, None)
 
 
-def live(run: Experiment, closed: slice | None = None) -> tuple[LiveMonitor, list[Finding]]:
+def live(
+    run: Experiment, closed: slice | None = None, twin: Twin | None = None
+) -> tuple[LiveMonitor, list[Finding]]:
     raised: list[Finding] = []
-    watching = LiveMonitor(live_observer(bench()), raised.append)
+    watching = LiveMonitor(live_observer(bench() if twin is None else twin), raised.append)
     state = RigState()
     for record in records(run, closed):
         state = state.after(record)
@@ -138,3 +141,32 @@ def test_of_findings_that_are_over_only_the_last_are_kept():
         log.take(100.0 * number, loud)
         log.take(100.0 * number + 50, quiet)
     assert [one.found for one in log.findings] == [200.0, 300.0, 400.0]
+
+
+@pytest.mark.slow
+def test_one_cause_in_all_channels_is_told_twice_and_shown_once():
+    names = [f"T{number}" for number in range(1, 6)]
+    tables = {
+        "format": 1,
+        "name": "bar",
+        "ambient": {"temperature": "20 degC"},
+        "sensors": {"noise": "0.1 K"},
+        "channels": [{"name": name, "nodes": [f"B{name}"]} for name in names],
+        "heaters": [{"name": "H", "power": "20 W", "contacts": ["BT1"]}],
+        "bodies": [{"name": f"B{name}", "capacitance": "40 J/K"} for name in names],
+        "links": [
+            {"resistance": "5 K/W", "between": [f"B{name}-ambient" for name in names]},
+            {"resistance": "1 K/W", "between": [f"BT{n}-BT{n + 1}" for n in range(1, 5)]},
+        ],
+    }
+    twin = Twin(rig_from_tables(tables, "bar"))
+    plan = Experiment.schedule("0:0.5,100:0.2,200:0.6", duration=400)
+    healthy = twin.simulate(plan).to_recording(seed=1)
+    readings = np.array(healthy.temperatures)
+    readings[250:] += 3.0  # such as a reference that all sensors share
+    watching, raised = live(replace(healthy, temperatures=readings), twin=twin)
+    told = [finding for finding in raised if finding.kind == "sudden" and finding.channel in names]
+    assert 1 <= len(told) <= 2
+    shown = [each for each in watching.findings if each.kind == "sudden" and each.channel in names]
+    assert len(shown) == 1
+    assert "and 4 others" in shown[0].detail

@@ -39,7 +39,6 @@ def _single_cell(file: str, sha256: str) -> PublishedRecording:
     return PublishedRecording(f"single-cell/{file}", _SINGLE_CELL_URL + file, sha256)
 
 
-# The paper's rig: zones A, B and C, duty 128/255 and from 500 s on 200/255.
 TWO_CELL = (
     _two_cell(
         "peltierMIMOStepSecA.mat",
@@ -54,8 +53,8 @@ TWO_CELL = (
         "466301644f94b1ef19ecf76682040d91343544b3e9ac810727f2b0abb6c6740a",
     ),
 )
+"""The paper's rig: zones A, B and C, duty 128/255 and from 500 s on 200/255."""
 
-# The authors' rig with one cell: an hour each in closed loop, duty -1 to 1.
 SINGLE_CELL = (
     _single_cell(
         "BMData1_022722.mat", "cf3db06b9651b3ec4b8022430bc85d7df71c6092fc6cc072bc21f536858eb857"
@@ -70,3 +69,4 @@ SINGLE_CELL = (
         "BMData4_022722.mat", "0f4667338cea88dd8a8ff37bcac8566e44d14c311074c2807802af600bbe5f46"
     ),
 )
+"""The authors' rig with one cell: an hour each in closed loop, duty -1 to 1."""

@@ -52,8 +52,8 @@ from ._start import (
 )
 from ._unknowns import Unknowns
 
-# Length of the part of a recording from which its own values are estimated, s.
 WARM_UP = 60.0
+"""Length of the part of a recording from which its own values are estimated, s."""
 
 # The error of a good twin, as a part of the change of a reading since the first sample.
 MODEL_ERROR = 0.2

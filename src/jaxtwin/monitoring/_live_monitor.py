@@ -17,6 +17,7 @@ from ._finding_log import FindingLog
 from ._monitor import Monitor, MonitorState, channels_of
 from ._response import response_of
 from ._thresholds import DAY, MonitorCalibration, nominal_calibration
+from ._together import MIN_CHANNELS, begin_together, together
 
 # Host times are in ns.
 TICKS = 10**9
@@ -33,7 +34,9 @@ class LiveMonitor:
     **Arguments:**
 
     - `observer`: the filter, as `jaxtwin.observers.live_observer` makes it.
-    - `on_finding`: called with each new finding; notices among them are no alarms.
+    - `on_finding`: called with each new finding; notices among them are no alarms. Where findings
+      of one kind begin in several channels together, it is called for the first two: the others
+      have the same cause.
     - `calibration`: what is healthy; None: usual thresholds.
     - `false_alarm_time`: the mean time between two false alarms, s.
     - `sample_time`: the time between two readings, s, for usual thresholds.
@@ -62,20 +65,26 @@ class LiveMonitor:
         self.follower = Follower(observer.model.twin, observer)
         """What follows the rig: its estimates are those of the monitor."""
         self._time: int | None = None
+        # A second of the rig in the unit of the times of findings.
+        self._second = float(TICKS)
         nothing = np.full(len(channels_of(observer.model)), np.nan)
         self._step(nothing, nothing, 0.0)  # compiles before the first data arrive
         self._state = start
 
     @property
     def present(self) -> tuple[Finding, ...]:
-        """The findings that are there now."""
-        return self._log.present
+        """The findings that are there now; those that began in most channels together are one."""
+        return tuple(together(self._log.present, self._channels, self._second))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The findings since the start, of those that are over the last thousand; they have an
         `until`."""
-        return self._log.findings
+        return tuple(together(self._log.findings, self._channels, self._second))
+
+    @property
+    def _channels(self) -> tuple[str, ...]:
+        return channels_of(self.observer.model)
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes the next record, and what is known of the rig after it."""
@@ -88,11 +97,31 @@ class LiveMonitor:
         dt = 0.0 if self._time is None else max(seconds(now - self._time) * state.rate, 0.0)
         self._time = now if self._time is None else max(now, self._time)
         evidence = self._step(record.temperatures, expected, dt)
+        self._second = TICKS / state.rate
         for finding in self._log.take(self._time, evidence, state.rate):
-            self._on_finding(finding)
+            if not self._is_told(finding):
+                self._on_finding(finding)
 
     def on_time(self, state: RigState, now: int) -> None:
         """Does nothing: findings come with readings. Silence is an alarm of `Alarms`."""
+
+    def _is_told(self, finding: Finding) -> bool:
+        """Whether a finding of a channel belongs to those of other channels that were told."""
+        if finding.channel not in self._channels:
+            return False
+        others = {
+            other.channel
+            for other in self._log.present
+            if other.channel != finding.channel
+            and other.channel in self._channels
+            and self._order(other) < self._order(finding)
+            and begin_together(other, finding, self._second)
+        }
+        return len(others) >= MIN_CHANNELS - 1
+
+    def _order(self, finding: Finding) -> tuple[int | float, int]:
+        """When a finding was found, and the place of its channel."""
+        return finding.found or 0, self._channels.index(finding.channel)
 
     def _step(self, readings: np.ndarray, expected: np.ndarray, dt: float) -> Evidence:
         ambient, dt = np.float64(self.follower.ambient), np.float64(dt)

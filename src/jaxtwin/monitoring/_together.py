@@ -12,46 +12,53 @@ MAX_ONSET_DIFFERENCE_SECONDS = 10.0
 MIN_CHANNELS = 3
 
 
-def together(findings: Sequence[Finding], channels: Sequence[str]) -> list[Finding]:
-    """Findings of a recording, of which those of one kind that begin together in most channels are
-    one: that of the largest size, whose text names it and counts the others.
+def together(
+    findings: Sequence[Finding], channels: Sequence[str], second: float = 1.0
+) -> list[Finding]:
+    """Findings, of which those of one kind that begin together in most channels are one: that of
+    the largest size, whose text names it and counts the others.
 
     **Arguments:**
 
-    - `findings`: in the order of their onset, with times in s.
+    - `findings`: in the order of their onset.
     - `channels`: all channels of the recording. Findings of anything else are left as they are.
+    - `second`: a second in the unit of their times.
     """
     left, joined = list(findings), []
     while left:
         first, *later = left
         group = [first]
         if first.channel in channels:
-            group += [one for one in later if one.channel in channels and _begins_with(first, one)]
-        names = {one.channel for one in group}
+            group += [
+                other
+                for other in later
+                if other.channel in channels and begin_together(first, other, second)
+            ]
+        names = {finding.channel for finding in group}
         if len(names) < MIN_CHANNELS or 2 * len(names) <= len(channels):
             group, names = [first], {first.channel}
-        left = [one for one in left if not any(one is each for each in group)]
+        left = [finding for finding in left if not any(finding is each for each in group)]
         joined.append(_one_of(group, len(names)))
     return joined
 
 
-def _begins_with(first: Finding, other: Finding) -> bool:
-    return (
-        other.kind == first.kind
-        and (other.since or 0) - (first.since or 0) <= MAX_ONSET_DIFFERENCE_SECONDS
-    )
+def begin_together(first: Finding, other: Finding, second: float = 1.0) -> bool:
+    """Whether two findings are of one kind and begin at about the same time; `second` is one in the
+    unit of their times."""
+    apart = abs((other.since or 0) - (first.since or 0))
+    return other.kind == first.kind and apart <= MAX_ONSET_DIFFERENCE_SECONDS * second
 
 
 def _one_of(group: Sequence[Finding], channels: int) -> Finding:
     """The largest of some findings, from the first onset until the last of them is over."""
     if len(group) == 1:
         return group[0]
-    largest = max(group, key=lambda one: abs(one.size or 0.0))
+    largest = max(group, key=lambda finding: abs(finding.size or 0.0))
     over = [finding.until for finding in group if finding.until is not None]
     return replace(
         largest,
         detail=f"{largest.channel} and {channels - 1} others: {largest.detail}",
         since=group[0].since,
-        found=min(one.found for one in group if one.found is not None),
+        found=min(finding.found for finding in group if finding.found is not None),
         until=max(over) if len(over) == len(group) else None,
     )

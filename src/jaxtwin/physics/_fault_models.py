@@ -330,7 +330,6 @@ def in_own_precision(model: FaultModel) -> FaultModel:
     return made
 
 
-# The models by the words of `jaxtwin virtual-rig --faults`; a new model is entered here.
 FAULT_MODELS: Mapping[str, FaultModel] = {
     name: in_own_precision(model)
     for name, model in {
@@ -352,6 +351,7 @@ FAULT_MODELS: Mapping[str, FaultModel] = {
         "change": changed_parameter,
     }.items()
 }
+"""The models by the words of `jaxtwin virtual-rig --faults`; a new model is entered here."""
 
 
 def _cells(rig: Rig) -> tuple[str, ...]:

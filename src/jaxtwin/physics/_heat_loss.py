@@ -17,12 +17,12 @@ from jaxtyping import Array, Float, Int
 
 from ..rig._plate import FILM_REFERENCE
 
-# The Stefan-Boltzmann constant, W/(m^2 K^4), exact since 2019.
 STEFAN_BOLTZMANN = 5.670374419e-8
+"""The Stefan-Boltzmann constant, W/(m^2 K^4), exact since 2019."""
 
-# The rise below which the film stops falling, K: the air of a room is never still, and a fractional
-# power has no derivative at zero.
 CALM = 1.0
+"""The rise below which the film stops falling, K: the air of a room is never still, and a
+fractional power has no derivative at zero."""
 
 # The temperature at which the radiation of a link is a part of the conductance matrix, K.
 ROOM = 293.15

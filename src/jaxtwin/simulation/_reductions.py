@@ -121,7 +121,6 @@ def _std(temperatures: Array) -> Array:
     return temperatures.std()
 
 
-# Name -> reduction; `Reductions` explains each.
 REDUCTIONS: dict[ReductionName, Reduction] = {
     "cost": Reduction("padded_trajectory", mean_squared_error, "channel", "K2", True),
     "final": Reduction("end", _as_read, "channel", "degC"),
@@ -132,6 +131,7 @@ REDUCTIONS: dict[ReductionName, Reduction] = {
     "energy": Reduction("energy", _as_read, "recording", "J"),
     "peak_power": Reduction("peak_power", _as_read, "recording", "W"),
 }
+"""Name -> reduction; `Reductions` explains each."""
 
 
 @final

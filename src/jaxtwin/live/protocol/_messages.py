@@ -9,9 +9,9 @@ from jaxtyping import UInt16
 # The version of the protocol.
 VERSION = 2
 
-# The flag of a frame that was taken while the camera recalibrated itself (shutter closed, image
-# frozen).
 RECALIBRATING = 1
+"""The flag of a frame that was taken while the camera recalibrated itself (shutter closed, image
+frozen)."""
 
 MAX_NAMES = 64  # cells or channels in a greeting
 
