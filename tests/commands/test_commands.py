@@ -92,6 +92,7 @@ DEFAULTS = {
     "record": {"sample_time": 1.0, "silence": 10.0, "baud": 115_200},
     "refit": {"forgetting": 1.0, "changes": 1},
     "report": {"out": Path("report"), "draws": 0},
+    "retune": {"draws": 100},
     "schema": {"out": Path("-")},
     "sensitivity": {
         "method": "correlations", "spread": 0.25, "inputs": "normal", "output": ["cost"], "seed": 0,
