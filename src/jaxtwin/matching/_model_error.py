@@ -198,7 +198,7 @@ def _excesses(
     sampled = recording.sampled & later[:, None]
     counts = np.maximum(sampled.sum(axis=0), 1)
     known = others + _normal(recording.slopes[:, ~later])
-    after = recording.slopes[:, later].reshape(len(known), -1)
+    after = _flat(recording.slopes[:, later])
     covariance = np.linalg.pinv(known, hermitian=True)
     step = covariance @ (after @ recording.residuals[later].ravel())
     errors = recording.errors + np.tensordot(step, recording.jacobian, 1)
@@ -218,5 +218,10 @@ def _excesses(
 def _normal(
     slopes: Float[np.ndarray, "entries times parts"],
 ) -> Float[np.ndarray, "entries entries"]:
-    flat = slopes.reshape(len(slopes), -1)
+    flat = _flat(slopes)
     return flat @ flat.T
+
+
+def _flat(slopes: Float[np.ndarray, "entries times parts"]) -> Float[np.ndarray, "entries parts"]:
+    # Also without entries, where all values are at a bound.
+    return slopes.reshape(len(slopes), slopes.shape[1] * slopes.shape[2])
