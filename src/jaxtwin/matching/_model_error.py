@@ -222,6 +222,6 @@ def _normal(
     return flat @ flat.T
 
 
-def _flat(slopes: Float[np.ndarray, "entries times parts"]) -> Float[np.ndarray, "entries parts"]:
+def _flat(slopes: Float[np.ndarray, "entries times parts"]) -> Float[np.ndarray, "entries _"]:
     # Also without entries, where all values are at a bound.
     return slopes.reshape(len(slopes), slopes.shape[1] * slopes.shape[2])
