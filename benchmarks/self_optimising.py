@@ -65,9 +65,9 @@ class Loop(NamedTuple):
 @cache
 def healthy_controller() -> AbstractController:
     """The controller before the change, designed on the healthy twin."""
-    found = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
-    assert found.decision == "accepted", found.summary()
-    return found.controller
+    retuned = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    assert retuned.decision == "accepted", retuned.summary()
+    return retuned.controller
 
 
 @cache
@@ -152,27 +152,26 @@ def outcome(kind: str, seed: int, which: str) -> Outcome:
     present = controller_before(which)
     word, seconds, after = "none", np.nan, present
     if refit.decision == "promoted":
-        found = jt.retune(refit.twin, present, REFERENCES, duration=LENGTH)
-        word, seconds, after = found.decision, found.wall_time, found.controller
+        retuned = jt.retune(refit.twin, present, REFERENCES, duration=LENGTH)
+        word, seconds, after = retuned.decision, retuned.wall_time, retuned.controller
     old, new = on_rig(twin, present, seed), on_rig(twin, after, seed)
     is_hot = new.hottest > limit_of(twin)
     return Outcome(refit.decision, word, seconds, best, old.cost, new.cost, is_hot)
 
 
 def changes(kind: str, which: str, seeds: range) -> str:
-    several = []
+    outcomes = []
     for seed in seeds:
-        one = outcome(kind, seed, which)
-        several.append(one)
-        print(f"{kind}, {which} {seed}: {tuple(one)}", flush=True)
-    ratios = np.array([one.after / one.best for one in several])
-    old = np.array([one.before / one.best for one in several])
-    is_tuned = np.array([one.refit == "promoted" for one in several])
+        outcomes.append(outcome(kind, seed, which))
+        print(f"{kind}, {which} {seed}: {tuple(outcomes[-1])}", flush=True)
+    ratios = np.array([case.after / case.best for case in outcomes])
+    old = np.array([case.before / case.best for case in outcomes])
+    is_tuned = np.array([case.refit == "promoted" for case in outcomes])
     near = np.sum(ratios[is_tuned] <= WITHIN), np.sum(ratios <= WITHIN)
-    refits = ", ".join(f"{a} {b}" for a, b in Counter(one.refit for one in several).items())
-    words = ", ".join(f"{a} {b}" for a, b in Counter(one.retune for one in several).items())
-    hot = sum(one.is_hot for one in several)
-    seconds = [one.seconds for one in several if np.isfinite(one.seconds)]
+    refits = ", ".join(f"{a} {b}" for a, b in Counter(case.refit for case in outcomes).items())
+    words = ", ".join(f"{a} {b}" for a, b in Counter(case.retune for case in outcomes).items())
+    hot = sum(case.is_hot for case in outcomes)
+    seconds = [case.seconds for case in outcomes if np.isfinite(case.seconds)]
     times = f"{np.median(seconds):.1f}, {max(seconds):.1f}" if seconds else ""
     return (
         f"| {kind} | {which} | {refits} | {words} | {np.median(old):.2f}, {old.max():.2f} | "
@@ -195,10 +194,10 @@ def impossible(seed: int) -> str:
         case _:
             asked["objective"] = {"total_variation": float(random.uniform(0.1, 10))}
     try:
-        found = jt.retune(last_fit(RIG), FIRST, duration=LENGTH, **asked)  # pyright: ignore
+        retuned = jt.retune(last_fit(RIG), FIRST, duration=LENGTH, **asked)  # pyright: ignore
     except JaxtwinError:
         return "refused"
-    return found.decision
+    return retuned.decision
 
 
 def poisoned(kind: str, seeds: range) -> str:
@@ -215,40 +214,40 @@ def poisoned(kind: str, seeds: range) -> str:
             refit = jt.refit(*makes[kind](seed))
             word = f"refit {refit.decision}"
             if refit.decision == "promoted":
-                found = jt.retune(refit.twin, FIRST, REFERENCES, duration=LENGTH)
-                word = found.decision
+                retuned = jt.retune(refit.twin, FIRST, REFERENCES, duration=LENGTH)
+                word = retuned.decision
         words[word] += 1
         print(f"{kind} {seed}: {word}", flush=True)
-    said = ", ".join(f"{a} {b}" for a, b in words.items())
-    return f"| {kind} | {len(seeds) - words['accepted']} of {len(seeds)} | {said} |"
+    decisions = ", ".join(f"{a} {b}" for a, b in words.items())
+    return f"| {kind} | {len(seeds) - words['accepted']} of {len(seeds)} | {decisions} |"
 
 
 def watched(
-    twin: jt.Twin, controller: AbstractController, found: Retuned, seed: int, delay: float
+    twin: jt.Twin, controller: AbstractController, retuned: Retuned, seed: int, delay: float
 ) -> float:
     """The time after which the loop is worse than its trial, s; infinite if it never is."""
     run = jt.simulate_closed_loop(
         twin, controller, REFERENCES, duration=LENGTH, seed=seed, sensor_delay=delay
     )
-    assert found.band is not None
-    watch = LoopWatch(found.band)
+    assert retuned.band is not None
+    watch = LoopWatch(retuned.band)
     rows = zip(run.time, run.reference, run.measurement, run.duty, strict=True)
-    return next((float(row[0]) for row in rows if watch.see(Decision(*row))), np.inf)
+    return next((float(row[0]) for row in rows if watch.update(Decision(*row))), np.inf)
 
 
 def delayed(seeds: range) -> str:
     """Rigs with a hidden delay, and the same ones without."""
-    found = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    retuned = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
     late, false = [], 0
     for seed in seeds:
         random = np.random.default_rng([33, seed])
         twin = drifted(jt.Twin(RIG), random)
-        channel = loop_margins(twin, found.controller, 40.0).channel
+        channel = loop_margins(twin, retuned.controller, 40.0).channel
         assert channel is not None
         tolerated = np.deg2rad(channel.pm) / channel.wcp
         delay = float(np.ceil(random.uniform(1.5, 3.0) * tolerated))
-        late.append(watched(twin, found.controller, found, seed, delay))
-        healthy = watched(twin, found.controller, found, seed, 0.0)
+        late.append(watched(twin, retuned.controller, retuned, seed, delay))
+        healthy = watched(twin, retuned.controller, retuned, seed, 0.0)
         false += healthy < np.inf
         print(
             f"delayed {seed}: {delay:g} s after {late[-1]:g} s, healthy {healthy:g} s", flush=True
@@ -266,10 +265,10 @@ def beside(kind: str, seeds: range) -> list[str]:
     rows = []
     for seed in seeds:
         twin, _ = changed_rig(kind, seed)
-        one = outcome(kind, seed, "cautious")
+        case = outcome(kind, seed, "cautious")
         tried: list[Loop] = []
 
-        def cost(point: np.ndarray, twin=twin, tried=tried, best=one.best) -> float:
+        def cost(point: np.ndarray, twin=twin, tried=tried, best=case.best) -> float:
             if tried and min(loop.cost for loop in tried) <= WITHIN * best:
                 return min(loop.cost for loop in tried)  # it may stop: it is as good
             gains = np.exp(np.clip(point, -12, 3))
@@ -277,7 +276,7 @@ def beside(kind: str, seeds: range) -> list[str]:
             tried.append(loop)
             return loop.cost
 
-        start = np.log([float(np.ravel(one)[0]) for one in (FIRST.Kp, FIRST.Ki)])
+        start = np.log([float(np.ravel(gain)[0]) for gain in (FIRST.Kp, FIRST.Ki)])
         minimize(cost, start, method="Nelder-Mead", options={"maxfev": EVALUATIONS})
         best = min(loop.cost for loop in tried)
         rows.append(
@@ -285,8 +284,8 @@ def beside(kind: str, seeds: range) -> list[str]:
                 len(tried) * LENGTH,
                 sum(loop.energy for loop in tried),
                 max(loop.overshoot for loop in tried),
-                best / one.best,
-                one.after / one.best,
+                best / case.best,
+                case.after / case.best,
             )
         )
         print(f"beside {kind} {seed}: {rows[-1]}", flush=True)

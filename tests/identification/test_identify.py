@@ -1,10 +1,10 @@
 """A twin from a log alone, on a device whose network and values are known."""
 
-import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from pot import pot_tables
 
 import jaxtwin as jt
 from jaxtwin import Experiment
@@ -14,26 +14,13 @@ from jaxtwin.identification._log import screened_log
 from jaxtwin.identification._network import Family
 from jaxtwin.rig import rig_from_tables
 
-DEVICE = tomllib.loads("""
-format = 1
-name = "pot"
-ambient = { temperature = "21 degC" }
-sensors = { noise = "0.1 K" }
-channels = [{ name = "water", nodes = ["pot"] }]
-heaters = [{ name = "H", power = "300 W", contacts = ["pot"] }]
-bodies = [{ name = "pot", capacitance = "900 J/K" }, { name = "wall", capacitance = "1500 J/K" }]
-links = [
-    { resistance = "0.25 K/W", between = ["pot-ambient"] },
-    { resistance = "0.1 K/W", between = ["pot-wall"] },
-]
-""")
 SCHEDULE = "0:0,200:1,800:0.2,1500:0.8,2300:0,2900:0.5,3300:0.9"
 
 
 def recording(noise: float = 0.1, seed: int = 1) -> Experiment:
     """The readings of the device over an hour, every 10 s."""
     plan = Experiment.schedule(SCHEDULE, duration=3600, step=10.0, cells=1)
-    run = jt.simulate(jt.Twin(rig_from_tables(DEVICE, "pot")), plan)
+    run = jt.simulate(jt.Twin(rig_from_tables(pot_tables(), "pot")), plan)
     readings = run.temperatures + np.random.default_rng(seed).normal(0, noise, (361, 1))
     return Experiment(plan.time, plan.duty, channels=["water"], temperatures=readings, name="pot")
 
@@ -168,6 +155,7 @@ def test_a_thermoelectric_cell_is_found_and_its_other_session_predicted():
     log = session("0:0,60:0.5,500:-0.4,900:0.3,1300:0.8,1700:-0.6,2100:0.2", 1)
     identified = jt.identify(log)
     other = session("0:0,100:-0.5,600:0.7,1200:0.1,1500:-0.3,1900:0.6", 2)
+    assert other.temperatures is not None
     band = identified.predict(other)
     later = other.time > 60
     error = (band.middle - other.temperatures)[later]

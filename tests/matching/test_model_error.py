@@ -1,48 +1,43 @@
 """The error of the model itself, learnt from predictions of a recording's later part."""
 
-import copy
-import tomllib
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from pot import pot_tables
 
 import jaxtwin as jt
 from jaxtwin.matching import ModelError
 from jaxtwin.rig import rig_from_tables
 
-# A pot with a wall behind it.
-DEVICE = tomllib.loads("""
-format = 1
-name = "pot"
-ambient = { temperature = "21 degC" }
-sensors = { noise = "0.1 K" }
-channels = [{ name = "water", nodes = ["pot"] }]
-heaters = [{ name = "H", power = "300 W", contacts = ["pot"] }]
-bodies = [{ name = "pot", capacitance = "C" }, { name = "wall", capacitance = "C_wall" }]
-links = [
-    { resistance = "R", between = ["pot-ambient"] },
-    { resistance = "R_wall", between = ["pot-wall"] },
-]
+# Name -> value, unit and bounds.
+FREE = {
+    "C": (900, "J/K", [90, 9000]),
+    "R": (0.25, "K/W", [0.02, 2.5]),
+    "C_wall": (6000, "J/K", [600, 60000]),
+    "R_wall": (0.2, "K/W", [0.02, 2]),
+}
 
-[parameters]
-C = { value = 900, unit = "J/K", bounds = [90, 9000], free = true }
-R = { value = 0.25, unit = "K/W", bounds = [0.02, 2.5], free = true }
-C_wall = { value = 6000, unit = "J/K", bounds = [600, 60000], free = true }
-R_wall = { value = 0.2, unit = "K/W", bounds = [0.02, 2], free = true }
-""")
+
+def tables() -> dict[str, Any]:
+    parameters = {
+        name: {"value": value, "unit": unit, "bounds": bounds, "free": True}
+        for name, (value, unit, bounds) in FREE.items()
+    }
+    return {**pot_tables(*FREE), "parameters": parameters}
 
 
 def without_wall() -> jt.Twin:
-    tables = copy.deepcopy(DEVICE)
-    del tables["bodies"][1], tables["links"][1]
-    del tables["parameters"]["C_wall"], tables["parameters"]["R_wall"]
-    return jt.Twin(rig_from_tables(tables, "pot without wall"))
+    pot = tables()
+    del pot["bodies"][1], pot["links"][1]
+    del pot["parameters"]["C_wall"], pot["parameters"]["R_wall"]
+    return jt.Twin(rig_from_tables(pot, "pot without wall"))
 
 
 @pytest.fixture(scope="module")
 def device():
-    return jt.Twin(rig_from_tables(DEVICE, "pot"))
+    return jt.Twin(rig_from_tables(tables(), "pot"))
 
 
 @pytest.fixture(scope="module")

@@ -182,7 +182,7 @@ def test_a_band_contains_the_loops_that_it_was_made_of():
 
 def seen(watch: LoopWatch, error: np.ndarray, since: float = 0.0) -> list[str]:
     return [
-        watch.see(Decision(since + at, np.array([30.0]), np.array([30.0 - one]), np.zeros(1)))
+        watch.update(Decision(since + at, np.array([30.0]), np.array([30.0 - one]), np.zeros(1)))
         for at, one in enumerate(error)
     ]
 

@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ class Optimised:
     def __init__(self, store: TwinStore, policy: Policy = "apply"):
         self.time = datetime.now(UTC)
         self.lines: list[str] = []
-        self.made = SelfOptimiser(
+        self.optimiser = SelfOptimiser(
             store,
             fit().twin.rig,
             pid(),
@@ -73,24 +74,23 @@ class Optimised:
     def propose(self, number: int | None) -> None:
         """As a process would that has tuned the controller."""
         outcome = Outcome(("accepted: better", number), "")
-        self.made._process.take = lambda: outcome  # type: ignore[method-assign]
-        self.made.turn(is_at_rest=False)
-        self.made._process.take = lambda: None  # type: ignore[method-assign]
+        with patch.object(self.optimiser._process, "take", return_value=outcome):
+            self.optimiser.turn(is_at_rest=False)
 
 
 def test_a_candidate_is_promoted_at_rest_and_not_before(store: TwinStore):
     optimised = Optimised(store)
     optimised.propose(candidate(store))
-    assert not optimised.made.turn(is_at_rest=False)
+    assert not optimised.optimiser.turn(is_at_rest=False)
     assert store.aliases["champion"] == 1
-    assert optimised.made.turn(is_at_rest=True)
+    assert optimised.optimiser.turn(is_at_rest=True)
     assert store.aliases == {"champion": 2, "previous": 1}
 
 
 def test_a_proposal_waits_for_somebody(store: TwinStore):
     optimised = Optimised(store, "propose")
     optimised.propose(candidate(store))
-    assert not optimised.made.turn(is_at_rest=True)
+    assert not optimised.optimiser.turn(is_at_rest=True)
     assert store.aliases == {"champion": 1, "challenger": 2}
     assert optimised.lines[-1] == "version 2 waits for somebody to promote it"
 
@@ -99,8 +99,8 @@ def test_a_candidate_of_another_twin_than_the_champion_is_not_promoted(store: Tw
     optimised = Optimised(store)
     optimised.propose(candidate(store))
     refitted = store.add(fit(), reason="refitted", parent=1, aliases=["champion"])
-    optimised.made.number = refitted.number  # as the loop has followed it
-    assert not optimised.made.turn(is_at_rest=True)
+    optimised.optimiser.number = refitted.number  # as the loop has followed it
+    assert not optimised.optimiser.turn(is_at_rest=True)
     assert store.aliases["champion"] == refitted.number
 
 
@@ -111,25 +111,25 @@ def test_promotions_are_few_and_far_apart(store: TwinStore):
         optimised = Optimised(store)
         optimised.time += timedelta(seconds=promoted * PAUSE_SECONDS)
         store.set_tag("champion", TRUSTED, "passed")
-        optimised.made.use(store.version("champion"))
+        optimised.optimiser.use(store.version("champion"))
         optimised.propose(candidate(store))
-        promoted += optimised.made.turn(is_at_rest=True)
+        promoted += optimised.optimiser.turn(is_at_rest=True)
     assert promoted == MAX_A_DAY
     optimised.time += timedelta(days=1)
-    assert optimised.made.turn(is_at_rest=True)
+    assert optimised.optimiser.turn(is_at_rest=True)
 
 
 def test_nothing_is_promoted_during_a_probation_and_too_soon_after(store: TwinStore):
     optimised = Optimised(store)
     store.promote(candidate(store), reason="by hand")
-    optimised.made.use(store.version("champion"))
-    assert optimised.made.is_on_probation
+    optimised.optimiser.use(store.version("champion"))
+    assert optimised.optimiser.is_on_probation
     optimised.time += timedelta(days=2)
     optimised.propose(candidate(store, 0.05))
-    assert not optimised.made.turn(is_at_rest=True)
-    optimised.made.is_on_probation = False
+    assert not optimised.optimiser.turn(is_at_rest=True)
+    optimised.optimiser.is_on_probation = False
     optimised.time += timedelta(seconds=10)
-    assert optimised.made.turn(is_at_rest=True)
+    assert optimised.optimiser.turn(is_at_rest=True)
 
 
 def test_a_refit_begins_the_tuning_and_a_rollback_does_not(
@@ -137,39 +137,41 @@ def test_a_refit_begins_the_tuning_and_a_rollback_does_not(
 ):
     optimised = Optimised(store)
     begun: list[Any] = []
-    monkeypatch.setattr(optimised.made._process, "begin", lambda *given: begun.append(given))
+    monkeypatch.setattr(optimised.optimiser._process, "begin", lambda *given: begun.append(given))
     refitted = store.add(fit(), reason="refitted", parent=1, aliases=["champion"])
-    optimised.made.use(refitted)
+    optimised.optimiser.use(refitted)
     assert [given[0] for given in begun] == [retuned_champion]
-    optimised.made.use(store.version(candidate(store)))
-    optimised.made.use(refitted)
-    optimised.made.use(store.version(1))
+    optimised.optimiser.use(store.version(candidate(store)))
+    optimised.optimiser.use(refitted)
+    optimised.optimiser.use(store.version(1))
     assert len(begun) == 1
 
 
 def test_a_controller_that_keeps_to_its_trial_is_trusted(store: TwinStore):
     optimised = Optimised(store)
     store.promote(candidate(store), reason="by hand")
-    optimised.made.use(store.version("champion"))
-    assert not optimised.made.is_at_rest
+    optimised.optimiser.use(store.version("champion"))
+    assert not optimised.optimiser.is_at_rest
     for second in range(int(PROBATION_SECONDS) + 2):
-        optimised.made.see(Decision(float(second), np.full(2, 30.0), np.full(2, 29.9), np.zeros(2)))
-    assert optimised.made.is_at_rest
-    assert not optimised.made.worse
-    assert not optimised.made.is_on_probation
+        optimised.optimiser.update(
+            Decision(float(second), np.full(2, 30.0), np.full(2, 29.9), np.zeros(2))
+        )
+    assert optimised.optimiser.is_at_rest
+    assert not optimised.optimiser.worse
+    assert not optimised.optimiser.is_on_probation
     assert TRUSTED in store.version("champion").tags
     again = Optimised(store)  # after a restart
-    assert not again.made.is_on_probation
+    assert not again.optimiser.is_on_probation
 
 
 def test_a_restart_goes_on_with_the_probation(store: TwinStore):
     store.promote(candidate(store), reason="by hand")
     again = Optimised(store)
-    assert again.made.is_on_probation
-    assert isinstance(again.made.controller, PID)
-    np.testing.assert_allclose(again.made.controller.Kp, 0.04)
-    assert isinstance(again.made.previous, PID)
-    np.testing.assert_allclose(again.made.previous.Kp, 0.02)
+    assert again.optimiser.is_on_probation
+    assert isinstance(again.optimiser.controller, PID)
+    np.testing.assert_allclose(again.optimiser.controller.Kp, 0.04)
+    assert isinstance(again.optimiser.previous, PID)
+    np.testing.assert_allclose(again.optimiser.previous.Kp, 0.02)
 
 
 @pytest.mark.slow

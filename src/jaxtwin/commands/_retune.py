@@ -46,11 +46,11 @@ def retune(
         if controller is not None:
             rig = twins.version("champion").fit().twin.rig
             present, design = read_controller(controller, rig), read_design(controller, rig)
-        found, kept = retune_champion(twins, present, design, draws=draws)
-    say(found.summary(), json)
-    if kept is not None:
-        say(f"version {kept.number} waits as challenger", json)
-    number = None if kept is None else kept.number
-    write_json(json, {"challenger": number, **found.to_dict()})
-    if found.decision == "rejected":
+        retuned, challenger = retune_champion(twins, present, design, draws=draws)
+    say(retuned.summary(), json)
+    number = None if challenger is None else challenger.number
+    if number is not None:
+        say(f"version {number} waits as challenger", json)
+    write_json(json, {"challenger": number, **retuned.to_dict()})
+    if retuned.decision == "rejected":
         raise typer.Exit(REJECTED)

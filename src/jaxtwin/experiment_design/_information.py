@@ -118,13 +118,13 @@ class PriorInformation:
         weights = [
             0.0 if row.standard_deviation is None else 1 / row.standard_deviation**2 for row in rows
         ]
-        own = len(normal) + np.arange(len(rows))
+        of_recording = len(normal) + np.arange(len(rows))
         return cls._make(
             fit.twin_of_group(names[0] if len(names) == 1 else group or ""),
             unknowns,
             _with_block(normal, np.diag(weights)),
             _with_block(meat, np.diag(weights)),
-            np.concatenate([shared, of_group, own]),
+            np.concatenate([shared, of_group, of_recording]),
         )
 
     @classmethod

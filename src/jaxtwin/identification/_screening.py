@@ -307,6 +307,11 @@ class Rivals:
         weights = np.exp(-(self.costs - self.costs.min()) / WEIGHT_WIDTH)
         return weights / weights.sum()
 
+    @property
+    def is_probable(self) -> Bool[np.ndarray, " networks"]:
+        """Which networks are not improbable beside the most probable one."""
+        return self.weights > MIN_WEIGHT * self.weights.max()
+
     @cached_property
     def central(self) -> int:
         """The number of the probable network whose prediction is nearest to the mean of all.
@@ -320,8 +325,7 @@ class Rivals:
         mean = np.tensordot(self.weights, runs, 1)
         scaled = (runs - mean) / np.nanstd(log.temperatures, axis=0)
         distance = np.mean(scaled**2, axis=(1, 2))
-        is_probable = self.weights > MIN_WEIGHT * self.weights.max()
-        return int(np.argmin(np.where(is_probable, distance, np.inf)))
+        return int(np.argmin(np.where(self.is_probable, distance, np.inf)))
 
     def disagreement(
         self, experiment: Experiment, number: int
@@ -352,8 +356,7 @@ class Rivals:
         - `highest`: of each channel, degC.
         """
         runs = self._runs(screened_log(experiment), 0)
-        is_probable = self.weights > MIN_WEIGHT * self.weights.max()
-        if not np.all(runs[is_probable] <= highest):
+        if not np.all(runs[self.is_probable] <= highest):
             return -np.inf
         deviations = runs - np.tensordot(self.weights, runs, 1)
         return float(np.sqrt(np.tensordot(self.weights, deviations**2, 1).mean()))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import NamedTuple, final
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -103,11 +102,11 @@ class DescentResult:
         batches = zip(self.objective.same_shape_batches, self.evaluation.output_errors, strict=True)
         for batch, errors in batches:
             for row, position in enumerate(batch.positions):
-                weights = jax.tree.map(lambda leaf, at=row: np.asarray(leaf[at]), batch.weights)
+                weights = batch.weights_of(row)
                 channel, common_mode, sizes = weights.split(np.asarray(errors)[row])
                 parts = (channel, common_mode, weights.shapes @ sizes)
                 times = slice(int(batch.lengths[row]))  # without what fills up their number
-                result[position] = RecordingErrors(*(part[times] for part in parts))
+                result[position] = RecordingErrors(*(np.asarray(part)[times] for part in parts))
         return [result[position] for position in sorted(result)]
 
     def temperatures(self) -> list[Float[np.ndarray, "_times _channels"]]:

@@ -19,13 +19,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, final
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ._descent_result import DescentResult, MatchEstimate
 from ._problem import MatchProblem
-from ._residual_weights import RecordingErrors, ResidualWeights
+from ._residual_weights import RecordingErrors
 
 # The origins of the predictions, as fractions of a recording.
 ORIGINS = (0.5, 0.65, 0.8)
@@ -99,10 +98,6 @@ class _Recording(NamedTuple):
     residuals: Float[np.ndarray, "times parts"]
     slopes: Float[np.ndarray, "entries times parts"]
 
-    @property
-    def normal(self) -> Float[np.ndarray, "entries entries"]:
-        return _normal(self.slopes)
-
 
 class _Excess(NamedTuple):
     """What the errors of a channel after an origin exceed their expected variance by.
@@ -118,15 +113,16 @@ class _Excess(NamedTuple):
 
 def estimate_model_error(problem: MatchProblem, estimate: MatchEstimate) -> ModelError:
     """Estimates the error of a matched network from predictions of the recordings' later parts."""
-    result, unknowns = estimate.result, problem.unknowns
-    inside = (result.vector > unknowns.lower() + 1e-9) & (result.vector < unknowns.upper() - 1e-9)
+    result = estimate.result
+    inside = problem.unknowns.are_inside(result.vector)
     recordings = list(_recordings(problem, result, inside))
     prior = problem.prior_precision[np.ix_(inside, inside)]
-    total = prior + sum(recording.normal for recording in recordings)
+    normals = [_normal(recording.slopes) for recording in recordings]
+    total = prior + sum(normals)
     excesses: dict[str, list[_Excess]] = {}
     readings: dict[str, list[np.ndarray]] = {}
-    for recording in recordings:
-        others = total - recording.normal
+    for recording, normal in zip(recordings, normals, strict=True):
+        others = total - normal
         for origin in ORIGINS:
             for excess in _excesses(recording, origin, others, result.mean_square):
                 excesses.setdefault(excess.channel, []).append(excess)
@@ -161,9 +157,7 @@ def _recordings(
             local = np.zeros((len(inside), *np.shape(jacobians)[2:]))
             local[indices[position]] = np.asarray(jacobians[row])
             local = local[inside]
-            weights: ResidualWeights = jax.tree.map(
-                lambda leaf, at=row: np.asarray(leaf[at]), batch.weights
-            )
+            weights = batch.weights_of(row)
             slopes = weights.weigh(weights.split(local))
             common_mode = weights.common_mode[times] * of_recording.common_mode
             channel = weights.channel[times] * of_recording.channel

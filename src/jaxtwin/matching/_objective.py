@@ -48,6 +48,10 @@ class SameShapeBatch(eqx.Module):
     weights: ResidualWeights
     positions: tuple[int, ...] = eqx.field(static=True)
 
+    def weights_of(self, row: int) -> ResidualWeights:
+        """The weights of one of the recordings, as arrays of NumPy."""
+        return jax.tree.map(lambda leaf: np.asarray(leaf[row]), self.weights)
+
 
 @final
 class MatchObjective(eqx.Module):

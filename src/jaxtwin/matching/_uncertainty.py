@@ -17,7 +17,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -156,7 +155,7 @@ def estimate_uncertainty(
     """
     unknowns, (result, noise_model) = problem.unknowns, estimate
     vector, precision = result.vector, problem.prior_precision
-    inside = (vector > unknowns.lower() + 1e-9) & (vector < unknowns.upper() - 1e-9)
+    inside = unknowns.are_inside(vector)
     all_series, lift = _series(problem, estimate, inside)
     count, values = lift.shape
     camera = np.diag((np.arange(count) >= values).astype(float))
@@ -356,7 +355,7 @@ def _series(
         for number, position in enumerate(batch.positions):
             counted = problem.sample_weights[position]
             times = slice(len(counted))  # without the samples that fill up their number
-            weights = jax.tree.map(lambda leaf, at=number: np.asarray(leaf[at]), batch.weights)
+            weights = batch.weights_of(number)
             d_channel, d_common_mode, d_sizes = (block[number] for block in blocks)
             d_channel, d_common_mode = d_channel[times], d_common_mode[times]
             if (beside := beside_others(counted)).any():

@@ -7,7 +7,7 @@ from typing import final
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..physics import Twin
 from ..rig import Parameter
@@ -17,6 +17,9 @@ Vector = Float[np.ndarray | Array, "*descents unknowns"]
 # A start at a bound is moved inside by this part of the range, because the derivative of the
 # transform is 0 at a bound.
 WALL = 1e-6
+
+# An entry that is nearer to a bound is at it.
+BOUND_TOLERANCE = 1e-9
 
 
 @final
@@ -132,6 +135,10 @@ class Unknowns:
     def upper(self) -> Float[np.ndarray, " unknowns"]:
         """Upper bounds of the vector."""
         return np.array([row.to_entry(row.upper) for row in self.entry_parameters])
+
+    def are_inside(self, vector: Float[np.ndarray, " unknowns"]) -> Bool[np.ndarray, " unknowns"]:
+        """Which entries of the vector are not at a bound."""
+        return (vector > self.lower() + BOUND_TOLERANCE) & (vector < self.upper() - BOUND_TOLERANCE)
 
     def prior_means(self) -> Float[np.ndarray, " unknowns"]:
         """The prior mean of each entry; 0 for an entry without a prior."""

@@ -81,8 +81,9 @@ class FindingLog:
 
     @property
     def present(self) -> tuple[Finding, ...]:
-        """The findings that are there."""
-        return tuple(one.finding for one in self._open.values())
+        """The findings that are there, in the order of their onset."""
+        there = (each.finding for each in self._open.values())
+        return tuple(sorted(there, key=lambda finding: finding.since or 0))
 
     @property
     def findings(self) -> tuple[Finding, ...]:

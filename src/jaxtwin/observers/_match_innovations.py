@@ -284,7 +284,7 @@ def _uncertainty(
     # What the match says of the values that are held.
     of_held = 1 / np.diag(of_match.vector_covariance) - np.diag(problem.prior_precision)
     information += np.diag(np.where(score.is_held, np.nan_to_num(np.maximum(of_held, 0.0)), 0.0))
-    inside = (vector > unknowns.lower() + 1e-9) & (vector < unknowns.upper() - 1e-9)
+    inside = unknowns.are_inside(vector)
     entries = VectorEntries(
         problem.labels,
         problem.prior_precision,

@@ -130,7 +130,7 @@ class LoopWatch:
         """Whether the last minute was like one at rest in the trial."""
         return bool(self._is_full and self._mean <= self._band.allowed(np.inf, 0.0))
 
-    def see(self, decision: Decision) -> str:
+    def update(self, decision: Decision) -> str:
         """Takes the next sample of the loop.
 
         **Returns:** why the loop is worse than its band, a sentence; `""` if it is not.

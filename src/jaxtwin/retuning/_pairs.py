@@ -71,8 +71,8 @@ def retune_champion(
     """
     champion = store.version("champion")
     fit = champion.fit()
-    if (own := pair_of(champion, fit.twin.rig)) is not None:
-        controller, design = own.controller, own.design or design
+    if (pair := pair_of(champion, fit.twin.rig)) is not None:
+        controller, design = pair.controller, pair.design or design
     if controller is None:
         raise ControlError(
             f"{champion.address}: controller: expected a champion with a controller of its own, or "
@@ -83,7 +83,7 @@ def retune_champion(
             f"{champion.address}: design: expected references, duration and objective for which "
             "the controller is tuned, got none; docs/deploy.md has an example"
         )
-    found = retune(
+    retuned = retune(
         fit,
         controller,
         design.references,
@@ -91,11 +91,11 @@ def retune_champion(
         objective=design.objective,
         **options,
     )
-    return found, keep_retuned(store, champion, found, design)
+    return retuned, keep_retuned(store, champion, retuned, design)
 
 
 def keep_retuned(
-    store: TwinStore, champion: TwinVersion, found: Retuned, design: ControllerDesign
+    store: TwinStore, champion: TwinVersion, retuned: Retuned, design: ControllerDesign
 ) -> TwinVersion | None:
     """Writes down what was decided: an accepted candidate becomes a version with the twin of the
     champion, its `challenger`; of any other the champion gets a tag that says why.
@@ -103,24 +103,26 @@ def keep_retuned(
     **Arguments:**
 
     - `store`: the store. `champion`: the version whose twin the controller was tuned on.
-    - `found`: what was decided. `design`: for what the controller is designed.
+    - `retuned`: what was decided. `design`: for what the controller is designed.
 
     **Returns:** the challenger; None if there is none.
     """
-    if found.decision != "accepted" or found.candidate is None:
+    if retuned.decision != "accepted" or retuned.candidate is None:
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        gains = json.dumps(found.to_dict()["parameters"])
+        gains = json.dumps(retuned.to_dict()["parameters"])
         store.set_tag(
-            champion.number, f"{TAG} {now}", f"{found.decision}: {found.reason}; from, to: {gains}"
+            champion.number,
+            f"{TAG} {now}",
+            f"{retuned.decision}: {retuned.reason}; from, to: {gains}",
         )
         return None
     fit = champion.fit()
     return store.add(
         fit,
-        reason=found.reason,
+        reason=retuned.reason,
         parent=champion.number,
         noise=champion.noise,
         aliases=["challenger"],
-        controller=controller_file(found.candidate, fit.twin.rig, "retune", design),
-        trial=found.to_dict(),
+        controller=controller_file(retuned.candidate, fit.twin.rig, "retune", design),
+        trial=retuned.to_dict(),
     )

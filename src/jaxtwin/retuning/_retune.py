@@ -59,9 +59,9 @@ def retune(
     r"""Tunes a controller on a new twin, and tries the candidate there beside the present one.
 
     ```python
-    found = jt.retune(fit, pid, "0:30,300:45,600:30", duration=900)
-    print(found.summary())
-    found.controller
+    retuned = jt.retune(fit, pid, "0:30,300:45,600:30", duration=900)
+    print(retuned.summary())
+    retuned.controller
     ```
 
     The search is that of `tune`, over draws of the posterior. The candidate then runs in scenarios
@@ -92,10 +92,10 @@ def retune(
     where = "retune"
     of_kind(f"{where}: fit", fit, Fit, "a Fit, as match gives it", ControlError)
     count = whole_number(f"{where}: draws", draws, 1, ControlError)
-    least = whole_number(f"{where}: seed", seed, 0, ControlError)
-    part = finite_number(f"{where}: allowance", allowance, ControlError)
-    if part < 0:
-        raise ControlError(f"{where}: allowance: expected a number of at least 0, got {part:g}")
+    seed = whole_number(f"{where}: seed", seed, 0, ControlError)
+    worse = finite_number(f"{where}: allowance", allowance, ControlError)
+    if worse < 0:
+        raise ControlError(f"{where}: allowance: expected a number of at least 0, got {worse:g}")
     twin = nominal_twin(f"{where}: fit", fit, ControlError)
     aim = checked_objective(where, objective, 0.0, twin.rig)
     if (aim.weights < 0).any():
@@ -106,22 +106,22 @@ def retune(
         )
     check_limit(twin)
     present = controller.for_rig(twin.rig)
-    drawn = posterior_draws(fit, count, seed=least + 1)
-    trial = Trial(twin, drawn, references, duration, aim, part, least)
+    drawn = posterior_draws(fit, count, seed=seed + 1)
+    trial = Trial(twin, drawn, references, duration, aim, worse, seed)
     usual = scenarios is None
-    several = usual_scenarios(twin, present, float(duration)) if usual else tuple(scenarios)
-    if not several:
+    cases = usual_scenarios(twin, present, float(duration)) if usual else tuple(scenarios)
+    if not cases:
         raise ControlError(f"{where}: scenarios: expected at least one, got none")
 
     levels = _levels(references, duration, present, twin)
 
-    def peak_of(one: AbstractController) -> float:
-        return _peak(twin, one, levels, trial.draws)
+    def peak_of(tried: AbstractController) -> float:
+        return _peak(twin, tried, levels, trial.draws)
 
     tuning, peak, trials, band = None, math.nan, (), None
     try:
         tuning, peak = _tuned(fit, present, trial, objective, peak_of)
-        trials, band = trial.of(present, tuning.controller, several)
+        trials, band = trial.of(present, tuning.controller, cases)
         decision, reason = _decided(present, tuning.controller, trials, peak, peak_of)
     except NotTunedError as error:
         decision, reason = "rejected", str(error)
@@ -245,7 +245,7 @@ def _peak(
     if the controller is not linear."""
     if not controller.averaged.is_linear:
         return math.nan
-    several = [loop_margins(twin, controller, level, draws=dict(draws)) for level in levels]
-    if not all(one.is_stable for one in several):
+    margins = [loop_margins(twin, controller, level, draws=dict(draws)) for level in levels]
+    if not all(each.is_stable for each in margins):
         return math.inf
-    return max(float(np.quantile(one.sensitivity_peaks, PEAKS_WITHIN)) for one in several)
+    return max(float(np.quantile(each.sensitivity_peaks, PEAKS_WITHIN)) for each in margins)

@@ -62,14 +62,14 @@ class TrialScenario:
         """The change of the rig. Without a fault it changes no number, and gives the equations the
         same form as those of all other faults, so that they share their programs."""
         usual = (("weaken", "supply", 1.0), ("offset", twin.channels[0], 0.0))
-        each = [
+        faults = [
             FAULT_MODELS[model](twin, part, np.float64(size))
             for model, part, size in (*usual, *self.faults)
         ]
 
         def changed(system: System) -> System:
-            for one in each:
-                system = one(system)
+            for fault in faults:
+                system = fault(system)
             return system
 
         return changed
@@ -154,27 +154,27 @@ def _disturbed(twin: Twin, begin: float, duration: float) -> list[TrialScenario]
     full = Experiment([0.0, duration], np.ones((2, len(twin.rig.driven))))
     power = float(simulate(twin, full).energy[-1]) / duration
     hand = HAND * power
-    made: list[tuple[str, str, Sequence[Disturbance]]] = [
+    disturbed: list[tuple[str, str, Sequence[Disturbance]]] = [
         ("hand", f"a hand of {hand:.2g} W", [HeatInput(plate or free, begin, end, hand)])
     ]
     if plate:
         door = Draught(plate, begin, end, DOOR)
-        made.append(("door", f"a draught of {DOOR:g} W/(m^2 K) over the plate", [door]))
+        disturbed.append(("door", f"a draught of {DOOR:g} W/(m^2 K) over the plate", [door]))
     return [
         TrialScenario(name, f"{text} from {begin:g} to {end:g} s", {"disturbances": disturbances})
-        for name, text, disturbances in made
+        for name, text, disturbances in disturbed
     ]
 
 
 def _faulty(twin: Twin) -> list[TrialScenario]:
     result, seen = [], set[str]()
-    for name, one in suspects(twin).items():
+    for name, suspect in suspects(twin).items():
         model, _, part = name.partition(" ")
-        is_model = one.fault is not None and model in TRIED and part in _parts(twin)
+        is_model = suspect.fault is not None and model in TRIED and part in _parts(twin)
         if is_model and model not in seen:
             seen.add(model)
-            size = one.size if one.unit != "W/K" else one.size / one.none
-            unit = f" {one.unit}" if one.unit == "K" else ""
+            size = suspect.size if suspect.unit != "W/K" else suspect.size / suspect.none
+            unit = f" {suspect.unit}" if suspect.unit == "K" else ""
             text = f"the fault {name}, of a size of {size:.3g}{unit}"
             result.append(TrialScenario(name, text, faults=((model, part, size),)))
     return result

@@ -108,76 +108,82 @@ class Trial(NamedTuple):
         """
         trials: list[ScenarioTrial] = []
         band = None
-        for number, one in enumerate(scenarios):
+        median = twin_at_medians(self.twin, self.draws)
+        for number, case in enumerate(scenarios):
             try:
-                conditions = self._conditions(one, present)
+                conditions = self._conditions(case, median, present)
             except OutOfReachError as problem:
                 if number == 0:
                     raise
                 # A room that is so cold that no duty holds the references is no fault of either.
-                trials.append(ScenarioTrial(one, NOT_TRIED, NOT_TRIED, True, f"{problem}"))
+                trials.append(ScenarioTrial(case, NOT_TRIED, NOT_TRIED, True, f"{problem}"))
                 continue
             with ThreadPoolExecutor(2) as pool:
-                runs = pool.map(partial(self._run, one, conditions), (present, candidate))
+                runs = pool.map(partial(self._run, case, median, conditions), (present, candidate))
                 (before, _), (after, errors) = runs
             if number == 0:
                 band = self._band(conditions, errors)
-            nothing = NEGLIGIBLE * (trials[0].present.cost if trials else before.cost)
+            negligible = NEGLIGIBLE * (trials[0].present.cost if trials else before.cost)
             is_off = conditions.switched_off is not None
-            trials.append(self._judged(one, before, after, nothing, is_off=is_off))
+            trials.append(self._judged(case, before, after, negligible, is_off=is_off))
         assert band is not None
         return tuple(trials), band
 
-    def _conditions(self, one: TrialScenario, controller: AbstractController) -> Scenario:
-        median = twin_at_medians(self.twin, self.draws)
-        made = scenario(
+    def _conditions(
+        self, case: TrialScenario, median: Twin, controller: AbstractController
+    ) -> Scenario:
+        conditions = scenario(
             median,
             controller,
             self.references,
             duration=self.duration,
             seed=self.seed,
-            **one.settings,
+            **case.settings,
         )
         with own_settings():
             longest = longest_delay(median, self.draws)
         # With the same tables in all scenarios they share their programs.
-        zeros = np.zeros((*made.ambient.shape, len(self.twin.netlist.nodes)))
+        zeros = np.zeros((*conditions.ambient.shape, len(self.twin.netlist.nodes)))
         return replace(
-            made,
+            conditions,
             longest_delay=longest,
-            heat=zeros if made.heat is None else made.heat,
-            conductance=zeros if made.conductance is None else made.conductance,
+            heat=zeros if conditions.heat is None else conditions.heat,
+            conductance=zeros if conditions.conductance is None else conditions.conductance,
         )
 
     def _run(
-        self, one: TrialScenario, conditions: Scenario, controller: AbstractController
+        self,
+        case: TrialScenario,
+        median: Twin,
+        conditions: Scenario,
+        controller: AbstractController,
     ) -> tuple[LoopTrial, Float[np.ndarray, "draws times"]]:
         weighs = np.flatnonzero(self.objective.weights)
         names = [[*self.objective.measures][number] for number in weighs]
-        used = {name: self.objective.measures[name] for name in names}
-        own = {
+        measures = {
+            **{name: self.objective.measures[name] for name in names},
             "_hottest": hottest_reading,
             "_cell": MEASURES["hottest_cell_side"][0],
             "_error": absolute_error,
         }
         with own_settings():
-            found = simulate_many_loops(
-                twin_at_medians(self.twin, self.draws),
+            results = simulate_many_loops(
+                median,
                 controller,
                 conditions,
                 draws=self.draws,
                 controller_draws={},
                 count=len(next(iter(self.draws.values()))),
-                measures={**used, **own},
+                measures=measures,
                 precision="float64",
                 workers=None,
-                fault=one.fault(self.twin),
+                fault=case.fault(self.twin),
             )
-        cost = np.stack([found[name] for name in names], axis=1) @ self.objective.weights[weighs]
-        hottest, errors = np.asarray(found["_hottest"]), np.asarray(found["_error"])
+        cost = np.stack([results[name] for name in names], axis=1) @ self.objective.weights[weighs]
+        hottest, errors = np.asarray(results["_hottest"]), np.asarray(results["_error"])
         # NaN is no temperature that keeps a limit.
         of_readings, of_cells = _limits(self.twin)
-        kept = (hottest <= of_readings) & (np.asarray(found["_cell"]) <= of_cells)
+        kept = (hottest <= of_readings) & (np.asarray(results["_cell"]) <= of_cells)
         rest = errors[:, -max(1, round(REST_FRACTION * errors.shape[1])) :]
         is_finite = bool(np.isfinite(cost).all())
         result = LoopTrial(
@@ -190,16 +196,16 @@ class Trial(NamedTuple):
 
     def _judged(
         self,
-        one: TrialScenario,
+        case: TrialScenario,
         present: LoopTrial,
         candidate: LoopTrial,
-        nothing: float,
+        negligible: float,
         *,
         is_off: bool,
     ) -> ScenarioTrial:
         """Judges a candidate. Where the cells are switched off, what they leave behind says nothing
         of a controller, and only the limits count."""
-        most = (1 + self.allowance) * present.cost + nothing
+        most = (1 + self.allowance) * present.cost + negligible
         cost = f"a cost of {candidate.cost:.4g}, with the present controller {present.cost:.4g}"
         kept = f"the limits of temperature are kept in {100 * candidate.kept:.3g} % of the draws"
         rest = f"an error at rest of {candidate.error_at_rest:.2g} K, with the present controller"
@@ -212,9 +218,9 @@ class Trial(NamedTuple):
             ),
         ]
         # What is not a number passes no check.
-        failed = [text for passed, text in checks[: 1 if is_off else None] if not passed]
-        said = "the cells were switched off within the limits" if is_off else cost
-        return ScenarioTrial(one, present, candidate, not failed, failed[0] if failed else said)
+        failed = [text for holds, text in checks[: 1 if is_off else None] if not holds]
+        passed = "the cells were switched off within the limits" if is_off else cost
+        return ScenarioTrial(case, present, candidate, not failed, failed[0] if failed else passed)
 
     def _band(self, conditions: Scenario, errors: Float[np.ndarray, "draws times"]) -> LoopBand:
         substeps = np.asarray(conditions.ambient).shape[1]

@@ -421,7 +421,7 @@ class RigLoop:
 
     def _on_decision(self, decision: "Decision") -> None:
         if self._optimiser is not None:
-            self._optimiser.see(decision)
+            self._optimiser.update(decision)
 
     def _doubt(self, reason: str) -> None:
         if self._optimiser is not None and not self._optimiser.worse:

@@ -113,9 +113,9 @@ class SelfOptimiser:
             self._say("notice", "the controller is tuned on the new twin")
             self._process.begin(retuned_champion, self._store, self._usual, self._design)
 
-    def see(self, decision: Decision) -> None:
+    def update(self, decision: Decision) -> None:
         """Takes a sample of the loop."""
-        text = self._watch.see(decision)
+        text = self._watch.update(decision)
         if text and self._is_judged:
             self.worse = text
         elif self.is_on_probation and self._watch.time >= PROBATION_SECONDS:
@@ -159,13 +159,13 @@ class SelfOptimiser:
         """Whether a promotion without a person would be neither too early nor one too many. What a
         store remembers counts, so that a restart changes nothing."""
         tried = {version.number for version in self._store.versions if version.trial}
-        made = [
+        promotions = [
             datetime.fromisoformat(move.made)
             for move in self._store.history("champion")
             if move.after in tried or move.before in tried
         ]
-        recent = [one for one in made if self._now() - one < timedelta(days=1)]
-        paused = not made or self._now() - made[-1] >= timedelta(seconds=PAUSE_SECONDS)
+        recent = [moved for moved in promotions if self._now() - moved < timedelta(days=1)]
+        paused = not promotions or self._now() - promotions[-1] >= timedelta(seconds=PAUSE_SECONDS)
         return paused and len(recent) < MAX_A_DAY
 
 
@@ -176,5 +176,6 @@ def retuned_champion(
 
     **Returns:** the decision and its reason, and the version of an accepted candidate.
     """
-    found, kept = retune_champion(store, controller, design)
-    return f"{found.decision}: {found.reason}", None if kept is None else kept.number
+    retuned, challenger = retune_champion(store, controller, design)
+    number = None if challenger is None else challenger.number
+    return f"{retuned.decision}: {retuned.reason}", number

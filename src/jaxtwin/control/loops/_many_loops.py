@@ -185,14 +185,14 @@ def _stepper_of(
     twin: Twin | System, step: float, longest_delay: float, is_whole_delay: bool
 ) -> Stepper:
     """Makes a stepper, whose numbers are NaN if no rig can have the values."""
-    made = Stepper(twin, step, longest_delay=longest_delay, is_whole_delay=is_whole_delay)
-    valid = made.system.is_valid
+    stepper = Stepper(twin, step, longest_delay=longest_delay, is_whole_delay=is_whole_delay)
+    valid = stepper.system.is_valid
 
     def marked(leaf: Array) -> Array:
         is_real = jnp.issubdtype(leaf.dtype, jnp.floating)
         return jnp.where(valid, leaf, jnp.nan) if is_real else leaf
 
-    return jax.tree.map(marked, made)
+    return jax.tree.map(marked, stepper)
 
 
 @persistent_jit
