@@ -47,9 +47,8 @@ def disturbed() -> Fit:
     """The small fit with a camera that was corrected, and a masked span."""
     comparisons, weights = [], []
     for run in fit().runs.values():
-        comparisons.append(
-            Comparison(run, CameraError((20.0,), -np.where(run.time >= 20, 0.7, 0.0)))
-        )
+        camera = CameraError((20.0,), -np.where(run.time >= 20, 0.7, 0.0))
+        comparisons.append(Comparison(run.twin, run.experiment, None, camera))
         weight = np.ones(run.temperatures.shape)
         weight[30:40] = 0.0
         weight[50:, 1] = 0.5

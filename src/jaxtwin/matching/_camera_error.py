@@ -11,13 +11,17 @@ amplitude has a prior standard deviation; without it the shapes could imitate th
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..io import Experiment
+from ..physics import Twin
 from ..rig import CommonError
-from ..simulation import Run
+from ..simulation import Run, simulate
+from ..simulation._initial import Initial
 
 # The number of shapes is a multiple of this; the rest are zeros. Corrections that are found between
 # two rounds of a match then need no new compilation.
@@ -187,12 +191,21 @@ class CameraError:
 class Comparison:
     """The fitted twin compared with a recording.
 
-    - `run`: the run of the fitted twin, without the camera's common error.
+    - `twin`: the twin with the values of the recording. `experiment`: the recording.
+    - `initial`: the temperatures at the start, as `simulate` takes them.
     - `camera`: the camera's common error.
     """
 
-    run: Run
+    twin: Twin
+    experiment: Experiment
+    initial: Initial
     camera: CameraError
+
+    @cached_property
+    def run(self) -> Run:
+        """The run of the fitted twin, without the camera's common error. The first access
+        simulates it."""
+        return simulate(self.twin, self.experiment, initial=self.initial)
 
     @property
     def reading(self) -> Run:

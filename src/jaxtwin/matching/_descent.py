@@ -20,8 +20,6 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..simulation._modes import Modes
 from ._descent_result import (
-    NO_CALLBACKS,
-    Callbacks,
     DescentResult,
     DescentStep,
     Evaluation,
@@ -64,7 +62,7 @@ def descend(
     starts: Sequence[Start],
     space: SearchSpace,
     max_iterations: int,
-    callbacks: Callbacks = NO_CALLBACKS,
+    on_step: OnStep | None = None,
 ) -> list[DescentResult]:
     """Minimises every objective from its start.
 
@@ -77,9 +75,8 @@ def descend(
     - `starts`: either all vectors, or all results of earlier descents with other weights.
     - `space`: bounds, scale and steps of differences, the same for all descents.
     - `max_iterations`: the limit for each descent, including the iterations of the earlier descent.
-    - `callbacks`: functions that are called during the descents.
+    - `on_step`: called with the number of the descent and each step.
     """
-    on_step = callbacks.on_step
     if not isinstance(solver, BoundedLevenbergMarquardt):
         return descend_with(solver, objectives, starts, space, max_iterations, on_step)
     # The last batch is padded to the size of the others, so that it uses their compiled steps.
@@ -92,7 +89,6 @@ def descend(
             objectives=_filled(objectives[part], size),
             starts=_filled(starts[part], size),
             active=np.arange(size) < len(objectives) - first,
-            meanwhile=callbacks.meanwhile,
         )
 
         def report(number: int, step: DescentStep, first: int = first) -> None:
@@ -104,14 +100,12 @@ def descend(
 
 
 class _Batch(NamedTuple):
-    """Objectives and their starts side by side. Copies that only pad the batch are not active.
-    `meanwhile` is that of `Callbacks`."""
+    """Objectives and their starts side by side. Copies that only pad the batch are not active."""
 
     problems: list[MatchProblem]
     objectives: list[MatchObjective]
     starts: list[Start]
     active: Bool[np.ndarray, " descents"]
-    meanwhile: Callable[[], None] | None
 
 
 class _Proposal(NamedTuple):
@@ -144,7 +138,9 @@ def _descend_batch(
         space = jax.device_put(space)
         objective = _stacked(batch.objectives)
         state = _first_state(solver, batch.starts, space)
-        native = None if space.difference_steps is not None else _native(batch, objective)
+        native = None
+        if space.difference_steps is None:
+            native = NativeDescents.of(batch.problems, objective)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
@@ -194,17 +190,6 @@ def _first_state(
         damping = jax.device_put(np.array([float(s.damping) for s in earlier]))
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
-
-
-def _native(batch: _Batch, objective: MatchObjective) -> NativeDescents | None:
-    """The descents in C, None where they are not. The programs of the runs are compiled at the same
-    time as the network's library."""
-    with ThreadPoolExecutor(1) as pool:
-        prepared = None if batch.meanwhile is None else pool.submit(batch.meanwhile)
-        native = NativeDescents.of(batch.problems, objective)
-        if prepared is not None:
-            prepared.result()
-    return native
 
 
 def _at_start(
@@ -266,8 +251,8 @@ def _proposal(
     iteration: int,
 ) -> _Proposal:
     """The next vectors, evaluated by the means that the problem has."""
-    if native is not None:
-        return _Proposal(vectors, native.output_errors(vectors, active), None, None)
+    if native is not None and (errors := native.output_errors(vectors, active)) is not None:
+        return _Proposal(vectors, errors, None, None)
     modes = _find_modes(vectors, objective)
     if space.difference_steps is not None:
         return _Proposal(vectors, *_solve_and_difference(vectors, objective, modes, space), modes)

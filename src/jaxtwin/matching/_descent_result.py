@@ -43,21 +43,6 @@ OnStep = Callable[[int, DescentStep], None]
 
 
 @final
-class Callbacks(NamedTuple):
-    """The functions that a descent calls.
-
-    - `on_step`: called with the number of the descent and each step.
-    - `meanwhile`: called while the first derivatives are compiled, to compile something else.
-    """
-
-    on_step: OnStep | None = None
-    meanwhile: Callable[[], None] | None = None
-
-
-NO_CALLBACKS = Callbacks()
-
-
-@final
 class Evaluation(eqx.Module):
     """The recordings simulated at one vector, before any weighting.
 

@@ -78,8 +78,8 @@ class Fit:
       optimum.
     - `history`: all iterations of the best start. `optima`: the ends of all starts, best first.
     - `wall_time`: the duration of the match including compilation, s.
-    - `solver_gap`: the largest difference between the runs, whose steps `simulate` chooses, and
-      simulations with the longest steps, which the match uses, K.
+    - `solver_gap`: the largest difference between the readings that the match simulates, with the
+      longest steps, and those of shorter steps, K.
     - `camera_error`: root mean square of the camera's common error, K.
     - `noise`: the noise of the channels without their common mode, and the noise of the common mode
       times the root of the number of channels.

@@ -407,8 +407,8 @@ def _recordings(
 
 def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Comparison:
     solution = solution_of(fit)
-    run = simulate(twin, experiment, initial=solution.problem.initial)
     problem, noise_model = solution.problem, solution.noise_model
+    run = simulate(twin, experiment, initial=problem.initial)
     count = shapes_needed(problem, noise_model)
     weights = recording_weights(problem, noise_model, number, count)
     with jax.enable_x64(True):
@@ -416,7 +416,8 @@ def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Co
         difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
         sizes = weights.split(np.asarray(difference)).sizes
         error = np.asarray(weights.shapes) @ np.asarray(sizes)
-    return Comparison(run, CameraError(noise_model.events[number], error))
+    camera = CameraError(noise_model.events[number], error)
+    return Comparison(twin, experiment, problem.initial, camera)
 
 
 def _refuse(source: str, field: str, message: str) -> NoReturn:

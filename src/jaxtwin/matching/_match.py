@@ -12,17 +12,16 @@ from jaxtyping import Float
 
 from .. import __version__
 from .._arguments import check_callable, names_of, of_kind, whole_number
+from .._goodness_of_fit import fit_percent
 from .._waiting import advanced, announced
 from ..errors import MatchError
 from ..io._experiment import Recordings, as_experiments
 from ..io._gaps import Gaps
 from ..physics import Twin
-from ..simulation import simulate
 from ..simulation._initial import Initial, checked_initial
 from ._camera_error import CameraError, Comparison
 from ._descent import descend
 from ._descent_result import (
-    Callbacks,
     DescentStep,
     Iteration,
     MatchEstimate,
@@ -35,6 +34,7 @@ from ._fitted_parameters import fitted_parameters
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._loss import AbstractLoss
 from ._model_error import estimate_model_error
+from ._native_recordings import REFINEMENTS, NativeRecordings
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
 from ._problem import (
@@ -137,8 +137,7 @@ def match(
     - `on_progress`: called with each `Iteration` when it ends, for example `print`.
 
     **Returns:** a `Fit`, the best of all starts. Evaluations use the default solver's longest
-    steps, as `response` does. The runs of the fit are made by `simulate`, which checks its error;
-    `Fit.solver_gap` is the difference between the two.
+    steps, as `response` does. `Fit.solver_gap` is the difference from a solution with shorter ones.
 
     **Raises:** `MatchError` if nothing is free; if a recording has no temperatures or is there
     twice; if there are fewer samples than unknowns; if nothing changes in any recording; if a
@@ -197,7 +196,7 @@ def match(
             others,
             unknowns.search_space(),
             max_iterations,
-            Callbacks(lambda number, step: report_step(number + 1, step)),
+            lambda number, step: report_step(number + 1, step),
         )
     best_first = sorted(
         (start for start, result in enumerate(results) if np.isfinite(result.cost)),
@@ -241,18 +240,20 @@ def make_fit(
         {name: float(value) for name, value in of_recording.items()}
         for of_recording in unknowns.recording_values(result.vector)
     ]
-    runs = [
-        simulate(twin.with_values(of_recording), experiment, initial=problem.initial)
-        for of_recording, experiment in zip(values, problem.experiments, strict=True)
-    ]
-    errors = result.recording_errors()
     cameras = [
-        CameraError(events, of_recording.camera)
-        for events, of_recording in zip(noise_model.events, errors, strict=True)
+        CameraError(events, errors.camera)
+        for events, errors in zip(noise_model.events, result.recording_errors(), strict=True)
     ]
-    comparisons = tuple(map(Comparison, runs, cameras))
-    gaps = [
-        run.temperatures - solved for run, solved in zip(runs, result.temperatures(), strict=True)
+    comparisons = tuple(
+        Comparison(twin.with_values(of_recording), experiment, problem.initial, camera)
+        for of_recording, experiment, camera in zip(
+            values, problem.experiments, cameras, strict=True
+        )
+    )
+    simulated = result.temperatures()
+    readings = [
+        temperatures + camera.offset[:, None]
+        for temperatures, camera in zip(simulated, cameras, strict=True)
     ]
     uncertainty, noise = estimate_uncertainty(problem, estimate)
     model_error = estimate_model_error(problem, estimate)
@@ -272,8 +273,13 @@ def make_fit(
         },
         fit_percent={
             (name, channel): percent
-            for name, comparison in zip(names, comparisons, strict=True)
-            for channel, percent in comparison.reading.fit_percent.items()
+            for name, experiment, reading in zip(names, problem.experiments, readings, strict=True)
+            for channel, percent in zip(
+                experiment.channels,
+                fit_percent(np.asarray(experiment.temperatures), reading).tolist(),
+                strict=True,
+            )
+            if channel not in experiment.unsampled
         },
         rmse=float(np.sqrt(result.mean_square)),
         status=result.status,
@@ -281,7 +287,7 @@ def make_fit(
         history=tuple(make_iteration(problem, step, start) for step in result.steps),
         optima=optima,
         wall_time=time.perf_counter() - began,
-        solver_gap=max(float(np.abs(gap).max()) for gap in gaps),
+        solver_gap=_solver_gap(problem, result.vector, comparisons, simulated),
         camera_error=float(
             np.sqrt(np.mean(np.concatenate([camera.error for camera in cameras]) ** 2))
         ),
@@ -293,11 +299,34 @@ def make_fit(
         versions={"jaxtwin": __version__, "jax": jax.__version__},
         notes=(
             *(note for each in problem.experiments for note in recording_notes(each, twin)),
-            *influential_readings(comparisons),
+            *influential_readings(problem.experiments, readings),
         ),
         comparisons=comparisons,
         _solution=Solution(problem, noise_model, result.vector),
     )
+
+
+def _solver_gap(
+    problem: MatchProblem,
+    vector: Float[np.ndarray, " unknowns"],
+    comparisons: Sequence[Comparison],
+    simulated: Sequence[Float[np.ndarray, "_times _channels"]],
+) -> float:
+    """The largest difference between simulated readings and those of shorter steps, K: of C where
+    it solves them, of `simulate` elsewhere."""
+    native = NativeRecordings.of(problem)
+    gaps = []
+    for number, (comparison, of_match) in enumerate(zip(comparisons, simulated, strict=True)):
+        errors = None
+        if native is not None:
+            errors = native.output_errors(vector, number, halvings=REFINEMENTS)
+        if errors is None:
+            gap = comparison.run.temperatures - of_match
+        else:
+            recorded = np.nan_to_num(np.asarray(comparison.experiment.temperatures))
+            gap = errors[: len(recorded)] + recorded - of_match
+        gaps.append(float(np.abs(gap).max()))
+    return max(gaps)
 
 
 def without_starts(twin: Twin, fixed: Iterable[str], initial: Initial) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ from .._number_text import short_number
 from .._waiting import announced
 from ..errors import MatchError, ParameterError
 from ._descent import descend
-from ._descent_result import Callbacks, DescentStep, Iteration, make_iteration
+from ._descent_result import DescentStep, Iteration, make_iteration
 from ._fit import Fit, solution_of
 from ._match import default_solver
 from ._objective import make_objective
@@ -190,7 +190,7 @@ def profile(
         starts,
         unknowns.search_space(),
         50,
-        Callbacks(report_step),
+        report_step,
     )
     prior = 0.5 * ((at - objective.prior_means[entry]) * objective.prior_weights[entry]) ** 2
     rise = np.array([result.cost for result in results]) + prior - fit.cost

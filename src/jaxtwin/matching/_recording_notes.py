@@ -12,7 +12,6 @@ from ..io import Experiment
 from ..io._gaps import gap_sentences
 from ..physics import Twin
 from ..simulation import simulate
-from ._camera_error import Comparison
 from ._start import hidden_parameters, plate_parameters
 
 # A single reading that holds a larger share of the sum of squared residuals is named.
@@ -68,12 +67,13 @@ def recording_notes(experiment: Experiment, twin: Twin) -> list[str]:
     return notes
 
 
-def influential_readings(comparisons: Sequence[Comparison]) -> list[str]:
+def influential_readings(
+    experiments: Sequence[Experiment], simulated: Sequence[Float[np.ndarray, "_times _channels"]]
+) -> list[str]:
     """A sentence for each reading that holds a large share of the misfit of all recordings."""
     squares = [
-        (each.run.experiment, np.nan_to_num(each.reading.temperatures - recorded) ** 2)
-        for each in comparisons
-        if (recorded := each.run.experiment.temperatures) is not None
+        (experiment, np.nan_to_num(reading - np.asarray(experiment.temperatures)) ** 2)
+        for experiment, reading in zip(experiments, simulated, strict=True)
     ]
     total = sum(float(square.sum()) for _, square in squares)
     count = sum(int(experiment.sampled.sum()) for experiment, _ in squares)

@@ -9,9 +9,8 @@ import numpy as np
 import optimistix as optx
 
 from ..errors import MatchError
-from ..simulation._simulate import prepare_simulation
 from ._descent import descend
-from ._descent_result import Callbacks, MatchEstimate, OnStep, Start
+from ._descent_result import MatchEstimate, OnStep, Start
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._noise_model import NoiseModel, has_settled, initial_noise_model, update_noise_model
 from ._objective import MatchObjective, make_objective, shapes_needed
@@ -104,14 +103,7 @@ def _descend(
     objectives = [make_objective(*pair, shapes) for pair in pairs]
     _check_alike(objectives)
     space = problems[0].unknowns.search_space()
-
-    def prepare_runs() -> None:
-        """Compiles the runs of the fit that follows."""
-        for experiment in problems[0].experiments:
-            prepare_simulation(problems[0].twin, experiment)
-
-    callbacks = Callbacks(on_step, prepare_runs)
-    results = descend(problems, objectives, solver, starts, space, max_iterations, callbacks)
+    results = descend(problems, objectives, solver, starts, space, max_iterations, on_step)
     return [MatchEstimate(*pair) for pair in zip(results, noise_models, strict=True)]
 
 
