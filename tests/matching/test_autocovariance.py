@@ -47,7 +47,8 @@ def test_apply_autocorrelation_is_the_product_with_the_toeplitz_matrix():
     table = np.random.default_rng(0).standard_normal((50, 2, 3))
     matrix = toeplitz(RHO ** np.arange(50))
     expected = np.einsum("ts,sij->tij", matrix, table)
-    np.testing.assert_allclose(apply_autocorrelation(RHO, table), expected, atol=1e-12)
+    (result,) = apply_autocorrelation(np.array([RHO]), table)
+    np.testing.assert_allclose(result, expected, atol=1e-12)
 
 
 def test_the_meat_is_that_of_the_estimated_autocovariance():

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, finite_number, names_of
+from .._blas_threads import one_blas_thread
 from .._waiting import advanced, announced
 from ..errors import MatchError
 from ..io import Experiment, read_recording
@@ -49,6 +50,7 @@ FAR = 3.0
 
 
 @announced("identification")
+@one_blas_thread()
 def identify(
     recordings: Log | Sequence[Log],
     *,

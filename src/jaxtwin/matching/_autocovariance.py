@@ -26,7 +26,7 @@ Guillaumin, Lilly and Early, Biometrika 106 (2019) 251-266). The likelihood is m
 least squares with weights that follow from the last $\theta$.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -141,28 +141,36 @@ def noise_in_unknowns(
 ) -> Float[np.ndarray, "entries entries"]:
     r"""$J^T \Gamma J$ of one series, for the unknowns on which it depends."""
     total = np.zeros((len(series.entries), len(series.entries)))
-    for variance, rho in zip(noise.variances, noise.rho, strict=True):
-        if variance > 0:
-            answer = (
-                apply_autocorrelation(rho, series.roots[..., None] * series.slopes)
-                * series.roots[..., None]
-            )
-            total += variance * np.tensordot(series.slopes, answer, ([0, 1], [0, 1]))
+    present = noise.variances > 0
+    answers = _autocorrelated(series, noise.rho[present])
+    for variance, answer in zip(noise.variances[present], answers, strict=True):
+        total += variance * np.tensordot(series.slopes, answer, ([0, 1], [0, 1]))
     return total
 
 
 def apply_autocorrelation(
-    rho: float, table: Float[np.ndarray, "times ..."]
-) -> Float[np.ndarray, "times ..."]:
-    r"""Computes $\sum_s \rho^{|t - s|} x_s$ as a product of spectra. The table is padded so that
-    its two ends do not interact."""
-    if rho == 0:
-        return table
+    rho: Float[np.ndarray, " parts"], table: Float[np.ndarray, "times ..."]
+) -> Iterator[Float[np.ndarray, "times ..."]]:
+    r"""Computes $\sum_s \rho^{|t - s|} x_s$ for each $\rho$ as a product of spectra. The table is
+    padded so that its two ends do not interact."""
     times = len(table)
     length = 1 << (2 * times - 1).bit_length()
     lags = np.minimum(np.arange(length), length - np.arange(length))
-    gain = np.fft.rfft(rho**lags).real.reshape(-1, *[1] * (table.ndim - 1))
-    return np.fft.irfft(gain * np.fft.rfft(table, length, axis=0), length, axis=0)[:times]
+    spectrum = np.fft.rfft(table, length, axis=0)
+    for part in rho:
+        if part == 0:
+            yield table
+            continue
+        gain = np.fft.rfft(part**lags).real.reshape(-1, *[1] * (table.ndim - 1))
+        yield np.fft.irfft(gain * spectrum, length, axis=0)[:times]
+
+
+def _autocorrelated(
+    series: ResidualSeries, rho: Float[np.ndarray, " parts"]
+) -> Iterator[Float[np.ndarray, "times channels entries"]]:
+    r"""$\Gamma J$ of one series, for noise of each $\rho$ with a variance of 1."""
+    roots = series.roots[..., None]
+    return (answer * roots for answer in apply_autocorrelation(rho, roots * series.slopes))
 
 
 def _fading(times: int) -> Float[np.ndarray, " parts"]:
@@ -187,11 +195,7 @@ def _add_own(
     times = len(series.roots)
     overlap = np.fft.irfft(np.abs(np.fft.rfft(series.roots, 2 * times, axis=0)) ** 2, axis=0)
     overlap = overlap[:times].sum(axis=1) * series.independent / series.channels
-    for number, part in enumerate(rho):
-        answer = (
-            apply_autocorrelation(part, series.roots[..., None] * series.slopes)
-            * series.roots[..., None]
-        )
+    for number, (part, answer) in enumerate(zip(rho, _autocorrelated(series, rho), strict=True)):
         meats[number][at] += np.tensordot(series.slopes, answer, ([0, 1], [0, 1]))
         lags = overlap * part ** np.arange(times)
         # Folded: lag k and lag k - times meet at the frequencies of the recording.

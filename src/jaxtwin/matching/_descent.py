@@ -27,7 +27,7 @@ from ._descent_result import (
     Start,
 )
 from ._descent_state import RUNNING, STATUS, Factors, LMState
-from ._jacobian import output_error_jacobians, output_errors_and_differences, weighted_jacobian
+from ._jacobian import output_error_jacobians, output_errors_and_differences
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, Trial
 from ._native_recordings import NativeDescents
 from ._objective import MatchObjective
@@ -218,7 +218,7 @@ def _step(
     """The state after a proposal. Jacobians are computed only if at least one of the trials is
     accepted."""
     vectors, errors, jacobians, modes = proposal
-    residuals, costs, mean_squares = _weigh(errors, vectors, batch.objectives)
+    costs, mean_squares = _weigh(errors, vectors, batch.objectives)
     accepted = np.asarray(_accepts(solver, state.vectors, vectors, costs, state.optimiser)) & active
     factors = state.optimiser.factors
     if accepted.any():
@@ -227,7 +227,7 @@ def _step(
         if jacobians is None:
             modes = _find_modes(vectors, objective) if modes is None else modes
             jacobians = _differentiate(vectors, objective, modes)
-        factors = _factorise(jacobians, residuals, batch.objectives)
+        factors = _factorise(errors, jacobians, vectors, batch.objectives)
     evaluation = state.evaluation
     if jacobians is not None:
         new = Evaluation(errors, jacobians)
@@ -341,37 +341,64 @@ def _solve_and_difference(
 
 def _weigh(
     errors: BatchArrays, vectors: Vectors, objectives: Sequence[MatchObjective]
-) -> tuple[Float[np.ndarray, "descents residuals"], Costs, Costs]:
-    """Weighted residuals, half the sum of their squares, and the mean squared error, K^2."""
-    rows, mean_squares = [], []
+) -> tuple[Costs, Costs]:
+    """Half the sum of squared weighted residuals, and the mean squared error, K^2."""
+    costs, mean_squares = [], []
     for number, objective in enumerate(objectives):
         of_descent = [np.asarray(part)[number] for part in errors]
         parts, mean_square = weighted_residuals(of_descent, np.asarray(vectors)[number], objective)
-        rows.append(np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(parts)]))
+        costs.append(0.5 * sum(float(np.sum(leaf**2)) for leaf in jax.tree.leaves(parts)))
         mean_squares.append(mean_square)
-    residuals = np.stack(rows)
-    return residuals, 0.5 * np.sum(residuals**2, axis=1), np.array(mean_squares)
+    return np.array(costs), np.array(mean_squares)
 
 
 def _factorise(
+    errors: BatchArrays,
     jacobians: BatchArrays,
-    residuals: Float[np.ndarray, "descents residuals"],
+    vectors: Vectors,
     objectives: Sequence[MatchObjective],
 ) -> Factors:
-    """The `factorise` of each descent, by LAPACK."""
+    """The `factorise` of each descent, by LAPACK: each recording by itself, for the entries on
+    which it depends, and then the triangles of all (TSQR, Demmel et al. 2012)."""
+    triangles = []
+    for number, objective in enumerate(objectives):
+        vector, linear = np.asarray(vectors)[number], objective.linear_prior
+        size, entries = len(vector), objective.layout.entry_indices()
+        deviation = (vector - objective.prior_means) * objective.prior_weights
+        tables = [
+            np.column_stack([np.diag(objective.prior_weights), deviation]),
+            np.column_stack([linear.matrix, linear.matrix @ vector - linear.values]),
+        ]
+        for batch, error, jacobian in zip(
+            objective.same_shape_batches, errors, jacobians, strict=True
+        ):
+            rows = np.concatenate(
+                [np.asarray(jacobian)[number], np.asarray(error)[number][:, None]], axis=1
+            )
+            for row, position in enumerate(batch.positions):
+                weights = batch.weights_of(row)
+                parts = weights.weigh(weights.split(rows[row]))
+                columns = np.concatenate([part.reshape(len(rows[row]), -1) for part in parts], 1)
+                reduced = _triangle(columns)
+                table = np.zeros((len(reduced), size + 1))
+                table[:, [*entries[position], size]] = reduced
+                tables.append(table)
+        triangles.append(_triangle(np.concatenate(tables).T))
+    whole = np.stack(triangles)
+    return Factors(whole[:, :-1, :-1], whole[:, :-1, -1])
+
+
+def _triangle(columns: Float[np.ndarray, "columns rows"]) -> Float[np.ndarray, "columns columns"]:
+    """R of the QR factorisation of a matrix, given its columns."""
     # NumPy's own takes twice as long: it copies and transposes a matrix that is tall.
     from scipy.linalg import get_lapack_funcs
 
     (geqrf,) = get_lapack_funcs(["geqrf"], dtype=np.float64)
-    triangles = []
-    for number, objective in enumerate(objectives):
-        of_descent = [np.asarray(part)[number] for part in jacobians]
-        columns = weighted_jacobian(of_descent, objective).T
-        table = np.concatenate([columns, residuals[number][None]])
-        reduced, *_ = geqrf(table.T, overwrite_a=True)
-        triangles.append(np.triu(reduced[: len(table)]))
-    whole = np.stack(triangles)
-    return Factors(whole[:, :-1, :-1], whole[:, :-1, -1])
+    size, rows = columns.shape
+    if rows < size:
+        columns = np.concatenate([columns, np.zeros((size, size - rows))], axis=1)
+    reduced, *_ = geqrf(columns.T, overwrite_a=True)
+    return np.triu(reduced[:size])
 
 
 @persistent_jit_unoptimised

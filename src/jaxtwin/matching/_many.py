@@ -10,6 +10,7 @@ import numpy as np
 import optimistix as optx
 
 from .._arguments import check_callable, whole_number
+from .._blas_threads import one_blas_thread
 from .._executor import Executor, check_executor, work_in_units
 from .._waiting import announced
 from ..errors import MatchError, ParameterError, SimulationError
@@ -37,6 +38,7 @@ UNIT = 4
 
 
 @announced("match of several sets")
+@one_blas_thread()
 def match_many(
     twin: Twin | Fit,
     sets: Sequence[Sequence[Experiment]],

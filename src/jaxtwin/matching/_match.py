@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from .. import __version__
 from .._arguments import check_callable, names_of, of_kind, whole_number
+from .._blas_threads import one_blas_thread
 from .._goodness_of_fit import fit_percent
 from .._waiting import advanced, announced
 from ..errors import MatchError
@@ -64,6 +65,7 @@ SAME_COST = 1e-3
 
 
 @announced("match")
+@one_blas_thread()
 def match(
     twin: Twin | Fit,
     experiments: Recordings,

@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._blas_threads import one_blas_thread
 from ..errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
@@ -43,6 +44,7 @@ NEW_GROUP = "another group"
 EVENT_ROUNDS = 3
 
 
+@one_blas_thread()
 def match_group(
     fit: Fit,
     experiments: Sequence[Experiment],

@@ -9,9 +9,10 @@ The readings are linear in the gains of the channels. One further draw with othe
 gives the derivatives with respect to all of them.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple, final
 
 import numpy as np
@@ -249,8 +250,7 @@ class NativeDescents:
             with own_settings():
                 return function(self._recordings[descent], points[descent], number)
 
-        with ThreadPoolExecutor() as pool:
-            parts = dict(zip(tasks, pool.map(work, tasks), strict=True))
+        parts = dict(zip(tasks, _threads().map(work, tasks), strict=True))
         if any(part is None for part in parts.values()):
             return None
         # The result of a descent that is not wanted is not used.
@@ -260,3 +260,9 @@ class NativeDescents:
             np.array([[parts[descent, number] for number in positions] for descent in sources])
             for positions in self._batches
         ]
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """The threads of all matches: to start new ones for each evaluation takes as long as a run."""
+    return ThreadPoolExecutor(os.cpu_count())

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
+from .._blas_threads import one_blas_thread
 from .._display import html_table, picture
 from .._name_suggestions import did_you_mean
 from .._number_text import short_number
@@ -110,6 +111,7 @@ class Profile:
 
 
 @announced("profile likelihood")
+@one_blas_thread()
 def profile(
     fit: Fit,
     name: str,

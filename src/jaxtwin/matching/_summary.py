@@ -115,9 +115,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         "",
     ]
     if fit.solver_gap > LARGE_GAP:
-        lines[3:3] = [
-            f"steps of the match too long for these values: {fit.solver_gap:.2g} K off"
-        ]
+        lines[3:3] = [f"steps of the match too long for these values: {fit.solver_gap:.2g} K off"]
     for note in fit.notes:
         lines[-1:-1] = wrap(note, WIDTH, subsequent_indent="  ")
     for row in table:

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._arguments import finite_number
+from .._blas_threads import one_blas_thread
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from .._waiting import advanced, announced
@@ -90,6 +91,7 @@ CURVATURE_STEP = 0.1
 
 
 @announced("estimation of the noise")
+@one_blas_thread()
 def estimate_noise(
     fit: Twin | Fit,
     experiments: Experiment | Sequence[Experiment],
