@@ -48,6 +48,7 @@ def disturbed() -> Fit:
     comparisons, weights = [], []
     for run in fit().runs.values():
         camera = CameraError((20.0,), -np.where(run.time >= 20, 0.7, 0.0))
+        assert run.twin is not None
         comparisons.append(Comparison(run.twin, run.experiment, None, camera))
         weight = np.ones(run.temperatures.shape)
         weight[30:40] = 0.0

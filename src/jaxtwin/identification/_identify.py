@@ -35,6 +35,8 @@ MAX_CORRELATION = 0.999
 MIN_RANGE = 4.0
 # Structures matched in one batch, and structures that are judged on held-out blocks.
 BATCH, JUDGED = 16, 24
+# Of the best and of the simplest structures so many are also tried in a room that drifts.
+DRIFTING = 8
 # The first and the last origin of a held-out block, as fractions of the recording, and how many.
 FIRST_ORIGIN, LAST_ORIGIN, ORIGINS = 0.35, 0.8, 4
 # After the first change of the last input an origin leaves this fraction to learn from.
@@ -239,9 +241,17 @@ def _screened(
         batch = several[place : place + BATCH]
         report(f"{in_words(batch[0])} and {len(batch) - 1} more", place, len(several))
         ends += screen.match([Problem(parts, known, {}) for parts in batch])
-    ends = [end for end in ends if np.isfinite(end.cost)]
+    ends = sorted((end for end in ends if np.isfinite(end.cost)), key=lambda end: end.cost)
     if not ends:
         raise MatchError("identify: expected a structure with finite temperatures, got none")
+    if "drift 1" in screen.family.choices:
+        report("a room that drifts", len(several), len(several))
+        chosen = [
+            *ends[:DRIFTING],
+            *(end for end in ends[DRIFTING:] if end.problem.parts in several[:DRIFTING]),
+        ]
+        drifting = [Problem(end.problem.parts | {"drift 1"}, known, end.values) for end in chosen]
+        ends += [end for end in screen.match(drifting) if np.isfinite(end.cost)]
     return sorted(ends, key=lambda end: end.cost)
 
 

@@ -40,6 +40,12 @@ CELL_THERMAL_RESISTANCE = 8.0
 # first-order system, a heat capacity from its time constant; of a wall or a link little is known.
 LOSS_SPREAD, CAPACITANCE_SPREAD, HIDDEN_SPREAD, LINK_SPREAD = 0.7, 1.0, 1.3, 1.5
 
+# Of the drift of a room that was not recorded, K/h, if the log is short, and over all of it, K.
+DRIFT_SPREAD, LONG_DRIFT_SPREAD = 1.0, 2.0
+
+# The parameters of the room, which a network without them has too.
+ROOM, DRIFT = "T_room", "drift_room"
+
 # Of the temperature at the start: of a place, which its sensor reads, and of what is hidden in a
 # rig that begins hot, K.
 START_SPREAD, HOT_START_SPREAD = 1.0, 10.0
@@ -58,8 +64,8 @@ class Unknown:
     - `prior`: what is expected of it, in its unit.
     - `spread`: the standard deviation of that, of its logarithm if it is positive.
     - `absent`: the value with which a network that contains its part behaves as one without.
-    - `is_positive`: whether it is searched by its logarithm; if not, it is a temperature, of which
-      each recording has its own.
+    - `is_positive`: whether it is searched by its logarithm; if not, it is a temperature or its
+      rate, of which each recording has its own.
     """
 
     name: str
@@ -75,6 +81,11 @@ class Unknown:
         """Whether each recording has a value of its own."""
         return not self.is_positive
 
+    @property
+    def is_start(self) -> bool:
+        """Whether it is the temperature of a body at the start."""
+        return self.is_own and self.name not in (ROOM, DRIFT)
+
 
 @final
 @dataclass(frozen=True)
@@ -88,7 +99,7 @@ class Part:
     - `unknowns`: its parameters.
     - `bodies`, `links`: its tables in the rig file.
     - `channel`, `actuator`: its keys in the table of the channel or the cell or heater of its
-      number.
+      number. `ambient`: in the table of the room.
     """
 
     name: str
@@ -97,6 +108,7 @@ class Part:
     links: tuple[Table, ...] = ()
     channel: Table = field(default_factory=dict)
     actuator: Table = field(default_factory=dict)
+    ambient: Table = field(default_factory=dict)
 
     @property
     def number(self) -> int:
@@ -202,8 +214,12 @@ class Family:
         starts = [log.first_reading(channel) for channel in range(len(scales))]
         is_driven = bool(duty[0].any())
         expected = _room_prior(starts, is_driven) if room is None else (room, 0.5)
-        room_itself = Unknown("T_room", "degC", "room", *expected, expected[0], is_positive=False)
+        room_itself = Unknown(ROOM, "degC", "room", *expected, expected[0], is_positive=False)
         parts = [Part("", (room_itself,))]
+        if experiment.ambient is None:
+            spread = min(DRIFT_SPREAD, LONG_DRIFT_SPREAD / (experiment.duration / 3600))
+            drift = Unknown(DRIFT, "K/h", "drift of the room", 0.0, spread, 0.0, is_positive=False)
+            parts.append(Part("drift 1", (drift,), ambient={"drift": DRIFT}))
         for place, (scale, start) in enumerate(zip(scales, starts, strict=True), 1):
             parts += _parts_of_place(place, scale, expected[0], start)
         for number, place in enumerate(heated, 1):
@@ -245,6 +261,7 @@ class Family:
         - `values`: parameter -> its value, by default what is expected.
         """
         parts = self._chosen(chosen)
+        ambient = {key: value for part in parts for key, value in part.ambient.items()}
         channels: list[Table] = [
             {"name": name, "nodes": [f"block_{place}"]}
             for place, name in enumerate(self.channels, 1)
@@ -263,12 +280,16 @@ class Family:
             if part.channel:
                 channels[part.number - 1] |= part.channel
             if part.actuator:
-                actuators[part.number - 1] |= part.actuator
+                actuator = actuators[part.number - 1]
+                contacts = part.actuator.get("contacts", actuator["contacts"])
+                if isinstance(actuator["contacts"], dict):
+                    contacts = {**actuator["contacts"], **contacts}
+                actuator |= {**part.actuator, "contacts": contacts}
         rows = [row for part in parts for row in part.unknowns]
         return {
             "format": 1,
             "name": "identified",
-            "ambient": {"temperature": "T_room"},
+            "ambient": {"temperature": ROOM, **ambient},
             "sensors": {"noise": "0.1 K"},
             "channels": channels,
             **self._driver(),
@@ -419,7 +440,13 @@ def _parts_of_heater(number: int, place: int, scale: Scale) -> list[Part]:
         "initial_temperature": f"T_start_{place}",
     }
     always = [Part("", (power,))] if number > 1 else []
-    return [*always, Part(f"heater {number}", rows, actuator=keys)]
+    to_shell = f"R_heater_shell_{number}"
+    stray = Unknown(to_shell, "K/W", f"heater {number} to shell", r, HIDDEN_SPREAD, 1e4 * r)
+    return [
+        *always,
+        Part(f"heater {number}", rows, actuator=keys),
+        Part(f"stray {number}", (stray,), actuator={"contacts": {f"shell_{place}": to_shell}}),
+    ]
 
 
 def _cell(name: str, number: int, place: int) -> Table:
@@ -496,6 +523,9 @@ def _parameter(unknown: Unknown, value: float | None) -> Table:
     if unknown.is_positive:
         factor = math.exp(min(6 * unknown.spread, 9.0))
         bounds = [min(unknown.prior / factor, start / 2), max(unknown.prior * factor, start * 2)]
+    elif unknown.name == DRIFT:
+        reach = 8 * unknown.spread + abs(start)
+        bounds = [-reach, reach]
     else:
         reach = max(8 * unknown.spread, 30.0)
         bounds = [max(-273.0, min(unknown.prior, start) - reach), max(unknown.prior, start) + reach]

@@ -18,7 +18,7 @@ from ..physics import Twin
 from ..rig._build import rig_from_tables
 from ..simulation import simulate_batch
 from ._log import ScreenedLog, screened_log
-from ._network import Family
+from ._network import ROOM, Family
 
 # The errors of a structure are correlated for long: so many readings of each channel count.
 EFFECTIVE_SAMPLES = 60
@@ -136,7 +136,7 @@ class Screen:
         result: list[Key] = []
         is_recorded = self.logs[0].experiment.ambient is not None
         for row in self.family.unknowns(parts):
-            if row.name == "T_room" and is_recorded:
+            if row.name == ROOM and is_recorded:
                 continue
             numbers = range(len(self.logs)) if row.is_own else (SHARED,)
             result += [(row.name, number) for number in numbers]
@@ -161,7 +161,7 @@ class Screen:
     def _expected_temperature(self, key: Key) -> float:
         """What is expected of a temperature: at the start, the first reading of the recording."""
         name, number = key
-        if name == "T_room":
+        if not self.unknowns[name].is_start:
             return self.unknowns[name].prior
         return self.logs[number].first_reading(_place(name))
 
@@ -173,8 +173,7 @@ class Screen:
         for row in self.unknowns.values():
             key = (row.name, number if row.is_own else SHARED)
             # A part that is absent begins where the place does, whose temperature is always there.
-            is_start = row.is_own and row.name != "T_room"
-            at_start = (f"T_start_{_place(row.name) + 1}", number) if is_start else key
+            at_start = (f"T_start_{_place(row.name) + 1}", number) if row.is_start else key
             draws[row.name] = np.array(
                 [values.get(key, values.get(at_start, row.absent)) for values in networks]
             )

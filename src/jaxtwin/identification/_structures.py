@@ -24,9 +24,11 @@ WORDS = {
     "board": "a common board",
     "lag": "the lag of its sensor",
     "heater": "a heater with a heat capacity",
+    "stray": "heat from the heater to the shell",
     "sink": "a sink that warms",
     "power law": "heat as a power of the drive",
     "link": "links between the places",
+    "drift": "a room that drifts",
 }
 
 
@@ -40,12 +42,15 @@ def structures(family: Family) -> list[frozenset[str]]:
     result = []
     optional = [("lag",)]
     optional += [("sink",)] * bool(family.cells)
-    optional += [("heater",)] * (len(family.cells) < len(family.inputs))
+    if len(family.cells) < len(family.inputs):
+        optional += [("heater",), ("stray",)]
     optional += [("power law",)] * int(family.has_levels)
     for loss, back, *others in product(
         LOSSES, BACKS + BOARDS * has_several, *(((), kind) for kind in optional)
     ):
         kinds = {*loss, *back, *(kind for chosen in others for kind in chosen), "link"}
+        if "stray" in kinds and not {"heater", "shell"} <= kinds:
+            continue
         result.append(frozenset(part for part in family.choices if kind_of(part) in kinds))
     return sorted(result, key=len)
 
