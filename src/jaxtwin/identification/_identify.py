@@ -19,10 +19,10 @@ from ..rig._build import parse_rig
 from ._baselines import FirstOrder, fit_first_order, fit_two_capacities
 from ._identified import Candidate, Identified
 from ._log import ScreenedLog, screened_log
-from ._network import Family
+from ._network import DELAY, DRIFT_OF_ROOM, Family
 from ._rig_text import rig_text
 from ._screening import EFFECTIVE_SAMPLES, Problem, Rivals, Screen, Screened
-from ._structures import in_words, structures
+from ._structures import WORDS, in_words, kind_of, structures
 
 Log = Experiment | str | os.PathLike[str]
 
@@ -35,8 +35,11 @@ MAX_CORRELATION = 0.999
 MIN_RANGE = 4.0
 # Structures matched in one batch, and structures that are judged on held-out blocks.
 BATCH, JUDGED = 16, 24
-# Of the best and of the simplest structures so many are also tried in a room that drifts.
-DRIFTING = 8
+# Of the best and of the simplest structures so many are also tried with a drift of the room, and
+# with a delay.
+VARIED = 8
+# They stay if the logarithm of their probability gains at least this.
+MIN_GAIN = 2.0
 # The first and the last origin of a held-out block, as fractions of the recording, and how many.
 FIRST_ORIGIN, LAST_ORIGIN, ORIGINS = 0.35, 0.8, 4
 # After the first change of the last input an origin leaves this fraction to learn from.
@@ -103,8 +106,7 @@ def identify(
     family = Family.of(first_log, firsts, room, _has_levels(experiments))
     spread = np.nanstd(np.concatenate([log.temperatures for log in logs]), axis=0)
     floor = np.maximum(RELATIVE_FLOOR * spread, FLOOR)
-    screen = Screen(family, logs, floor)
-    matched = _screened(screen, logs, report)
+    screen, matched = _screened(family, logs, floor, report)
     report(f"judging {in_words(matched[0].problem.parts)}")
     origins = _origins(logs)
     judged = _judged(screen, logs, matched[:JUDGED], origins)
@@ -231,28 +233,46 @@ def _first_order(
 
 
 def _screened(
-    screen: Screen, logs: Sequence[ScreenedLog], report: Callable[..., None]
-) -> list[Screened]:
-    """All structures matched to the whole recordings, the most probable first."""
-    several = structures(screen.family)
+    family: Family,
+    logs: Sequence[ScreenedLog],
+    floor: Float[np.ndarray, " channels"],
+    report: Callable[..., None],
+) -> tuple[Screen, list[Screened]]:
+    """All structures matched to the whole recordings, the most probable first, and with what."""
+    several = structures(family)
     known = tuple(np.isfinite(log.temperatures) for log in logs)
+    everything = frozenset(family.choices)
+    screen = Screen(family, logs, floor, everything - {DELAY})
     ends: list[Screened] = []
     for place in range(0, len(several), BATCH):
         batch = several[place : place + BATCH]
         report(f"{in_words(batch[0])} and {len(batch) - 1} more", place, len(several))
         ends += screen.match([Problem(parts, known, {}) for parts in batch])
-    ends = sorted((end for end in ends if np.isfinite(end.cost)), key=lambda end: end.cost)
+    ends = _most_probable(ends)
     if not ends:
         raise MatchError("identify: expected a structure with finite temperatures, got none")
-    if "drift 1" in screen.family.choices:
-        report("a room that drifts", len(several), len(several))
-        chosen = [
-            *ends[:DRIFTING],
-            *(end for end in ends[DRIFTING:] if end.problem.parts in several[:DRIFTING]),
-        ]
-        drifting = [Problem(end.problem.parts | {"drift 1"}, known, end.values) for end in chosen]
-        ends += [end for end in screen.match(drifting) if np.isfinite(end.cost)]
-    return sorted(ends, key=lambda end: end.cost)
+    simplest = [end for end in ends[VARIED:] if end.problem.parts in several[:VARIED]]
+    delayed = Screen(family, logs, floor, everything)
+    better: list[Screened] = []
+    for part, of_part in ((DRIFT_OF_ROOM, screen), (DELAY, delayed)):
+        if part not in family.choices:
+            continue
+        report(f"the best ones and {WORDS[kind_of(part)]}", len(several), len(several))
+        bases = [*ends[:VARIED], *simplest]
+        varied = of_part.match(
+            [Problem(end.problem.parts | {part}, known, end.values) for end in bases]
+        )
+        gains = [base.cost - end.cost for base, end in zip(bases, varied, strict=True)]
+        better += [end for end, gain in zip(varied, gains, strict=True) if gain > MIN_GAIN]
+    ends = _most_probable([*ends, *better])
+    if any(DELAY in end.problem.parts for end in ends[:JUDGED]):
+        return delayed, ends
+    # Without draws that differ in a delay runs are shorter.
+    return screen, [end for end in ends if DELAY not in end.problem.parts]
+
+
+def _most_probable(ends: Sequence[Screened]) -> list[Screened]:
+    return sorted((end for end in ends if np.isfinite(end.cost)), key=lambda end: end.cost)
 
 
 def _origins(logs: Sequence[ScreenedLog]) -> list[float]:

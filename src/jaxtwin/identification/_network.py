@@ -43,8 +43,12 @@ LOSS_SPREAD, CAPACITANCE_SPREAD, HIDDEN_SPREAD, LINK_SPREAD = 0.7, 1.0, 1.3, 1.5
 # Of the drift of a room that was not recorded, K/h, if the log is short, and over all of it, K.
 DRIFT_SPREAD, LONG_DRIFT_SPREAD = 1.0, 2.0
 
-# The parameters of the room, which a network without them has too.
+# A delay is tried if that of a first-order system is longer, samples.
+MIN_DELAY = 2.0
+
+# The parameters of the room, and parts that are tried beside the best networks only.
 ROOM, DRIFT = "T_room", "drift_room"
+DRIFT_OF_ROOM, DELAY = "drift 1", "delay 1"
 
 # Of the temperature at the start: of a place, which its sensor reads, and of what is hidden in a
 # rig that begins hot, K.
@@ -99,7 +103,7 @@ class Part:
     - `unknowns`: its parameters.
     - `bodies`, `links`: its tables in the rig file.
     - `channel`, `actuator`: its keys in the table of the channel or the cell or heater of its
-      number. `ambient`: in the table of the room.
+      number. `ambient`, `driver`: in those tables.
     """
 
     name: str
@@ -109,6 +113,7 @@ class Part:
     channel: Table = field(default_factory=dict)
     actuator: Table = field(default_factory=dict)
     ambient: Table = field(default_factory=dict)
+    driver: Table = field(default_factory=dict)
 
     @property
     def number(self) -> int:
@@ -219,7 +224,12 @@ class Family:
         if experiment.ambient is None:
             spread = min(DRIFT_SPREAD, LONG_DRIFT_SPREAD / (experiment.duration / 3600))
             drift = Unknown(DRIFT, "K/h", "drift of the room", 0.0, spread, 0.0, is_positive=False)
-            parts.append(Part("drift 1", (drift,), ambient={"drift": DRIFT}))
+            parts.append(Part(DRIFT_OF_ROOM, (drift,), ambient={"drift": DRIFT}))
+        delay = float(np.median([first.delay for first in firsts]))
+        is_constant = experiment.ambient is None or np.ptp(experiment.ambient) == 0
+        # C runs no draws that differ in a delay through a room that changes.
+        if is_constant and delay > MIN_DELAY * log.sample_time:
+            parts.append(_delay(delay, log.sample_time))
         for place, (scale, start) in enumerate(zip(scales, starts, strict=True), 1):
             parts += _parts_of_place(place, scale, expected[0], start)
         for number, place in enumerate(heated, 1):
@@ -292,7 +302,7 @@ class Family:
             "ambient": {"temperature": ROOM, **ambient},
             "sensors": {"noise": "0.1 K"},
             "channels": channels,
-            **self._driver(),
+            **self._driver(parts),
             "cells": [actuators[number] for number in self.cells],
             "heaters": [row for number, row in enumerate(actuators) if number not in self.cells],
             "bodies": [body for part in parts for body in part.bodies],
@@ -301,13 +311,15 @@ class Family:
             "parameters": {row.name: _parameter(row, (values or {}).get(row.name)) for row in rows},
         }
 
-    def _driver(self) -> Table:
-        """The table of the driver, which only cells need."""
-        if not self.cells:
-            return {}
-        driver = {"supply_voltage": f"{CELL_VOLTAGE:g} V", "on_resistance": "0.1 ohm"}
-        driver |= {"counts": 255, "polarity": self.polarity, "averaging": "on-off"}
-        return {"driver": driver}
+    def _driver(self, parts: Sequence[Part]) -> Table:
+        """The table of the driver, which only cells and delays need."""
+        driver: Table = {}
+        if self.cells:
+            driver |= {"supply_voltage": f"{CELL_VOLTAGE:g} V", "on_resistance": "0.1 ohm"}
+            driver |= {"counts": 255, "polarity": self.polarity, "averaging": "on-off"}
+        for part in parts:
+            driver |= part.driver
+        return {"driver": driver} if driver else {}
 
     def _chosen(self, names: Set[str]) -> list[Part]:
         return [part for part in self.parts if not part.name or part.name in names]
@@ -496,6 +508,13 @@ def _link(a: int, b: int, resistance: float) -> Part:
     )
     link = {"resistance": name, "between": [f"block_{a}-block_{b}"]}
     return Part(f"link {a} {b}", (row,), links=(link,))
+
+
+def _delay(first_order: float, sample_time: float) -> Part:
+    """A delay of what the heaters and cells do, expected to be some part of that of a first-order
+    system, which stands for hidden bodies too."""
+    row = Unknown("t_delay", "s", "delay of the drive", first_order / 2, 0.7, sample_time / 100)
+    return Part(DELAY, (row,), driver={"lag": f"{sample_time / 20:.4g} s", "delay": "t_delay"})
 
 
 def _board(scales: Sequence[Scale], room: float, start: float) -> Part:

@@ -121,15 +121,19 @@ class Screen:
     - `family`: the networks.
     - `logs`: the recordings.
     - `floor`: the smallest error of each channel that counts, K.
+    - `parts`: which the networks may have.
     """
 
     def __init__(
-        self, family: Family, logs: Sequence[ScreenedLog], floor: Float[np.ndarray, " channels"]
+        self,
+        family: Family,
+        logs: Sequence[ScreenedLog],
+        floor: Float[np.ndarray, " channels"],
+        parts: Set[str],
     ):
         self.family, self.logs, self.floor = family, tuple(logs), floor
-        everything = frozenset(family.choices)
-        self.unknowns = {row.name: row for row in family.unknowns(everything)}
-        self.twin = Twin(rig_from_tables(family.tables(everything), "the log"))
+        self.unknowns = {row.name: row for row in family.unknowns(parts)}
+        self.twin = Twin(rig_from_tables(family.tables(parts), "the log"))
 
     def keys(self, parts: Set[str]) -> list[Key]:
         """The unknowns of a network."""

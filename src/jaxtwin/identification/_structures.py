@@ -29,6 +29,7 @@ WORDS = {
     "power law": "heat as a power of the drive",
     "link": "links between the places",
     "drift": "a room that drifts",
+    "delay": "a delay",
 }
 
 
