@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NoReturn
 
-import jax
 import numpy as np
 import pydantic
 from jaxtyping import Float
@@ -408,14 +407,14 @@ def _recordings(
 def _comparison(fit: Fit, number: int, twin: Twin, experiment: Experiment) -> Comparison:
     solution = solution_of(fit)
     problem, noise_model = solution.problem, solution.noise_model
-    run = simulate(twin, experiment, initial=problem.initial)
-    count = shapes_needed(problem, noise_model)
-    weights = recording_weights(problem, noise_model, number, count)
-    with jax.enable_x64(True):
+    error = np.zeros(len(experiment.time))
+    if problem.common_error is not None:
+        run = simulate(twin, experiment, initial=problem.initial)
+        count = shapes_needed(problem, noise_model)
+        weights = recording_weights(problem, noise_model, number, count)
         # Missing samples have no weight.
         difference = np.nan_to_num(run.temperatures - np.asarray(experiment.temperatures))
-        sizes = weights.split(np.asarray(difference)).sizes
-        error = np.asarray(weights.shapes) @ np.asarray(sizes)
+        error = np.asarray(weights.shapes) @ np.asarray(weights.split(difference).sizes)
     camera = CameraError(noise_model.events[number], error)
     return Comparison(twin, experiment, problem.initial, camera)
 
