@@ -57,8 +57,11 @@ NOTICE = Finding("changed", "R_E differs by +3 %", "R_E", severity="notice")
         ({"findings": (OVER,)}, "notice", "Over: T1 is 2 K above what is expected"),
         ({"findings": (OVER,), "faults": {"T1": "open"}}, "warning", "A channel has failed"),
         ({"findings": (OVER,), "cause": LOOSE}, "warning", "Contact of P1 2.5 times what it was"),
-        ({"findings": (ALARM,), "acknowledged": 60 * SECOND}, "notice",
-         "T1 is 2 K above what is expected"),
+        (
+            {"findings": (ALARM,), "acknowledged": 60 * SECOND},
+            "notice",
+            "T1 is 2 K above what is expected",
+        ),
         ({"faults": {"T1": "open"}}, "warning", "A channel has failed"),
         ({"problem": "disk"}, "warning", "The server has a problem"),
         ({"silent": 4.0}, "warning", "The controller is silent"),
@@ -165,6 +168,13 @@ def test_what_comes_is_the_largest_change_or_the_limit(
     assert "expected" in found.text
 
 
+def test_the_forecast_of_a_twin_that_does_not_explain_the_rig_is_not_green() -> None:
+    for changes in ({"findings": (ALARM,)}, {"cause": LOOSE}):
+        found = what_comes(GOOD._replace(**changes))
+        assert (found.level, found.text[:32]) == ("notice", "By a twin that does not explain ")
+    assert what_comes(GOOD._replace(findings=(OVER,))).level == "good"
+
+
 def test_there_is_no_forecast_from_old_readings() -> None:
     for changes in ({"age": 10.0}, {"later": None}, {"ended": True}):
         assert what_comes(GOOD._replace(**changes)).level == "unknown"
@@ -180,10 +190,7 @@ def test_a_link_that_never_greets_is_named_with_the_reason() -> None:
 def test_a_sure_cause_is_the_headline_with_its_size_and_clock_time() -> None:
     found = is_rig_well(GOOD._replace(findings=(ALARM, ALARM), cause=LOOSE))
     assert (found.head, found.since) == ("Contact of P1 2.5 times what it was", 50.0)
-    assert found.text == (
-        "Estimate, 98 %. The twin does not know it yet. T1 is 2 K above what is expected. "
-        "1 more finding."
-    )
+    assert found.text == "Estimate, 98 %, of 2 findings. The twin does not know it yet."
 
 
 def test_what_may_be_the_cause_stands_below_the_finding() -> None:

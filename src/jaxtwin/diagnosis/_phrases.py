@@ -4,8 +4,8 @@ import math
 
 from .._number_text import short_number
 
-# The model of a fault -> what it means, with its size: as a multiple of the healthy one (`times`, or
-# `percent` of it), as a share in per cent, or in the unit of people.
+# The model of a fault -> what it means, with its size: as a multiple of the healthy one (`times`,
+# or `percent` of it), as a share in per cent, or in a usual unit.
 PHRASES = {
     "loosen": "contact of {part} {times} times what it was",
     "age": "electrical resistance of {part} {times} times what it was",

@@ -148,7 +148,7 @@ class Page:
         self._beside = beside
         self._follower = beside.monitor.follower
         self._observed = self._error = self._surprise = self._time = 0.0
-        # Of the last minutes: time of the rig, readings, those within their band, sum of its widths.
+        # Of the last minutes: time of the rig, readings, those in their band, sum of its widths.
         self._compared: deque[tuple[float, int, int, float]] = deque()
         self._outlook: Outlook | None = None
         self._reading: Reading | None = None  # which is not shown yet

@@ -139,12 +139,7 @@ def is_rig_well(now: Situation) -> Sentence:
     if new or now.findings:
         # Over, known, or no alarm.
         return _found(now, new or now.findings, "notice")
-    text = "Nothing reads a temperature."
-    if hottest is not None:
-        name, value = hottest
-        count = len(now.channels)
-        text = f"The hottest of {count} is {name}, " if count > 1 else f"{name} is "
-        text = f"{text}at {value:.1f} °C."
+    text = "Nothing has been found, and every link is live."
     return Sentence("good", "The rig is well", text)
 
 
@@ -157,8 +152,11 @@ def is_twin_right(now: Situation) -> Sentence:
         return Sentence("unknown", "The twin is finding the rig", f"Ready in {left:.0f} s.")
     share = f"{100 * now.within:.0f} % of the readings of the last {_minutes(now.compared)}"
     share = f"{share} are within ±{now.band:.2g} K of what it expected; 95 % are usual."
-    if any(finding.is_alarm and finding.until is None for finding in now.findings):
-        return Sentence("warning", "The twin does not explain the rig", share)
+    alarms = [finding for finding in now.findings if finding.is_alarm and finding.until is None]
+    if alarms:
+        # An observer follows what it cannot explain: its readings are in the band all the same.
+        detail = _capital(_largest(alarms).detail)
+        return Sentence("warning", "The twin does not explain the rig", f"{detail}.")
     if now.cause:
         return Sentence("notice", "The twin does not know what changed", share)
     notices = [finding for finding in now.findings if not finding.is_alarm]
@@ -173,6 +171,10 @@ def what_comes(now: Situation) -> Sentence:
     """What is about to happen in the next minute, by the twin."""
     if now.later is None or now.ended or now.age is None or now.age > OLD_SECONDS:
         return Sentence("unknown", "No forecast", "A forecast needs readings.")
+    if now.cause or any(one.is_alarm and one.until is None for one in now.findings):
+        level, by = "notice", "By a twin that does not explain the rig: "
+    else:
+        level, by = "good", ""
     mean, half = now.later.mean, QUANTILE_975 * now.later.spread
     highest = int(np.argmax(mean + half))
     if now.limit is not None and mean[highest] + half[highest] > now.limit:
@@ -181,24 +183,24 @@ def what_comes(now: Situation) -> Sentence:
     change = np.where(np.isfinite(now.readings), mean - now.readings, 0.0)
     most = int(np.argmax(np.abs(change)))
     if abs(change[most]) <= max(STEADY_KELVIN, float(half[most])):
-        return Sentence("good", "Steady for the next minute", f"{_forecast(now, highest)}.")
+        return Sentence(level, "Steady for the next minute", f"{by}{_forecast(now, highest)}.")
     word = "Warming" if change[most] > 0 else "Cooling"
-    text = f"{_forecast(now, most)}; now {now.readings[most]:.1f} °C."
-    return Sentence("good", f"{word} by {abs(change[most]):.1f} K in a minute", text)
+    text = f"{by}{_forecast(now, most)}; now {now.readings[most]:.1f} °C."
+    return Sentence(level, f"{word} by {abs(change[most]):.1f} K in a minute", text)
 
 
 def _found(now: Situation, findings: Sequence[Finding], level: Level) -> Sentence:
     """What has been found: its reason if that is known, or else the finding that says most."""
-    # What is said of a single part says more than what is said of all together.
-    largest = max(findings, key=lambda one: (one.until is None, bool(one.channel), abs(one.size or 0.0)))
+    largest = _largest(findings)
     detail, more = _capital(largest.detail), len(findings) - 1
     others = f" {more} more finding{'s' if more > 1 else ''}." if more else ""
     if now.cause and _sure(now):
-        text = f"Estimate, {100 * now.cause.probability:.0f} %. The twin does not know it yet. "
+        sure = f"{100 * now.cause.probability:.0f} %"
+        count = f"{more + 1} finding{'s' if more else ''}"
         return Sentence(
             level,
             _capital(now.cause.phrase),
-            f"{text}{detail}.{others}",
+            f"Estimate, {sure}, of {count}. The twin does not know it yet.",
             now.cause.since,
             now.cause.until,
         )
@@ -210,8 +212,17 @@ def _found(now: Situation, findings: Sequence[Finding], level: Level) -> Sentenc
         text = "A diagnosis follows." if now.is_awaited else "Nobody knows why."
     text = text if largest.is_alarm else "It is no alarm."
     return Sentence(
-        level, detail if until is None else f"Over: {largest.detail}", f"{text}{others}", since, until
+        level,
+        detail if until is None else f"Over: {largest.detail}",
+        f"{text}{others}",
+        since,
+        until,
     )
+
+
+def _largest(findings: Sequence[Finding]) -> Finding:
+    """That of a single part, which says more than what is said of all together."""
+    return max(findings, key=lambda one: (one.until is None, bool(one.channel), abs(one.size or 0)))
 
 
 def _sure(now: Situation) -> bool:
