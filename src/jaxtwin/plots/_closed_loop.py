@@ -15,6 +15,7 @@ from ..control import MEASURES, ClosedLoopRun, Frontier, Tuning
 from ..retuning import Retuned
 from ._panels import title_aside
 from ._style import color_of, line_of, palette, points, rim, styled, unit_text
+from ._time_axis import time_axis
 
 
 @styled
@@ -64,7 +65,7 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
         power.plot(time, run.power.sum(axis=1), color=palette().ink, lw=1.2, label="all cells")
         power.legend(**above_right)
     power.set_ylabel("power, W")
-    power.set_xlabel("time, s")
+    time_axis(power, time)
     power.set_xlim(time[0], time[-1])
     return figure
 

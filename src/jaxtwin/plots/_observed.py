@@ -12,6 +12,7 @@ from ..observers import Estimate, Observed
 from ._panels import legend_beside, title_aside
 from ._recordings import joined_samples
 from ._style import color_of, palette, points, styled
+from ._time_axis import time_axis
 
 # The largest lag of the autocorrelations, samples.
 LAGS = 40
@@ -61,7 +62,8 @@ def plot_observed(observed: Observed) -> Figure:
         _band(grid[2], observed, estimates.heat(cell), color, cell)
     grid[2].set(ylabel="unexplained heat, W")
     _band(grid[3], observed, estimates.room, palette().vermilion, "room")
-    grid[3].set(ylabel="room, °C", xlabel="time, s", xlim=(observed.time[0], observed.time[-1]))
+    grid[3].set(ylabel="room, °C", xlim=(observed.time[0], observed.time[-1]))
+    time_axis(grid[3], observed.time, observed.experiment.start)
     for axes in grid:
         legend_beside(axes)
     return figure
