@@ -154,7 +154,7 @@ def test_the_twin_is_right_if_it_expects_readings_as_well_as_it_says(
     ("mean", "level", "head"),
     [
         ([30.05, 31.0], "good", "Steady for the next minute"),
-        ([33.0, 31.0], "good", "Warming by 3.0 K in a minute"),
+        ([33.0, 31.0], "good", "T1 warming by 3.0 K in a minute"),  # T2 is the hottest
         ([30.0, 29.0], "good", "Cooling by 2.0 K in a minute"),
         ([79.9, 31.0], "warning", "The limit is near"),
     ],

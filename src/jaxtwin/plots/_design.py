@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from ..diagnosis._diagnosis import TIE
 from ..experiment_design import DiagnosisDesign, ExperimentDesign
+from ._panels import legend_below
 from ._style import color_of, line_of, palette, styled, symbol
 from ._time_axis import time_axis
 
@@ -51,7 +52,7 @@ def _draw_odds(axes: Axes, design: DiagnosisDesign) -> None:
     first, second = design.best.hardest
     axes.set(ylabel="logarithm of the odds", title=f"{first} or {second}?")
     time_axis(axes, design.best.time)
-    axes.legend(loc="best")
+    legend_below(axes)
 
 
 def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> None:
@@ -69,7 +70,7 @@ def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> No
     axes.set(ylabel="duty cycle", title="designed schedule")
     time_axis(axes, planned.time)
     if planned.n_cells > 1:
-        axes.legend(loc="best")
+        legend_below(axes)
 
 
 def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
@@ -102,4 +103,4 @@ def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
     axes.set_yticks(rows, names)
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set(xlabel="standard error, % of today's", title="what is gained")
-    axes.legend(loc="best")
+    legend_below(axes)

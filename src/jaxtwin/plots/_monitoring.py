@@ -16,6 +16,7 @@ from .._number_text import short_number
 from ..diagnosis import Diagnosis, Isolability
 from ..diagnosis._diagnosis import HEALTHY, NONE_OF_THESE
 from ..monitoring import Monitored
+from ..monitoring._together import events
 from ..observers import Observed
 from ..prognostics import Health, ParameterHealth
 from ._panels import legend_beside, panel_grid, title_aside
@@ -60,6 +61,10 @@ def plot_monitored(monitored: Monitored) -> Figure:
     figure = pyplot.figure(figsize=(9.6, 4.8 + height), layout="constrained")
     grid = figure.subplots(3, 1, sharex=True, height_ratios=(2.6, height, 1.6))
     draw_readings(grid[0], monitored.observed)
+    if monitored.findings:
+        (first, *others), *later = events(monitored.findings)
+        more = len(others) + sum(map(len, later))
+        title_aside(grid[0], f"{first.detail}{f'; {more} more findings' if more else ''}")
     _timeline(grid[1], monitored, rows)
     _scores(grid[2], monitored)
     grid[2].set_xlim(monitored.time[0], monitored.time[-1])

@@ -1,6 +1,7 @@
 """A scripted story on a virtual rig: steps, a contact that comes loose, the finding, the diagnosis,
 the refit, the promotion, and a rig that is well again with a twin that knows it."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import final
@@ -59,7 +60,8 @@ def demo_rig() -> Rig:
         module="TEC1-12706", places=[CellPlace("3 cm", "2 cm"), CellPlace("9 cm", "2 cm")],
         zones=(6, 2),
     )  # fmt: skip
-    return parse_rig(text.encode(), "the rig of the demo")
+    titled = re.sub("^title = .*$", 'title = "A plate of two cells"', text, flags=re.MULTILINE)
+    return parse_rig(titled.encode(), "the rig of the demo")
 
 
 def demo_faults() -> Faults:

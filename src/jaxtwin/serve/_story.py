@@ -184,7 +184,10 @@ def what_comes(now: Situation) -> Sentence:
     most = int(np.argmax(np.abs(change)))
     if abs(change[most]) <= max(STEADY_KELVIN, float(half[most])):
         return Sentence(level, "Steady for the next minute", f"{by}{_forecast(now, highest)}.")
-    word = "Warming" if change[most] > 0 else "Cooling"
+    word = "warming" if change[most] > 0 else "cooling"
+    hottest = _hottest(now)
+    is_other = hottest is not None and hottest[0] != now.channels[most]
+    word = f"{now.channels[most]} {word}" if is_other else word.capitalize()
     text = f"{by}{_forecast(now, most)}; now {now.readings[most]:.1f} °C."
     return Sentence(level, f"{word} by {abs(change[most]):.1f} K in a minute", text)
 

@@ -132,7 +132,8 @@ class View {
       part("unseen", "What nothing measures (estimates)", unseen));
     this.right = make("div", { class: "column right" },
       part("channels", "Channels", this.spanChoice, legend, this.chartBox), this.parametersPart);
-    this.bottom = make("div", { class: "bottom" }, this.twinsPart, part("log", "Log", this.lines));
+    this.bottom = make("div", { class: "bottom" },
+      make("div", { class: "column" }, this.twinsPart, part("log", "Log", this.lines)));
     this.root.replaceChildren(
       story, this.spokenText,
       make("div", { class: "parts" },
