@@ -120,7 +120,7 @@ def draw_bands(
     for axes in list(grid.flat)[count:]:
         axes.set_axis_off()
     for axes in grid[-1]:
-        time_axis(axes, time, ticks=3)
+        time_axis(axes, time)
     for axes in grid[:, 0]:
         axes.set_ylabel("temperature, °C")
     grid[0, 0].set_xlim(time[0], time[-1])

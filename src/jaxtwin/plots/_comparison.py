@@ -79,7 +79,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
             textcoords="offset points", color=palette().muted, fontsize=points(9),
         )  # fmt: skip
     for axes in grid[-1]:
-        time_axis(axes, np.concatenate([run.time for run in runs]), _start(runs), ticks=3)
+        time_axis(axes, np.concatenate([run.time for run in runs]), _start(runs))
     grid[0, 0].set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
     mean = mean_fit_percent(value for fit in fits for value in fit.values())
     figure.legend(

@@ -56,7 +56,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
             duty = 100 * experiment.duty[:, cells[0]]
             axes[-1].step(experiment.time, duty, where="post", lw=1.4, color=color, ls=dashes)
         axes[-1].set_xlim(experiment.time[0], experiment.time[-1])
-        time_axis(axes[-1], experiment.time, experiment.start, ticks=5)
+        time_axis(axes[-1], experiment.time, experiment.start)
     if has_temperatures:
         grid[0, 0].set_ylabel("temperature, °C")
     grid[-1, 0].set_ylabel("duty, %")

@@ -22,12 +22,14 @@ STEPS = (
 )
 
 
+# The largest number of ticks.
+MAX_TICKS = 6
+
+
 def time_axis(
     axes: Axes,
     time: Float[np.ndarray, " times"],
     start: datetime | None = None,
-    *,
-    ticks: int = 6,
 ) -> None:
     """Labels the x axis of axes whose unit is a second.
 
@@ -35,16 +37,15 @@ def time_axis(
 
     - `time`: the times that are drawn, s, of which the first and the last count.
     - `start`: the clock time at 0 s; None: it is not known.
-    - `ticks`: the number of ticks, about.
     """
     first, last = float(np.min(time)), float(np.max(time))
     if start is not None:
-        axes.xaxis.set_major_locator(_Ticks(ticks, start))
+        axes.xaxis.set_major_locator(_Ticks(start))
         axes.xaxis.set_major_formatter(FuncFormatter(_Clock(axes, start)))
         axes.set_xlabel(_date(start, first, last))
         return
     unit, name = next((unit, name) for longest, unit, name in UNITS if last - first <= longest)
-    axes.xaxis.set_major_locator(_Ticks(ticks, None, unit))
+    axes.xaxis.set_major_locator(_Ticks(None, unit))
     axes.xaxis.set_major_formatter(FuncFormatter(_Elapsed(unit)))
     axes.set_xlabel(f"time, {name}")
 
@@ -76,8 +77,8 @@ class _Clock(NamedTuple):
 class _Ticks(Locator):
     """Ticks at round numbers of a unit, or at round times of a clock."""
 
-    def __init__(self, count: int, start: datetime | None, unit: float = 1.0):
-        self._count, self._unit = count, unit
+    def __init__(self, start: datetime | None, unit: float = 1.0):
+        self._unit = unit
         # The seconds of the clock at 0 s, counted from a midnight.
         midnight = start and start.replace(hour=0, minute=0, second=0, microsecond=0)
         self._zero = None if start is None else (start - (midnight or start)).total_seconds()
@@ -87,7 +88,9 @@ class _Ticks(Locator):
         return self.tick_values(*sorted(self.axis.get_view_interval()))
 
     def tick_values(self, vmin: float, vmax: float) -> Float[np.ndarray, " ticks"]:
-        least = (vmax - vmin) / self._count
+        # As many as have room for their texts.
+        room = MAX_TICKS if self.axis is None else int(0.8 * self.axis.get_tick_space())
+        least = (vmax - vmin) / min(max(room, 2), MAX_TICKS)
         zero = self._zero or 0.0
         if self._zero is None:
             power = 10.0 ** np.floor(np.log10(least / self._unit)) * self._unit

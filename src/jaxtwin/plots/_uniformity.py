@@ -58,7 +58,7 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
             title_aside(axes, f"mean {means[0]:.2f} K, twin {means[1]:.2f} K")
         column[0].set_title(run.experiment.name or "recording")
         column[1].set_xlim(run.time[0], run.time[-1])
-        time_axis(column[1], run.time, run.experiment.start, ticks=4)
+        time_axis(column[1], run.time, run.experiment.start)
     for axes in grid[:, 0]:
         axes.set_ylim(bottom=0)  # fixes the limits of the whole row
     grid[0, 0].set_ylabel("highest − lowest, K")
