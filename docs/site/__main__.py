@@ -23,7 +23,8 @@ def main() -> None:
     reference = pages / "reference"
     reference.mkdir(parents=True)
     Pages(CHECKOUT, pages).write()
-    shutil.copy(HERE / "style.css", pages)
+    for name in ("style.css", "landmarks.js"):
+        shutil.copy(HERE / name, pages)
     mathml.copy_font(pages)
     command_line.write(reference / "command-line.md")
     rig_file.write(reference / "rig-file.md")

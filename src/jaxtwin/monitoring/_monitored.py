@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from jaxtyping import Float
 
-from .._display import html_table
+from .._display import html_table, picture
 from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
 from ..io import Experiment
@@ -23,6 +23,7 @@ from ._together import events, together
 if TYPE_CHECKING:
     import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 # A logarithm of a rate that is less certain than this, a factor of 1000, is not known.
 MAX_SPREAD = 7.0
@@ -140,6 +141,13 @@ class Monitored:
             more = f"; {len(others)} more finding{'s'[: len(others) > 1]}" if others else ""
             lines.append(f"  {since:.0f} s to {until}: {first.kind}: {first.detail}{sure}{more}")
         return "\n".join(lines)
+
+    def plot(self) -> "Figure":
+        """Draws the readings, the findings as a timeline below them, and the scores.
+
+        **Returns:** the figure.
+        """
+        return picture("plot_monitored", self)
 
     def __repr__(self) -> str:
         name = self.experiment.name or "a recording"
