@@ -168,6 +168,12 @@ def test_what_comes_is_the_largest_change_or_the_limit(
     assert "expected" in found.text
 
 
+def test_a_finding_is_named_beside_whatever_is_worse() -> None:
+    found = is_rig_well(GOOD._replace(findings=(OVER,), trip="watchdog"))
+    assert found.head == "The device has switched off"
+    assert found.text.endswith("Also: Over: T1 is 2 K above what is expected.")
+
+
 def test_the_forecast_of_a_twin_that_does_not_explain_the_rig_is_not_green() -> None:
     for changes in ({"findings": (ALARM,)}, {"cause": LOOSE}):
         found = what_comes(GOOD._replace(**changes))

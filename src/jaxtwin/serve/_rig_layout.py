@@ -20,7 +20,7 @@ def rig_layout(twin: Twin) -> dict[str, Any]:
     **Returns:** `rig`, `title`; `channels`, each with `name` and `zones` (left, right, top, bottom,
     m); `driven`, each with `name`, `lowest` duty and `outline` (corners x, y, m); `plate`, with
     `columns` and `rows`, the edges of its elements, m, or None; `network`, that of a rig without a
-    plate, or None; `limit`, degC, or None; `nodes`, the names of the nodes that are not elements of
+    plate of several elements, or None; `limit`, degC, or None; `nodes`, the names of the nodes that are not elements of
     the plate.
     """
     rig = twin.rig
@@ -44,9 +44,9 @@ def rig_layout(twin: Twin) -> dict[str, Any]:
             for name in rig.driven
         ],
         "plate": {"columns": _rounded(plate.column_edges), "rows": _rounded(plate.row_edges)}
-        if rig.has_plate
+        if len(elements) > 1  # a single one would be a square of one colour
         else None,
-        "network": None if rig.has_plate else _network(twin),
+        "network": None if len(elements) > 1 else _network(twin),
         "limit": None if limit is None else round(limit - ZERO_CELSIUS, 2),
         "nodes": [node.name for node in twin.netlist.nodes if node.name not in elements],
     }
@@ -56,7 +56,7 @@ def _network(twin: Twin) -> dict[str, Any]:
     """The drawing of a network: `size`, its columns and rows; `nodes`, each with `name`, `column`,
     `row`, the `channels` that read it and the `driven` parts that heat it, whether it loses heat
     to the surroundings, and the temperature at which it is `held`, degC, or None; `links`, the
-    pairs of their names."""
+    pairs of their names; `elements`, the names of those that are elements of the plate."""
     rig, netlist = twin.rig, twin.netlist
     layout = network_layout(netlist)
     held = {
@@ -82,6 +82,7 @@ def _network(twin: Twin) -> dict[str, Any]:
             for name, (column, row) in layout.places.items()
         ],
         "links": list(layout.links),
+        "elements": list(rig.plate.element_names),
     }
 
 

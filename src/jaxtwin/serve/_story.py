@@ -108,6 +108,14 @@ class Situation(NamedTuple):
 
 def is_rig_well(now: Situation) -> Sentence:
     """Whether the rig is well; the worst comes first. It is well if nothing else is to be said."""
+    worst = _worst(now)
+    if not (new := [finding for finding in now.findings if now.is_new(finding)]):
+        return worst
+    head = _found(now, new, "notice").head
+    return worst if head == worst.head else worst._replace(text=f"{worst.text} Also: {head}.")
+
+
+def _worst(now: Situation) -> Sentence:
     if now.ended:
         return Sentence("unknown", "The recording is over", "What is shown are its last readings.")
     if now.still_on:

@@ -43,8 +43,9 @@ export class Network {
   draw() {
     const { now, ahead, layout } = this;
     if (!now || !ahead) return;
-    const at = (name, values) => values[layout.nodes.indexOf(name)] ?? null;
-    const values = layout.network.nodes.map(({ name, held }) => held ?? at(name, ahead.nodes));
+    const names = [...layout.network.elements, ...layout.nodes];
+    const at = (name, ...values) => values.flat()[names.indexOf(name)] ?? null;
+    const values = layout.network.nodes.map(({ name, held }) => held ?? at(name, ahead.elements, ahead.nodes));
     const known = values.filter((value) => value !== null);
     const middle = (Math.max(...known) + Math.min(...known)) / 2;
     const range = Math.max(Math.max(...known) - Math.min(...known), MIN_RANGE);
@@ -54,7 +55,7 @@ export class Network {
       box.style.setProperty("--fill", cssColour(colour));
       box.style.setProperty("--text", inkOn(colour));
       setText(value, `${numberText(values[k])} °C`);
-      const minute = at(node.name, ahead.nodes_later);
+      const minute = at(node.name, ahead.elements_later, ahead.nodes_later);
       setText(later, node.held !== null ? "held" : `${numberText(minute)} in a minute`);
       setText(reads, node.channels.map((name) => {
         const measured = now.measured[layout.channels.findIndex((channel) => channel.name === name)];

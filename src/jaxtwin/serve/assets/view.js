@@ -106,7 +106,7 @@ class View {
       return [scroll, body];
     };
     const [values, valueRows] = table("Table of values",
-      ["Channel", "Measured", "Expected", "Difference, K", "In a minute"]);
+      ["Channel", "Measured", "Expected", "Error, K", "In a minute"]);
     const [unseen, unseenRows] = table("Estimates of what nothing measures",
       ["Estimate of", "Now", "± 95 %", "In a minute"]);
     const [findings, findingRows] = table("Table of findings", ["Since", "What", "Size", "Sure"]);
