@@ -20,8 +20,8 @@ def rig_layout(twin: Twin) -> dict[str, Any]:
     **Returns:** `rig`, `title`; `channels`, each with `name` and `zones` (left, right, top, bottom,
     m); `driven`, each with `name`, `lowest` duty and `outline` (corners x, y, m); `plate`, with
     `columns` and `rows`, the edges of its elements, m, or None; `network`, that of a rig without a
-    plate of several elements, or None; `limit`, degC, or None; `nodes`, the names of the nodes that are not elements of
-    the plate.
+    plate of several elements, or None; `limit`, degC, or None; `nodes`, the names of the nodes that
+    are not elements of the plate.
     """
     rig = twin.rig
     plate = rig.plate
