@@ -4,7 +4,7 @@ They are drawn from what comes with jaxtwin, and need no recordings of a rig.
 """
 
 import re
-import tomllib
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +26,6 @@ from jaxtwin.control import (
 )
 from jaxtwin.data import data_folder, synthetic_recordings, synthetic_truth
 from jaxtwin.physics import FAULT_MODELS
-from jaxtwin.rig import rig_from_tables
 
 FOLDER = Path(__file__).parent / "images"
 FREE = ("R_E", "R_pc", "R_Tez", "R_Tfx", "T_amb", "T_start")
@@ -95,7 +94,7 @@ def main() -> None:
         ["final", "plate_range", "energy"],
     )
     pictures: dict[str, Callable[[], object]] = {
-        "netlist": lambda: plots.plot_netlist(plate),
+        "netlist": lambda: plots.plot_netlist(jt.Twin("single-cell")),
         "module": lambda: plots.plot_dc_sweep(plate.module("P1"), T_hot=300.15),
         "recordings": lambda: plots.plot_recordings(experiments),
         "comparison": fit.plot,
@@ -112,7 +111,8 @@ def main() -> None:
         "closed-loop": lambda: plots.plot_closed_loop(loop),
     }
     for name, draw in pictures.items():
-        write(f"gallery/{name}", draw(), dpi=45)
+        is_wide = name in ("comparison", "residuals", "parameters")
+        thumbnail(name, draw, 7.2 if is_wide else 5.0)
     runs, best = warmed(plate)
     write("plate-range", plots.plot_plate_range(runs, best), dpi=80)
     write("plate-seen", plots.plot_plate_seen(plate.rig, best), dpi=80)
@@ -124,16 +124,16 @@ def main() -> None:
     write("rig-design", placed_better().plot(), dpi=80)
     observed = followed()
     write("innovations", observed.plot_innovations(), dpi=80)
-    write("gallery/observed", observed.plot(), dpi=45)
-    write("gallery/ahead", observed.ahead(60.0).plot(), dpi=60)
+    thumbnail("observed", observed.plot)
+    thumbnail("ahead", observed.ahead(60.0).plot)
     write("monitored", watched().plot(), dpi=80)
     write("diagnosis", diagnosed().plot(), dpi=80)
     write("isolability", jt.isolability(jt.Twin("tclab")).plot(), dpi=70)
     write("separation", separated().plot(), dpi=80)
     write("health", aged().plot(), dpi=80)
     for name in WITHOUT_A_PLATE:
-        write(f"gallery/{name}", plots.plot_netlist(jt.Twin(name)), dpi=45)
-        write(f"gallery/{name}-match", matched(name).plot(), dpi=60)
+        thumbnail(name, lambda name=name: plots.plot_netlist(jt.Twin(name)))
+        thumbnail(f"{name}-match", matched(name).plot)
 
 
 def forecast() -> jt.matching.Band:
@@ -193,8 +193,11 @@ def placed_better() -> jt.control.RigDesign:
     text = (data_folder() / "rigs" / "dual-cell.toml").read_text()
     for pattern, replacement in PLACED:
         text = re.sub(f"^{pattern}$", replacement, text, flags=re.MULTILINE)
-    twin = jt.Twin(rig_from_tables(tomllib.loads(text), "dual-cell with placed cells"))
-    return jt.design_rig(twin, 40, limits=(0, 1), further_cells=1, clearance=0.005)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "placed.toml"
+        file.write_text(text)
+        twin = jt.Twin(jt.load_rig(file))
+        return jt.design_rig(twin, 40, limits=(0, 1), further_cells=1, clearance=0.005)
 
 
 def followed() -> jt.observers.Observed:
@@ -290,6 +293,13 @@ def matched(name: str) -> jt.Fit:
     fit = jt.match(twin, recording)
     print(f"{name}: {len(fit.parameters)} parameters, {fit.rmse:.3f} K")
     return fit
+
+
+def thumbnail(name: str, draw: Callable[[], object], width: float = 5.0) -> None:
+    """Writes a picture of the gallery, whose letters can be read where it is as wide as half a
+    page."""
+    with plots.style("paper", width=width):
+        write(f"gallery/{name}", draw(), dpi=round(750 / width))
 
 
 def write(name: str, picture: object, dpi: int) -> None:

@@ -216,7 +216,9 @@ def test_pictures_that_are_wider_than_a_phone_scroll(tmp_path: Path, width: int)
     picture = '<img alt="a" src="a.png" />'
     found = pictures.scrolling(f"<p>{picture}</p>", tmp_path)
     assert found == (
-        f'<p><span class="panels">{picture}</span></p>' if width == 600 else f"<p>{picture}</p>"
+        f'<p><span class="panels" tabindex="0">{picture}</span></p>'
+        if width == 600
+        else f"<p>{picture}</p>"
     )
 
 

@@ -23,7 +23,8 @@ def main() -> None:
     reference = pages / "reference"
     reference.mkdir(parents=True)
     Pages(CHECKOUT, pages).write()
-    shutil.copy(HERE / "style.css", pages)
+    for name in ("style.css", "accessible.js"):
+        shutil.copy(HERE / name, pages)
     mathml.copy_font(pages)
     command_line.write(reference / "command-line.md")
     rig_file.write(reference / "rig-file.md")
@@ -35,6 +36,7 @@ def main() -> None:
     for page in site.rglob("*.html"):
         content = pictures.scrolling(page.read_text(encoding="utf-8"), page.parent)
         content = mathml.rendered(content)
+        content = content.replace("<th></th>", "<td></td>")  # a head without a name is none
         if page.parent == site / "reference":
             content = python.with_links(content)
         content = typography.set_breaks(content)

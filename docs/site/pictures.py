@@ -17,6 +17,10 @@ def scrolling(page: str, folder: Path) -> str:
     def marked(picture: re.Match[str]) -> str:
         header = (folder / picture[1]).read_bytes()[:24]
         (width,) = struct.unpack(">I", header[16:20])
-        return f'<span class="panels">{picture[0]}</span>' if width >= WIDE else picture[0]
+        return (
+            f'<span class="panels" tabindex="0">{picture[0]}</span>'
+            if width >= WIDE
+            else picture[0]
+        )
 
     return _PICTURE.sub(marked, page)

@@ -1,7 +1,7 @@
 """What begins in most channels at once is one finding, and the rest stays as it is."""
 
 from jaxtwin.live.safety._finding import Finding
-from jaxtwin.monitoring._together import together
+from jaxtwin.monitoring._together import events, together
 
 CHANNELS = [f"T{number}" for number in range(1, 16)]
 
@@ -36,3 +36,20 @@ def test_another_kind_at_the_same_time_is_another_finding():
     found = together([*(sudden(name, 450.0) for name in CHANNELS), room], CHANNELS)
     assert [one.kind for one in found] == ["sudden", "implausible"]
     assert found[1] is room
+
+
+def test_findings_that_overlap_are_one_event_told_by_the_most_telling():
+    loose = [
+        Finding("sudden", "T2", "T2", 480, size=-7.9, unit="K", until=873),
+        Finding("sudden", "all", "", 480, size=9.0, unit="K", until=600),
+        Finding("implausible", "H2", "H2", 485, size=20.0, unit="W", until=700),
+    ]
+    later = Finding("frozen", "T1", "T1", 1000, until=None)
+    grouped = events([*loose, later])
+    assert [[one.detail for one in group] for group in grouped] == [["T2", "H2", "all"], ["T1"]]
+
+
+def test_an_event_without_an_end_holds_all_that_follow():
+    first, second = sudden("T1", 10.0, until=None), sudden("T2", 500.0, until=600.0)
+    assert [len(group) for group in events([first, second])] == [2]
+    assert events([]) == []

@@ -24,6 +24,16 @@ def drawn(lines: list[Line2D]) -> list[np.ndarray]:
     return [np.asarray(line.get_ydata(), float) for line in lines]
 
 
+def test_the_legend_of_outputs_that_are_means_of_many_channels_does_not_squeeze_the_axes():
+    """In the notebook on control two halves of seven channels left a fifth of the width."""
+    twin = Twin("dual-cell")
+    halves = [list(twin.channels[:7]), list(twin.channels[7:])]
+    run = simulate_closed_loop(twin, PID(Kp=0.1, Ki=0.001, measured=halves), 25.0, duration=5)
+    figure = plots.plot_closed_loop(run)
+    figure.canvas.draw()
+    assert figure.axes[0].get_position().width > 0.75
+
+
 @pytest.mark.slow
 def test_the_signals_of_a_closed_loop_are_drawn():
     run = simulate_closed_loop(fit().twin, PID(Kp=0.1, Ki=0.001), 25.0, duration=20)

@@ -46,6 +46,15 @@ def test_costs_are_the_mean_squared_errors_of_single_runs(
         assert result.cost[draw, 2] == pytest.approx(cost.mean(), rel=1e-5)
 
 
+def test_channels_are_in_the_order_of_the_rig(
+    twin: Twin, recording: Experiment, result: jt.sensitivity_analysis.Sensitivity
+):
+    turned = recording.select(["TAM", "T11"])
+    found = sensitivity(twin, turned, draws=60, seed=5, names=NAMES)
+    assert found.channels == ("T11", "TAM", "mean")
+    np.testing.assert_allclose(found.cost, result.cost)
+
+
 def test_correlation_is_that_of_costs_and_samples(result: jt.sensitivity_analysis.Sensitivity):
     assert result.channels == ("T11", "TAM", "mean")
     for row in range(3):

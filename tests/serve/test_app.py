@@ -261,15 +261,11 @@ def test_what_was_found_with_the_twin_before_is_over(monkeypatch: pytest.MonkeyP
     )
     log = shown._beside.monitor._log
     monkeypatch.setattr(type(log), "findings", property(lambda self: found if self is log else ()))
-    shown.show_diagnosis(
-        {
-            "state": "done",
-            "causes": [{"explanations": [{"name": "loosen P1", "probability": 1.0}]}],
-        }
-    )
+    best = {"name": "stuck T1", "phrase": "T1 is stuck", "probability": 1.0, "onset": 7.0}
+    shown.show_diagnosis({"state": "done", "causes": [{"until_s": None, "explanations": [best]}]})
     state = read(shown, [30.0, 30.0], 2, state)
     assert [one["until"] is None for one in shown.ring.newest_of("findings")] == [False, True]
-    assert shown.ring.newest_of("story")["rig"]["head"] == "Something had changed"
+    assert shown.ring.newest_of("story")["rig"]["head"] == "T1 is stuck"
     shown.follow(TwinBeside(twin(), "another"))
     read(shown, [30.0, 30.0], 3, state)
     assert [one["until"] is None for one in shown.ring.newest_of("findings")] == [False, False]

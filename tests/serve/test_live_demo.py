@@ -4,18 +4,17 @@ import numpy as np
 from hand_clock import START
 from small_page import SECOND, page, twin
 
-from jaxtwin import load_rig
 from jaxtwin.live import Reading, RigState, StopRequest
-from jaxtwin.serve import Desk
+from jaxtwin.serve import Desk, TwinBeside
 from jaxtwin.serve._desk import DriveOrder, RefitOrder
 from jaxtwin.serve._live_demo import (
     LOOSE_AT,
     REFIT_AFTER,
     REFIT_LENGTH,
-    RIG,
     STEP_SECONDS,
     DemoScript,
     demo_faults,
+    demo_rig,
 )
 
 Orders = list[tuple[int, object]]
@@ -56,8 +55,26 @@ def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
     assert (
         begin > LOOSE_AT + STEP_SECONDS
     )  # a contact that comes loose meanwhile looks like another rig
-    assert next(one.duty for at, one in reversed(drives) if at <= begin) == (0.0,)
+    assert next(one.duty for at, one in reversed(drives) if at <= begin) == (0.0, 0.0)
     assert ["comes loose" in line for line in lines] == [True, False]
+
+
+def test_the_story_ends_when_another_twin_is_right() -> None:
+    shown = page()
+    shown.ring.append("run", {"state": "idle", "duty": [], "text": ""})
+    script, state = DemoScript(Desk(StopRequest()), shown), RigState()
+
+    def lines(level: str) -> str:
+        shown.ring.append("story", {"twin": {"level": level}})
+        reading = Reading("rig", "b", START, 10**6, 1, np.full(2, 23.0), False, None)
+        script.on_record(reading, state)
+        script.on_time(state, START)
+        return " ".join(line["text"] for line in shown.ring.newest_of("log") or [])
+
+    assert "closed" not in lines("good")  # it is the first twin
+    shown.follow(TwinBeside(twin(), "another"))
+    assert "closed" not in lines("unknown")
+    assert "closed" in lines("good")
 
 
 def test_who_stops_the_rig_stops_the_story() -> None:
@@ -68,4 +85,4 @@ def test_who_stops_the_rig_stops_the_story() -> None:
 def test_the_fault_is_one_of_the_rig() -> None:
     (fault,) = demo_faults().rig
     assert (fault.model, fault.time, fault.size) == ("loosen", LOOSE_AT, 3.0)
-    assert fault.part in load_rig(RIG).driven
+    assert fault.part in demo_rig().driven

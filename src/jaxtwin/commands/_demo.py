@@ -60,7 +60,7 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
     from ..live import Guard, connect
     from ..physics import Twin
     from ..serve import Access, Champion, PageServer, TwinBeside, VirtualLink, listening
-    from ..serve._live_demo import RIG, DemoScript, demo_faults, demo_store
+    from ..serve._live_demo import DemoScript, demo_faults, demo_rig, demo_store
     from ..twin_store import TwinVersion
     from ._serve import announce, check_extra
     from ._sources import draws_of, open_twin
@@ -69,8 +69,8 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
     opened = stack.enter_context(contextlib.closing(listening("127.0.0.1", port)))
     at_port = opened.getsockname()[1]
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-    twin = Twin(RIG)
-    rig = twin.rig
+    rig = demo_rig()
+    twin = Twin(rig)
     device = stack.enter_context(VirtualLink(twin, speed=speed, faults=demo_faults()))
 
     def made(version: TwinVersion) -> TwinBeside:
@@ -80,7 +80,7 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
 
     with show_progress() as progress:
         progress.step("matching a first twin to four simulated sessions")
-        store = demo_store(folder, speed)
+        store = demo_store(rig, folder, speed)
         progress.step("starting the observer")
         champion = Champion(store, made)
         beside = made(store.version("champion"))

@@ -12,6 +12,7 @@ from .._display import html_table, picture
 from .._json_values import json_value
 from ..io import Experiment
 from ..observers import Observed
+from ._phrases import phrase_of
 from ._suspects import Suspect
 
 if TYPE_CHECKING:
@@ -52,6 +53,11 @@ class Explanation(NamedTuple):
     def standard_error(self) -> float:
         """A fourth of the band of the size."""
         return (self.upper - self.lower) / 4
+
+    @property
+    def phrase(self) -> str:
+        """It in a few words with its size, such as "contact of P1 2.5 times what it was"."""
+        return phrase_of(self.name, self.size, self.healthy)
 
     @property
     def text(self) -> str:
@@ -269,4 +275,5 @@ class Diagnosis:
 def _plain(one: Explanation) -> dict[str, object]:
     """An explanation for JSON, which has no NaN."""
     keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
-    return {keys.get(key, key): json_value(value) for key, value in one._asdict().items()}
+    result = {keys.get(key, key): json_value(value) for key, value in one._asdict().items()}
+    return {**result, "phrase": one.phrase}

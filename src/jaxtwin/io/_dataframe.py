@@ -1,5 +1,6 @@
 """Recordings as tables of pandas or polars, with the columns of a .csv recording."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,12 +61,12 @@ def experiment_of_dataframe(
                 "from_dataframe: expected a column of times, such as time_s, or time= with its "
                 f"name, got the columns {known}; numbers of rows are no times"
             )
-        columns.append(_column(_times(title), _seconds(index.to_series(), title), rows))
+        columns.append(_times(title, index.to_series(), rows))
     for title in frame.columns:
         series: pandas.Series = frame.loc[:, title]
         meaning = _meaning(title, rig)
         if title == time:
-            columns.append(_column(_times(str(title)), _seconds(series, str(title)), rows))
+            columns.append(_times(str(title), series, rows))
         elif meaning.kind == "input" and series.dtype.kind not in "iufb":
             texts = [str(value) for value in series]
             blank = np.full(len(texts), np.nan)
@@ -114,8 +115,20 @@ def _meaning(title: object, rig: Rig | None = None) -> Meaning:
     return meaning
 
 
-def _times(title: str) -> Meaning:
-    return Meaning(title, "time", "time")
+def _times(title: str, series: "pandas.Series", rows: list[int]) -> Column:
+    """The column of the times: in s, or of time stamps in us since 1970, by the clock of their
+    zone."""
+    import pandas
+
+    seconds = _seconds(series, title)
+    column = _column(Meaning(title, "time", "time"), seconds, rows)
+    is_clock = series.dtype.kind == "M" or isinstance(series.dtype, pandas.DatetimeTZDtype)
+    if not is_clock or not len(series):
+        return column
+    origin = series.iloc[0].replace(tzinfo=None) - pandas.Timestamp(0)
+    # Not each stamp by itself: a clock that is set back in autumn would go back.
+    stamps = origin // pandas.Timedelta(microseconds=1) + 1e6 * seconds
+    return replace(column, values=stamps, is_since_1970=True)
 
 
 def _is_time(title: object) -> bool:

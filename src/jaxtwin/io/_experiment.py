@@ -4,6 +4,7 @@ import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -79,6 +80,7 @@ class Experiment:
       between groups.
     - `notes`: what was done when it was read that its numbers do not show, such as readings that
       are codes and count as missing; a sentence each.
+    - `start`: the clock time at 0 s, in the time zone of the recording; None: it is not known.
 
     **Raises:**
 
@@ -98,6 +100,7 @@ class Experiment:
     name: str
     group: str
     notes: tuple[str, ...]
+    start: datetime | None
 
     def __init__(
         self,
@@ -112,6 +115,7 @@ class Experiment:
         name: str = "",
         group: str = "",
         notes: Iterable[str] = (),
+        start: datetime | None = None,
     ) -> None:
         times = checked_time(time)
         names = checked_channels(channels)
@@ -128,6 +132,7 @@ class Experiment:
             "group": of_kind("group", group, str, "text", RecordingError),
             "inputs": checked_inputs(inputs, times),
             "notes": tuple(notes),
+            "start": start,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)

@@ -5,6 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from typing import final
 
 import numpy as np
@@ -99,6 +100,7 @@ def experiment_of_columns(columns: list[Column], name: str, drive: RecordedDrive
         inputs=_inputs(columns),
         name=name,
         notes=[*notes, *of_duty, *(column.note for column in columns if column.note)],
+        start=datetime(1970, 1, 1) + timedelta(microseconds=float(origin)) if origin else None,
     )
 
 

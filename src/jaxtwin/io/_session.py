@@ -1,5 +1,6 @@
 """Reads a recording of a live rig, while it is being written or afterwards."""
 
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -243,6 +244,8 @@ class Session:
                 temperatures=means,
                 ambient=surroundings,
                 name=self.file.stem,
+                # A rig that is faster than time has no clock of its own.
+                start=datetime.fromtimestamp(zero) if clocks[-1].clock.rate == 1.0 else None,
             )
         except RecordingError as error:
             raise RecordingError(f"{self.file}: {error}") from None

@@ -18,7 +18,7 @@ from ._evidence import Evidences
 from ._finding_log import FindingLog, at_sample, loudest
 from ._monitor import Monitor
 from ._thresholds import DAY, FAMILIES, MonitorCalibration
-from ._together import together
+from ._together import events, together
 
 if TYPE_CHECKING:
     import pandas
@@ -126,17 +126,20 @@ class Monitored:
         }
 
     def summary(self) -> str:
-        """The findings as text, a line for each."""
+        """What was found as text: a line for each event, which are findings that overlap in time.
+        `findings` and `to_dataframe` have all of them."""
         name = self.experiment.name or "recording"
         if not self.findings:
             return f"{name}: nothing found in {self.experiment.duration:.0f} s"
         lines = [f"{name}: {_count(len(self.alarms))}"]
-        for finding in self.findings:
-            until = "the end" if finding.until is None else f"{finding.until:.0f} s"
-            sure = "" if finding.probability is None else f", probability {finding.probability:.3g}"
-            lines.append(
-                f"  {finding.since:.0f} s to {until}: {finding.kind}: {finding.detail}{sure}"
-            )
+        for first, *others in events(self.findings):
+            since = min(one.since or 0.0 for one in (first, *others))
+            ends = [one.until for one in (first, *others)]
+            known = [end for end in ends if end is not None]
+            until = "the end" if len(known) < len(ends) else f"{max(known):.0f} s"
+            sure = "" if first.probability is None else f", probability {first.probability:.3g}"
+            more = f"; {len(others)} more finding{'s'[: len(others) > 1]}" if others else ""
+            lines.append(f"  {since:.0f} s to {until}: {first.kind}: {first.detail}{sure}{more}")
         return "\n".join(lines)
 
     def plot(self) -> "Figure":

@@ -1,5 +1,6 @@
 """Findings that begin at the same time in most channels have one cause, and are one finding."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -47,6 +48,26 @@ def begin_together(first: Finding, other: Finding, second: float = 1.0) -> bool:
     unit of their times."""
     apart = abs((other.since or 0) - (first.since or 0))
     return other.kind == first.kind and apart <= MAX_ONSET_DIFFERENCE_SECONDS * second
+
+
+def events(findings: Sequence[Finding]) -> list[list[Finding]]:
+    """Findings that overlap in time, the most telling first: most likely one thing has happened.
+    They are given in the order of their onset."""
+    result: list[list[Finding]] = []
+    end = -math.inf
+    for finding in findings:
+        since = finding.since or 0
+        if not result or since > end:
+            result.append([])
+        result[-1].append(finding)
+        end = max(end, math.inf if finding.until is None else finding.until)
+    for group in result:
+        # An alarm says more than a notice, a channel than all together, and kelvins than watts.
+        group.sort(
+            key=lambda one: (one.is_alarm, bool(one.channel), one.unit == "K", abs(one.size or 0)),
+            reverse=True,
+        )
+    return result
 
 
 def _one_of(group: Sequence[Finding], channels: int) -> Finding:

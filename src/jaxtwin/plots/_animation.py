@@ -21,6 +21,7 @@ from ..simulation import Run
 from ._panels import legend_beside
 from ._plate_map import HEAT, draw_cells, frame, rectangle, runs_of_plate
 from ._style import color_of, line_of, palette, points, styled
+from ._time_axis import time_axis
 
 if TYPE_CHECKING:
     from ..control import ClosedLoopRun
@@ -157,7 +158,8 @@ class _Film:
         for number, (name, each) in enumerate(zip(self._rig.driven, duty.T, strict=True)):
             line = "-" if number == 0 else "--"  # cells are often driven alike
             axes.step(time, each, line, where="post", lw=1.5, label=name)
-        axes.set(xlabel="time, s", ylabel="duty, %", xlim=(time[0], time[-1]))
+        axes.set(ylabel="duty, %", xlim=(time[0], time[-1]))
+        time_axis(axes, time, run.experiment.start)
         legend_beside(axes)
 
     def _draw_ranges(self, axes: Axes) -> None:
@@ -166,7 +168,8 @@ class _Film:
             look = {"color": color_of(number), "lw": 1.5}
             spread = np.ptp(run.states[:, :elements], axis=1)
             axes.plot(run.time, spread, ls=line_of(number), label=name, **look)
-        axes.set(xlabel="time, s", ylabel="range, K", xlim=(self._times[0], self._times[-1]))
+        axes.set(ylabel="range, K", xlim=(self._times[0], self._times[-1]))
+        time_axis(axes, self._times)
         axes.set_ylim(bottom=0)
         legend_beside(axes)
 

@@ -9,7 +9,6 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from ..errors import SimulationError
 from ..observers import Forecast
@@ -17,6 +16,7 @@ from ..simulation import Run
 from ._panels import title_aside
 from ._recordings import joined_samples
 from ._style import palette, styled
+from ._time_axis import time_axis
 
 MAX_PANELS = 5  # panels in a row
 
@@ -120,8 +120,7 @@ def draw_bands(
     for axes in list(grid.flat)[count:]:
         axes.set_axis_off()
     for axes in grid[-1]:
-        axes.set_xlabel("time, s")
-        axes.xaxis.set_major_locator(MaxNLocator(3))
+        time_axis(axes, time)
     for axes in grid[:, 0]:
         axes.set_ylabel("temperature, °C")
     grid[0, 0].set_xlim(time[0], time[-1])

@@ -15,6 +15,10 @@ from ..control import MEASURES, ClosedLoopRun, Frontier, Tuning
 from ..retuning import Retuned
 from ._panels import title_aside
 from ._style import color_of, line_of, palette, points, rim, styled, unit_text
+from ._time_axis import time_axis
+
+# The largest number of channels of an output that are named one by one.
+MAX_NAMED = 3
 
 
 @styled
@@ -47,11 +51,12 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
             time, reference, where="post", color=palette().muted, ls="--", lw=1.2, label=label
         )
     for number, (name, output) in enumerate(zip(run.outputs, run.output.T, strict=True)):
-        above.plot(time, output, color=color_of(number), label=name)
+        above.plot(time, output, color=color_of(number), label=_short(name))
     above.set_ylabel("temperature, °C")
     # Legends are above the axes, because curves would cross them inside.
     above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
-    above.legend(ncols=4, **above_right)
+    is_long = any(len(_short(name)) > 20 for name in run.outputs)
+    above.legend(ncols=2 if is_long else 4, **above_right)
     names = run.run.experiment.cell_names
     for number, (part, watts) in enumerate(zip(run.duty.T, run.power.T, strict=True)):
         color = color_of(number)
@@ -64,9 +69,17 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
         power.plot(time, run.power.sum(axis=1), color=palette().ink, lw=1.2, label="all cells")
         power.legend(**above_right)
     power.set_ylabel("power, W")
-    power.set_xlabel("time, s")
+    time_axis(power, time)
     power.set_xlim(time[0], time[-1])
     return figure
+
+
+def _short(output: str) -> str:
+    """The name of an output that is a mean of many channels, for a legend."""
+    names = output.split()
+    if len(names) <= MAX_NAMED:
+        return output
+    return f"mean of {names[0]}, {names[1]} and {len(names) - 2} more"
 
 
 @styled

@@ -3,6 +3,7 @@ difference, whether it is noise, and the error that all channels share.
 """
 
 from collections.abc import Sequence
+from datetime import datetime
 from itertools import zip_longest
 from typing import Any
 
@@ -11,7 +12,6 @@ from jaxtyping import Float
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
 from .._goodness_of_fit import fit_text, mean_fit_percent
 from .._normal_distribution import QUANTILE_975, normal_quantiles
@@ -30,6 +30,7 @@ from ._recordings import (
     weights_of_samples,
 )
 from ._style import color_of, palette, points, styled
+from ._time_axis import time_axis
 
 MAX_PANELS = 5  # panels in a row
 MIN_WIDTH_INCHES = 6.4  # inches, which the heading and the legend need beside each other
@@ -78,8 +79,7 @@ def plot_comparison(runs: Sequence[Run]) -> Figure:
             textcoords="offset points", color=palette().muted, fontsize=points(9),
         )  # fmt: skip
     for axes in grid[-1]:
-        axes.set_xlabel("time, s")
-        axes.xaxis.set_major_locator(MaxNLocator(2))
+        time_axis(axes, np.concatenate([run.time for run in runs]), _start(runs))
     grid[0, 0].set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
     mean = mean_fit_percent(value for fit in fits for value in fit.values())
     figure.legend(
@@ -124,7 +124,8 @@ def plot_residuals(
             axes.plot(run.time, part, color=color_of(number), lw=0.9)
         axes.plot(run.time, mean_of_samples(residual, axis=1), color=palette().ink, lw=2.0)
         axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0)
-        axes.set(title=run.experiment.name or "recording", xlabel="time, s")
+        axes.set_title(run.experiment.name or "recording")
+        time_axis(axes, run.time, _start(runs))
         title_aside(axes, f"RMSE {run.rmse:.2f} K")
         axes.set_xlim(run.time[0], run.time[-1])
         tail = means_of_last_samples(residual, len(run.time) // 20)
@@ -143,6 +144,12 @@ def plot_residuals(
         ncols=2,
     )
     return figure
+
+
+def _start(runs: Sequence[Run]) -> datetime | None:
+    """The clock time at 0 s, if all runs have the same one."""
+    (first, *others) = {run.experiment.start for run in runs}
+    return None if others else first
 
 
 def _as_recorded() -> dict[str, Any]:
@@ -203,8 +210,9 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
             _draw(row, run, channel, series, color_of(number))
         _finish(row, run, residuals)
     grid[0, 1].legend(loc="lower right")
-    for axes, text in zip(grid[-1], ("time, s", "lag, s", "standard normal quantile"), strict=True):
+    for axes, text in zip(grid[-1, 1:], ("lag, s", "standard normal quantile"), strict=True):
         axes.set_xlabel(text)
+    time_axis(grid[-1, 0], np.concatenate([run.time for run in runs]), _start(runs))
     return figure
 
 
@@ -287,7 +295,8 @@ def plot_camera_error(fit: Fit) -> Figure:
                 camera.events, np.full(len(camera.events), 0.97), "v", color=palette().orange, ms=5,
                 transform=edge, clip_on=False,
             )  # fmt: skip
-        below.set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
+        below.set_xlim(run.time[0], run.time[-1])
+        time_axis(below, run.time, run.experiment.start)
     grid[0, 0].set_ylabel("recorded − twin, K")
     grid[1, 0].set_ylabel("without camera, K")
     corrections = Line2D([], [], color=palette().orange, marker="v", ls="", label="its corrections")

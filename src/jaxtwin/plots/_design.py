@@ -7,7 +7,9 @@ from matplotlib.figure import Figure
 
 from ..diagnosis._diagnosis import TIE
 from ..experiment_design import DiagnosisDesign, ExperimentDesign
+from ._panels import legend_below
 from ._style import color_of, line_of, palette, styled, symbol
+from ._time_axis import time_axis
 
 MARKERS = "os^vDP"
 
@@ -48,8 +50,9 @@ def _draw_odds(axes: Axes, design: DiagnosisDesign) -> None:
     axes.axhline(np.log(TIE), color=palette().ink, lw=0.8, ls=(0, (4, 3)))
     axes.set_ylim(0, 3 * np.log(TIE))
     first, second = design.best.hardest
-    axes.set(xlabel="time, s", ylabel="logarithm of the odds", title=f"{first} or {second}?")
-    axes.legend(loc="best")
+    axes.set(ylabel="logarithm of the odds", title=f"{first} or {second}?")
+    time_axis(axes, design.best.time)
+    legend_below(axes)
 
 
 def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> None:
@@ -64,9 +67,10 @@ def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> No
             label=planned.cell_names[cell],
         )
     axes.axhline(0, color=palette().muted, lw=0.8)
-    axes.set(xlabel="time, s", ylabel="duty cycle", title="designed schedule")
+    axes.set(ylabel="duty cycle", title="designed schedule")
+    time_axis(axes, planned.time)
     if planned.n_cells > 1:
-        axes.legend(loc="best")
+        legend_below(axes)
 
 
 def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
@@ -99,4 +103,4 @@ def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
     axes.set_yticks(rows, names)
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set(xlabel="standard error, % of today's", title="what is gained")
-    axes.legend(loc="best")
+    legend_below(axes)

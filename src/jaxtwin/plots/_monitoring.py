@@ -16,11 +16,13 @@ from .._number_text import short_number
 from ..diagnosis import Diagnosis, Isolability
 from ..diagnosis._diagnosis import HEALTHY, NONE_OF_THESE
 from ..monitoring import Monitored
+from ..monitoring._together import events
 from ..observers import Observed
 from ..prognostics import Health, ParameterHealth
 from ._panels import legend_beside, panel_grid, title_aside
 from ._recordings import joined_samples
 from ._style import color_of, palette, points, styled, symbol, unit_text
+from ._time_axis import time_axis
 
 # The largest number of channels with a line of their own, of rows of findings, and of faults with a
 # colour of their own.
@@ -59,9 +61,14 @@ def plot_monitored(monitored: Monitored) -> Figure:
     figure = pyplot.figure(figsize=(9.6, 4.8 + height), layout="constrained")
     grid = figure.subplots(3, 1, sharex=True, height_ratios=(2.6, height, 1.6))
     draw_readings(grid[0], monitored.observed)
+    if monitored.findings:
+        (first, *others), *later = events(monitored.findings)
+        more = len(others) + sum(map(len, later))
+        title_aside(grid[0], f"{first.detail}{f'; {more} more findings' if more else ''}")
     _timeline(grid[1], monitored, rows)
     _scores(grid[2], monitored)
-    grid[2].set(xlabel="time, s", xlim=(monitored.time[0], monitored.time[-1]))
+    grid[2].set_xlim(monitored.time[0], monitored.time[-1])
+    time_axis(grid[2], monitored.time, monitored.observed.experiment.start)
     return figure
 
 
@@ -129,7 +136,8 @@ def plot_diagnosis(diagnosis: Diagnosis) -> Figure:
     for axes in grid:
         for cause in diagnosis.causes:
             axes.axvline(cause.onset, color=palette().ink, lw=0.8, ls=(0, (4, 3)))
-    grid[1].set(xlabel="time, s", xlim=(diagnosis.time[0], diagnosis.time[-1]))
+    grid[1].set_xlim(diagnosis.time[0], diagnosis.time[-1])
+    time_axis(grid[1], diagnosis.time, diagnosis.experiment.start)
     return figure
 
 

@@ -1,6 +1,7 @@
 """The network of a rig as a picture: the plate at its true size, its cells below it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,18 +13,22 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from .._number_text import short_number
 from ..errors import ParameterError
 from ..physics import Twin
 from ..physics._netlist import network_counts, network_text
+from ..physics._network_layout import network_layout
 from ..physics._twin import check_twin
 from ..rig import Plate
 from ..rig._plate import AMBIENT
 from ._netlist_parts import (
+    COLUMN_PITCH,
     LEGEND_WIDTH,
     draw_bodies,
     draw_cells,
     draw_contacts,
     draw_links_on_plate,
+    draw_network,
     draw_sensors,
     netlist_layout,
     outlined,
@@ -45,7 +50,8 @@ def plot_netlist(
     proportional to the conductance, each on a separate scale that the legend shows. A stub with a
     dot and a cell's name is the contact of that cell; a stub with a square and a channel's name is
     a sensor with a lag. The nodes behind each cell, with the resistances between them, and the
-    bodies with their links are drawn below the plate.
+    bodies with their links are drawn below the plate. A rig without a plate is drawn as its nodes
+    with lines between them.
 
     **Arguments:**
 
@@ -65,10 +71,10 @@ def plot_netlist(
     nodes = twin.netlist.nodes
     if temperatures is None:
         shown = np.array([node.capacitance.evaluate(values) for node in nodes])
-        colors, label, text, unit = "Greens", "heat capacity, J/K", "{:.3g}", " J/K"
+        colors, label, text, unit = "Greens", "heat capacity, J/K", _capacity, " J/K"
     else:
         shown, unit = temperatures, " °C"
-        colors, label, text = "YlOrRd", "temperature, °C", "{:.1f}"
+        colors, label, text = "YlOrRd", "temperature, °C", "{:.1f}".format
     if np.shape(shown) != (len(nodes),):
         raise ParameterError(
             f"temperatures: expected one for each of the {len(nodes)} nodes of {twin.rig.name}, "
@@ -91,7 +97,7 @@ def plot_netlist(
     on_plate = shown[: len(plate.element_names)]
     colormap = ListedColormap(colormaps[colors](np.linspace(0.06, 0.62, 256)))
     scale = ScalarMappable(Normalize(*_limits(on_plate)), colormap)
-    written = [text.format(value) for value in on_plate]
+    written = [text(value) for value in on_plate]
     longest = max(map(len, (*plate.element_names, *written)), default=0)
     narrow = (0.06 + 0.075 * longest) * layout.inch  # left of the links, which run in the middle
     for element, value, color in zip(
@@ -99,12 +105,17 @@ def plot_netlist(
     ):
         _draw_element(ax, plate, element, value, color, narrow)
     handles: list[Artist] = [*_draw_conduction(ax, twin, values), *_draw_air(ax, twin, values)]
-    texts = {node.name: text.format(value) + unit for node, value in zip(nodes, shown, strict=True)}
+    texts = {node.name: text(value) + unit for node, value in zip(nodes, shown, strict=True)}
     draw_contacts(ax, twin, values, layout)
     draw_sensors(ax, twin, values)
     draw_links_on_plate(ax, twin, values)
-    lowest = draw_cells(ax, twin, values, texts, layout)
-    lowest = draw_bodies(ax, twin, values, texts, layout, lowest)
+    if twin.rig.has_plate:
+        lowest = draw_cells(ax, twin, values, texts, layout)
+        lowest = draw_bodies(ax, twin, values, texts, layout, lowest)
+    else:
+        columns, _ = network_layout(twin.netlist).size
+        layout = replace(layout, width=COLUMN_PITCH * columns)
+        lowest = draw_network(ax, twin, values, texts, 0.0)
     margin = 0.1 * layout.inch
     ax.set_xlim(layout.left - margin, layout.left + layout.width + margin)
     ax.set_ylim(lowest + 1.5 * margin, -margin)
@@ -125,10 +136,14 @@ def plot_netlist(
     if figure is not None:
         width, height = np.ptp(ax.get_xlim()) / layout.inch, np.ptp(ax.get_ylim()) / layout.inch
         beside = 1.0 if _differ(on_plate) else 0.2
-        below = 0.75 if not handles else 0.85 if in_one_row else 1.05
+        below = 0.65 if not handles else 0.85 if in_one_row else 1.05
         figure.set_size_inches(width + beside, height + below)
         figure.set_gid(OF_FIXED_SIZE)
     return ax
+
+
+def _capacity(value: float) -> str:
+    return short_number(float(value), 3)
 
 
 def _differ(values: Float[np.ndarray, " elements"]) -> bool:

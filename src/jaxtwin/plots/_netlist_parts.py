@@ -2,7 +2,7 @@
 links and sensors with a lag. The size of the picture is chosen such that all of it can be read.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
@@ -13,10 +13,12 @@ from matplotlib.patches import FancyBboxPatch, Polygon
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._celsius import ZERO_CELSIUS
+from .._number_text import short_number
 from ..physics import ThermoelectricElement, Twin
-from ..physics._netlist import OWN_VOLTAGE
+from ..physics._netlist import OWN_VOLTAGE, Link
+from ..physics._network_layout import network_layout
 from ..physics._sensors import sensor_name
-from ..rig import Plate
+from ..rig import Channel, Plate
 from ..rig._plate import AMBIENT
 from ._style import INK, palette, points
 
@@ -40,9 +42,6 @@ CELLS_PER_ROW = 4
 
 # The width of a legend of three columns, inches.
 LEGEND_WIDTH = 6.0
-
-# The width of the picture of a rig without a plate, inches.
-WITHOUT_PLATE = 8.0
 
 
 @final
@@ -81,9 +80,8 @@ def netlist_layout(plate: Plate, cells: int) -> NetlistLayout:
     rows = -(-cells // CELLS_PER_ROW)
     columns = -(-cells // rows) if rows else 1
     if not plate.columns:
-        return NetlistLayout(
-            1.0, (0.0, 0.0, 0.0, 0.0), max(CELL_PITCH * columns, WITHOUT_PLATE), columns
-        )
+        width = max(CELL_PITCH * columns, COLUMN_PITCH)
+        return NetlistLayout(1.0, (0.0, 0.0, 0.0, 0.0), width, columns)
     width, height = 100 * plate.width, 100 * plate.height
     extents = 100 * np.array([plate.extent(element) for element in plate.element_names])
     side = float(np.median(np.minimum(*(np.diff(extents)[:, ::2].T))))
@@ -185,8 +183,8 @@ def heater_text(heater: ThermoelectricElement, values: Mapping[str, float]) -> s
     """The power of a heater, or the resistance that the driver feeds."""
     resistance = float(heater.electrical_resistance.evaluate(values))
     if heater.has_own_supply:
-        return f"{OWN_VOLTAGE.factor**2 / resistance:.3g} W"
-    return f"{resistance:.3g} Ω"
+        return f"{short_number(OWN_VOLTAGE.factor**2 / resistance, 3)} W"
+    return f"{short_number(resistance, 3)} Ω"
 
 
 def draw_cells(
@@ -392,6 +390,76 @@ def draw_bodies(
             draw_note(ax, x - (BOX / 2 - 0.1) * layout.inch, y, note)
         lowest = max(lowest, y)
     return lowest
+
+
+# The distances of columns and rows of a network without a plate, inches.
+COLUMN_PITCH, ROW_PITCH = 3.1, 1.35
+
+
+def draw_network(
+    ax: Axes, twin: Twin, values: Mapping[str, float], texts: Mapping[str, str], top: float
+) -> float:
+    """Draws the network of a rig without a plate: its nodes, lines between those that are linked,
+    with the resistance in K/W, and the losses of each to the surroundings.
+
+    **Arguments:** those of `draw_bodies`; the unit of the axes is 1 inch.
+
+    **Returns:** the lower edge of the drawing.
+    """
+    places, links, lost = layout = network_layout(twin.netlist)
+    columns, rows = layout.size
+    colour = palette().vermilion
+
+    def middle(name: str) -> tuple[float, float]:
+        column, row = places[name]
+        x = (column - (columns - 1) / 2) * COLUMN_PITCH
+        return x, top + 0.35 + row * ROW_PITCH + BOX_HEIGHT / 2
+
+    def whole(parallel: Sequence[Link]) -> str:
+        total = 1 / sum(1 / float(link.resistance(values)) for link in parallel)
+        return f"{short_number(total, 3)} K/W"
+
+    for (a, b), parallel in links.items():
+        (x1, y1), (x2, y2) = middle(a), middle(b)
+        if x1 == x2:  # beside what is written below a box
+            x1 = x2 = x1 + BOX / 2 - 0.08
+        ax.plot([x1, x2], [y1, y2], color=colour, lw=2, zorder=2)
+        ax.annotate(
+            whole(parallel), ((x1 + x2) / 2, (y1 + y2) / 2), ha="center", va="center",
+            fontsize=points(8), color=palette().muted, zorder=2.5,
+            bbox={"boxstyle": "square,pad=0.15", "fc": palette().ground, "ec": "none"},
+        )  # fmt: skip
+    for name, (x, y) in ((name, middle(name)) for name in places):
+        held = next((one for one in twin.netlist.reservoirs if one.name == name), None)
+        text = texts.get(name, "")
+        if held is not None:
+            text = f"held at {held.temperature.evaluate(values) - ZERO_CELSIUS:.3g} °C"
+        draw_box(ax, x, y - BOX_HEIGHT / 2, 1.0, name, text)
+        heaters = [one for one in twin.netlist.cells if one.cold == name]
+        if heaters:
+            note = ", ".join(f"{one.name}, {heater_text(one, values)}" for one in heaters)
+            draw_note(ax, x - BOX / 2, y - BOX_HEIGHT / 2 - 0.12, note)
+        below = y + BOX_HEIGHT / 2
+        if name in lost:
+            foot = x - BOX / 2 + 0.18
+            ax.plot([foot, foot], [below, below + 0.3], color=palette().blue, lw=2, zorder=2)
+            ax.plot(foot, below + 0.3, "o", mfc=palette().ground, mec=palette().blue, mew=1.6, ms=7)
+            kinds = sorted({link.role for link in lost[name]} & {"convection", "radiation"})
+            by = f" by {' and '.join(kinds)}" if kinds else ""
+            draw_note(ax, foot + 0.1, below + 0.3, f"{whole(lost[name])} to the room{by}")
+        for place, channel in enumerate(
+            channel for channel in twin.rig.channels if _seen_node(twin, channel) == name
+        ):
+            behind = "" if channel.lag is None else f", {channel.lag.evaluate(values):.3g} s behind"
+            at = below + 0.12 + (0.36 if name in lost else 0.0) + NOTE_PITCH * place
+            draw_note(ax, x - BOX / 2 + 0.05, at, f"{channel.name}{behind}")
+    return top + 0.35 + (rows - 1) * ROW_PITCH + BOX_HEIGHT + 0.5
+
+
+def _seen_node(twin: Twin, channel: Channel) -> str:
+    """The node that counts most in a channel."""
+    weights = channel.sensor.weights(twin.rig.plate)
+    return max(weights, key=lambda name: weights[name])
 
 
 def draw_links_on_plate(ax: Axes, twin: Twin, values: Mapping[str, float]) -> None:

@@ -6,12 +6,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._normal_distribution import QUANTILE_975, normal_quantiles
+from .._number_text import short_number
 from .._residual_statistics import autocorrelation, partial_autocorrelation
 from ..errors import ObserverError
 from ..observers import Estimate, Observed
 from ._panels import legend_beside, title_aside
 from ._recordings import joined_samples
 from ._style import color_of, palette, points, styled
+from ._time_axis import time_axis
 
 # The largest lag of the autocorrelations, samples.
 LAGS = 40
@@ -31,7 +33,8 @@ def plot_observed(observed: Observed) -> Figure:
     """Plots what was read, and what the observer says of the rig, with 95 % bands.
 
     The panels are the readings, the nodes that no channel sees directly (estimates, not
-    measurements), the heats that the twin does not explain, and the room.
+    measurements), the heats that the twin does not explain, and the room. Heats that are within
+    their bands all the time have no panel, but a note.
 
     **Arguments:**
 
@@ -39,9 +42,14 @@ def plot_observed(observed: Observed) -> Figure:
 
     **Returns:** the figure.
     """
-    figure = pyplot.figure(figsize=(9.6, 8.4), layout="constrained")
-    grid = figure.subplots(4, 1, sharex=True, height_ratios=(1.4, 1.4, 1, 1))
     estimates = observed.estimates
+    heats = {cell: estimates.heat(cell) for cell in estimates.cells}
+    seen = {
+        cell: heat for cell, heat in heats.items() if np.any((heat.lower > 0) | (heat.upper < 0))
+    }
+    ratios = (1.4, 1.4, *((1.0,) if seen else ()), 1.0)
+    figure = pyplot.figure(figsize=(9.6, 1.75 * sum(ratios)), layout="constrained")
+    grid = figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios)
     for number, channel in enumerate(observed.channels[:MAX_CHANNELS]):
         readings = observed.expected.recorded
         assert readings is not None
@@ -56,12 +64,16 @@ def plot_observed(observed: Observed) -> Figure:
         color = color_of(number)
         _band(grid[1], observed, estimates.node(name), color, name)
     grid[1].set(ylabel="estimated, °C")
-    for number, cell in enumerate(estimates.cells[:MAX_CHANNELS]):
-        color = color_of(number)
-        _band(grid[2], observed, estimates.heat(cell), color, cell)
-    grid[2].set(ylabel="unexplained heat, W")
-    _band(grid[3], observed, estimates.room, palette().vermilion, "room")
-    grid[3].set(ylabel="room, °C", xlabel="time, s", xlim=(observed.time[0], observed.time[-1]))
+    for number, (cell, heat) in enumerate(heats.items() if seen else ()):
+        if number < MAX_CHANNELS:
+            _band(grid[2], observed, heat, color_of(number), cell)
+            grid[2].set(ylabel="unexplained heat, W")
+    if heats and not seen:
+        widest = max(float(np.max(heat.upper - heat.lower)) / 2 for heat in heats.values())
+        title_aside(grid[0], f"no unexplained heat, ± {short_number(widest, 2)} W")
+    _band(grid[-1], observed, estimates.room, palette().vermilion, "room")
+    grid[-1].set(ylabel="room, °C", xlim=(observed.time[0], observed.time[-1]))
+    time_axis(grid[-1], observed.time, observed.experiment.start)
     for axes in grid:
         legend_beside(axes)
     return figure

@@ -48,3 +48,10 @@ def title_aside(axes: Axes, text: str) -> None:
 def legend_beside(axes: Axes, *, reverse: bool = False) -> None:
     """Writes the legend to the right of the axes; reversed for lines that were drawn last first."""
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=points(8), reverse=reverse)
+
+
+def legend_below(axes: Axes) -> None:
+    """Writes the legend below the axes, where it lies on no line."""
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, fontsize=points(9), frameon=False
+    )

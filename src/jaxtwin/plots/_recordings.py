@@ -18,6 +18,7 @@ from ..io import Experiment
 from ..io._gaps import GAP_FACTOR
 from ..simulation import Run
 from ._style import Dashes, color_of, line_of, palette, points, styled
+from ._time_axis import time_axis
 
 
 @styled
@@ -54,8 +55,8 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
         for cells, color, dashes in _drives(experiment):
             duty = 100 * experiment.duty[:, cells[0]]
             axes[-1].step(experiment.time, duty, where="post", lw=1.4, color=color, ls=dashes)
-        axes[-1].set_xlabel("time, s")
         axes[-1].set_xlim(experiment.time[0], experiment.time[-1])
+        time_axis(axes[-1], experiment.time, experiment.start)
     if has_temperatures:
         grid[0, 0].set_ylabel("temperature, °C")
     grid[-1, 0].set_ylabel("duty, %")

@@ -14,6 +14,7 @@ from ..errors import ParameterError
 from ..sensitivity_analysis import GlobalSensitivity, Morris, OneAtATime, indices_of
 from ._panels import axes_or_new, legend_beside, title_aside
 from ._style import palette, points, rim, styled, symbol, unit_text
+from ._time_axis import time_axis
 
 
 def plot_sensitivity_indices(
@@ -235,8 +236,9 @@ def plot_indices_over_time(
     _draw_lines(ax, sensitivity, order, times, (values, values - half, values + half))
     output = sensitivity.outputs[rows[0]]
     title = f"{name} of {output.quantity} {output.channel}"
-    ax.set(title=title, xlabel="time, s", ylabel=INDEX_WORDS.get(name, name))
+    ax.set(title=title, ylabel=INDEX_WORDS.get(name, name))
     ax.set_xlim(min(0.0, times[0]), times[-1])
+    time_axis(ax, times)
     if len(sensitivity.names) > MAX_NAMED_LINES:
         title_aside(ax, f"{len(sensitivity.names) - MAX_NAMED_LINES} weaker parameters in grey")
     return ax

@@ -21,6 +21,7 @@ from ..simulation import Run
 from ._panels import title_aside
 from ._plate_map import HEAT, draw_cells, frame, rectangle
 from ._style import color_of, line_of, palette, styled
+from ._time_axis import time_axis
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # width of a panel and room above it, inches
 
@@ -56,7 +57,8 @@ def plot_uniformity(runs: Sequence[Run]) -> Figure:
             axes.plot(run.time, says, color=palette().vermilion, lw=1.4)
             title_aside(axes, f"mean {means[0]:.2f} K, twin {means[1]:.2f} K")
         column[0].set_title(run.experiment.name or "recording")
-        column[1].set(xlabel="time, s", xlim=(run.time[0], run.time[-1]))
+        column[1].set_xlim(run.time[0], run.time[-1])
+        time_axis(column[1], run.time, run.experiment.start)
     for axes in grid[:, 0]:
         axes.set_ylim(bottom=0)  # fixes the limits of the whole row
     grid[0, 0].set_ylabel("highest − lowest, K")
@@ -221,6 +223,7 @@ def plot_plate_range(
         )  # fmt: skip
     above.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, ncols=3)
     above.set_ylabel("mean of the\nchannels, °C")
-    below.set(xlabel="time, s", ylabel="range of the plate, K", xlim=(0, last))
+    below.set(ylabel="range of the plate, K", xlim=(0, last))
+    time_axis(below, np.array([0.0, last]))
     below.set_ylim(bottom=0)
     return figure

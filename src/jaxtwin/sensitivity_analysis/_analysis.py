@@ -378,6 +378,9 @@ def sensitivity(
     columns, _ = run_experiments(
         twins, recordings, inputs, samples, METHOD, {"cost": "cost"}, None, executor, on_progress
     )
+    # Recordings may have channels in any order.
+    known = twins[0].channels
+    columns[:-1] = sorted(columns[:-1], key=lambda column: known.index(column[0].channel))
     cost, failed = np.column_stack([column for _, column in columns]), failed_runs(columns)
     counted = cost[~failed], samples[~failed]
     return Sensitivity(

@@ -78,7 +78,7 @@ class Access:
             return Refusal(403, "origin: expected this page's own")
         return None
 
-    def refuse_command(self, headers: Mapping[str, str], *, is_stop: bool) -> Refusal | None:
+    def refuse_command(self, headers: Mapping[str, str], *, needs_control: bool) -> Refusal | None:
         """Checks a command, before its body is read. Returns why it is refused, None if it is
         not."""
         refusal = self.refuse_read(headers)
@@ -104,7 +104,7 @@ class Access:
         # In constant time: how long it takes says nothing of how much is right.
         if not secrets.compare_digest(given.encode(), self.token.encode()):
             return Refusal(401, "authorization: the token is wrong")
-        if not (is_stop or self.allow_control):
+        if needs_control and not self.allow_control:
             return Refusal(403, "this server only shows; start it with --allow-control")
         return None
 

@@ -146,7 +146,7 @@ class _Web:
         return JSONResponse(content, 200 if is_well else 503, headers)
 
     async def stop(self, request: Request) -> Response:
-        body = await self._body(request, is_stop=True)
+        body = await self._body(request, needs_control=False)
         if isinstance(body, Refusal):
             return _refused(body)
         try:
@@ -167,7 +167,8 @@ class _Web:
         kind = request.path_params["kind"]
         if kind not in KINDS:
             return _refused(Refusal(404, f"expected one of {', '.join(KINDS)}"))
-        body = await self._body(request, is_stop=False)
+        # Who acknowledges commands nothing.
+        body = await self._body(request, needs_control=kind != "acknowledge")
         if isinstance(body, Refusal):
             return _refused(body)
         try:
@@ -186,9 +187,9 @@ class _Web:
             return _refused(Refusal(504, text))
         return JSONResponse({"text": answer.text}, 200 if answer.obeyed else 409, HEADERS)
 
-    async def _body(self, request: Request, *, is_stop: bool) -> bytes | Refusal:
+    async def _body(self, request: Request, *, needs_control: bool) -> bytes | Refusal:
         """The body of a command, if it is allowed, small and fast enough."""
-        if refusal := self._access.refuse_command(request.headers, is_stop=is_stop):
+        if refusal := self._access.refuse_command(request.headers, needs_control=needs_control):
             return refusal
 
         async def read() -> bytes | Refusal:

@@ -37,6 +37,7 @@ class ChildProcess:
         self._waiter = ThreadPoolExecutor(1, thread_name_prefix="child process")
         self._running: Future[Outcome] | None = None
         self._process: SpawnProcess | None = None
+        self._is_closed = False
 
     @property
     def is_running(self) -> bool:
@@ -56,6 +57,7 @@ class ChildProcess:
 
     def close(self) -> None:
         """Ends work that goes on."""
+        self._is_closed = True
         if self._process is not None:
             self._process.terminate()
         self._waiter.shutdown(wait=True, cancel_futures=True)
@@ -63,10 +65,11 @@ class ChildProcess:
     def _wait(self, work: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
         context = multiprocessing.get_context("spawn")
         answer, theirs = context.Pipe(duplex=False)
-        self._process = process = context.Process(
-            target=_do, args=(theirs, work, arguments), daemon=True
-        )
+        process = context.Process(target=_do, args=(theirs, work, arguments), daemon=True)
         process.start()
+        self._process = process  # only now can it be ended
+        if self._is_closed:
+            process.terminate()
         theirs.close()
         try:
             return answer.recv()

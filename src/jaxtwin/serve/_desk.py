@@ -65,10 +65,16 @@ class RefitOrder:
     seconds: float
 
 
+@final
+@dataclass(frozen=True)
+class AcknowledgeOrder:
+    """Take what was found until now as known."""
+
+
 # What commands the rig: it begins a run, or changes one that goes on.
 RunOrder = DriveOrder | HoldOrder
 
-Order = RunOrder | RefitOrder | PromoteOrder | RollbackOrder
+Order = RunOrder | RefitOrder | PromoteOrder | RollbackOrder | AcknowledgeOrder
 
 
 @final

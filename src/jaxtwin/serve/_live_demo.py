@@ -1,6 +1,7 @@
 """A scripted story on a virtual rig: steps, a contact that comes loose, the finding, the diagnosis,
-the refit and the promotion."""
+the refit, the promotion, and a rig that is well again with a twin that knows it."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import final
@@ -13,19 +14,23 @@ from ..live.protocol._clock import seconds
 from ..matching import match
 from ..observers._observe import usual_noise
 from ..physics import Faults, Twin
+from ..rig import CellPlace, Rig, new_rig_text
+from ..rig._build import parse_rig
 from ..simulation import simulate
 from ..twin_store import TwinStore
 from ._desk import Desk, DriveOrder, RefitOrder
 from ._page import Page
 from ._rig_loop import STOPPED_BY_HAND
 
-RIG = "single-cell"
-
 SESSION, SESSIONS = 900, 4
 """The length of a session from which the first twin is matched, s, and their number."""
 
 # The time between two steps of the duty, s of the rig.
 STEP_SECONDS = 60.0
+
+# How long an order holds its duty, s of the rig. It is checked before it is obeyed, while the rig
+# waits: a day of a plate takes several seconds.
+HELD_SECONDS = 600.0
 
 # When the contact comes loose, s of the rig.
 LOOSE_AT = 360.0
@@ -48,25 +53,36 @@ MAX_LATENESS_SECONDS = 0.1
 DUTY = (0.0, 0.5)
 
 
+def demo_rig() -> Rig:
+    """The rig of the story: a plate of two cells, as `jaxtwin new-rig` writes it."""
+    text = new_rig_text(
+        "two-cells", width="12 cm", height="4 cm", thickness="2 mm", material="aluminium",
+        module="TEC1-12706", places=[CellPlace("3 cm", "2 cm"), CellPlace("9 cm", "2 cm")],
+        zones=(6, 2),
+    )  # fmt: skip
+    titled = re.sub("^title = .*$", 'title = "A plate of two cells"', text, flags=re.MULTILINE)
+    return parse_rig(titled.encode(), "the rig of the demo")
+
+
 def demo_faults() -> Faults:
-    """The fault of the story: the resistance of the cell's contact is three times what it was."""
+    """The fault of the story: the resistance of a cell's contact is three times what it was."""
     return Faults.parse(f"loosen=P1@{LOOSE_AT:g}/3")
 
 
-def demo_store(folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
+def demo_store(rig: Rig, folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
     """Makes a store whose champion is matched to simulated sessions of the rig.
 
     **Arguments:**
 
-    - `folder`: where the file of the store is made.
+    - `rig`: the rig. `folder`: where the file of the store is made.
     - `speed`: the seconds of the virtual rig in a second.
     - `seed`: the seed of duty and noise.
     """
-    twin, random = Twin(RIG), np.random.default_rng(seed)
+    twin, random = Twin(rig), np.random.default_rng(seed)
     sessions = []
     for number in range(SESSIONS):
-        steps = random.uniform(*DUTY, SESSION // int(STEP_SECONDS) + 1)
-        duty = np.repeat(steps, int(STEP_SECONDS))[: SESSION + 1, None]
+        steps = random.uniform(*DUTY, (SESSION // int(STEP_SECONDS) + 1, len(twin.rig.driven)))
+        duty = np.repeat(steps, int(STEP_SECONDS), axis=0)[: SESSION + 1]
         plan = Experiment(np.arange(SESSION + 1.0), duty, channels=twin.channels)
         run = simulate(twin, plan)
         sessions.append(run.to_recording(seed=seed + number, name=f"session {number + 1}"))
@@ -95,6 +111,7 @@ class DemoScript:
     def __init__(self, desk: Desk, page: Page, seed: int = 1):
         self._desk, self._page = desk, page
         self._random = np.random.default_rng(seed)
+        self._first_twin = page.followed[1]  # which does not know the loose contact
         self._first: int | None = None
         self._time, self._steps = 0.0, 0
         self._told: set[str] = set()
@@ -112,15 +129,25 @@ class DemoScript:
             return
         if self._time >= STEP_SECONDS * self._steps:
             self._steps += 1
-            duty = round(float(self._random.uniform(*DUTY)), 2)
+            cells = len(self._page.twin.rig.driven)
+            duty = np.round(self._random.uniform(*DUTY, cells), 2)
             if self._steps == round(REST_AT / STEP_SECONDS) + 1:
-                duty = 0.0
+                duty = np.zeros(cells)
             # An interlock may have ended the run, on a machine that was busy with other things.
-            self._desk.ask(DriveOrder((duty,), 86_400.0, reset=self._steps > 1))
+            self._desk.ask(DriveOrder(tuple(duty.tolist()), HELD_SECONDS, reset=self._steps > 1))
         if self._time >= LOOSE_AT:
             self._tell("the contact of the cell comes loose now; see who notices")
         if self._time >= LOOSE_AT + REFIT_AFTER and self._tell("the twin learns the loose contact"):
             self._desk.ask(RefitOrder(REFIT_LENGTH))
+        story = self._page.ring.newest_of("story")
+        if (
+            self._page.followed[1] != self._first_twin
+            and story
+            and story["twin"]["level"] == "good"
+        ):
+            self._tell(
+                "the twin has learned the loose contact and is right again: the loop is closed"
+            )
 
     def _tell(self, text: str) -> bool:
         """Says something once. Returns whether it was said now."""

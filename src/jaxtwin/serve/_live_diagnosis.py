@@ -84,6 +84,8 @@ class LiveDiagnosis:
             self._show({"state": "failed", "text": outcome.problem, "causes": []})
             return
         for cause in outcome.value:
+            if cause["until_s"] is not None:
+                cause["until"] = self._recent.host_time(cause["until_s"])
             for one in cause["explanations"]:
                 one["onset"] = self._recent.host_time(one["onset_s"])
         self._causes = outcome.value

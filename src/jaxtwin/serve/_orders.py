@@ -6,7 +6,15 @@ from reprlib import repr as shortened
 from typing import Any
 
 from ..errors import JaxtwinError
-from ._desk import DriveOrder, HoldOrder, Order, PromoteOrder, RefitOrder, RollbackOrder
+from ._desk import (
+    AcknowledgeOrder,
+    DriveOrder,
+    HoldOrder,
+    Order,
+    PromoteOrder,
+    RefitOrder,
+    RollbackOrder,
+)
 from ._recent_samples import MAX_SAMPLES, SPACING_SECONDS
 
 # The longest time for which a duty is held, s of the rig.
@@ -22,7 +30,7 @@ COLDEST, HOTTEST = -100.0, 500.0
 """The range of references, degC; those that no duty can hold are refused when they are tried."""
 
 # The kinds of orders, which are the ends of their addresses.
-KINDS = ("drive", "hold", "promote", "rollback", "refit")
+KINDS = ("drive", "hold", "promote", "rollback", "refit", "acknowledge")
 
 
 def order_of(kind: str, body: bytes, lowest: Sequence[float], outputs: int) -> Order:
@@ -58,6 +66,9 @@ def order_of(kind: str, body: bytes, lowest: Sequence[float], outputs: int) -> O
         case "rollback":
             check_names(fields, {"reason"})
             return RollbackOrder(_reason(fields))
+        case "acknowledge":
+            check_names(fields, set())
+            return AcknowledgeOrder()
     raise JaxtwinError(f"expected one of {', '.join(KINDS)}, got {kind!r}")
 
 

@@ -27,7 +27,7 @@ from ._history import History
 from ._metrics import Metric
 from ._outlook import HORIZON, STEPS, Outlook, look_ahead
 from ._rig_layout import rig_layout
-from ._story import Situation, is_rig_well, is_twin_right, what_comes
+from ._story import Reason, Situation, is_rig_well, is_twin_right, what_comes
 from ._twin_beside import TwinBeside
 
 # The mean time between two pictures of the readings, ns of the host, and the shortest but for what
@@ -45,6 +45,9 @@ MAX_SINGLE_READINGS = 2
 LINES = 60
 
 _COUNTED = frozenset({"garbage", "nonsense", "duplicate"})  # events that the state counts
+# The last time of the rig in which readings are compared with the band of what was expected, s.
+COMPARED_SECONDS = 300.0
+
 _MEMORY = 60.0  # s of the rig over which errors are averaged
 
 
@@ -91,8 +94,8 @@ class Page:
         self.ring = ring
         self.problem = ""
         """What keeps the server from its work, such as a full disk; `""`: nothing."""
-        self.cause = ""
-        """What explains the findings most likely; `""`: nobody has said."""
+        self.cause: Reason | None = None
+        """What explains the findings most likely; None: nobody has said."""
         self.records = 0
         """The number of records that were consumed."""
         self.turned = time.monotonic()
@@ -145,10 +148,13 @@ class Page:
         self._beside = beside
         self._follower = beside.monitor.follower
         self._observed = self._error = self._surprise = self._time = 0.0
+        # Of the last minutes: time of the rig, readings, those in their band, sum of its widths.
+        self._compared: deque[tuple[float, int, int, float]] = deque()
         self._outlook: Outlook | None = None
         self._reading: Reading | None = None  # which is not shown yet
         self._parameters: Estimate | None = None
-        self.cause, self._is_awaited = "", False
+        self.cause, self._is_awaited = None, False
+        self._acknowledged = 0  # when the last alarm was found that is known, ns of the host
         directions, rows = beside.observer.model.directions, beside.twin.rig.parameters
         names = () if directions is None else directions.names
         self.history.follow(names)
@@ -186,11 +192,19 @@ class Page:
         self._is_awaited = found["state"] in ("awaited", "running")
         if found["state"] != "done":
             return
-        self.cause = ""
+        self.cause = None
         if found["causes"]:
-            best = found["causes"][-1]["explanations"][0]
-            self.cause = f"{best['name']}, {100 * best['probability']:.0f} %"
+            cause = found["causes"][-1]
+            best = cause["explanations"][0]
+            until = None if cause["until_s"] is None else cause["until"]
+            self.cause = Reason(best["phrase"], best["probability"], best["onset"], until)
             self.say("notice", f"most likely (estimate): {self.cause}")
+
+    def acknowledge(self) -> None:
+        """Takes what was found until now as known: it leaves the first answer when it is over."""
+        found = [finding.found or 0 for finding in self._beside.monitor.findings]
+        self._acknowledged = int(max(found, default=0))
+        self.say("notice", "what was found until now is acknowledged")
 
     def on_finding(self, finding: Finding) -> None:
         """Takes a new finding of an alarm or of the monitor."""
@@ -313,6 +327,12 @@ class Page:
             weight = 1.0 - np.exp(-step / _MEMORY)
             square = float(np.mean(errors[valid] ** 2))
             self._error = float(np.sqrt(self._error**2 + weight * (square - self._error**2)))
+            half = self._band()[valid]
+            count = int(np.isfinite(half).sum())
+            within = int((np.abs(errors[valid]) <= half).sum())
+            self._compared.append((self._observed, count, within, float(np.nansum(half))))
+            while self._observed - self._compared[0][0] > COMPARED_SECONDS:
+                self._compared.popleft()
             whitened = float(np.mean(np.asarray(follower.device_state.whitened)[valid] ** 2))
             self._surprise += weight * (whitened - self._surprise)
         if self._outlook is not None:
@@ -360,6 +380,13 @@ class Page:
         if self._outlook is not None:
             ahead = self._outlook.readings
             later = Moment(ahead.mean[-1], ahead.spread[-1])
+        compared = np.array([sums[1:] for sums in self._compared] or [(0, 0, 0.0)]).sum(axis=0)
+        findings = [
+            finding
+            for finding in self._beside.monitor.findings
+            if finding.until is None
+            or (finding.is_alarm and (finding.found or 0) > self._acknowledged)
+        ]
         situation = Situation(
             channels=names,
             readings=np.full(len(names), np.nan) if measured is None else measured,
@@ -371,14 +398,16 @@ class Page:
             trip=state.trip,
             still_on=self.heats or self._still_on,
             limit=None if limit is None else limit - ZERO_CELSIUS,
-            findings=self._beside.monitor.present,
+            findings=findings,
             cause=self.cause,
+            acknowledged=self._acknowledged,
             is_awaited=self._is_awaited,
             problem=self.problem or self._full_disk(),
             ended=self._source.ended,
             observed=self._observed,
-            error=self._error,
-            surprise=self._surprise,
+            within=compared[1] / max(compared[0], 1),
+            band=compared[2] / max(compared[0], 1),
+            compared=min(self._observed, COMPARED_SECONDS),
             later=later,
         )
         self.ring.append(
@@ -391,6 +420,7 @@ class Page:
                 "links": links,
                 "counts": dict(state.counts),
                 "trip": state.trip,
+                "new": sum(situation.is_new(finding) for finding in findings),
             },
         )
 

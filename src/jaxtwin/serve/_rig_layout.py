@@ -1,4 +1,4 @@
-"""What a page draws of a rig that does not change: plate, zones, cells, names and limits."""
+"""What a page draws of a rig that does not change: plate or network, zones, cells, limits."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from ..physics import Twin
+from ..physics._network_layout import network_layout
 from ..rig._cell import Cell
 from ..rig._heater import Heater
 
@@ -18,8 +19,9 @@ def rig_layout(twin: Twin) -> dict[str, Any]:
 
     **Returns:** `rig`, `title`; `channels`, each with `name` and `zones` (left, right, top, bottom,
     m); `driven`, each with `name`, `lowest` duty and `outline` (corners x, y, m); `plate`, with
-    `columns` and `rows`, the edges of its elements, m, or None; `limit`, degC, or None; `nodes`,
-    the names of the nodes that are not elements of the plate.
+    `columns` and `rows`, the edges of its elements, m, or None; `network`, that of a rig without a
+    plate of several elements, or None; `limit`, degC, or None; `nodes`, the names of the nodes that
+    are not elements of the plate.
     """
     rig = twin.rig
     plate = rig.plate
@@ -42,10 +44,45 @@ def rig_layout(twin: Twin) -> dict[str, Any]:
             for name in rig.driven
         ],
         "plate": {"columns": _rounded(plate.column_edges), "rows": _rounded(plate.row_edges)}
-        if rig.has_plate
+        if len(elements) > 1  # a single one would be a square of one colour
         else None,
+        "network": None if len(elements) > 1 else _network(twin),
         "limit": None if limit is None else round(limit - ZERO_CELSIUS, 2),
         "nodes": [node.name for node in twin.netlist.nodes if node.name not in elements],
+    }
+
+
+def _network(twin: Twin) -> dict[str, Any]:
+    """The drawing of a network: `size`, its columns and rows; `nodes`, each with `name`, `column`,
+    `row`, the `channels` that read it and the `driven` parts that heat it, whether it loses heat
+    to the surroundings, and the temperature at which it is `held`, degC, or None; `links`, the
+    pairs of their names; `elements`, the names of those that are elements of the plate."""
+    rig, netlist = twin.rig, twin.netlist
+    layout = network_layout(netlist)
+    held = {
+        one.name: round(float(one.temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS, 2)
+        for one in netlist.reservoirs
+    }
+    read: dict[str, list[str]] = {}
+    for channel in rig.channels:
+        weights = channel.sensor.weights(rig.plate)
+        read.setdefault(max(weights, key=lambda name: weights[name]), []).append(channel.name)
+    return {
+        "size": layout.size,
+        "nodes": [
+            {
+                "name": name,
+                "column": column,
+                "row": row,
+                "channels": read.get(name, []),
+                "driven": [cell.name for cell in netlist.cells if cell.cold == name],
+                "is_losing": name in layout.lost,
+                "held": held.get(name),
+            }
+            for name, (column, row) in layout.places.items()
+        ],
+        "links": list(layout.links),
+        "elements": list(rig.plate.element_names),
     }
 
 

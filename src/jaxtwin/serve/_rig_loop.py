@@ -39,6 +39,7 @@ from ._commands import (
     plan_of,
 )
 from ._desk import (
+    AcknowledgeOrder,
     Answer,
     Asked,
     Desk,
@@ -211,8 +212,15 @@ class RigLoop:
         if isinstance(order, DriveOrder | HoldOrder):
             self._drive(asked, order)
         elif asked.take():
-            is_refit = isinstance(order, RefitOrder)
-            asked.answer(self._begin_refit(order) if is_refit else self._move(order))
+            match order:
+                case RefitOrder():
+                    answer = self._begin_refit(order)
+                case AcknowledgeOrder():
+                    self._page.acknowledge()
+                    answer = Answer(True, "acknowledged")
+                case _:
+                    answer = self._move(order)
+            asked.answer(answer)
 
     def _begin(self, asked: Asked, order: RunOrder, guard: Guard, *, changes_run: bool) -> None:
         """Commands the rig by an order from now on.

@@ -9,15 +9,18 @@ from jaxtyping import Float
 
 from .._normal_distribution import QUANTILE_975
 from ..live import Finding
+from ..live.protocol._clock import seconds
 from ..monitoring._monitor import SETTLE
 from ..observers._moments import Moment
 
 # The age from which on readings say nothing about the present, s.
 OLD_SECONDS = 3.0
 
-# The mean normalised innovation squared above which a twin expects readings worse than it says; it
-# is 1 if noise and twin are right.
-SURPRISING_NIS = 2.0
+# The share of readings within the 95 % band below which a twin expects them worse than it says.
+MIN_WITHIN = 0.85
+
+# The probability from which on a cause is said as what has happened.
+SURE = 0.9
 
 # A change in the next minute that is smaller than this is none.
 STEADY_KELVIN = 0.2
@@ -27,11 +30,29 @@ Level = Literal["good", "unknown", "notice", "warning", "critical"]
 
 @final
 class Sentence(NamedTuple):
-    """An answer: `level` for its colour and sign, `head` in a few words, `text` with numbers."""
+    """An answer: `level` for its colour and sign, `head` in a few words, `text` with numbers;
+    `since` and `until`, between which what it says was there, s since 1970, None where nobody
+    says."""
 
     level: Level
     head: str
     text: str
+    since: float | None = None
+    until: float | None = None
+
+
+@final
+class Reason(NamedTuple):
+    """What explains findings most likely: a `phrase` with its size, its `probability`, its onset
+    `since`, s since 1970, and its end `until`, None while it is there."""
+
+    phrase: str
+    probability: float
+    since: float
+    until: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.phrase}, {100 * self.probability:.0f} %"
 
 
 @final
@@ -46,13 +67,15 @@ class Situation(NamedTuple):
     - `trip`: why the device has switched off; `""` if it has not. `still_on`: why nobody knows that
       it is off after a stop; `""` if it has reported so.
     - `limit`: the temperature at which the cells are switched off, degC; None: not stated.
-    - `findings`: the findings that are there. `cause`: what explains them most likely; `""`: nobody
-      has said. `is_awaited`: whether a diagnosis of the last findings is awaited.
+    - `findings`: the findings that are there, and alarms that are over and that nobody has
+      acknowledged. `cause`: what explains them most likely; None: nobody has said. `is_awaited`:
+      whether a diagnosis of the last findings is awaited.
+    - `acknowledged`: the host time until which alarms and their cause are acknowledged, ns.
     - `problem`: what keeps the server from its work, such as a full disk.
     - `ended`: whether the source has ended, as a replay does.
     - `observed`: for how long the rig has been observed, s of the rig.
-    - `error`: the root mean square of readings minus expected readings in the last minute, K.
-    - `surprise`: the mean normalised innovation squared in the last minute.
+    - `within`: the share of the readings of the last minutes in the 95 % band of what was expected
+      of them. `band`: half its mean width, K. `compared`: how long these minutes are, s of the rig.
     - `later`: the readings that are expected in a minute; None if nothing is.
     """
 
@@ -67,18 +90,32 @@ class Situation(NamedTuple):
     still_on: str
     limit: float | None
     findings: Sequence[Finding]
-    cause: str
+    cause: Reason | None
     is_awaited: bool
+    acknowledged: int
     problem: str
     ended: bool
     observed: float
-    error: float
-    surprise: float
+    within: float
+    band: float
+    compared: float
     later: Moment | None
+
+    def is_new(self, finding: Finding) -> bool:
+        """Whether a finding is an alarm that nobody has acknowledged."""
+        return finding.is_alarm and (finding.found or 0) > self.acknowledged
 
 
 def is_rig_well(now: Situation) -> Sentence:
     """Whether the rig is well; the worst comes first. It is well if nothing else is to be said."""
+    worst = _worst(now)
+    if not (new := [finding for finding in now.findings if now.is_new(finding)]):
+        return worst
+    head = _found(now, new, "notice").head
+    return worst if head == worst.head else worst._replace(text=f"{worst.text} Also: {head}.")
+
+
+def _worst(now: Situation) -> Sentence:
     if now.ended:
         return Sentence("unknown", "The recording is over", "What is shown are its last readings.")
     if now.still_on:
@@ -92,16 +129,11 @@ def is_rig_well(now: Situation) -> Sentence:
     if now.trip:
         text = f"It reports “{now.trip}” and refuses every duty until it is reset."
         return Sentence("warning", "The device has switched off", text)
-    alarms = [finding for finding in now.findings if finding.is_alarm]
-    if alarms:
-        # What is said of a single part says more than what is said of all together.
-        first = max(alarms, key=lambda one: (bool(one.channel), abs(one.size or 0.0)))
-        text = f"{_capital(first.detail)}."
-        if len(alarms) > 1:
-            text = f"{text} {len(alarms) - 1} more findings."
-        if now.cause:
-            text = f"Most likely (estimate): {now.cause}. {text}"
-        return Sentence("warning", "Something has changed", text)
+    new = [finding for finding in now.findings if now.is_new(finding)]
+    # Findings may be over while their cause is there, as under a duty that does not show it.
+    is_there = _sure(now) and now.cause is not None and now.cause.until is None
+    if new and (is_there or any(finding.until is None for finding in new)):
+        return _found(now, new, "warning")
     if now.faults:
         names = ", ".join(now.faults)
         return Sentence("warning", "A channel has failed", f"No reading from {names}.")
@@ -112,16 +144,10 @@ def is_rig_well(now: Situation) -> Sentence:
         return Sentence("warning", "A link is not live", f"{_links(now)}.")
     if now.problem:
         return Sentence("warning", "The server has a problem", now.problem)
-    if now.cause or now.is_awaited:
-        # What was found is over, as under a duty that does not show it; the twin is the old one.
-        text = f"Most likely (estimate): {now.cause}" if now.cause else "A diagnosis is awaited"
-        return Sentence("notice", "Something had changed", f"{text}. Nothing is found now.")
-    text = "Nothing reads a temperature."
-    if hottest is not None:
-        name, value = hottest
-        count = len(now.channels)
-        text = f"The hottest of {count} is {name}, " if count > 1 else f"{name} is "
-        text = f"{text}at {value:.1f} °C."
+    if new or now.findings:
+        # Over, known, or no alarm.
+        return _found(now, new or now.findings, "notice")
+    text = "Nothing has been found, and every link is live."
     return Sentence("good", "The rig is well", text)
 
 
@@ -132,24 +158,31 @@ def is_twin_right(now: Situation) -> Sentence:
     if now.observed < SETTLE:
         left = SETTLE - now.observed
         return Sentence("unknown", "The twin is finding the rig", f"Ready in {left:.0f} s.")
-    off = f"Readings differ from what it expected by {now.error:.2f} K."
-    if any(finding.is_alarm for finding in now.findings):
-        return Sentence("warning", "The twin does not explain the rig", off)
+    share = f"{100 * now.within:.0f} % of the readings of the last {_minutes(now.compared)}"
+    share = f"{share} are within ±{now.band:.2g} K of what it expected; 95 % are usual."
+    alarms = [finding for finding in now.findings if finding.is_alarm and finding.until is None]
+    if alarms:
+        # An observer follows what it cannot explain: its readings are in the band all the same.
+        detail = _capital(_largest(alarms).detail)
+        return Sentence("warning", "The twin does not explain the rig", f"{detail}.")
     if now.cause:
-        return Sentence("notice", "The twin does not know what changed", off)
+        return Sentence("notice", "The twin does not know what changed", share)
     notices = [finding for finding in now.findings if not finding.is_alarm]
     if notices:
         return Sentence("notice", "The twin has to adapt", f"{_capital(notices[0].detail)}.")
-    if now.surprise > SURPRISING_NIS:
-        text = f"{off} That is {np.sqrt(now.surprise):.1f} times what it takes for usual."
-        return Sentence("notice", "The twin is less exact than usual", text)
-    return Sentence("good", "The twin is right", off)
+    if now.within < MIN_WITHIN:
+        return Sentence("notice", "The twin is less exact than usual", share)
+    return Sentence("good", "The twin is right", share)
 
 
 def what_comes(now: Situation) -> Sentence:
     """What is about to happen in the next minute, by the twin."""
     if now.later is None or now.ended or now.age is None or now.age > OLD_SECONDS:
         return Sentence("unknown", "No forecast", "A forecast needs readings.")
+    if now.cause or any(one.is_alarm and one.until is None for one in now.findings):
+        level, by = "notice", "By a twin that does not explain the rig: "
+    else:
+        level, by = "good", ""
     mean, half = now.later.mean, QUANTILE_975 * now.later.spread
     highest = int(np.argmax(mean + half))
     if now.limit is not None and mean[highest] + half[highest] > now.limit:
@@ -158,10 +191,57 @@ def what_comes(now: Situation) -> Sentence:
     change = np.where(np.isfinite(now.readings), mean - now.readings, 0.0)
     most = int(np.argmax(np.abs(change)))
     if abs(change[most]) <= max(STEADY_KELVIN, float(half[most])):
-        return Sentence("good", "Steady for the next minute", f"{_forecast(now, highest)}.")
-    word = "Warming" if change[most] > 0 else "Cooling"
-    text = f"{_forecast(now, most)}; now {now.readings[most]:.1f} °C."
-    return Sentence("good", f"{word} by {abs(change[most]):.1f} K in a minute", text)
+        return Sentence(level, "Steady for the next minute", f"{by}{_forecast(now, highest)}.")
+    word = "warming" if change[most] > 0 else "cooling"
+    hottest = _hottest(now)
+    is_other = hottest is not None and hottest[0] != now.channels[most]
+    word = f"{now.channels[most]} {word}" if is_other else word.capitalize()
+    text = f"{by}{_forecast(now, most)}; now {now.readings[most]:.1f} °C."
+    return Sentence(level, f"{word} by {abs(change[most]):.1f} K in a minute", text)
+
+
+def _found(now: Situation, findings: Sequence[Finding], level: Level) -> Sentence:
+    """What has been found: its reason if that is known, or else the finding that says most."""
+    largest = _largest(findings)
+    detail, more = _capital(largest.detail), len(findings) - 1
+    others = f" {more} more finding{'s' if more > 1 else ''}." if more else ""
+    if now.cause and _sure(now):
+        sure = f"{100 * now.cause.probability:.0f} %"
+        count = f"{more + 1} finding{'s' if more else ''}"
+        return Sentence(
+            level,
+            _capital(now.cause.phrase),
+            f"Estimate, {sure}, of {count}. The twin does not know it yet.",
+            now.cause.since,
+            now.cause.until,
+        )
+    since = None if largest.since is None else seconds(int(largest.since))
+    until = None if largest.until is None else seconds(int(largest.until))
+    if now.cause:
+        text = f"Most likely (estimate): {now.cause}."
+    else:
+        text = "A diagnosis follows." if now.is_awaited else "Nobody knows why."
+    text = text if largest.is_alarm else "It is no alarm."
+    return Sentence(
+        level,
+        detail if until is None else f"Over: {largest.detail}",
+        f"{text}{others}",
+        since,
+        until,
+    )
+
+
+def _largest(findings: Sequence[Finding]) -> Finding:
+    """That of a single part, which says more than what is said of all together."""
+    return max(findings, key=lambda one: (one.until is None, bool(one.channel), abs(one.size or 0)))
+
+
+def _sure(now: Situation) -> bool:
+    return now.cause is not None and now.cause.probability >= SURE
+
+
+def _minutes(length: float) -> str:
+    return f"{length / 60:.0f} minutes" if length >= 90 else f"{length:.0f} s"
 
 
 def _forecast(now: Situation, place: int) -> str:

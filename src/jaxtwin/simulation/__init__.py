@@ -15,8 +15,9 @@ what:
 - large plates: `_reduced_modes`, the few modes that the drive reaches; `_few_modes`, those that a
   match takes; `_grid_convergence`, the grid by the accuracy wanted
 - one run: `_simulate`, `_run` (its result), `_power`, `_uniformity`, `_exceeded_limits`
-- many draws: `_simulate_batch`, `_draw_solver`, `_chunk_programs`, `_compressed`, `_reductions`
-  (what is kept), `_draw_units` and `_workers` (cores, accelerators, clusters)
+- many draws: `_simulate_batch`, `_batch_temperatures` (its result), `_draw_solver`,
+  `_chunk_programs`, `_compressed`, `_reductions` (what is kept), `_draw_units` and `_workers`
+  (cores, accelerators, clusters)
 - many draws on a CPU with a C compiler: `rodas5p.c`, a draw in each lane of a vector;
   `_native_library` (compiled and loaded), `_native_network` (a network as its tables and numbers),
   `_native_elimination` (the places of its factors), `_native_inputs` (what inputs change in it),

@@ -1,6 +1,7 @@
 # The public names of jaxtwin.simulation. `__init__.py` reads this file at run time and imports a
 # name when it is first used: the default solver does without diffrax.
 
+from ._batch_temperatures import BatchTemperatures as BatchTemperatures
 from ._chunk_programs import Precision as Precision
 from ._drive import Drive as Drive
 from ._grid_convergence import Grid as Grid

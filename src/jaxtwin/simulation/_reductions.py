@@ -4,6 +4,7 @@ Each reduction is a pure JAX function of the readings of one draw. Draws of the 
 draws of a diffrax solver and sweeps use the same table.
 """
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, final
@@ -225,21 +226,9 @@ class Reductions:
         return xarray.Dataset(variables, coords={"draw": draws, "channel": list(self.channels)})
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """Returns a table with a row for each draw and channel, and a column for each result.
-
-        A result with one value for each draw, such as those of the plate, is repeated in the rows
-        of the draw. The result of a user's function with several values for each draw has a column
-        for each value, such as `rise[0]` and `rise[1]`.
-        """
-        table = self.to_xarray()
-        for name, values in self.custom.items():
-            if values.ndim > 1:
-                columns = {
-                    f"{name}[{', '.join(map(str, place))}]": ("draw", values[:, *place])
-                    for place in np.ndindex(*values.shape[1:])
-                }
-                table = table.drop_vars(name).assign(columns)
-        return table.to_dataframe()
+        """Returns a table with a row for each draw, and a column for each result: `energy`, or, for
+        one with several values for each draw, `final[T11]`, `rise[0]`."""
+        return draws_table(self.to_xarray())
 
     def __repr__(self) -> str:
         named = ", ".join(self) or "nothing"
@@ -358,3 +347,18 @@ def _check_recorded(experiment: Experiment) -> None:
             f"{unsampled[0]} of {experiment.name or 'an experiment'}; leave the channel out with "
             "Experiment.select"
         )
+
+
+def draws_table(dataset: "xarray.Dataset") -> "pandas.DataFrame":
+    """A dataset as a table with a row for each draw, in which nothing is repeated: a column for
+    each variable, or for each of its values that one draw has, such as `cost[day 1, T11]`."""
+    import pandas
+
+    columns: dict[str, np.ndarray] = {}
+    for name, values in dataset.data_vars.items():
+        others = [dim for dim in values.dims if dim != "draw"]
+        flat = values.transpose("draw", *others).values.reshape(values.sizes["draw"], -1)
+        labels = itertools.product(*(values[dim].values.tolist() for dim in others))
+        for label, column in zip(labels, flat.T, strict=True):
+            columns[f"{name}[{', '.join(map(str, label))}]" if others else str(name)] = column
+    return pandas.DataFrame(columns, index=pandas.Index(dataset["draw"].values, name="draw"))

@@ -14,6 +14,7 @@ from .._waiting import announced, counting
 from ..errors import JaxtwinError, ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import Twin
+from ._batch_temperatures import BatchLabels, BatchTemperatures
 from ._chunk_programs import Precision
 from ._draw_solver import DrawSolver
 from ._draw_units import solve_draws
@@ -101,14 +102,15 @@ def simulate_batch(
       that of an earlier call: the system fills a new one with zeros first, page by page.
 
     **Returns:** temperatures `(draws, times, channels)`, degC, for the channels that the experiment
-    names, else all: `out` if it is given. `reduce_batch` keeps less.
+    names, else all: `out` if it is given, otherwise an array whose `to_xarray()` is a dataset with
+    the draws of the parameters as coordinates. `reduce_batch` keeps less.
 
     **Raises:** `ParameterError` for unknown names, for draws that are missing, not one-dimensional,
     not finite or of different numbers, and for a twin with several values of another parameter;
     `SimulationError` if experiment and rig do not match, if an option is invalid, or if an executor
     fails.
     """
-    _, results = _solve_batch(
+    channels, results = _solve_batch(
         twin,
         experiment,
         draws,
@@ -126,10 +128,21 @@ def simulate_batch(
         on_progress=on_progress,
     )
     temperatures = results["temperatures"]
-    if out is None or temperatures is out:
+    if temperatures is out:
         return temperatures
-    out[...] = temperatures
-    return out
+    if out is not None:
+        out[...] = temperatures
+        return out
+    rig = twin_of_experiment(twin, experiment).rig
+    labels = BatchLabels(
+        {name: np.array(values) for name, values in draws.items()},
+        {name: rig.parameters[name].unit or "1" for name in draws},
+        experiment.time,
+        channels,
+        rig.name,
+        experiment.name,
+    )
+    return BatchTemperatures.labelled(temperatures, labels)
 
 
 @announced("simulation of many draws")

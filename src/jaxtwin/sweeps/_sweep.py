@@ -21,6 +21,7 @@ from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
 from ..simulation import Precision
+from ..simulation._reductions import draws_table
 from ._plan import Plan, plan_sweep
 from ._store import Store, count_failed, open_sweep
 
@@ -150,10 +151,10 @@ class Sweep:
         return open_sweep(self.folder)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The results of the finished draws as a table with a row for each draw, recording, channel
-        and parameter. The table is in memory: for a long sweep, select a part of `to_xarray`
-        first."""
-        return self.to_xarray().to_dataframe()
+        """The results of the finished draws as a table with a row for each draw, and a column for
+        each of its numbers, such as `R_E`, `cost[day 1, T11]`. The table is in memory: for a long
+        sweep, select a part of `to_xarray` first."""
+        return draws_table(self.to_xarray())
 
     def plot(self) -> "Figure":
         """Plots the distribution of each reduction over the finished draws:

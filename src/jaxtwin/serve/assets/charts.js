@@ -19,8 +19,7 @@ export class Charts {
     this.charts = layout.channels.map((channel, k) => this.#channelChart(root, channel.name, k));
     this.dutyChart = this.#dutyChart(dutyRoot);
     this.observer = new ResizeObserver(() => this.#resize());
-    this.observer.observe(root);
-    this.observer.observe(dutyRoot);
+    for (const chart of [...this.charts, this.dutyChart]) this.observer.observe(chart.root.parentElement);
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.scheme.addEventListener("change", () => this.#repaint());
   }
@@ -76,7 +75,7 @@ export class Charts {
       make("figcaption", {}, head, value), box));
     const { axes } = this;
     const chart = new this.uPlot({
-      ...axes.options(box, this.#height(), () => this.range ?? [0, 1]),
+      ...axes.options(box, () => this.range ?? [0, 1]),
       series: [
         {}, axes.faint(), axes.faint(), axes.faint(), axes.faint(),
         { stroke: () => axes.colour("--estimate"), width: 1.5, dash: [5, 3], points: { show: false } },
@@ -97,17 +96,13 @@ export class Charts {
     root.append(box);
     const lowest = this.layout.driven.some((one) => one.lowest < 0) ? -105 : -5;
     return new this.uPlot({
-      ...this.axes.options(box, this.#height(), () => [lowest, 105]),
+      ...this.axes.options(box, () => [lowest, 105]),
       series: [{}, ...this.layout.driven.map((part, k) => ({
         label: part.name, stroke: DRIVEN[k % DRIVEN.length], width: 2, dash: DASHES[k % DASHES.length],
         paths: this.uPlot.paths.stepped({ align: 1 }), points: { show: false },
       }))],
       hooks: { draw: [(u) => this.axes.mark(u)] },
     }, [[], ...this.layout.driven.map(() => [])], box);
-  }
-
-  #height() {
-    return this.layout.channels.length > 3 ? 8.2 : 14;
   }
 
   /** The values at the cursor, or the newest ones. */

@@ -42,6 +42,7 @@ const view = createView(main, {
     promote: { version, reason: "promoted on the page" },
     rollback: { reason: "rolled back on the page" },
     refit: { seconds: 900 },
+    acknowledge: {},
   }[kind]),
 });
 

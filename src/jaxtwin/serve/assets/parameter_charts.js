@@ -11,7 +11,7 @@ export class ParameterCharts {
     Object.assign(this, { root, uncertain, axes });
     this.charts = uncertain.map((one, k) => this.#chart(one, k, uPlot));
     this.observer = new ResizeObserver(() => this.charts.forEach((chart) => axes.fit(chart)));
-    this.observer.observe(root);
+    for (const chart of this.charts) this.observer.observe(chart.root.parentElement);
     this.scheme = matchMedia("(prefers-color-scheme: dark)");
     this.repaint = () => this.charts.forEach((chart) => chart.redraw(false, true));
     this.scheme.addEventListener("change", this.repaint);
@@ -65,7 +65,7 @@ export class ParameterCharts {
     const figure = make("figure", { class: "chart", "aria-label": `${name} over time, estimated`, title: description },
       make("figcaption", {}, make("h3", {}, name), value), box);
     this.root.append(figure);
-    const options = axes.options(box, 8.2, () => this.charts?.[k].limits ?? [0, 1]);
+    const options = axes.options(box, () => this.charts?.[k].limits ?? [0, 1]);
     const chart = new uPlot({
       ...options,
       series: [

@@ -130,7 +130,7 @@ export class Plate {
   }
 
   #cells(context, scale) {
-    context.font = `600 ${12 * this.ratio}px system-ui, sans-serif`;
+    context.font = `600 ${0.8 * this.rem}px system-ui, sans-serif`;
     context.textAlign = "left";
     context.textBaseline = "bottom";
     for (const { name, outline } of this.layout.driven) {
@@ -157,7 +157,7 @@ export class Plate {
     for (const { zone, channel } of this.zones) {
       const value = values.channels[channel];
       const wide = (zone[1] - zone[0]) * scale, tall = (zone[3] - zone[2]) * scale;
-      const size = Math.min(15 * this.ratio, wide / 3.2, tall / 2.4);
+      const size = Math.min(this.rem, wide / 3.2, tall / 2.4);
       if (size < 8 * this.ratio) continue; // hover says it
       const text = value === null ? "failed" : isApart ? signedText(value) : numberText(value);
       context.font = `600 ${size}px system-ui, sans-serif`;
@@ -184,6 +184,7 @@ export class Plate {
 
   #resize() {
     this.ratio = window.devicePixelRatio || 1;
+    this.rem = this.ratio * parseFloat(getComputedStyle(document.documentElement).fontSize);
     const width = Math.round(this.canvas.clientWidth * this.ratio);
     const height = Math.round((width * this.height) / this.width);
     if (!width || (this.canvas.width === width && this.canvas.height === height)) return;

@@ -32,15 +32,15 @@ export class TimeAxes {
     return getComputedStyle(this.root).getPropertyValue(name).trim();
   }
 
-  /** The options of a chart in a box, of a height in rem: `y` is the range of its values. */
-  options(box, height, y) {
+  /** The options of a chart that fills a box: `y` is the range of its values. */
+  options(box, y) {
     const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
     const axis = {
       stroke: () => this.colour("--quiet"), grid: { stroke: () => this.colour("--grid"), width: 1 },
       ticks: { show: false }, font: `${Math.round(0.72 * rem)}px system-ui, sans-serif`,
     };
     return {
-      width: Math.max(box.clientWidth, 100), height: Math.round(height * rem),
+      width: Math.max(box.clientWidth, 100), height: Math.max(box.clientHeight, 60),
       legend: { show: false },
       cursor: { y: false, sync: { key: "jaxtwin" }, points: { show: false }, drag: { x: false, y: false } },
       scales: { x: { time: this.isClock, range: () => this.range }, y: { range: y } },
@@ -82,10 +82,10 @@ export class TimeAxes {
     return at === null ? chart.data[0].findLastIndex((time) => time <= this.now) : at;
   }
 
-  /** Makes a chart as wide as its box. */
+  /** Makes a chart as large as its box. */
   fit(chart) {
-    const width = chart.root.parentElement.clientWidth;
-    if (width && width !== chart.width) chart.setSize({ width, height: chart.height });
+    const { clientWidth: width, clientHeight: height } = chart.root.parentElement;
+    if (width && height && (width !== chart.width || height !== chart.height)) chart.setSize({ width, height });
   }
 
   #tick(seconds) {

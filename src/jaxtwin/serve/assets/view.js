@@ -4,6 +4,7 @@ import { Charts, dutyColour } from "./charts.js";
 import {
   make, numberText, setRows, setText, significantText, signedText, timeText, zoneName,
 } from "./format.js";
+import { Network } from "./network.js";
 import { ParameterCharts } from "./parameter_charts.js";
 import { Plate } from "./plate.js";
 import { Series } from "./series.js";
@@ -11,7 +12,8 @@ import { Series } from "./series.js";
 const SPANS = [[300, "5 min"], [3600, "1 h"], [86400, "1 day"], [604800, "1 week"]];
 const SIGNS = { good: "✓", unknown: "…", notice: "i", warning: "!", critical: "‼", plain: "·" };
 const WORDS = { good: "good", unknown: "not known", notice: "notice", warning: "warning", critical: "critical" };
-const QUESTIONS = { rig: "Is the rig well?", twin: "Is the twin right?", minute: "What comes next?" };
+const QUESTIONS = { rig: "Is the rig well?", minute: "What comes next?", twin: "Is the twin right?" };
+const FEW = 4; // channels whose charts leave room for tables beside them
 const CHART_MS = 500;
 const SPEAK_MS = 30_000;
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -21,7 +23,8 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
  *
  * - `uPlot`: the class of the library that draws charts.
  * - `history`: a function that promises the history of so many seconds.
- * - `twinAction`: called with "promote" and a version, "rollback" or "refit"; null where nobody may.
+ * - `twinAction`: called with "promote" and a version, "rollback", "refit" or "acknowledge"; null
+ *   where nobody may.
  * - `aside`: an element that stands beside the charts, such as one with commands.
  */
 export function createView(root, { uPlot, history, twinAction = null, aside = "" }) {
@@ -66,12 +69,21 @@ class View {
       const sign = make("span", { class: "sign", "aria-hidden": "true" });
       const level = make("span", { class: "hidden" });
       const head = make("p", { class: "head" }, level, make("span"));
+      const number = make("p", { class: "number", hidden: true });
       const text = make("p", { class: "text" });
       const card = make("section", { class: "answer unknown", "aria-label": question },
-        sign, make("div", {}, make("h2", {}, question), head, text));
-      this.answers[name] = { card, sign, level, head: head.lastChild, text };
+        sign, make("div", {}, make("h2", {}, question), number, head, text));
+      this.answers[name] = { card, sign, level, head: head.lastChild, text, number };
       story.append(card);
     }
+    this.acknowledge = make("button", {
+      type: "button", hidden: true, click: () => this.twinAction("acknowledge"),
+    }, "Acknowledge");
+    this.answers.rig.text.after(this.acknowledge);
+    this.hottest = make("p", { class: "number" }, "–");
+    this.hottestText = make("p", { class: "text" });
+    this.answers.rig.card.after(make("section", { class: "answer plain", "aria-label": "Temperature" },
+      make("div", {}, make("h2", {}, "Temperature"), this.hottest, this.hottestText)));
     this.spokenText = make("p", { class: "hidden", role: "status" });
     this.plateBox = make("div");
     this.chartBox = make("div", { class: "charts" });
@@ -94,7 +106,7 @@ class View {
       return [scroll, body];
     };
     const [values, valueRows] = table("Table of values",
-      ["Channel", "Measured", "Expected (estimate)", "Difference", "In a minute (estimate)"]);
+      ["Channel", "Measured", "Expected", "Error, K", "In a minute"]);
     const [unseen, unseenRows] = table("Estimates of what nothing measures",
       ["Estimate of", "Now", "± 95 %", "In a minute"]);
     const [findings, findingRows] = table("Table of findings", ["Since", "What", "Size", "Sure"]);
@@ -115,23 +127,24 @@ class View {
     }, "Refit to the last 15 minutes");
     this.twinsPart = part("twins", "Twins of the store", twins, this.refit);
     this.platePart = part("plate", "Plate", this.plateBox);
+    this.tables = make("div", { class: "tables" },
+      part("values", "Values, °C", values),
+      part("unseen", "What nothing measures (estimates)", unseen));
+    this.right = make("div", { class: "column right" },
+      part("channels", "Channels", this.spanChoice, legend, this.chartBox), this.parametersPart);
+    this.bottom = make("div", { class: "bottom" },
+      make("div", { class: "column" }, this.twinsPart, part("log", "Log", this.lines)));
     this.root.replaceChildren(
       story, this.spokenText,
       make("div", { class: "parts" },
-        make("div", { class: "column" },
+        make("div", { class: "column left" },
           this.platePart,
           part("findings", "Findings", findings, this.causes),
           part("duty", "Duty and energy", this.dutyLegend, this.dutyBox, this.energy),
           this.aside,
         ),
-        make("div", { class: "column wide" },
-          part("channels", "Channels", this.spanChoice, legend, this.chartBox),
-          this.parametersPart,
-          part("values", "Values, °C", values),
-          part("unseen", "What nothing measures (estimates)", unseen),
-        ),
-        this.twinsPart,
-        part("log", "Log", this.lines),
+        this.right,
+        this.bottom,
       ),
     );
     this.twinsPart.hidden = true;
@@ -151,8 +164,12 @@ class View {
     const span = this.series?.span;
     this.series = new Series(layout.channels.length, layout.driven.length, layout.uncertain.length);
     if (span) this.series.span = span;
-    this.platePart.hidden = !layout.plate;
-    this.plate = layout.plate ? new Plate(this.plateBox, layout) : null;
+    const isFew = layout.channels.length <= FEW;
+    this.root.classList.toggle("few", isFew);
+    if (isFew) this.right.append(this.tables);
+    else this.bottom.prepend(this.tables);
+    setText(this.platePart.firstChild, layout.plate ? "Plate" : "Network (estimates, but for what reads)");
+    this.plate = layout.plate ? new Plate(this.plateBox, layout) : new Network(this.plateBox, layout);
     this.charts = new Charts(this.chartBox, this.dutyBox, layout, this.series, this.uPlot);
     this.parametersPart.hidden = !layout.uncertain.length;
     this.parameterCharts = new ParameterCharts(this.parameterBox, layout.uncertain, this.charts.axes, this.uPlot);
@@ -172,7 +189,8 @@ class View {
     const time = performance.now();
     if (calm.matches && time - this.drawn < 1000) return;
     this.drawn = time;
-    this.plate?.sample(sample);
+    this.plate.sample(sample);
+    this.#drawHottest();
     this.dutyValues.forEach((element, k) => setText(element, `${numberText(100 * sample.duty[k], 0)} %`));
     if (time - this.charted >= CHART_MS) this.#drawCharts();
   }
@@ -186,7 +204,7 @@ class View {
 
   #outlook(outlook) {
     this.ahead = outlook;
-    this.plate?.outlook(outlook);
+    this.plate?.outlook(outlook); // none before the layout
     const power = outlook.power.reduce((sum, one) => sum + one, 0);
     const energy = outlook.energy < 3600 ? `${numberText(outlook.energy, 0)} J` : `${numberText(outlook.energy / 3600, 2)} Wh`;
     setText(this.energy, `Power ${numberText(power, 1)} W, energy since the server began ${energy} (estimates).`);
@@ -199,12 +217,26 @@ class View {
       return [`${name}, ${unit}`, mean, `${lower} to ${upper}`, significantText(value)];
     }));
     setRows(this.unseenRows, [
-      ...layout.nodes.map((name, k) => [`${name}, °C`, numberText(outlook.nodes[k]),
+      ...layout.nodes.map((name, k) => [`${name.replace(/(.*)\.SENSOR$/, "sensor of $1")}, °C`, numberText(outlook.nodes[k]),
         numberText(outlook.nodes_band[k]), numberText(outlook.nodes_later[k])]),
       ["room, °C", numberText(outlook.room), numberText(outlook.room_band), ""],
-      ...layout.driven.map((part, k) => [`heat at ${part.name} that is unexplained, W`,
-        signedText(outlook.heats[k], 2), numberText(outlook.heats_band[k], 2), ""]),
+      ...layout.driven.map((part, k) => [`unexplained heat at ${part.name}, W`,
+        ...watts(outlook.heats[k], outlook.heats_band[k]), ""]),
     ]);
+  }
+
+  /** The hottest channel now and in a minute, to be read from across a room. */
+  #drawHottest() {
+    const { now, ahead, layout } = this;
+    const known = now.measured.map((value) => value ?? -Infinity);
+    const k = known.indexOf(Math.max(...known));
+    const { name } = layout.channels[k];
+    setText(this.hottest, now.measured[k] === null ? "–" : `${numberText(now.measured[k])} °C`);
+    setText(this.hottestText, known.length > 1 ? `${name}, the hottest of ${known.length}` : name);
+    const later = ahead?.forecast.at(-1)[k];
+    const { number } = this.answers.minute;
+    number.hidden = later === undefined;
+    setText(number, `${name} ${numberText(later)} °C`);
   }
 
   #drawValues() {
@@ -220,14 +252,18 @@ class View {
   #story(story) {
     let changed = false;
     for (const [name, answer] of Object.entries(this.answers)) {
-      const { level, head, text } = story[name];
+      const { level, text, since, until } = story[name];
+      const times = since === null ? "" : until === null ? `, since ${timeText(since).replace(/:\d\d$/, "")}`
+        : `, ${timeText(since)} to ${timeText(until)}`;
+      const head = `${story[name].head}${times}`;
       changed ||= answer.head.textContent !== head;
       answer.card.className = `answer ${level}`;
       setText(answer.sign, SIGNS[level]);
       setText(answer.level, `${WORDS[level]}: `);
-      setText(answer.head, head);
-      setText(answer.text, text);
+      setText(answer.head, minus(head));
+      setText(answer.text, minus(text));
     }
+    this.acknowledge.hidden = !(this.twinAction && story.new);
     const time = performance.now();
     if (changed && time - this.spoken > (this.spoken ? SPEAK_MS / 6 : 0)) {
       this.spoken = time;
@@ -239,7 +275,7 @@ class View {
     setRows(this.findingRows, findings.map((one) => [
       timeText(one.since ?? one.found),
       make("span", { class: one.until === null ? `mark ${one.severity}` : "mark over" },
-        one.until === null ? one.detail : `${one.detail} (over)`),
+        minus(one.until === null ? one.detail : `${one.detail} (over)`)),
       one.size === null ? "–" : `${signedText(one.size, 2)} ${one.unit}`,
       one.probability === null ? "–" : `${numberText(100 * one.probability, 0)} %`,
     ]));
@@ -259,10 +295,9 @@ class View {
     const causes = found.causes.map((cause) => make("div", { class: "cause" },
       ...cause.explanations.filter((one, k) => k === 0 || one.probability >= 0.005).slice(0, 5).map((one) => {
         const percent = Math.round(100 * one.probability);
-        const size = one.size === null || one.unit === "multiple" ? "" :
-          `, size ${numberText(one.size, 2)}${one.unit === "1" || one.unit === "share" ? "" : ` ${one.unit}`} (${numberText(one.lower, 2)} to ${numberText(one.upper, 2)})`;
+        const size = one.size === null || one.unit === "multiple" ? "" : ` (${numberText(one.lower, 2)} to ${numberText(one.upper, 2)})`;
         return make("div", { class: "bar-row" },
-          make("span", { class: "name" }, `${one.name}${size}, since ${timeText(one.onset)}`),
+          make("span", { class: "name" }, minus(`${one.phrase}${size}, since ${timeText(one.onset)}`)),
           make("progress", { max: "100", value: String(percent), "aria-label": one.name }),
           make("span", { class: "number" }, `${percent} %`));
       })));
@@ -291,9 +326,18 @@ class View {
   #log(lines) {
     this.lines.replaceChildren(...lines.toReversed().map((line) => make("li", { class: line.level },
       make("time", { datetime: new Date(line.t * 1000).toISOString() }, timeText(line.t)),
-      make("span", {}, ` ${line.text}`))));
+      make("span", {}, ` ${minus(line.text)}`))));
   }
 }
+
+/** A heat and its band with enough digits, W. */
+function watts(heat, band) {
+  const digits = band < 0.1 ? 3 : 2;
+  return [signedText(heat, digits), numberText(band, digits)];
+}
+
+/** A text of the server, in which a minus is a hyphen. */
+const minus = (text) => text.replace(/(^|[ (±])-(?=\d)/g, "$1−");
 
 /** What of a layout the charts are made for. */
 function drawnOf({ channels, uncertain }) {

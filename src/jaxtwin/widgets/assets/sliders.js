@@ -70,7 +70,7 @@ class SlidersView {
     if (!isHeld) columns.push(card("Duty, %", duties, dutyBox));
     root.append(this.problem, make("div", { class: "parts" },
       make("div", { class: "column" }, ...columns),
-      make("div", { class: "column wide charted" }, card("Channels", this.said, choice, legend, chartBox))));
+      make("div", { class: "column" }, card("Channels", this.said, choice, legend, chartBox))));
     const modes = about.recorded ? ["difference", "measured", "estimate"] : ["estimate"];
     this.plate = about.plate ? new Plate(plateBox, about, modes) : null;
     this.series = new Series(about.channels.length, about.driven.length);
