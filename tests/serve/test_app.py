@@ -15,11 +15,12 @@ from asgi import ask
 from hand_clock import START
 from small_page import SECOND, NoSource, bench, page, read, twin
 
-from jaxtwin import Experiment, simulate
+from jaxtwin import Experiment, Twin, simulate
 from jaxtwin.live import Finding, Reading, RigState
 from jaxtwin.observers import ProcessNoise
 from jaxtwin.serve import FrameRing, Page, TwinBeside
 from jaxtwin.serve._metrics import Metric, metrics_text
+from jaxtwin.serve._rig_layout import rig_layout
 from jaxtwin.serve._stream import KEEPALIVE_SECONDS, stream
 
 ASSETS = files("jaxtwin.serve") / "assets"
@@ -349,6 +350,13 @@ def test_pictures_that_are_late_by_a_turn_are_still_ten_in_a_second() -> None:
         shown.on_record(reading, state)
         shown.on_time(state, at + number * 7 % 5 * SECOND // 100)
     assert 98 <= sent.count("sample") <= 100
+
+
+def test_a_heater_is_outlined_where_its_heat_goes() -> None:
+    """The printer's board touches the nine elements in the middle of its bed, 1 cm from the rim."""
+    (heater,) = rig_layout(Twin("printer-bed"))["driven"]
+    assert heater["outline"][0] == [0.01, 0.01]
+    assert heater["outline"][2] == pytest.approx([0.204, 0.204])
 
 
 def test_the_log_and_the_ring_do_not_grow() -> None:

@@ -393,7 +393,7 @@ def draw_bodies(
 
 
 # The distances of columns and rows of a network without a plate, inches.
-COLUMN_PITCH, ROW_PITCH = 3.1, 1.35
+COLUMN_PITCH, ROW_PITCH = 2.5, 1.35
 
 
 def draw_network(

@@ -92,8 +92,12 @@ def _outline(twin: Twin, part: Cell | Heater) -> list[list[float]]:
     if part.placement is not None:
         return [_rounded(corner) for corner in part.placement.outline(twin.numbers_si)]
     plate = twin.rig.plate
-    contacts = part.contacts if isinstance(part, Cell) else ()
-    touched = np.array([plate.extent(name) for name, _ in contacts if name in plate.element_names])
+    if isinstance(part, Cell):
+        names = [name for name, _ in part.contacts]
+    else:  # its heat goes into an element, or into a body of its own that touches some
+        ends = [(link.a, link.b) for link in twin.netlist.links if part.name in (link.a, link.b)]
+        names = [part.node, *(name for pair in ends for name in pair)]
+    touched = np.array([plate.extent(name) for name in names if name in plate.element_names])
     if not len(touched):
         return []
     left, top = touched[:, 0].min(), touched[:, 2].min()
