@@ -68,6 +68,7 @@ def test_differences_are_the_derivatives_that_jax_integrates(
 
         errors, exact = both(jnp.asarray(vector))
         found_errors, found = native.output_errors(vector, 0), native.jacobian(vector, 0)
+    assert found_errors is not None
     np.testing.assert_allclose(found_errors, errors[0][0], atol=2e-4)
     assert found is not None
     expected = np.asarray(exact[0][0])

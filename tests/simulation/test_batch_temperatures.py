@@ -40,9 +40,10 @@ def test_it_is_an_array_for_everything_else(batch: BatchTemperatures) -> None:
 
 
 def test_a_part_has_no_labels_and_says_so(batch: BatchTemperatures) -> None:
+    part = batch[:2]
+    assert isinstance(part, BatchTemperatures)
     with pytest.raises(SimulationError, match="expected the whole result of simulate_batch"):
-        batch[:2].to_xarray()
-    assert isinstance(batch[:2], BatchTemperatures)
+        part.to_xarray()
 
 
 def test_an_array_of_the_caller_stays_as_it_is(batch: BatchTemperatures) -> None:

@@ -1,6 +1,7 @@
 """The axis of time of all pictures: in seconds, minutes, hours or days, whichever can be read, or
 with the clock of a recording that has a date."""
 
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import NamedTuple, final
 
@@ -83,11 +84,11 @@ class _Ticks(Locator):
         midnight = start and start.replace(hour=0, minute=0, second=0, microsecond=0)
         self._zero = None if start is None else (start - (midnight or start)).total_seconds()
 
-    def __call__(self) -> Float[np.ndarray, " ticks"]:
+    def __call__(self) -> Sequence[float]:
         assert self.axis is not None
         return self.tick_values(*sorted(self.axis.get_view_interval()))
 
-    def tick_values(self, vmin: float, vmax: float) -> Float[np.ndarray, " ticks"]:
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
         # As many as have room for their texts.
         room = MAX_TICKS if self.axis is None else int(0.8 * self.axis.get_tick_space())
         least = (vmax - vmin) / min(max(room, 2), MAX_TICKS)
@@ -102,7 +103,7 @@ class _Ticks(Locator):
         numbers = np.arange(
             np.ceil((vmin + zero - margin) / step), np.floor((vmax + zero + margin) / step) + 1
         )
-        return self.raise_if_exceeds(numbers * step - zero)
+        return self.raise_if_exceeds((numbers * step - zero).tolist())
 
 
 def _date(start: datetime, first: float, last: float) -> str:
