@@ -87,9 +87,8 @@ class Lanes:
         model = watcher[0].model
         self._longest = watcher[0].longest_seconds
         self._cells, self._channels = model.layout.heats, len(model.columns)
-        none = np.full(LANES, np.nan)
         with own_settings():
-            self._states = self._begin(none + 1.0, np.zeros((LANES, self._cells)))
+            self._states = self._begin(np.full(LANES, 20.0), np.zeros((LANES, self._cells)))
         # These compile before the first data.
         self.step(self.none())
         self.ahead(np.zeros((LANES, self._cells)))

@@ -150,8 +150,10 @@ class WatchedRig:
         )
         self._alarms: dict[str, tuple[Finding, float]] = {}  # kind -> alarm, when it was there last
         self._since = self._heard = 0.0  # s of the monotonic clock
-        self._observed = self._error = self._surprise = 0.0
-        self._problem = ""
+        self._observed, self._problem = 0.0, ""
+        self.error = self.surprise = 0.0
+        """The root mean square of readings minus expected readings in the last minute, K, and the
+        mean normalised innovation squared."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -179,8 +181,8 @@ class WatchedRig:
         if valid.any():
             weight = 1.0 - np.exp(-step.elapsed / MEMORY_SECONDS)
             square = float(np.mean((step.readings - expected)[valid] ** 2))
-            self._error = float(np.sqrt(self._error**2 + weight * (square - self._error**2)))
-            self._surprise += weight * (float(np.mean(white[valid] ** 2)) - self._surprise)
+            self.error = float(np.sqrt(self.error**2 + weight * (square - self.error**2)))
+            self.surprise += weight * (float(np.mean(white[valid] ** 2)) - self.surprise)
         # Without a score from a half on there is nothing to be begun, nor to go on.
         if self._findings.is_any_present or (evidence.score >= 0.5).any():
             self._findings.take(self.queue.time, evidence)
@@ -235,8 +237,8 @@ class WatchedRig:
             problem="",
             ended=False,
             observed=self._observed,
-            error=self._error,
-            surprise=self._surprise,
+            error=self.error,
+            surprise=self.surprise,
             later=None if measured is None else self.later,
         )  # fmt: skip
         sentences = is_rig_well(situation), is_twin_right(situation), what_comes(situation)
@@ -289,7 +291,7 @@ class WatchedRig:
             "queue": self.queue.to_dict(),
             "findings": self._findings.to_dict(),
             "cause": self.cause,
-            "averages": [self._observed, self._error, self._surprise],
+            "averages": [self._observed, self.error, self.surprise],
         }
         return StoredState(self.made.key, content, self.lanes.packed(self.lane))
 
@@ -301,7 +303,7 @@ class WatchedRig:
         self.queue.resume(content["queue"])
         self._findings.resume(content["findings"])
         self.cause = content["cause"]
-        self._observed, self._error, self._surprise = content["averages"]
+        self._observed, self.error, self.surprise = content["averages"]
         return True
 
     def _set(self, kind: str, is_there: bool, detail: str) -> None:

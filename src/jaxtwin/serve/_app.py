@@ -241,17 +241,19 @@ def _degrees(value: float | None) -> str:
     return "failed" if value is None else f"{value:.1f}"
 
 
-def asset_files() -> Iterator[tuple[str, tuple[bytes, str, str]]]:
-    """Name -> content, type and tag of the files of the page."""
-    folder = files("jaxtwin.serve") / "assets"
-    for prefix, place in (("", folder), ("uplot/", folder / "uplot")):
+def asset_files(package: str = "jaxtwin.serve") -> Iterator[tuple[str, tuple[bytes, str, str]]]:
+    """Name -> content, type and tag of the files of a page, which are those of a package."""
+    places = [("", files(package) / "assets")]
+    for prefix, place in places:
         for entry in place.iterdir():
-            if entry.is_file():
-                content = entry.read_bytes()
-                kind = mimetypes.guess_type(entry.name)[0] or "text/plain"
-                kind = "text/javascript" if entry.name.endswith(".js") else kind
-                tag = f'"{hashlib.sha256(content).hexdigest()[:16]}"'
-                yield f"{prefix}{entry.name}", (content, kind, tag)
+            if entry.is_dir():
+                places.append((f"{entry.name}/", entry))
+                continue
+            content = entry.read_bytes()
+            kind = mimetypes.guess_type(entry.name)[0] or "text/plain"
+            kind = "text/javascript" if entry.name.endswith(".js") else kind
+            tag = f'"{hashlib.sha256(content).hexdigest()[:16]}"'
+            yield f"{prefix}{entry.name}", (content, kind, tag)
 
 
 def refused(refusal: Refusal) -> Response:
