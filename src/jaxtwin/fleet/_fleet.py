@@ -20,6 +20,7 @@ from ..live import Finding
 from ..live._json import finding_as_json
 from ..serve._live_diagnosis import MIN_SAMPLES, causes_of
 from ..serve._live_refit import refit_champion
+from ..serve._outlook import look_ahead
 from ..twin_store import TwinStore
 from ._fleet_file import FleetFile
 from ._inbox import Inbox
@@ -115,6 +116,7 @@ class Fleet:
 
     def run(self, is_over: Callable[[], bool]) -> None:
         """Watches until it is to end, and keeps the states of all rigs then."""
+        self.turned = time.monotonic()
         while not is_over():
             self.turn()
         self._keep_states(list(self.rigs.values()))
@@ -122,6 +124,7 @@ class Fleet:
     def turn(self) -> None:
         """Takes messages until the next tick, and then steps all lanes."""
         end = self.turned + TICK_SECONDS
+        self._receive(0.0)
         while (left := end - time.monotonic()) > 0:
             self._receive(min(left, 0.1))
         self.turned = max(end, time.monotonic() - TICK_SECONDS)
@@ -193,6 +196,7 @@ class Fleet:
         free = self._free.setdefault(structure, [])
         if not free:
             block = Lanes(made.watcher)
+            look_ahead(made.watcher[0], block.kalman(0), block.none().duty[0])  # compiles
             self._blocks.append(block)
             free += [(block, lane) for lane in reversed(range(LANES))]
         block, lane = free.pop()

@@ -15,6 +15,25 @@ from ._watched_rig import WatchedRig
 # The worst first.
 LEVELS = ("critical", "warning", "notice", "unknown", "good")
 
+# Question -> what is said of those for which the answer is good, and if it is good for all.
+ANSWERS = {
+    "rig": ("are well", "Nothing is found."),
+    "twin": ("twins are right", "Nothing is unexplained."),
+    "minute": ("stay within limits", "Nothing gets near its limit in the next minute."),
+}
+
+# What a kind of finding is called where several rigs have it.
+WORDS = {
+    "sudden": "a sudden change",
+    "implausible": "unexplained heat, or another parameter",
+    "drift": "a channel that drifts",
+    "frozen": "a frozen channel",
+    "gone": "a channel at the room",
+    "silent": "no readings",
+    "over-temperature": "too hot",
+    "channel-fault": "a channel without readings",
+}
+
 # What so many rigs of a group, and this part of it, have in common is said.
 MIN_RIGS = 3
 MIN_FRACTION = 0.05
@@ -34,13 +53,7 @@ def overview(fleet: Fleet) -> dict[str, Any]:
     stories = {name: rig.story() for name, rig in rigs.items()}
     return {
         "t": round(time.time(), 1),
-        "answers": {
-            "rig": _answer(stories, "rig", "well", "Nothing is found.")._asdict(),
-            "twin": _answer(stories, "twin", "explained by its twin", "Nothing is unexplained.")
-            ._asdict(),
-            "minute": _answer(stories, "minute", "steady or as it is driven",
-                              "No limit is near.")._asdict(),
-        },
+        "answers": {name: _answer(stories, name)._asdict() for name in ANSWERS},
         "trends": trends(rigs),
         "problems": fleet.problems,
         "rigs": [
@@ -67,9 +80,8 @@ def trends(rigs: Mapping[str, WatchedRig]) -> list[dict[str, Any]]:
             # Without its probability, which is that of each rig.
             seen[rig.group, rig.cause.rpartition(",")[0], True].append(name)
         else:
-            kinds = {(finding.kind, finding.channel) for finding in findings}
-            for kind, channel in kinds:
-                seen[rig.group, f"{kind} {channel}".strip(), False].append(name)
+            for kind in {finding.kind for finding in findings}:
+                seen[rig.group, WORDS.get(kind, kind), False].append(name)
     common = [
         {
             "text": f"{len(names)} of {sizes[group]} in {group}: {what}{' (estimate)' * is_cause}",
@@ -112,27 +124,25 @@ def metrics_of(rig: WatchedRig) -> list[Metric]:
         gauge("expected_celsius", "What the twin expected of a channel.",
               None if rig.measured is None else rig.expected),
         Metric("jaxtwin_messages_total", "counter",
-               "Messages that were used, or were late, malformed, superfluous or too many.", "how",
+               "Readings that were used, and messages that were late, malformed or too many.",
+               "how",
                dict(rig.queue.counts)),
     ]  # fmt: skip
 
 
-def _answer(
-    stories: Mapping[str, Mapping[str, Sentence]], question: str, good: str, nothing: str
-) -> Sentence:
-    """How many rigs are well by one of the three sentences, and what the worst are."""
-    by_level: defaultdict[str, list[str]] = defaultdict(list)
-    for name, story in stories.items():
-        by_level[story[question].level].append(name)
-    worst = next((level for level in LEVELS if by_level[level]), "unknown")
-    count, total = len(by_level["good"]), len(stories)
-    if count == total:
-        return Sentence("good", f"All {total} are {good}", nothing)
-    names, heads = by_level[worst], Counter(story[question].head for story in stories.values())
-    of_worst = {stories[name][question].head for name in names}
-    parts = [f"{heads[head]}: {head.lower()}" for head in sorted(of_worst, key=lambda h: -heads[h])]
-    shown = ", ".join(names[:SHOWN_RIGS]) + f" and {len(names) - SHOWN_RIGS} more" * (
-        len(names) > SHOWN_RIGS
+def _answer(stories: Mapping[str, Mapping[str, Sentence]], question: str) -> Sentence:
+    """For how many rigs the answer to a question is good, and what the worst are."""
+    answers, (some, nothing) = (
+        {one: story[question] for one, story in stories.items()},
+        ANSWERS[question],
     )
-    level: Any = worst
-    return Sentence(level, f"{count} of {total} are {good}", f"{'; '.join(parts[:3])} ({shown}).")
+    levels = Counter(sentence.level for sentence in answers.values())
+    worst: Any = next((level for level in LEVELS if levels[level]), "unknown")
+    if worst == "good":
+        return Sentence("good", f"All {len(answers)} {some}", nothing)
+    names = [name for name, sentence in answers.items() if sentence.level == worst]
+    heads = Counter(answers[name].head for name in names).most_common(SHOWN_RIGS)
+    what = "; ".join(f"{count}: {head.lower()}" for head, count in heads)
+    more = f" and {len(names) - SHOWN_RIGS} more" * (len(names) > SHOWN_RIGS)
+    text = f"{what} ({', '.join(names[:SHOWN_RIGS])}{more})."
+    return Sentence(worst, f"{levels['good']} of {len(answers)} {some}", text)

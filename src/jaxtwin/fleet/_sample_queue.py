@@ -75,7 +75,7 @@ class SampleQueue:
 
     def __init__(self, rig: Rig, sample_time: float, longest_step: float):
         self.counts: Counter[str] = Counter()
-        """How many messages were `used`, or how they were bad."""
+        """How many readings were `used`, and how messages were bad."""
         self.number = 0
         """The number in the journal of the last message that was used."""
         self.time = 0
@@ -209,8 +209,9 @@ class SampleQueue:
         return Sample(round(time * 1e9), np.array(readings), None, math.nan, number)
 
     def _take(self) -> None:
-        self.number = self._waiting.popleft().number
-        self.counts["used"] += 1
+        sample = self._waiting.popleft()
+        self.number = sample.number
+        self.counts["used"] += sample.readings is not None
         self._parts = self._done = 0
 
     def _apply(self, sample: Sample, duty: Float[np.ndarray, " cells"]) -> None:
