@@ -7,7 +7,7 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, final
@@ -25,7 +25,7 @@ from ..twin_store import TwinStore
 from ._fleet_file import FleetFile
 from ._inbox import Inbox
 from ._jobs import Done, Jobs
-from ._journal import Journal
+from ._journal import Journal, Message
 from ._lanes import LANES, Lanes, structure_of
 from ._sample_queue import Step
 from ._watched_rig import WatchedRig, WatchedTwin, watched_twin
@@ -40,6 +40,11 @@ MAX_LATE_STEPS = 4
 
 # While more samples than these wait for each rig, the broker keeps what comes.
 MAX_BACKLOG = 20
+
+# Fewer messages than these are waited for, so long, that more come with them: to take some costs as
+# much as some more of them, s.
+MANY_MESSAGES = 10
+GATHER_SECONDS = 0.01
 
 # The times between two looks at the files, two states of a rig in the journal, two forecasts, and
 # two removals of old messages, s.
@@ -128,7 +133,7 @@ class Fleet:
         while (left := end - time.monotonic()) > 0:
             self._receive(min(left, 0.1))
         self.turned = max(end, time.monotonic() - TICK_SECONDS)
-        self._step_blocks()
+        self.step()
         self._look()
 
     def findings(self, rig: str, count: int) -> list[dict[str, Any]]:
@@ -153,21 +158,40 @@ class Fleet:
         self._maker.shutdown(wait=True, cancel_futures=True)
         self._journal.close()
 
+    def step(self, *, is_all: bool = False) -> None:
+        """Takes the steps for which samples wait; `is_all`: those of all samples."""
+        members: dict[int, list[WatchedRig]] = {}
+        for rig in self.rigs.values():
+            members.setdefault(id(rig.lanes), []).append(rig)
+        for block in self._blocks:
+            rigs = members.get(id(block), [])
+            late = 0
+            while late < MAX_LATE_STEPS or is_all:
+                waiting = [rig for rig in rigs if len(rig.queue)]
+                if not waiting:
+                    break
+                late += len(waiting) < BUSY_FRACTION * len(rigs)
+                late += MAX_LATE_STEPS if self._step(block, waiting) and not is_all else 0
+
+    def hear(self, messages: Iterable[Message]) -> None:
+        """Takes messages that the journal has."""
+        for message in messages:
+            if (rig := self.rigs.get(message.rig)) is not None:
+                rig.hear(message)
+
     def _receive(self, wait: float) -> None:
         """Takes messages into the journal and the queues, while not too many wait."""
         waiting = sum(len(rig.queue) for rig in self.rigs.values())
         if waiting > MAX_BACKLOG * len(self.rigs):
-            self._step_blocks()
+            self.step()
         taken = self._inbox.receive(wait)
         if not taken:
             return
         kept = self._journal.add(time.time_ns(), [one[:3] for one in taken])
         self._inbox.acknowledge(taken)
-        for message in kept:
-            if (rig := self.rigs.get(message.rig)) is not None:
-                rig.hear(message)
-        if len(taken) < 10:
-            time.sleep(0.01)  # some more come meanwhile: each turn costs as much as some of them
+        self.hear(kept)
+        if len(taken) < MANY_MESSAGES:
+            time.sleep(GATHER_SECONDS)
 
     def _catch_up(self) -> None:
         """Goes on where the process before ended: with the messages since the kept states."""
@@ -183,8 +207,8 @@ class Fleet:
             if message.number > known.get(message.rig, message.number):
                 self.rigs[message.rig].queue.put(message.kind, message.payload, message.number)
             if count % 5000 == 4999:
-                self._step_blocks(is_all=True)
-        self._step_blocks(is_all=True)
+                self.step(is_all=True)
+        self.step(is_all=True)
         self._tell()
 
     def _use(self, made: WatchedTwin) -> None:
@@ -214,21 +238,6 @@ class Fleet:
 
     def _listen(self) -> None:
         self._inbox.listen({name: rig.made.member.sample_time for name, rig in self.rigs.items()})
-
-    def _step_blocks(self, *, is_all: bool = False) -> None:
-        """Steps all blocks; `is_all`: until no sample waits."""
-        members: dict[int, list[WatchedRig]] = {}
-        for rig in self.rigs.values():
-            members.setdefault(id(rig.lanes), []).append(rig)
-        for block in self._blocks:
-            rigs = members.get(id(block), [])
-            late = 0
-            while late < MAX_LATE_STEPS or is_all:
-                waiting = [rig for rig in rigs if len(rig.queue)]
-                if not waiting:
-                    break
-                late += len(waiting) < BUSY_FRACTION * len(rigs)
-                late += MAX_LATE_STEPS if self._step(block, waiting) and not is_all else 0
 
     def _step(self, block: Lanes, rigs: list[WatchedRig]) -> bool:
         """Takes a step of each of some rigs; whether none of them has more than what has just

@@ -110,6 +110,7 @@ class Inbox:
 
     def close(self) -> None:
         """Ends the connection. The broker keeps what comes."""
+        self._client.on_disconnect = None
         self._client.disconnect()
         self._client.loop(0.0)
 

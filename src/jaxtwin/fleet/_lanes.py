@@ -155,8 +155,10 @@ class Lanes:
                 return False
             copy[lane] = np.frombuffer(part, copy.dtype).reshape(copy.shape[1:])
             place += size
+        if place != len(content):
+            return False
         self._states = jax.tree.unflatten(structure, copies)
-        return place == len(content)
+        return True
 
     def _bind(self) -> None:
         """Brings the numbers of all lanes to the device, after one has changed."""
