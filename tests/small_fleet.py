@@ -54,7 +54,7 @@ def messages(
         if duty != before:
             before = duty
             content: Mapping[str, Any] = dict(zip(twin().rig.driven, duty, strict=True))
-            yield "duty", {"time": time, **content, "ambient_degC": 21.0}
+            yield "duty", {"time": time, **content, "ambient_degC": 23.0}
 
 
 def encoded(content: Mapping[str, Any]) -> bytes:

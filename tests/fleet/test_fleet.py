@@ -56,10 +56,10 @@ def fleets():
 
 
 def test_what_is_found_survives_a_process_that_ends_at_any_time(tmp_path, fleets):
-    told: list[tuple[str, str]] = []
+    told: list[tuple] = []
 
     def ring(alarm: Finding, rig: str) -> None:
-        told.append((rig, alarm.kind))
+        told.append((rig, alarm.kind, alarm.channel, alarm.found))
 
     (tmp_path / "whole").mkdir()
     (tmp_path / "parts").mkdir()
@@ -79,7 +79,7 @@ def test_what_is_found_survives_a_process_that_ends_at_any_time(tmp_path, fleets
     assert keys(second, "a") == keys(whole, "a")
     assert second.rigs["b"].queue.counts["used"] == 420
     assert len(told) == len(set(told))  # nothing is told twice
-    assert {rig for rig, _ in told} == {"b"}
+    assert {one[0] for one in told} == {"b"}
 
 
 def test_rigs_come_go_and_get_other_twins_while_it_runs(tmp_path, fleets):
@@ -101,7 +101,7 @@ def test_rigs_come_go_and_get_other_twins_while_it_runs(tmp_path, fleets):
     assert fleet.rigs["b"].queue.counts["used"] == 30
     assert len(fleet._blocks) == blocks  # it compiles nothing
     values = tmp_path / "values.toml"
-    values.write_text("[values]\nR_1 = 66.0\n")
+    values.write_text('[parameters]\nR_1 = { value = 66.0, unit = "K/W" }\n')
     path.write_text(f'{path.read_text()}parameters = "values.toml"\n')
     look()
     assert fleet.rigs["c"].made.label == "values of values.toml"
@@ -231,5 +231,6 @@ def test_old_messages_are_forgotten(tmp_path):
     journal.add(10, [("a", "readings", b"1"), ("b", "readings", b"2")])
     journal.add(20, [("a", "readings", b"3")])
     journal.forget(15)
-    assert [message.payload for message in journal.after(0)] == [b"3"]
+    assert [message.payload for message in journal.after("a", 0, 9)] == [b"3"]
+    assert journal.after("b", 0, 9) == []
     journal.close()

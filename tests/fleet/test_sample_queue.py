@@ -106,6 +106,16 @@ def test_twice_the_same_or_sooner_than_needed_is_counted_and_passed_over():
     assert taking.counts == {"late": 2, "thinned": 1}
 
 
+def test_a_duty_that_is_repeated_makes_no_step():
+    taking = queue()
+    taking.put("readings", reading(0.0), 1)
+    for second in (0.1, 0.2, 0.3, 0.4):
+        taking.put("duty", duty(second), 2)
+    taking.put("readings", reading(1.0), 3)
+    assert [round(step.dt, 3) for step in steps(taking)] == [0.0, 0.1, 0.9]
+    assert taking.counts["thinned"] == 3
+
+
 def test_a_flood_leaves_the_newest():
     taking = queue()
     for second in range(MAX_WAITING + 200):

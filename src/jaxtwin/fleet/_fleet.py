@@ -27,7 +27,7 @@ from ._inbox import Inbox
 from ._jobs import Done, Jobs
 from ._journal import Journal, Message
 from ._lanes import LANES, Lanes, structure_of
-from ._sample_queue import Step
+from ._sample_queue import MAX_WAITING, Step
 from ._watched_rig import WatchedRig, WatchedTwin, watched_twin
 
 # The time between two turns of all lanes, s.
@@ -195,20 +195,22 @@ class Fleet:
 
     def _catch_up(self) -> None:
         """Goes on where the process before ended: with the messages since the kept states."""
+        numbers: dict[str, int] = {}
         for rig in self.rigs.values():
             stored = self._journal.state(rig.name)
             if stored is not None:
                 rig.resume(stored)
-        known = {name: rig.queue.number for name, rig in self.rigs.items()}
-        begin = min(filter(None, known.values()), default=None)
-        if begin is None:
-            return
-        for count, message in enumerate(self._journal.after(begin)):
-            if message.number > known.get(message.rig, message.number):
-                self.rigs[message.rig].queue.put(message.kind, message.payload, message.number)
-            if count % 5000 == 4999:
-                self.step(is_all=True)
-        self.step(is_all=True)
+            # Of a rig without a state there are only the messages of its first minutes.
+            numbers[rig.name] = 0 if stored is None else stored.content["queue"]["number"]
+        while numbers:
+            for name, number in list(numbers.items()):
+                messages = self._journal.after(name, number, MAX_WAITING)
+                for one in messages:
+                    self.rigs[name].queue.put(one.kind, one.payload, one.number)
+                    numbers[name] = one.number
+                if not messages:
+                    del numbers[name]
+            self.step(is_all=True)
         self._tell()
 
     def _use(self, made: WatchedTwin) -> None:

@@ -4,7 +4,7 @@ of its observer, from which a process that begins again goes on."""
 import json
 import sqlite3
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
@@ -93,15 +93,14 @@ class Journal:
         first = last - len(rows) + 1
         return [Message(first + place, *one) for place, one in enumerate(messages)]
 
-    def after(self, number: int) -> Iterator[Message]:
-        """The messages after one, of all rigs."""
+    def after(self, rig: str, number: int, count: int) -> list[Message]:
+        """The next messages of a rig after one, at most so many."""
         query = (
-            "SELECT number, name, kind, payload FROM messages JOIN rigs ON rig = id "
-            "WHERE number > ? ORDER BY number LIMIT 5000"
+            "SELECT number, kind, payload FROM messages WHERE rig = ? AND number > ? "
+            "ORDER BY number LIMIT ?"
         )
-        while rows := self._all(query, number):
-            yield from (Message(*row) for row in rows)
-            number = rows[-1][0]
+        rows = self._all(query, self._id(rig), number, count)
+        return [Message(row[0], rig, *row[1:]) for row in rows]
 
     def since(self, rig: str, arrival: int) -> list[Message]:
         """The messages of a rig that arrived after a host time, ns."""

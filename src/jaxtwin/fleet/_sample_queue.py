@@ -86,7 +86,7 @@ class SampleQueue:
         self._last: int | None = None  # the time of the last reading that was taken
         self._read: int | None = None  # that of the last one that was used
         self._duty, self._ambient = np.zeros(len(rig.driven)), math.nan
-        self._is_read = True
+        self._said: tuple[float, ...] = ()  # duty and ambient temperature that were taken last
         self._parts = self._done = 0  # of the gap before the first sample that waits
 
     def __len__(self) -> int:
@@ -119,6 +119,12 @@ class SampleQueue:
                 self.counts["thinned"] += 1
                 return
             self._last = sample.time
+        elif sample.duty is not None:
+            said = (*sample.duty.tolist(), sample.ambient)
+            if said == self._said:  # a device may repeat it ten times a second
+                self.counts["thinned"] += 1
+                return
+            self._said = said
         self._waiting.append(sample)
         if len(self._waiting) > MAX_WAITING:
             self.counts["overflow"] += 1
@@ -136,15 +142,14 @@ class SampleQueue:
                 self.counts["gap"] += 1
                 self.restart()
             if sample.duty is not None:
-                is_new = not self._is_read or bool((sample.duty != self._duty).any())
-                if self._read is None or not is_new:
+                # A duty that is not new is left to the reading that follows it.
+                if self._read is None or not (sample.duty != self._duty).any():
                     self._take()
                     self._apply(sample, sample.duty)
                     continue
             elif self._read is None:
                 self._take()
                 self.time = self._read = sample.time
-                self._is_read = True
                 return Step(0.0, 0.0, self._duty, self._ambient, sample.readings, begins=True)
             gap = max(gap, 0.0)
             if not self._parts:
@@ -160,7 +165,7 @@ class SampleQueue:
                 return step
             assert self._read is not None
             elapsed = max(seconds(sample.time - self._read), 0.0)
-            self._read, self._is_read = max(sample.time, self._read), True
+            self._read = max(sample.time, self._read)
             return step._replace(elapsed=elapsed, readings=sample.readings)
         return None
 
@@ -171,14 +176,13 @@ class SampleQueue:
     def to_dict(self) -> dict[str, Any]:
         """What was used, as a dictionary that JSON can hold, from which `resume` goes on."""
         ambient = None if math.isnan(self._ambient) else self._ambient
-        fields = ("number", "time", "_read", "_is_read")
-        state = {name: getattr(self, name) for name in fields}
+        state = {name: getattr(self, name) for name in ("number", "time", "_read")}
         return {**state, "duty": self._duty.tolist(), "ambient": ambient,
                 "counts": dict(self.counts)}  # fmt: skip
 
     def resume(self, content: dict[str, Any]) -> None:
         """Goes on from what `to_dict` gave."""
-        for name in ("number", "time", "_read", "_is_read"):
+        for name in ("number", "time", "_read"):
             setattr(self, name, content[name])
         self._duty = np.array(content["duty"])
         self._ambient = math.nan if content["ambient"] is None else content["ambient"]
@@ -215,7 +219,7 @@ class SampleQueue:
         self._parts = self._done = 0
 
     def _apply(self, sample: Sample, duty: Float[np.ndarray, " cells"]) -> None:
-        self._duty, self._is_read = duty, False
+        self._duty = duty
         if not math.isnan(sample.ambient):
             self._ambient = sample.ambient
 
