@@ -32,6 +32,7 @@ from .commands import (
     _drive,
     _estimate_noise,
     _export,
+    _fleet,
     _health,
     _identify,
     _import_recording,
@@ -275,6 +276,13 @@ _add(
     "jaxtwin serve dual-cell --replay session.db --speed 10",
     "jaxtwin serve dual-cell --link /dev/ttyACM0 --store twins.db --controller pid.toml "
     "--allow-control --self-optimise propose",
+)
+_add(
+    "fleet",
+    LIVE,
+    _fleet.fleet,
+    "jaxtwin fleet fleet.toml",
+    "jaxtwin fleet fleet.toml --virtual --faults oven-1:loosen=P1@600/4",
 )
 _add(
     "conform",

@@ -71,6 +71,7 @@ COMMANDS = [
     ["watch"],
     ["observe"],
     ["serve"],
+    ["fleet"],
     ["monitor"],
     ["diagnose"],
     ["refit"],

@@ -83,6 +83,7 @@ DEFAULTS = {
     "drive": {"duration": 1000.0, "silence": 3.0, "sample_time": 1.0, "baud": 115_200},
     "estimate-noise": {"horizon": [60.0, 300.0]},
     "export": {"step": 1.0},
+    "fleet": {"speed": 1.0, "host": "127.0.0.1", "port": 8000},
     "health": {"probability": 0.5},
     "match": {"starts": 1, "max_iterations": 200, "seed": 0, "gaps": "hold"},
     "monitor": {"days": 30.0},

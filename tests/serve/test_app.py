@@ -220,7 +220,7 @@ def test_metrics_are_in_the_format_of_prometheus() -> None:
 def test_labels_of_metrics_are_escaped() -> None:
     metric = Metric("x", "gauge", "About\nit.", "name", {'a"b\\c\n': 1.5})
     expected = '# HELP x About\\nit.\n# TYPE x gauge\nx{rig="r",name="a\\"b\\\\c\\n"} 1.5\n'
-    assert metrics_text([metric], "r") == expected
+    assert metrics_text({"r": [metric]}) == expected
 
 
 def test_a_loop_that_hangs_is_not_healthy(monkeypatch: pytest.MonkeyPatch) -> None:

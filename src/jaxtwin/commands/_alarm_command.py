@@ -45,10 +45,10 @@ class AlarmCommand:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(END_SECONDS)
 
-    def ring(self, alarm: "Finding") -> None:
-        """Logs an alarm and runs the command."""
+    def ring(self, alarm: "Finding", rig: str = "") -> None:
+        """Logs an alarm and runs the command; of one of several rigs with `JAXTWIN_ALARM_RIG`."""
         self.rung = True
-        log.warning("%s alarm: %s", alarm.severity, alarm.detail)
+        log.warning("%s alarm: %s%s", alarm.severity, f"{rig}: " * bool(rig), alarm.detail)
         self._running = [process for process in self._running if process.poll() is None]
         if self._command is None:
             return
@@ -56,6 +56,7 @@ class AlarmCommand:
             "JAXTWIN_ALARM": alarm.kind,
             "JAXTWIN_ALARM_DETAIL": alarm.detail,
             "JAXTWIN_ALARM_SEVERITY": alarm.severity,
+            "JAXTWIN_ALARM_RIG": rig,
         }
         self._running.append(
             subprocess.Popen(

@@ -65,7 +65,7 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
     from ._serve import announce, check_extra
     from ._sources import draws_of, open_twin
 
-    check_extra()
+    check_extra("demo")
     opened = stack.enter_context(contextlib.closing(listening("127.0.0.1", port)))
     at_port = opened.getsockname()[1]
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))

@@ -122,7 +122,7 @@ def serve(
     the champion of the store. Who has the token may always stop the rig. The exit code is 5 if
     there was an alarm.
     """
-    check_extra()
+    check_extra("serve")
     if [bool(link), virtual, replay is not None].count(True) != 1:
         raise typer.BadParameter("give one of --link, --virtual and --replay")
     if replay is not None and (out is not None or allow_control):
@@ -267,14 +267,14 @@ def serve(
         raise typer.Exit(ALARMED)
 
 
-def check_extra() -> None:
-    """Refuses to go on without the web server.
+def check_extra(command: str) -> None:
+    """Refuses to go on with a command without the web server.
 
     **Raises:** `JaxtwinError` that says how to install it.
     """
     if any(find_spec(name) is None for name in ("starlette", "uvicorn")):
         raise JaxtwinError(
-            "serve: expected Starlette and uvicorn, which are not installed; pip install "
+            f"{command}: expected Starlette and uvicorn, which are not installed; pip install "
             "'jaxtwin[serve]', in a checkout pip install -e '.[serve]'"
         )
 

@@ -1,26 +1,21 @@
 """`jaxtwin sweep`: millions of draws into a folder, in several runs, processes and hosts."""
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ..errors import SimulationError
+from ._dask import dask_executor
 from ._options import JsonOption, ParameterFileOption, RigArgument, SeedOption, SetOption
 from ._output import check_json, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
 
 if TYPE_CHECKING:
-    from .._executor import Executor
     from ..io import Experiment
     from ..rig import Rig
     from ..sweeps import Sweep
-
-# The time that a scheduler has to answer, s.
-CONNECT_SECONDS = 10
 
 
 def sweep(
@@ -91,7 +86,7 @@ def sweep(
             executor = None
             if dask is not None:
                 progress.step(f"connecting to {dask}")
-                executor = stack.enter_context(_dask_executor(dask))
+                executor = stack.enter_context(dask_executor(dask))
             progress.step(f"{draws} draws of {loaded.name} into {out}")
             result = run(
                 twins,
@@ -109,29 +104,6 @@ def sweep(
     say(_summary(result), json)
     say_written(out, json_path=json)
     write_json(json, result.to_dict())
-
-
-@contextmanager
-def _dask_executor(address: str) -> "Iterator[Executor]":
-    """The workers of a Dask cluster.
-
-    **Raises:** `SimulationError` if there is no scheduler, or Dask is not installed.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise SimulationError(
-            "--dask: expected Dask, which is not installed: pip install 'jaxtwin[dask]', in a "
-            "checkout pip install -e '.[dask]'"
-        ) from None
-    # A client that is the default tells all of Dask to use it, and a failed one leaves that behind:
-    # xarray then writes no file in this process.
-    try:
-        client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as problem:
-        raise SimulationError(f"--dask: {address}: {problem}") from None
-    with client:
-        yield client.get_executor()
 
 
 def _experiments(

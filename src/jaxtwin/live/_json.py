@@ -29,7 +29,8 @@ def record_as_json(record: Record, rig: Rig) -> dict[str, Any]:
 
     **Returns:** `kind` (`reading`, `duty`, `estimate`, `event`, `command`, `document`), `time`, its
     arrival, s since 1970, and what a record of that kind holds: temperatures (degC) by the names of
-    channels, None for a channel that has failed, and counts by the names of cells.
+    channels, None for a channel that has failed, and counts by the names of cells with
+    `ambient_degC` where it is measured.
     """
     return {"kind": _kind(record), "time": record.arrival * 1e-9, **_content(record, rig)}
 
@@ -88,7 +89,9 @@ def _content(record: Record, rig: Rig) -> dict[str, Any]:
             names: Sequence[str] = [channel.name for channel in rig.channels]
             return dict(zip(names, map(_number, record.temperatures.tolist()), strict=True))
         case Sample():
-            return dict(zip(rig.driven, record.pwm, strict=False))
+            counts = dict(zip(rig.driven, record.pwm, strict=False))
+            ambient = {} if record.ambient is None else {"ambient_degC": record.ambient}
+            return {**counts, **ambient}
         case LinkChange():
             return {"link": record.link, "state": str(record.state)}
         case Gap():

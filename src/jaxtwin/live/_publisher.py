@@ -22,7 +22,8 @@ class Publisher:
     records of a source. What does not come from there is sent to it: estimates of an observer
     (`TOPIC/estimates`) and findings (`TOPIC/findings`).
 
-    If the broker is slow, messages are lost here, but never in the recording.
+    If the broker is slow, messages are lost here, but never in the recording. Otherwise each is
+    delivered at least once, also to a subscriber with a persistent session that comes back.
 
     **Arguments:**
 
@@ -62,7 +63,7 @@ class Publisher:
         self._publish("findings", finding_as_json(finding))
 
     def _publish(self, topic: str, content: dict[str, Any]) -> None:
-        self._client.publish(f"{self._topic}/{topic}", json.dumps(content), qos=0)
+        self._client.publish(f"{self._topic}/{topic}", json.dumps(content), qos=1)
 
     def close(self) -> None:
         """Ends the connection."""

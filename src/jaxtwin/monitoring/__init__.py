@@ -3,7 +3,8 @@ r"""Monitoring: what has changed in a rig, since when, how much, and how sure th
 `monitor` (`_monitor_recording`) follows a recording with an observer and tests each sample; the
 result, `Monitored`, has the findings. `LiveMonitor` (`_live_monitor`) does the same beside a rig.
 Both run `Monitor` (`_monitor`), one pure step for each sample, and `FindingLog` (`_finding_log`),
-which raises each finding once and lets it clear. The tests:
+which raises each finding once and lets it clear; `LiveFindings` (`_live_findings`) tells them
+beside a rig. The tests:
 
 - of innovations (`_innovation_tests`, `_cumulative`): two-sided cumulative sums, a generalised
   likelihood ratio over a window, of each channel and of all together, and their energy; all on

@@ -2,8 +2,8 @@
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import NamedTuple, final
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
@@ -86,6 +86,11 @@ class FindingLog:
         return tuple(sorted(there, key=lambda finding: finding.since or 0))
 
     @property
+    def is_any_present(self) -> bool:
+        """Whether there are findings now."""
+        return bool(self._open)
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """The findings that are kept, in the order of their onset; those that are there have no
         `until`."""
@@ -127,6 +132,18 @@ class FindingLog:
                 self._closed.append(replace(one.finding, until=one.last))
                 del self._open[key]
         return list(new.values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The findings as a dictionary that JSON can hold, from which `resume` goes on."""
+        there = [[asdict(one.finding), one.peak, one.last] for one in self._open.values()]
+        return {"open": there, "closed": [asdict(finding) for finding in self._closed]}
+
+    def resume(self, content: dict[str, Any]) -> None:
+        """Goes on from what `to_dict` gave."""
+        self._closed.extend(Finding(**fields) for fields in content["closed"])
+        for fields, peak, last in content["open"]:
+            finding = Finding(**fields)
+            self._open[finding.kind, finding.channel] = _Open(finding, peak, last)
 
     @staticmethod
     def _says_more(row: _FindingRow, score: float, there: _Open) -> bool:

@@ -13,17 +13,10 @@ from ..live.protocol._clock import seconds
 from ..live.safety._finding import Finding
 from ..observers import ExtendedKalmanFilter, KalmanState
 from ._evidence import Evidence, joined, seen
-from ._finding_log import FindingLog
+from ._live_findings import LiveFindings
 from ._monitor import Monitor, MonitorState, channels_of
 from ._response import response_of
 from ._thresholds import DAY, MonitorCalibration, nominal_calibration
-from ._together import MIN_CHANNELS, begin_together, together
-
-# Host times are in ns.
-TICKS = 10**9
-
-# The number of findings that are kept after they are over: a rig may be watched for months.
-MAX_ENDED_FINDINGS = 1000
 
 
 @final
@@ -53,20 +46,17 @@ class LiveMonitor:
     ):
         if calibration is None:
             calibration = nominal_calibration(channels_of(observer.model), sample_time)
-        self._on_finding = on_finding
         self.observer = observer
         """The filter."""
         monitor = Monitor(observer, calibration, response_of(observer), false_alarm_time)
         self._take = _stepped.bind(monitor)
-        self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, MAX_ENDED_FINDINGS)
+        self._findings = LiveFindings(monitor, calibration, false_alarm_time, on_finding)
         with jax.enable_x64(True):
             start = jax.tree.map(np.asarray, _begun(monitor))
         self._state = start
         self.follower = Follower(observer.model.twin, observer)
         """What follows the rig: its estimates are those of the monitor."""
         self._time: int | None = None
-        # A second of the rig in the unit of the times of findings.
-        self._second = float(TICKS)
         nothing = np.full(len(channels_of(observer.model)), np.nan)
         self._step(nothing, nothing, 0.0)  # compiles before the first data arrive
         self._state = start
@@ -74,17 +64,13 @@ class LiveMonitor:
     @property
     def present(self) -> tuple[Finding, ...]:
         """The findings that are there now; those that began in most channels together are one."""
-        return tuple(together(self._log.present, self._channels, self._second))
+        return self._findings.present
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The findings since the start, of those that are over the last thousand; they have an
         `until`."""
-        return tuple(together(self._log.findings, self._channels, self._second))
-
-    @property
-    def _channels(self) -> tuple[str, ...]:
-        return channels_of(self.observer.model)
+        return self._findings.findings
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes the next record, and what is known of the rig after it."""
@@ -97,31 +83,10 @@ class LiveMonitor:
         dt = 0.0 if self._time is None else max(seconds(now - self._time) * state.rate, 0.0)
         self._time = now if self._time is None else max(now, self._time)
         evidence = self._step(record.temperatures, expected, dt)
-        self._second = TICKS / state.rate
-        for finding in self._log.take(self._time, evidence, state.rate):
-            if not self._is_told(finding):
-                self._on_finding(finding)
+        self._findings.take(self._time, evidence, state.rate)
 
     def on_time(self, state: RigState, now: int) -> None:
         """Does nothing: findings come with readings. Silence is an alarm of `Alarms`."""
-
-    def _is_told(self, finding: Finding) -> bool:
-        """Whether a finding of a channel belongs to those of other channels that were told."""
-        if finding.channel not in self._channels:
-            return False
-        others = {
-            other.channel
-            for other in self._log.present
-            if other.channel != finding.channel
-            and other.channel in self._channels
-            and self._order(other) < self._order(finding)
-            and begin_together(other, finding, self._second)
-        }
-        return len(others) >= MIN_CHANNELS - 1
-
-    def _order(self, finding: Finding) -> tuple[int | float, int]:
-        """When a finding was found, and the place of its channel."""
-        return finding.found or 0, self._channels.index(finding.channel)
 
     def _step(self, readings: np.ndarray, expected: np.ndarray, dt: float) -> Evidence:
         ambient, dt = np.float64(self.follower.ambient), np.float64(dt)

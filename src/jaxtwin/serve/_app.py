@@ -83,7 +83,7 @@ class _Web:
 
     def __init__(self, page: Page, desk: Desk, access: Access, wait: Wait):
         self._page, self._desk, self._access, self._wait = page, desk, access, wait
-        self._assets = dict(_assets())
+        self._assets = dict(asset_files())
         self._streams = 0
         self._closing = False
 
@@ -93,17 +93,17 @@ class _Web:
 
     async def index(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
-            return _refused(refusal)
+            return refused(refusal)
         text = self._assets["index.html"][0].decode()
         content = text.replace("<!-- values -->", self._table()).encode()
         return Response(content, 200, {**HEADERS, "cache-control": "no-store"}, "text/html")
 
     async def asset(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
-            return _refused(refusal)
+            return refused(refusal)
         name = request.path_params["name"]
         if name not in self._assets or name == "index.html":
-            return _refused(Refusal(404, "there is no such file"))
+            return refused(Refusal(404, "there is no such file"))
         content, kind, tag = self._assets[name]
         headers = {**HEADERS, "cache-control": "no-cache", "etag": tag}
         if request.headers.get("if-none-match") == tag:
@@ -112,9 +112,9 @@ class _Web:
 
     async def events(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
-            return _refused(refusal)
+            return refused(refusal)
         if self._streams >= MAX_STREAMS:
-            return _refused(Refusal(503, f"there are {MAX_STREAMS} clients already"))
+            return refused(Refusal(503, f"there are {MAX_STREAMS} clients already"))
         self._streams += 1  # before anything else runs: streams that open together count too
         last = request.headers.get("last-event-id") or request.query_params.get("after", "")
         headers = {**HEADERS, "cache-control": "no-store", "x-accel-buffering": "no"}
@@ -123,22 +123,22 @@ class _Web:
 
     async def history(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
-            return _refused(refusal)
+            return refused(refusal)
         text = request.query_params.get("span", "300")
         if not re.fullmatch(r"[0-9]{1,6}", text) or not 1 <= int(text) <= MAX_SPAN:
-            return _refused(Refusal(400, f"span: expected 1 to {MAX_SPAN:.0f} s"))
+            return refused(Refusal(400, f"span: expected 1 to {MAX_SPAN:.0f} s"))
         result = await asyncio.to_thread(self._page.history.over, float(text))
         return JSONResponse(result, headers={**HEADERS, "cache-control": "no-store"})
 
     async def metrics(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
-            return _refused(refusal)
-        text = metrics_text(self._page.metrics, self._page.twin.rig.name)
+            return refused(refusal)
+        text = metrics_text({self._page.twin.rig.name: self._page.metrics})
         return Response(text, 200, {**HEADERS, "content-type": CONTENT_TYPE})
 
     async def health(self, request: Request) -> Response:
         if refusal := self._access.refuse_read(request.headers):
-            return _refused(refusal)
+            return refused(refusal)
         waited = time.monotonic() - self._page.turned
         is_well = waited < STUCK_SECONDS
         content = {"status": "ok" if is_well else "stuck", "loop_age_s": round(waited, 3)}
@@ -146,13 +146,13 @@ class _Web:
         return JSONResponse(content, 200 if is_well else 503, headers)
 
     async def stop(self, request: Request) -> Response:
-        body = await self._body(request, needs_control=False)
+        body = await command_body(request, self._access, needs_control=False)
         if isinstance(body, Refusal):
-            return _refused(body)
+            return refused(body)
         try:
             check_names(fields_of(body), set())
         except JaxtwinError as error:
-            return _refused(Refusal(400, str(error)))
+            return refused(Refusal(400, str(error)))
         asked = self._desk.press_stop()
         try:
             answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_SECONDS)
@@ -160,22 +160,23 @@ class _Web:
             text = "stopping; the device has not reported yet: the log says what becomes of it"
             return JSONResponse({"text": text}, 202, HEADERS)
         if not answer.obeyed:
-            return _refused(Refusal(409, answer.text))
+            return refused(Refusal(409, answer.text))
         return JSONResponse({"text": answer.text}, 200, HEADERS)
 
     async def order(self, request: Request) -> Response:
         kind = request.path_params["kind"]
         if kind not in KINDS:
-            return _refused(Refusal(404, f"expected one of {', '.join(KINDS)}"))
+            return refused(Refusal(404, f"expected one of {', '.join(KINDS)}"))
         # Who acknowledges commands nothing.
-        body = await self._body(request, needs_control=kind != "acknowledge")
+        needs_control = kind != "acknowledge"
+        body = await command_body(request, self._access, needs_control=needs_control)
         if isinstance(body, Refusal):
-            return _refused(body)
+            return refused(body)
         try:
             outputs = len(self._page.ring.newest_of("layout").get("outputs", ()))
             order = order_of(kind, body, self._page.twin.rig.lowest_duty, outputs)
         except JaxtwinError as error:
-            return _refused(Refusal(400, str(error)))
+            return refused(Refusal(400, str(error)))
         asked = self._desk.ask(order)
         try:
             answer = await asyncio.wait_for(asyncio.wrap_future(asked), ANSWER_SECONDS)
@@ -184,26 +185,8 @@ class _Web:
                 text = f"the rig has obeyed nothing for {ANSWER_SECONDS:g} s; the order is void"
             else:
                 text = "the order was taken and takes long; the log says what becomes of it"
-            return _refused(Refusal(504, text))
+            return refused(Refusal(504, text))
         return JSONResponse({"text": answer.text}, 200 if answer.obeyed else 409, HEADERS)
-
-    async def _body(self, request: Request, *, needs_control: bool) -> bytes | Refusal:
-        """The body of a command, if it is allowed, small and fast enough."""
-        if refusal := self._access.refuse_command(request.headers, needs_control=needs_control):
-            return refusal
-
-        async def read() -> bytes | Refusal:
-            body = b""
-            async for part in request.stream():
-                body += part
-                if len(body) > MAX_BODY:
-                    return Refusal(413, f"expected at most {MAX_BODY} bytes")
-            return body
-
-        try:
-            return await asyncio.wait_for(read(), BODY_SECONDS)
-        except TimeoutError:
-            return Refusal(408, f"expected the body within {BODY_SECONDS:g} s")
 
     def _stream_ended(self) -> None:
         self._streams -= 1
@@ -220,6 +203,25 @@ class _Web:
             f"<td>{_degrees(expected)}</td></tr>"
             for name, measured, expected in rows
         )
+
+
+async def command_body(request: Request, access: Access, *, needs_control: bool) -> bytes | Refusal:
+    """The body of a command, if it is allowed, small and fast enough."""
+    if refusal := access.refuse_command(request.headers, needs_control=needs_control):
+        return refusal
+
+    async def read() -> bytes | Refusal:
+        body = b""
+        async for part in request.stream():
+            body += part
+            if len(body) > MAX_BODY:
+                return Refusal(413, f"expected at most {MAX_BODY} bytes")
+        return body
+
+    try:
+        return await asyncio.wait_for(read(), BODY_SECONDS)
+    except TimeoutError:
+        return Refusal(408, f"expected the body within {BODY_SECONDS:g} s")
 
 
 @final
@@ -241,20 +243,22 @@ def _degrees(value: float | None) -> str:
     return "failed" if value is None else f"{value:.1f}"
 
 
-def _assets() -> Iterator[tuple[str, tuple[bytes, str, str]]]:
-    """Name -> content, type and tag of the files of the page."""
-    folder = files("jaxtwin.serve") / "assets"
-    for prefix, place in (("", folder), ("uplot/", folder / "uplot")):
+def asset_files(package: str = "jaxtwin.serve") -> Iterator[tuple[str, tuple[bytes, str, str]]]:
+    """Name -> content, type and tag of the files of a page, which are those of a package."""
+    places = [("", files(package) / "assets")]
+    for prefix, place in places:
         for entry in place.iterdir():
-            if entry.is_file():
-                content = entry.read_bytes()
-                kind = mimetypes.guess_type(entry.name)[0] or "text/plain"
-                kind = "text/javascript" if entry.name.endswith(".js") else kind
-                tag = f'"{hashlib.sha256(content).hexdigest()[:16]}"'
-                yield f"{prefix}{entry.name}", (content, kind, tag)
+            if entry.is_dir():
+                places.append((f"{entry.name}/", entry))
+                continue
+            content = entry.read_bytes()
+            kind = mimetypes.guess_type(entry.name)[0] or "text/plain"
+            kind = "text/javascript" if entry.name.endswith(".js") else kind
+            tag = f'"{hashlib.sha256(content).hexdigest()[:16]}"'
+            yield f"{prefix}{entry.name}", (content, kind, tag)
 
 
-def _refused(refusal: Refusal) -> Response:
+def refused(refusal: Refusal) -> Response:
     headers: dict[str, Any] = {**HEADERS, "cache-control": "no-store"}
     if refusal.status == 401:
         headers["www-authenticate"] = "Bearer"

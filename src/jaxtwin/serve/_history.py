@@ -32,10 +32,11 @@ class History:
 
     - `channels`: the number of channels.
     - `cells`: the number of cells and heaters.
+    - `levels`: the lengths of the intervals, s, and their numbers.
     """
 
-    def __init__(self, channels: int, cells: int):
-        self._levels = tuple(_Level(width, size, channels, cells) for width, size in LEVELS)
+    def __init__(self, channels: int, cells: int, levels: Sequence[tuple[float, int]] = LEVELS):
+        self._levels = tuple(_Level(width, size, channels, cells) for width, size in levels)
         self._lock = threading.Lock()
         self._first: float | None = None
         self._last = 0.0

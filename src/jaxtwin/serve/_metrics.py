@@ -3,7 +3,7 @@
 The format is that of https://prometheus.io/docs/instrumenting/exposition_formats, version 0.0.4.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -25,17 +25,19 @@ class Metric(NamedTuple):
     values: Mapping[str, float]
 
 
-def metrics_text(metrics: list[Metric], rig: str) -> str:
-    """Writes metrics, each with a label `rig`, as text."""
-    return "".join(line + "\n" for metric in metrics for line in _lines(metric, rig))
+def metrics_text(rigs: Mapping[str, Sequence[Metric]]) -> str:
+    """Writes the metrics of rigs, the same of each, with a label `rig` as text."""
+    several = zip(*rigs.values(), strict=True)
+    return "".join(line + "\n" for metrics in several for line in _lines(rigs, metrics))
 
 
-def _lines(metric: Metric, rig: str) -> Iterator[str]:
-    yield f"# HELP {metric.name} {_escaped(metric.about)}"
-    yield f"# TYPE {metric.name} {metric.kind}"
-    for label, value in metric.values.items():
-        own = f',{metric.label}="{_quoted(label)}"' if metric.label else ""
-        yield f'{metric.name}{{rig="{_quoted(rig)}"{own}}} {float(value):.9g}'
+def _lines(rigs: Iterable[str], metrics: Sequence[Metric]) -> Iterator[str]:
+    yield f"# HELP {metrics[0].name} {_escaped(metrics[0].about)}"
+    yield f"# TYPE {metrics[0].name} {metrics[0].kind}"
+    for rig, metric in zip(rigs, metrics, strict=True):
+        for label, value in metric.values.items():
+            own = f',{metric.label}="{_quoted(label)}"' if metric.label else ""
+            yield f'{metric.name}{{rig="{_quoted(rig)}"{own}}} {float(value):.9g}'
 
 
 def _escaped(text: str) -> str:

@@ -105,8 +105,13 @@ class MqttTransport:
         self._client.loop_stop()
 
 
-def mqtt_client(address: MqttAddress, *, reconnect: bool) -> Any:
+def mqtt_client(address: MqttAddress, *, reconnect: bool, session: str = "") -> Any:
     """A client of a broker that is not connected yet.
+
+    **Arguments:**
+
+    - `session`: the name of a session that outlives the connection; its client acknowledges each
+      message itself, by `client.ack`. `""`: there is none.
 
     **Raises:** `LinkError` without paho-mqtt.
     """
@@ -118,7 +123,13 @@ def mqtt_client(address: MqttAddress, *, reconnect: bool) -> Any:
             "mqtt:// needs paho-mqtt: pip install 'jaxtwin[mqtt]', in a checkout "
             "pip install -e '.[mqtt]'"
         ) from None
-    client = Client(CallbackAPIVersion.VERSION2, protocol=MQTTv5, reconnect_on_failure=reconnect)
+    client = Client(
+        CallbackAPIVersion.VERSION2,
+        client_id=session,
+        protocol=MQTTv5,
+        reconnect_on_failure=reconnect,
+        manual_ack=bool(session),
+    )
     if address.user is not None:
         client.username_pw_set(address.user, address.password)
     if address.tls:
@@ -126,8 +137,13 @@ def mqtt_client(address: MqttAddress, *, reconnect: bool) -> Any:
     return client
 
 
-def connect_client(client: Any, address: MqttAddress) -> None:
+def connect_client(client: Any, address: MqttAddress, *, kept: int = 0) -> None:
     """Connects a client.
+
+    **Arguments:**
+
+    - `kept`: for how long the broker keeps its session, and the messages for it, after a connection
+      was lost, s; 0: it has none.
 
     **Raises:** `OSError` if the broker cannot be reached.
     """
@@ -136,4 +152,7 @@ def connect_client(client: Any, address: MqttAddress) -> None:
 
     properties = Properties(PacketTypes.CONNECT)
     properties.MaximumPacketSize = MAX_MESSAGE_BYTES
-    client.connect(address.host, address.port, keepalive=10, properties=properties)
+    properties.SessionExpiryInterval = kept
+    client.connect(
+        address.host, address.port, keepalive=10, clean_start=not kept, properties=properties
+    )

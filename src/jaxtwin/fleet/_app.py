@@ -1,0 +1,212 @@
+"""The web application of a fleet: its page, a page for each rig, metrics, and orders to refit."""
+
+import asyncio
+import threading
+import time
+from typing import Any, final
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from .._normal_distribution import QUANTILE_975
+from ..live._json import finding_as_json
+from ..live.protocol._clock import seconds
+from ..observers._estimates import parameter_estimates
+from ..serve._access import Access, Refusal
+from ..serve._app import HEADERS, asset_files, command_body, refused
+from ..serve._contents import outlook_content, sample_content
+from ..serve._metrics import CONTENT_TYPE, metrics_text
+from ..serve._outlook import HORIZON, STEPS
+from ..serve._rig_layout import rig_layout
+from ._fleet import Fleet
+from ._overview import metrics_of, overview
+from ._watched_rig import WatchedRig
+
+# The longest time for which an overview is shown, s: it is the same for all clients.
+OVERVIEW_SECONDS = 1.0
+
+# The time without a turn of the loop after which the fleet is not healthy, s.
+STUCK_SECONDS = 30.0
+
+# The number of findings of a rig that its page shows.
+SHOWN_FINDINGS = 60
+
+
+def fleet_app(fleet: Fleet, access: Access) -> Starlette:
+    """Makes the ASGI application of a fleet."""
+    web = _Web(fleet, access)
+    routes = [
+        Route("/", web.page, methods=["GET"]),
+        Route("/rigs/{name}", web.page, methods=["GET"]),
+        Route("/assets/{name:path}", web.asset, methods=["GET"]),
+        Route("/overview", web.overview, methods=["GET"]),
+        Route("/rigs/{name}/frames", web.frames, methods=["GET"]),
+        Route("/rigs/{name}/history", web.history, methods=["GET"]),
+        Route("/rigs/{name}/refit", web.refit, methods=["POST"]),
+        Route("/metrics", web.metrics, methods=["GET"]),
+        Route("/healthz", web.health, methods=["GET"]),
+    ]
+    app = Starlette(routes=routes)
+    app.state.close = lambda: None
+    return app
+
+
+@final
+class _Web:
+    """The answers to requests."""
+
+    def __init__(self, fleet: Fleet, access: Access):
+        self._fleet, self._access = fleet, access
+        self._assets = dict(asset_files("jaxtwin.serve")) | {
+            f"fleet/{name}": one for name, one in asset_files("jaxtwin.fleet")
+        }
+        self._overview: tuple[float, dict[str, Any]] = (-OVERVIEW_SECONDS, {})
+        self._lock = threading.Lock()
+
+    async def page(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+        name = "rig.html" if "name" in request.path_params else "fleet.html"
+        headers = {**HEADERS, "cache-control": "no-store"}
+        return Response(self._assets[f"fleet/{name}"][0], 200, headers, "text/html")
+
+    async def asset(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+        name = request.path_params["name"]
+        if name not in self._assets or name.endswith(".html"):
+            return refused(Refusal(404, "there is no such file"))
+        content, kind, tag = self._assets[name]
+        headers = {**HEADERS, "cache-control": "no-cache", "etag": tag}
+        if request.headers.get("if-none-match") == tag:
+            return Response(status_code=304, headers=headers)
+        return Response(content, 200, headers, kind)
+
+    async def overview(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+        return self._json(await asyncio.to_thread(self._look))
+
+    async def frames(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+        rig = self._fleet.rigs[request.path_params["name"]]
+        return self._json(await asyncio.to_thread(self._frames, rig))
+
+    async def history(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+        rig = self._fleet.rigs[request.path_params["name"]]
+        return self._json(await asyncio.to_thread(rig.history.over, 3600.0))
+
+    async def refit(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+        body = await command_body(request, self._access, needs_control=True)
+        if isinstance(body, Refusal):
+            return refused(body)
+        if why := self._fleet.ask_for_refit(request.path_params["name"]):
+            return refused(Refusal(409, why))
+        return self._json({"text": "the champion is being refitted; the log says what is decided"})
+
+    async def metrics(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+
+        def text() -> str:
+            return metrics_text({name: metrics_of(rig) for name, rig in self._fleet.rigs.items()})
+
+        content = await asyncio.to_thread(text)
+        return Response(content, 200, {**HEADERS, "content-type": CONTENT_TYPE})
+
+    async def health(self, request: Request) -> Response:
+        if refusal := self._refusal(request):
+            return refusal
+        waited = time.monotonic() - self._fleet.turned
+        is_well = waited < STUCK_SECONDS and self._fleet.is_connected
+        status = "ok" if is_well else "stuck" if self._fleet.is_connected else "no broker"
+        content = {"status": status, "loop_age_s": round(waited, 3)}
+        headers = {**HEADERS, "cache-control": "no-store"}
+        return JSONResponse(content, 200 if is_well else 503, headers)
+
+    def _refusal(self, request: Request) -> Response | None:
+        """Why a request that changes nothing is refused; None if it is not."""
+        if refusal := self._access.refuse_read(request.headers):
+            return refused(refusal)
+        name = request.path_params.get("name")
+        is_rig = request.url.path.startswith("/rigs/")
+        if is_rig and name not in self._fleet.rigs:
+            return refused(Refusal(404, "there is no such rig"))
+        return None
+
+    def _look(self) -> dict[str, Any]:
+        with self._lock:
+            if time.monotonic() - self._overview[0] >= OVERVIEW_SECONDS:
+                self._overview = time.monotonic(), overview(self._fleet)
+            return self._overview[1]
+
+    def _frames(self, rig: WatchedRig) -> list[tuple[str, Any]]:
+        """The frames of a rig, as those of `jaxtwin serve`, from which its page is drawn."""
+        observer, twin = rig.made.watcher[0], rig.made.twin
+        directions, rows = observer.model.directions, twin.rig.parameters
+        names = () if directions is None else directions.names
+        layout = {
+            **rig_layout(twin),
+            "rig": rig.name,
+            "source": f"group {rig.group}, {self._fleet.file.topic(rig.name, 'readings')}",
+            "is_live": True,
+            "recording": self._fleet.file.journal.name,
+            "control": self._access.allow_control and rig.made.member.store is not None,
+            "outputs": (),
+            "twin": rig.made.label,
+            "horizon": HORIZON,
+            "uncertain": [
+                {
+                    "name": name,
+                    "unit": rows[name].unit,
+                    "description": rows[name].description,
+                    "value": float(twin.values[name]),
+                }
+                for name in names
+            ],
+        }
+        story = {name: sentence._asdict() for name, sentence in rig.story().items()}
+        present = [finding_as_json(finding) for finding in rig.findings]
+        keys = [(one["kind"], one["channel"], one["found"]) for one in present]
+        before = [
+            {**one, "until": one["until"] or one["found"]}
+            for one in self._fleet.findings(rig.name, SHOWN_FINDINGS)
+            if (one["kind"], one["channel"], one["found"]) not in keys
+        ]
+        findings = sorted([*present, *before], key=lambda one: -(one["since"] or 0))
+        frames: list[tuple[str, Any]] = [
+            ("layout", layout),
+            ("story", {"t": round(time.time(), 1), **story, "links": {}, "counts": {}, "trip": ""}),
+            ("findings", findings),
+            ("diagnosis", rig.diagnosis),
+            ("log", list(rig.lines)),
+        ]
+        outlook, measured = rig.outlook(), rig.measured
+        if outlook is not None and measured is not None:
+            now = seconds(rig.queue.time)
+            band = QUANTILE_975 * outlook.expected_spread
+            ambient = rig.queue.ambient
+            frames.append(
+                ("sample", sample_content(
+                    now, measured, rig.expected, band, rig.queue.duty,
+                    None if ambient != ambient else ambient,
+                ))
+            )  # fmt: skip
+            times = [now + HORIZON / STEPS * (number + 1) for number in range(STEPS)]
+            estimates = parameter_estimates(directions, outlook.now.values)
+            elements = twin.wiring.elements
+            frames.append(
+                ("outlook", outlook_content(outlook, elements, now, times, 0.0, estimates))
+            )
+        return frames
+
+    @staticmethod
+    def _json(content: Any) -> Response:
+        return JSONResponse(content, headers={**HEADERS, "cache-control": "no-store"})
