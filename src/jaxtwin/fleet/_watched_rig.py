@@ -51,8 +51,8 @@ MAX_LINES = 30
 # The time over which errors are averaged, s of the rig.
 MEMORY_SECONDS = 60.0
 
-# The length of the recording that is diagnosed or refitted to, s, and the number of messages in which
-# it is sought: a rig that sends ten times a second has so many.
+# The length of the recording that is diagnosed or refitted to, s, and the number of messages in
+# which it is sought: a rig that sends ten times a second has so many.
 RECENT_SECONDS = 1500.0
 RECENT_MESSAGES = 30_000
 
