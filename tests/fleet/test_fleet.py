@@ -11,6 +11,7 @@ from jaxtwin import JaxtwinError
 from jaxtwin.fleet import Fleet, fleet_app, overview
 from jaxtwin.fleet._jobs import Jobs
 from jaxtwin.fleet._journal import Journal
+from jaxtwin.fleet._sample_queue import Kind
 from jaxtwin.live import Finding
 from jaxtwin.serve import Access
 
@@ -27,7 +28,7 @@ def give(fleet: Fleet, begin: int, end: int, offset: float = 3.0, rigs: str = "a
         several = list(messages(readings, counts))
         times = [content["time"] for _, content in several]
         first = min(times)
-        chosen = [
+        chosen: list[tuple[str, Kind, bytes]] = [
             (name, kind, encoded(content))
             for kind, content in several
             if begin <= content["time"] - first < end

@@ -36,6 +36,7 @@ def test_groups_become_rigs_with_their_files_and_topics(tmp_path):
     assert file.topic("spare", "readings") == "site/hall/spare/json/readings"
     assert file.journal == tmp_path / "fleet.db"
     cell = file.members["cell"]
+    assert cell.parameters is not None
     assert cell.parameters == tmp_path / "fits" / "cell.toml"
     assert cell.sample_time == 2.0
     assert cell.files == ((str(cell.parameters), cell.parameters.stat().st_mtime_ns),)

@@ -50,7 +50,7 @@ def together(cases) -> list[list[Finding]]:
             if step.readings is not None:
                 steps.readings[lane], steps.reads[lane] = step.readings, True
                 taken[place] = queue.time
-            if step.begins:
+            if step.begins and step.readings is not None:
                 first[lane] = np.nanmean(step.readings)
         if np.isfinite(first).any():
             lanes.begin(first, steps.duty, np.isfinite(first))

@@ -67,7 +67,7 @@ def fleet(
         raise typer.BadParameter("--faults and --speed are those of rigs with --virtual")
     check_output(token_file, option="--token-file")
     with stop_signals() as stop, unblocked_output(), contextlib.ExitStack() as stack:
-        from ..fleet import Fleet, FleetFile, VirtualFleetProcess, fleet_app
+        from ..fleet import Fleet, FleetFile, fleet_app, virtual_fleet_process
         from ..physics import Faults
         from ..serve import Access, WebServer, listening
 
@@ -88,7 +88,7 @@ def fleet(
         access = Access.of(host, number, names=tuple(name or ()), allow_control=allow_control)
         stack.enter_context(WebServer(fleet_app(fleet, access), opened))
         if virtual:
-            stack.enter_context(VirtualFleetProcess(file, speed, known))
+            stack.enter_context(virtual_fleet_process(file, speed, known))
         announce(f"{f'[{host}]' if ':' in host else host}:{number}", access.token, token_file)
         if duration is not None:
             timer = threading.Timer(duration, stop.set)

@@ -4,6 +4,6 @@ from ._fleet_file import FleetFile as FleetFile
 from ._fleet_file import Member as Member
 from ._overview import overview as overview
 from ._virtual_fleet import VirtualFleet as VirtualFleet
-from ._virtual_fleet import VirtualFleetProcess as VirtualFleetProcess
+from ._virtual_fleet import virtual_fleet_process as virtual_fleet_process
 
 __all__: list[str]

@@ -3,8 +3,10 @@
 import asyncio
 import threading
 import time
+from collections.abc import Awaitable, Callable
 from typing import Any, final
 
+import numpy as np
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -34,19 +36,29 @@ STUCK_SECONDS = 30.0
 SHOWN_FINDINGS = 60
 
 
+Answer = Callable[[Request], Awaitable[Response]]
+
+
 def fleet_app(fleet: Fleet, access: Access) -> Starlette:
     """Makes the ASGI application of a fleet."""
     web = _Web(fleet, access)
+
+    def checked(answer: Answer) -> Answer:
+        async def answer_checked(request: Request) -> Response:
+            return web.refusal(request) or await answer(request)
+
+        return answer_checked
+
     routes = [
-        Route("/", web.page, methods=["GET"]),
-        Route("/rigs/{name}", web.page, methods=["GET"]),
-        Route("/assets/{name:path}", web.asset, methods=["GET"]),
-        Route("/overview", web.overview, methods=["GET"]),
-        Route("/rigs/{name}/frames", web.frames, methods=["GET"]),
-        Route("/rigs/{name}/history", web.history, methods=["GET"]),
-        Route("/rigs/{name}/refit", web.refit, methods=["POST"]),
-        Route("/metrics", web.metrics, methods=["GET"]),
-        Route("/healthz", web.health, methods=["GET"]),
+        Route("/", checked(web.page), methods=["GET"]),
+        Route("/rigs/{name}", checked(web.page), methods=["GET"]),
+        Route("/assets/{name:path}", checked(web.asset), methods=["GET"]),
+        Route("/overview", checked(web.overview), methods=["GET"]),
+        Route("/rigs/{name}/frames", checked(web.frames), methods=["GET"]),
+        Route("/rigs/{name}/history", checked(web.history), methods=["GET"]),
+        Route("/rigs/{name}/refit", checked(web.refit), methods=["POST"]),
+        Route("/metrics", checked(web.metrics), methods=["GET"]),
+        Route("/healthz", checked(web.health), methods=["GET"]),
     ]
     app = Starlette(routes=routes)
     app.state.close = lambda: None
@@ -66,15 +78,11 @@ class _Web:
         self._lock = threading.Lock()
 
     async def page(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
         name = "rig.html" if "name" in request.path_params else "fleet.html"
         headers = {**HEADERS, "cache-control": "no-store"}
         return Response(self._assets[f"fleet/{name}"][0], 200, headers, "text/html")
 
     async def asset(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
         name = request.path_params["name"]
         if name not in self._assets or name.endswith(".html"):
             return refused(Refusal(404, "there is no such file"))
@@ -85,25 +93,17 @@ class _Web:
         return Response(content, 200, headers, kind)
 
     async def overview(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
         return self._json(await asyncio.to_thread(self._look))
 
     async def frames(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
         rig = self._fleet.rigs[request.path_params["name"]]
         return self._json(await asyncio.to_thread(self._frames, rig))
 
     async def history(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
         rig = self._fleet.rigs[request.path_params["name"]]
         return self._json(await asyncio.to_thread(rig.history.over, 3600.0))
 
     async def refit(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
         body = await command_body(request, self._access, needs_control=True)
         if isinstance(body, Refusal):
             return refused(body)
@@ -112,8 +112,6 @@ class _Web:
         return self._json({"text": "the champion is being refitted; the log says what is decided"})
 
     async def metrics(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
 
         def text() -> str:
             return metrics_text({name: metrics_of(rig) for name, rig in self._fleet.rigs.items()})
@@ -122,8 +120,6 @@ class _Web:
         return Response(content, 200, {**HEADERS, "content-type": CONTENT_TYPE})
 
     async def health(self, request: Request) -> Response:
-        if refusal := self._refusal(request):
-            return refusal
         waited = time.monotonic() - self._fleet.turned
         is_well = waited < STUCK_SECONDS and self._fleet.is_connected
         status = "ok" if is_well else "stuck" if self._fleet.is_connected else "no broker"
@@ -131,7 +127,7 @@ class _Web:
         headers = {**HEADERS, "cache-control": "no-store"}
         return JSONResponse(content, 200 if is_well else 503, headers)
 
-    def _refusal(self, request: Request) -> Response | None:
+    def refusal(self, request: Request) -> Response | None:
         """Why a request that changes nothing is refused; None if it is not."""
         if refusal := self._access.refuse_read(request.headers):
             return refused(refusal)
@@ -191,7 +187,7 @@ class _Web:
         outlook, measured = rig.outlook(), rig.measured
         if outlook is not None and measured is not None:
             now = seconds(rig.queue.time)
-            band = QUANTILE_975 * outlook.expected_spread
+            band = np.asarray(QUANTILE_975 * outlook.expected_spread)
             ambient = rig.queue.ambient
             frames.append(
                 ("sample", sample_content(

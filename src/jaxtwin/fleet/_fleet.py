@@ -22,7 +22,7 @@ from ..serve._live_diagnosis import MIN_SAMPLES, causes_of
 from ..serve._live_refit import refit_champion
 from ..serve._outlook import look_ahead
 from ..twin_store import TwinStore
-from ._fleet_file import FleetFile
+from ._fleet_file import FleetFile, Member
 from ._inbox import Inbox
 from ._jobs import Done, Jobs
 from ._journal import Journal, Message
@@ -51,7 +51,7 @@ GATHER_SECONDS = 0.01
 FILES_SECONDS = 5.0
 STATE_SECONDS = 120.0
 AHEAD_SECONDS = 60.0
-FORGET_SECONDS = 10.0
+FORGET_SECONDS = 1.0
 
 # Alarms of one kind that more rigs than these raise in a turn are one for the alarm command.
 MAX_SINGLE_ALARMS = 3
@@ -102,8 +102,12 @@ class Fleet:
         self._turn = 0
         self._refits: list[str] = []
         self._lock = threading.Lock()
+        made: dict[Member, WatchedTwin] = {}  # rigs that share all files share what is made of them
         for member in self.file.members.values():
-            self._use(watched_twin(member))
+            key = member._replace(name="", group="")
+            if key not in made:
+                made[key] = watched_twin(member)
+            self._use(made[key]._replace(member=member))
         self._catch_up()
         self._listen()
 
@@ -115,8 +119,10 @@ class Fleet:
     @property
     def problems(self) -> list[str]:
         """What keeps the fleet, or some of its rigs, from being watched."""
-        muted = [f"{rig} floods, and is not listened to for a minute" for rig in self._inbox.muted]
-        refused = [why for _, why in self._refused.values()]
+        muted = [
+            f"{rig} floods, and is not listened to for a minute" for rig in list(self._inbox.muted)
+        ]
+        refused = [why for _, why in list(self._refused.values())]
         return [one for one in (self._inbox.problem, self.problem, *refused, *muted) if one]
 
     def run(self, is_over: Callable[[], bool]) -> None:

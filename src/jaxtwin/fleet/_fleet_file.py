@@ -162,7 +162,10 @@ def _members(source: str, group: str, table: GroupTable, folder: Path) -> list[M
             name,
             group,
             str(own) if own.is_file() else table.rig,
-            *(path(field, name) for field in ("parameters", "store", "noise", "calibration")),
+            path("parameters", name),
+            path("store", name),
+            path("noise", name),
+            path("calibration", name),
             table.sample_time_s,
         )
         for name in names

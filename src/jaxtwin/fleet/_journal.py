@@ -4,7 +4,8 @@ of its observer, from which a process that begins again goes on."""
 import json
 import sqlite3
 import threading
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
@@ -59,7 +60,7 @@ class Journal:
     """
 
     def __init__(self, path: Path):
-        self._lock = threading.RLock()
+        self._path, self._lock = path, threading.RLock()
         try:
             self._database = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
             self._database.execute("PRAGMA journal_mode=WAL")
@@ -83,8 +84,7 @@ class Journal:
 
     def add(self, arrival: int, messages: Sequence[tuple[str, Kind, bytes]]) -> list[Message]:
         """Keeps messages that arrived at a host time, ns, before anything uses them."""
-        with self._lock, self._database:
-            self._database.execute("BEGIN")
+        with self._writing():
             rows = [(self._id(rig), arrival, kind, text) for rig, kind, text in messages]
             self._database.executemany(
                 "INSERT INTO messages (rig, arrival, kind, payload) VALUES (?, ?, ?, ?)", rows
@@ -102,11 +102,11 @@ class Journal:
         rows = self._all(query, self._id(rig), number, count)
         return [Message(row[0], rig, *row[1:]) for row in rows]
 
-    def since(self, rig: str, arrival: int) -> list[Message]:
-        """The messages of a rig that arrived after a host time, ns."""
-        query = "SELECT number, kind, payload FROM messages WHERE rig = ? AND arrival > ?"
-        query = f"{query} ORDER BY number"
-        return [Message(row[0], rig, *row[1:]) for row in self._all(query, self._id(rig), arrival)]
+    def last(self, rig: str, count: int) -> list[Message]:
+        """The last messages of a rig, at most so many."""
+        query = "SELECT number, kind, payload FROM messages WHERE rig = ? ORDER BY number DESC"
+        rows = self._all(f"{query} LIMIT ?", self._id(rig), count)
+        return [Message(row[0], rig, *row[1:]) for row in reversed(rows)]
 
     def find(self, rig: str, finding: Finding) -> bool:
         """Keeps a finding of a rig; false if it was kept before, as after a restart."""
@@ -123,8 +123,7 @@ class Journal:
 
     def keep_states(self, states: dict[str, StoredState]) -> None:
         """Keeps the states of some rigs in place of those before."""
-        with self._lock, self._database:
-            self._database.execute("BEGIN")
+        with self._writing():
             self._database.executemany(
                 "INSERT OR REPLACE INTO states VALUES (?, ?, ?, ?)",
                 [
@@ -148,6 +147,19 @@ class Journal:
                 "(SELECT number FROM messages ORDER BY number LIMIT 5000) AND arrival < ?"
             )
             self._database.execute(query, (arrival,))
+
+    @contextmanager
+    def _writing(self) -> Generator[None]:
+        """A transaction.
+
+        **Raises:** `RecordingError` if it cannot be written, as to a full disk.
+        """
+        try:
+            with self._lock, self._database:
+                self._database.execute("BEGIN")
+                yield
+        except sqlite3.Error as problem:
+            raise RecordingError(f"{self._path}: cannot be written: {problem}") from None
 
     def _all(self, query: str, *values: object) -> list[Any]:
         with self._lock:

@@ -57,12 +57,14 @@ class LaneResult(NamedTuple):
 
     - `evidence`: what the monitor says. `expected`: the readings before they corrected anything.
     - `whitened`: the whitened innovations. `is_finite`: whether the observer has not diverged.
+
+    All are arrays of JAX in the program, and of NumPy outside.
     """
 
     evidence: Evidence
-    expected: Float[np.ndarray | Array, "lanes channels"]
-    whitened: Float[np.ndarray | Array, "lanes channels"]
-    is_finite: Bool[np.ndarray | Array, " lanes"]
+    expected: Any
+    whitened: Any
+    is_finite: Any
 
 
 def structure_of(watcher: Watcher) -> Any:
@@ -232,7 +234,7 @@ def _stepped(watcher: Watcher, state: LaneState, step: LaneSteps) -> tuple[LaneS
     return (kalman, _chosen(step.reads, after, tests)), result
 
 
-def _chosen(which: Bool[Array, ""], first: Tree, other: Tree) -> Tree:
+def _chosen(which: Bool[Array | np.ndarray, ""], first: Tree, other: Tree) -> Tree:
     """One of two trees."""
     return jax.tree.map(lambda one, two: jnp.where(which, one, two), first, other)
 

@@ -4,11 +4,10 @@ import json
 import multiprocessing
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from types import TracebackType
 from typing import final
 
 import jax
@@ -137,28 +136,19 @@ class VirtualFleet:
         self._client.publish(self._file.topic(rig, what), json.dumps(content), qos=1)
 
 
-@final
-class VirtualFleetProcess:
+@contextmanager
+def virtual_fleet_process(
+    path: Path, speed: float, faults: Mapping[str, Faults]
+) -> Generator[None]:
     """The same in a process of its own while the block runs."""
-
-    def __init__(self, path: Path, speed: float, faults: Mapping[str, Faults]):
-        context = multiprocessing.get_context("spawn")
-        self._process: SpawnProcess = context.Process(
-            target=_publish, args=(path, speed, faults), daemon=True
-        )
-
-    def __enter__(self) -> "VirtualFleetProcess":
-        self._process.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        where: TracebackType | None,
-    ) -> None:
-        self._process.terminate()
-        self._process.join()
+    context = multiprocessing.get_context("spawn")
+    process = context.Process(target=_publish, args=(path, speed, faults), daemon=True)
+    process.start()
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.join()
 
 
 def _publish(path: Path, speed: float, faults: Mapping[str, Faults]) -> None:

@@ -51,8 +51,10 @@ MAX_LINES = 30
 # The time over which errors are averaged, s of the rig.
 MEMORY_SECONDS = 60.0
 
-# The length of the recording that is diagnosed or refitted to, s.
+# The length of the recording that is diagnosed or refitted to, s, and the number of messages in
+# which it is sought: a rig that sends ten times a second has so many.
 RECENT_SECONDS = 1500.0
+RECENT_MESSAGES = 30_000
 
 
 class WatchedTwin(NamedTuple):
@@ -255,10 +257,10 @@ class WatchedRig:
 
         **Raises:** `RecordingError` if there are fewer than two readings.
         """
-        arrival, rig = time.time_ns() - round(RECENT_SECONDS * 1e9), self.made.twin.rig
+        rig = self.made.twin.rig
         duty, ambient, rows = np.zeros(len(rig.driven)), np.nan, []
         apart = 0.5 * self.made.member.sample_time
-        for message in journal.since(self.name, arrival):
+        for message in journal.last(self.name, RECENT_MESSAGES):
             sample = self.queue.parsed(message.kind, message.payload)
             if sample is None:
                 continue
@@ -269,7 +271,6 @@ class WatchedRig:
                     rows[-1] = (rows[-1][0], duty, *rows[-1][2:])
             elif passed >= apart:
                 rows.append((sample.time, duty, sample.readings, ambient))
-        # A virtual rig at a higher speed has sent more than the last minutes.
         rows = [row for row in rows if seconds(rows[-1][0] - row[0]) <= RECENT_SECONDS]
         if len(rows) < 2:
             raise RecordingError(f"{self.name}: expected readings of the last minutes, got none")

@@ -82,7 +82,8 @@ class FindingLog:
     @property
     def present(self) -> tuple[Finding, ...]:
         """The findings that are there, in the order of their onset."""
-        there = (each.finding for each in self._open.values())
+        # Copies: a page in another thread may ask.
+        there = (each.finding for each in list(self._open.values()))
         return tuple(sorted(there, key=lambda finding: finding.since or 0))
 
     @property
@@ -94,7 +95,7 @@ class FindingLog:
     def findings(self) -> tuple[Finding, ...]:
         """The findings that are kept, in the order of their onset; those that are there have no
         `until`."""
-        return tuple(sorted((*self._closed, *self.present), key=lambda one: one.since or 0))
+        return tuple(sorted((*list(self._closed), *self.present), key=lambda one: one.since or 0))
 
     def take(self, now: float | int, evidence: Evidence, rate: float = 1.0) -> list[Finding]:
         """Takes what the tests say of a sample.

@@ -18,6 +18,8 @@ from ._mqtt_address import MqttAddress
 from ._transport import READ_SECONDS
 
 CONNECT_SECONDS = 5.0
+# Silence after which a connection with a session is given up, s.
+KEPT_ALIVE_SECONDS = 60
 MAX_WAITING = 1000  # messages that wait at most, coming and going
 MAX_WAITING = 2**22  # bytes of those that come
 # Largest message, bytes; the broker does not deliver larger ones (MQTT 5, maximum packet size).
@@ -153,6 +155,8 @@ def connect_client(client: Any, address: MqttAddress, *, kept: int = 0) -> None:
     properties = Properties(PacketTypes.CONNECT)
     properties.MaximumPacketSize = MAX_MESSAGE_BYTES
     properties.SessionExpiryInterval = kept
+    # Who keeps a session has time: its broker loses nothing meanwhile.
+    keepalive = KEPT_ALIVE_SECONDS if kept else 10
     client.connect(
-        address.host, address.port, keepalive=10, clean_start=not kept, properties=properties
+        address.host, address.port, keepalive, clean_start=not kept, properties=properties
     )
