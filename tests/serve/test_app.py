@@ -259,7 +259,7 @@ def test_what_was_found_with_the_twin_before_is_over(monkeypatch: pytest.MonkeyP
         Finding("sudden", "T1 is off", "T1", since=START, found=START),
         Finding("drift", "T2 is off", "T2", since=START, found=START, until=START + 5),
     )
-    log = shown._beside.monitor._log
+    log = shown._beside.monitor._findings._log
     monkeypatch.setattr(type(log), "findings", property(lambda self: found if self is log else ()))
     shown.show_diagnosis(
         {
