@@ -260,7 +260,7 @@ def test_what_was_found_with_the_twin_before_is_over(monkeypatch: pytest.MonkeyP
         Finding("sudden", "T1 is off", "T1", since=START, found=START),
         Finding("drift", "T2 is off", "T2", since=START, found=START, until=START + 5),
     )
-    log = shown._beside.monitor._log
+    log = shown._beside.monitor._findings._log
     monkeypatch.setattr(type(log), "findings", property(lambda self: found if self is log else ()))
     best = {"name": "stuck T1", "phrase": "T1 is stuck", "probability": 1.0, "onset": 7.0}
     shown.show_diagnosis({"state": "done", "causes": [{"until_s": None, "explanations": [best]}]})
