@@ -134,7 +134,7 @@ DEFAULTS = {
         "opener": {"baud": 115_200},
     },
     "jaxtwin.matching": {
-        "BoundedLevenbergMarquardt": {"rtol": 1e-8, "atol": 1e-10, "gtol": 1e-7, "damping": 0.1},
+        "BoundedLevenbergMarquardt": {"rtol": 1e-8, "atol": 1e-10, "gtol": 1e-7, "damping": 1e-3},
         "estimate_initial_conditions": {"warm_up": 60.0},
         "posterior_draws": {"seed": 0},
     },

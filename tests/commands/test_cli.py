@@ -403,7 +403,7 @@ def test_match_saves_what_the_other_commands_take(minute, capsys):
     held = [name for name, row in load_rig("paper-2024").parameters.items() if row.free]
     held.remove("R_pc")
     fixed = [word for name in held for word in ("--fixed", name)]
-    more = ["--per-recording", "T_amb", "--set", "published", "--max-iterations", "8"]
+    more = ["--per-recording", "T_amb", "--set", "published", "--max-iterations", "4"]
     files = ["--out", "fit.toml", "--json", "fit.json"]
     assert run(["match", "paper-2024", minute, *fixed, *more, *files]) == 0
     assert "parameter  initial" in printed(capsys)

@@ -82,7 +82,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
     rtol: float = 1e-8
     atol: float = 1e-10
     gtol: float = 1e-7
-    damping: float = 0.1
+    damping: float = 1e-3
     norm: Callable[[PyTree], Scalar] = eqx.field(static=True, default=optx.max_norm)
 
     def init(
