@@ -50,7 +50,7 @@ GATHER_SECONDS = 0.01
 # two removals of old messages, s.
 FILES_SECONDS = 5.0
 STATE_SECONDS = 120.0
-AHEAD_SECONDS = 60.0
+AHEAD_SECONDS = 5.0
 FORGET_SECONDS = 1.0
 
 # Alarms of one kind that more rigs than these raise in a turn are one for the alarm command.
@@ -294,26 +294,23 @@ class Fleet:
         if self._is_due("files", FILES_SECONDS, now):
             self._look_at_files()
         self._take_made()
-        if self._blocks:
-            # One block after the other, so that no turn takes long.
-            self._look_ahead(AHEAD_SECONDS, now)
+        if self._is_due("ahead", AHEAD_SECONDS, now):
+            self._look_ahead()
         parts = max(1, round(STATE_SECONDS / TICK_SECONDS))
         self._keep_states(list(rigs.values())[self._turn % parts :: parts])
         if self._is_due("forget", FORGET_SECONDS, now):
             self._journal.forget(time.time_ns() - round(self.file.keep_days * 86_400e9))
 
-    def _look_ahead(self, every: float, now: float) -> None:
-        for number, block in enumerate(self._blocks):
-            if not self._is_due(f"ahead {number}", every, now):
-                continue
+    def _look_ahead(self) -> None:
+        """Forecasts of all rigs that have been read."""
+        for block in self._blocks:
             duty = np.zeros_like(block.none().duty)
             rigs = [rig for rig in self.rigs.values() if rig.lanes is block]
             for rig in rigs:
                 duty[rig.lane] = rig.queue.duty
             later = block.ahead(duty)
             for rig in rigs:
-                rig.later = type(later)(later.mean[rig.lane], later.spread[rig.lane])
-            return
+                rig.forecast(type(later)(later.mean[rig.lane], later.spread[rig.lane]))
 
     def _is_due(self, what: str, every: float, now: float) -> bool:
         if now < self._due.get(what, 0.0):

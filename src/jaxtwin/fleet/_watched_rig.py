@@ -48,6 +48,9 @@ LEVELS = ((10.0, 360),)
 MAX_ENDED_FINDINGS = 20
 MAX_LINES = 30
 
+# A forecast that is older is not shown, s of the rig: it would be compared with readings of now.
+MAX_FORECAST_AGE = 30.0
+
 # The time over which errors are averaged, s of the rig.
 MEMORY_SECONDS = 60.0
 
@@ -140,8 +143,7 @@ class WatchedRig:
         """The last readings, degC."""
         self.expected = np.full(len(rig.channels), np.nan)
         """What was expected of them, degC."""
-        self.later: Moment | None = None
-        """The readings that are expected in a minute; None: nobody has looked."""
+        self._later: tuple[int, Moment] | None = None  # the time of a forecast, and what it says
         self.recorded_since = 0.0
         """The time of the first reading of the last recording of it, s since 1970."""
         self._silence, self._tell = silence, tell
@@ -241,16 +243,30 @@ class WatchedRig:
             observed=self._observed,
             error=self.error,
             surprise=self.surprise,
-            later=None if measured is None else self.later,
+            later=self._fresh_forecast,
         )  # fmt: skip
         sentences = is_rig_well(situation), is_twin_right(situation), what_comes(situation)
         return dict(zip(("rig", "twin", "minute"), sentences, strict=True))
+
+    def forecast(self, readings: Moment) -> None:
+        """Takes the readings that are expected in a minute."""
+        self._later = self.queue.time, readings
+
+    @property
+    def _fresh_forecast(self) -> Moment | None:
+        """The readings that are expected in a minute; None if nothing is known, or it is old."""
+        if self.measured is None or self._later is None:
+            return None
+        time, readings = self._later
+        return readings if seconds(self.queue.time - time) <= MAX_FORECAST_AGE else None
 
     def outlook(self) -> Outlook | None:
         """What the twin says of now and of the next minute; None while there is no reading."""
         if self.measured is None:
             return None
-        return look_ahead(self.made.watcher[0], self.lanes.kalman(self.lane), self.queue.duty)
+        result = look_ahead(self.made.watcher[0], self.lanes.kalman(self.lane), self.queue.duty)
+        self.forecast(Moment(result.readings.mean[-1], result.readings.spread[-1]))
+        return result
 
     def recorded(self, journal: Journal) -> Experiment:
         """The last minutes as a recording.
