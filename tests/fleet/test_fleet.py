@@ -141,6 +141,17 @@ def test_an_overview_a_page_and_metrics_of_each_rig(tmp_path, fleets):
     assert ask(app, "/healthz").status == 503  # there is no broker
 
 
+def test_an_old_forecast_is_not_compared_with_readings_of_now(tmp_path, fleets):
+    fleet = fleets(fleet_file(tmp_path))
+    give(fleet, 0, 60)
+    fleet._look_ahead()
+    assert fleet.rigs["a"].story()["minute"].level == "good"
+    give(fleet, 60, 80)
+    assert fleet.rigs["a"].story()["minute"].level == "good"
+    give(fleet, 80, 120)
+    assert fleet.rigs["a"].story()["minute"].head == "No forecast"
+
+
 def test_who_has_no_token_orders_nothing(tmp_path, fleets):
     fleet = fleets(fleet_file(tmp_path))
     headers = {"content-type": "application/json", "origin": "http://127.0.0.1:8000"}

@@ -82,13 +82,13 @@ def fleet(
         executor = None
         if told.dask is not None:
             executor = stack.enter_context(dask_executor(told.dask, f"{file}: dask"))
+        if virtual:  # it compiles for as long as the fleet does
+            stack.enter_context(virtual_fleet_process(file, speed, known))
         command = stack.enter_context(AlarmCommand(told.alarm))
         fleet = stack.enter_context(contextlib.closing(Fleet(file, command.ring, executor)))
         number = opened.getsockname()[1]
         access = Access.of(host, number, names=tuple(name or ()), allow_control=allow_control)
         stack.enter_context(WebServer(fleet_app(fleet, access), opened))
-        if virtual:
-            stack.enter_context(virtual_fleet_process(file, speed, known))
         announce(f"{f'[{host}]' if ':' in host else host}:{number}", access.token, token_file)
         if duration is not None:
             timer = threading.Timer(duration, stop.set)

@@ -168,6 +168,7 @@ class _Web:
                 for name in names
             ],
         }
+        outlook, measured = rig.outlook(), rig.measured  # before the story, which tells of it
         story = {name: sentence._asdict() for name, sentence in rig.story().items()}
         present = [finding_as_json(finding) for finding in rig.findings]
         keys = [(one["kind"], one["channel"], one["found"]) for one in present]
@@ -184,7 +185,6 @@ class _Web:
             ("diagnosis", rig.diagnosis),
             ("log", list(rig.lines)),
         ]
-        outlook, measured = rig.outlook(), rig.measured
         if outlook is not None and measured is not None:
             now = seconds(rig.queue.time)
             band = np.asarray(QUANTILE_975 * outlook.expected_spread)

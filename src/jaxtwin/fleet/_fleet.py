@@ -21,6 +21,7 @@ from ..live._json import finding_as_json
 from ..serve._live_diagnosis import MIN_SAMPLES, causes_of
 from ..serve._live_refit import refit_champion
 from ..serve._outlook import look_ahead
+from ..serve._story import Reason
 from ..twin_store import TwinStore
 from ._fleet_file import FleetFile, Member
 from ._inbox import Inbox
@@ -50,7 +51,7 @@ GATHER_SECONDS = 0.01
 # two removals of old messages, s.
 FILES_SECONDS = 5.0
 STATE_SECONDS = 120.0
-AHEAD_SECONDS = 60.0
+AHEAD_SECONDS = 5.0
 FORGET_SECONDS = 1.0
 
 # Alarms of one kind that more rigs than these raise in a turn are one for the alarm command.
@@ -294,26 +295,23 @@ class Fleet:
         if self._is_due("files", FILES_SECONDS, now):
             self._look_at_files()
         self._take_made()
-        if self._blocks:
-            # One block after the other, so that no turn takes long.
-            self._look_ahead(AHEAD_SECONDS, now)
+        if self._is_due("ahead", AHEAD_SECONDS, now):
+            self._look_ahead()
         parts = max(1, round(STATE_SECONDS / TICK_SECONDS))
         self._keep_states(list(rigs.values())[self._turn % parts :: parts])
         if self._is_due("forget", FORGET_SECONDS, now):
             self._journal.forget(time.time_ns() - round(self.file.keep_days * 86_400e9))
 
-    def _look_ahead(self, every: float, now: float) -> None:
-        for number, block in enumerate(self._blocks):
-            if not self._is_due(f"ahead {number}", every, now):
-                continue
+    def _look_ahead(self) -> None:
+        """Forecasts of all rigs that have been read."""
+        for block in self._blocks:
             duty = np.zeros_like(block.none().duty)
             rigs = [rig for rig in self.rigs.values() if rig.lanes is block]
             for rig in rigs:
                 duty[rig.lane] = rig.queue.duty
             later = block.ahead(duty)
             for rig in rigs:
-                rig.later = type(later)(later.mean[rig.lane], later.spread[rig.lane])
-            return
+                rig.forecast(type(later)(later.mean[rig.lane], later.spread[rig.lane]))
 
     def _is_due(self, what: str, every: float, now: float) -> bool:
         if now < self._due.get(what, 0.0):
@@ -381,10 +379,13 @@ class Fleet:
         for cause in done.value:
             for one in cause["explanations"]:
                 one["onset"] = rig.recorded_since + one["onset_s"]
-        rig.diagnosis, rig.cause = {"state": "done", "causes": done.value}, ""
+        rig.diagnosis, rig.cause = {"state": "done", "causes": done.value}, None
         if done.value:
-            best = done.value[-1]["explanations"][0]
-            rig.cause = f"{best['name']}, {100 * best['probability']:.0f} %"
+            cause = done.value[-1]
+            best, until = cause["explanations"][0], cause["until_s"]
+            ended = None if until is None else rig.recorded_since + until
+            rig.cause = Reason(best["phrase"], best["probability"], best["onset"], ended)
+            rig.fault = best["name"]
             self._say(rig, f"most likely (estimate): {rig.cause}")
 
     @staticmethod

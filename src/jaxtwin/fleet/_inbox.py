@@ -15,6 +15,9 @@ KINDS: tuple[Kind, ...] = ("readings", "duty")
 # For how long a broker keeps messages for a fleet that is away, s.
 SESSION_SECONDS = 7 * 86_400
 
+# The number of alerts that wait at most while the broker is away.
+MAX_ALERTS = 1000
+
 # The number of messages that are taken at a time.
 MAX_TAKEN = 2000
 
@@ -74,6 +77,7 @@ class Inbox:
         self._pattern = re.compile(f"{levels}({'|'.join(KINDS)})")
         self._client = mqtt_client(file.broker, reconnect=False, session=session)
         self._client.connect_timeout = CONNECT_SECONDS
+        self._client.max_queued_messages_set(MAX_ALERTS)
         self._client.on_message = self._on_message
         self._client.on_connect = self._on_connect
         self._client.on_disconnect = self._on_disconnect

@@ -77,8 +77,7 @@ def trends(rigs: Mapping[str, WatchedRig]) -> list[dict[str, Any]]:
     for name, rig in rigs.items():
         findings = [finding for finding in rig.findings if finding.is_alarm]
         if rig.cause:
-            # Without its probability, which is that of each rig.
-            seen[rig.group, rig.cause.rpartition(",")[0], True].append(name)
+            seen[rig.group, rig.fault, True].append(name)
         else:
             for kind in {finding.kind for finding in findings}:
                 seen[rig.group, WORDS.get(kind, kind), False].append(name)

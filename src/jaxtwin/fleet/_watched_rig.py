@@ -31,7 +31,8 @@ from ..rig import load_rig, read_parameters
 from ..serve._history import History
 from ..serve._live_diagnosis import DELAYS
 from ..serve._outlook import Outlook, look_ahead
-from ..serve._story import Sentence, Situation, is_rig_well, is_twin_right, what_comes
+from ..serve._page import COMPARED_SECONDS
+from ..serve._story import Reason, Sentence, Situation, is_rig_well, is_twin_right, what_comes
 from ..twin_store import TwinStore
 from ._fleet_file import Member
 from ._journal import Journal, Message, StoredState
@@ -48,8 +49,11 @@ LEVELS = ((10.0, 360),)
 MAX_ENDED_FINDINGS = 20
 MAX_LINES = 30
 
-# The time over which errors are averaged, s of the rig.
-MEMORY_SECONDS = 60.0
+# A forecast that is older is not shown, s of the rig: it would be compared with readings of now.
+MAX_FORECAST_AGE = 30.0
+
+# The 95 % limit of a normal number.
+LIMIT_95 = 1.96
 
 # The length of the recording that is diagnosed or refitted to, s, and the number of messages in
 # which it is sought: a rig that sends ten times a second has so many.
@@ -128,8 +132,10 @@ class WatchedRig:
         rig = made.twin.rig
         self.queue = SampleQueue(rig, made.member.sample_time, made.watcher[0].longest_seconds)
         self.history = History(len(rig.channels), len(rig.driven), LEVELS)
-        self.cause = ""
-        """What explains the findings most likely; `""`: nobody has said."""
+        self.cause: Reason | None = None
+        """What explains the findings most likely; None: nobody has said."""
+        self.fault = ""
+        """Its name without its size, such as `loosen P1`, which other rigs may share."""
         self.diagnosis: dict[str, Any] = {"state": "none", "causes": []}
         """What a page shows of the last diagnosis."""
         self.due: list[float] = []
@@ -140,8 +146,7 @@ class WatchedRig:
         """The last readings, degC."""
         self.expected = np.full(len(rig.channels), np.nan)
         """What was expected of them, degC."""
-        self.later: Moment | None = None
-        """The readings that are expected in a minute; None: nobody has looked."""
+        self._later: tuple[int, Moment] | None = None  # the time of a forecast, and what it says
         self.recorded_since = 0.0
         """The time of the first reading of the last recording of it, s since 1970."""
         self._silence, self._tell = silence, tell
@@ -154,8 +159,10 @@ class WatchedRig:
         self._since = self._heard = 0.0  # s of the monotonic clock
         self._observed, self._problem = 0.0, ""
         self.error = self.surprise = 0.0
-        """The root mean square of readings minus expected readings in the last minute, K, and the
+        """The root mean square of readings minus expected readings in the last minutes, K, and the
         mean normalised innovation squared."""
+        self.within = 1.0
+        """The share of the readings of the last minutes in the 95 % band of what was expected."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -181,7 +188,9 @@ class WatchedRig:
         self._observed = 0.0 if step.begins else self._observed + step.elapsed
         valid = np.isfinite(step.readings)
         if valid.any():
-            weight = 1.0 - np.exp(-step.elapsed / MEMORY_SECONDS)
+            weight = 1.0 - np.exp(-step.elapsed / COMPARED_SECONDS)
+            share = float(np.mean(np.abs(white[valid]) <= LIMIT_95))
+            self.within += weight * (share - self.within)
             square = float(np.mean((step.readings - expected)[valid] ** 2))
             self.error = float(np.sqrt(self.error**2 + weight * (square - self.error**2)))
             self.surprise += weight * (float(np.mean(white[valid] ** 2)) - self.surprise)
@@ -236,21 +245,38 @@ class WatchedRig:
             findings=self._findings.present,
             cause=self.cause,
             is_awaited=bool(self.due),
+            acknowledged=0,
             problem="",
             ended=False,
             observed=self._observed,
-            error=self.error,
-            surprise=self.surprise,
-            later=None if measured is None else self.later,
+            within=self.within,
+            # Whitened readings have a deviation of 1 where the observer is right.
+            band=LIMIT_95 * self.error / np.sqrt(max(self.surprise, 1e-12)),
+            compared=min(self._observed, COMPARED_SECONDS),
+            later=self._fresh_forecast,
         )  # fmt: skip
         sentences = is_rig_well(situation), is_twin_right(situation), what_comes(situation)
         return dict(zip(("rig", "twin", "minute"), sentences, strict=True))
+
+    def forecast(self, readings: Moment) -> None:
+        """Takes the readings that are expected in a minute."""
+        self._later = self.queue.time, readings
+
+    @property
+    def _fresh_forecast(self) -> Moment | None:
+        """The readings that are expected in a minute; None if nothing is known, or it is old."""
+        if self.measured is None or self._later is None:
+            return None
+        time, readings = self._later
+        return readings if seconds(self.queue.time - time) <= MAX_FORECAST_AGE else None
 
     def outlook(self) -> Outlook | None:
         """What the twin says of now and of the next minute; None while there is no reading."""
         if self.measured is None:
             return None
-        return look_ahead(self.made.watcher[0], self.lanes.kalman(self.lane), self.queue.duty)
+        result = look_ahead(self.made.watcher[0], self.lanes.kalman(self.lane), self.queue.duty)
+        self.forecast(Moment(result.readings.mean[-1], result.readings.spread[-1]))
+        return result
 
     def recorded(self, journal: Journal) -> Experiment:
         """The last minutes as a recording.
@@ -292,7 +318,8 @@ class WatchedRig:
             "queue": self.queue.to_dict(),
             "findings": self._findings.to_dict(),
             "cause": self.cause,
-            "averages": [self._observed, self.error, self.surprise],
+            "fault": self.fault,
+            "averages": [self._observed, self.error, self.surprise, self.within],
         }
         return StoredState(self.made.key, content, self.lanes.packed(self.lane))
 
@@ -303,8 +330,9 @@ class WatchedRig:
         content = stored.content
         self.queue.resume(content["queue"])
         self._findings.resume(content["findings"])
-        self.cause = content["cause"]
-        self._observed, self.error, self.surprise = content["averages"]
+        self.cause = content["cause"] and Reason(*content["cause"])
+        self.fault = content["fault"]
+        self._observed, self.error, self.surprise, self.within = content["averages"]
         return True
 
     def _set(self, kind: str, is_there: bool, detail: str) -> None:

@@ -7,13 +7,17 @@ from ..errors import LinkError
 from ..rig import Rig
 from ._json import finding_as_json, record_as_json
 from .protocol._mqtt_address import MqttAddress, without_password
-from .protocol._mqtt_transport import MAX_WAITING, connect_client, mqtt_client
+from .protocol._mqtt_transport import connect_client, mqtt_client
 from .protocol._records import Record
 from .protocol._rig_state import RigState
 from .safety._finding import Finding
 
 # The kinds of records that are published -> the topics below that of the rig.
 TOPICS = {"reading": "readings", "duty": "duty", "event": "events", "estimate": "estimates"}
+
+
+# The messages that wait at most while the broker is away: a quarter of an hour of a camera's rig.
+MAX_QUEUED = 20_000
 
 
 @final
@@ -37,7 +41,7 @@ class Publisher:
         address = MqttAddress.parse(url)
         self._topic, self._rig = address.topic, rig
         self._client = mqtt_client(address, reconnect=True)
-        self._client.max_queued_messages_set(MAX_WAITING)
+        self._client.max_queued_messages_set(MAX_QUEUED)
         try:
             connect_client(self._client, address)
         except OSError as error:

@@ -20,8 +20,7 @@ from ._transport import READ_SECONDS
 CONNECT_SECONDS = 5.0
 # Silence after which a connection with a session is given up, s.
 KEPT_ALIVE_SECONDS = 60
-MAX_WAITING = 1000  # messages that wait at most, coming and going
-MAX_WAITING = 2**22  # bytes of those that come
+MAX_WAITING_BYTES = 2**22  # of the messages that have come and wait at most
 # Largest message, bytes; the broker does not deliver larger ones (MQTT 5, maximum packet size).
 MAX_MESSAGE_BYTES = 2 * PACKET_BYTES
 
@@ -42,7 +41,7 @@ class MqttTransport:
 
     def __init__(self, address: MqttAddress, *, reads: str = "up", writes: str = "down"):
         topic = address.topic
-        self._inbox: queue.Queue[bytes] = queue.Queue(MAX_WAITING)
+        self._inbox: queue.Queue[bytes] = queue.Queue()
         self._lost = False
         self._waiting = 0  # bytes
         self._reads, self._writes = f"{topic}/{reads}", f"{topic}/{writes}"
@@ -63,10 +62,9 @@ class MqttTransport:
                 log.warning("%s: a retained message is passed over", message.topic)
                 return
             # If the queue is full the message is lost, which the sequence numbers show.
-            if self._waiting + len(message.payload) <= MAX_WAITING:
-                with contextlib.suppress(queue.Full):
-                    self._inbox.put_nowait(message.payload)
-                    self._waiting += len(message.payload)
+            if self._waiting + len(message.payload) <= MAX_WAITING_BYTES:
+                self._inbox.put_nowait(message.payload)
+                self._waiting += len(message.payload)
 
         self._client.on_connect, self._client.on_subscribe = on_connect, on_subscribe
         self._client.on_disconnect, self._client.on_message = on_disconnect, on_message
