@@ -156,12 +156,12 @@ def _members(source: str, group: str, table: GroupTable, folder: Path) -> list[M
             refuse(source, f"{where}.{field}", f"expected a file, got {str(file)!r}")
         return file
 
-    own = folder / table.rig
+    rig_file = folder / table.rig
     return [
         Member(
             name,
             group,
-            str(own) if own.is_file() else table.rig,
+            str(rig_file) if rig_file.is_file() else table.rig,
             path("parameters", name),
             path("store", name),
             path("noise", name),

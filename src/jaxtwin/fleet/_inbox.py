@@ -90,7 +90,7 @@ class Inbox:
         self._wanted = dict(rigs)
 
     def receive(self, seconds: float) -> list[Received]:
-        """Waits for at most so many seconds, and returns what has come."""
+        """Waits for at most this time, s, and returns what has come."""
         if self._client.socket() is None:
             self._connect(seconds)
         else:

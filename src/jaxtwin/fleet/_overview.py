@@ -34,7 +34,7 @@ WORDS = {
     "channel-fault": "a channel without readings",
 }
 
-# What so many rigs of a group, and this part of it, have in common is said.
+# The smallest number of rigs of a group, and part of it, whose common fault is a trend.
 MIN_RIGS = 3
 MIN_FRACTION = 0.05
 

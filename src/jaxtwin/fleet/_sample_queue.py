@@ -86,7 +86,7 @@ class SampleQueue:
         self._last: int | None = None  # the time of the last reading that was taken
         self._read: int | None = None  # that of the last one that was used
         self._duty, self._ambient = np.zeros(len(rig.driven)), math.nan
-        self._said: tuple[float, ...] = ()  # duty and ambient temperature that were taken last
+        self._stated: tuple[float, ...] = ()  # duty and ambient temperature that were taken last
         self._parts = self._done = 0  # of the gap before the first sample that waits
 
     def __len__(self) -> int:
@@ -120,11 +120,11 @@ class SampleQueue:
                 return
             self._last = sample.time
         elif sample.duty is not None:
-            said = (*sample.duty.tolist(), sample.ambient)
-            if said == self._said:  # a device may repeat it ten times a second
+            stated = (*sample.duty.tolist(), sample.ambient)
+            if stated == self._stated:  # a device may repeat it ten times a second
                 self.counts["thinned"] += 1
                 return
-            self._said = said
+            self._stated = stated
         self._waiting.append(sample)
         if len(self._waiting) > MAX_WAITING:
             self.counts["overflow"] += 1

@@ -24,7 +24,7 @@ from ._fleet_file import FleetFile
 # The duty of each virtual rig is another one after this time, s of the rig.
 HOLD_SECONDS = 240.0
 
-# Healthy rigs share so many twins, each with its own schedule; their noise differs.
+# Healthy rigs share this number of twins, each with its own schedule; their noise differs.
 PHASES = 4
 
 # The messages that may be on their way to the broker.
@@ -75,7 +75,7 @@ class VirtualFleet:
         self._client.loop_start()
 
     def run(self, speed: float, is_over: Callable[[], bool]) -> None:
-        """Publishes until it is to end, at so many seconds of the rigs in one."""
+        """Publishes until it is to end; `speed`: seconds of the rigs in one of the host."""
         begin, first = time.monotonic(), self._count
         while not is_over():
             due = begin + (self._count - first) / speed

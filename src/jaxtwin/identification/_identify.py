@@ -253,12 +253,11 @@ def _screened(
         raise MatchError("identify: expected a structure with finite temperatures, got none")
     simplest = [end for end in ends[VARIED:] if end.problem.parts in several[:VARIED]]
     delayed = Screen(family, logs, floor, everything)
-    better: list[Screened] = []
+    bases, better = [*ends[:VARIED], *simplest], list[Screened]()
     for part, of_part in ((DRIFT_OF_ROOM, screen), (DELAY, delayed)):
         if part not in family.choices:
             continue
         report(f"the best ones and {WORDS[kind_of(part)]}", len(several), len(several))
-        bases = [*ends[:VARIED], *simplest]
         varied = of_part.match(
             [Problem(end.problem.parts | {part}, known, end.values) for end in bases]
         )

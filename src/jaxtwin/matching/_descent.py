@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..simulation._modes import Modes
+from ..simulation._simulate import prepare_simulation
 from ._descent_result import (
     DescentResult,
     DescentStep,
@@ -140,7 +141,7 @@ def _descend_batch(
         state = _first_state(solver, batch.starts, space)
         native = None
         if space.difference_steps is None:
-            native = NativeDescents.of(batch.problems, objective)
+            native = _native(batch, objective)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
@@ -190,6 +191,21 @@ def _first_state(
         damping = jax.device_put(np.array([float(s.damping) for s in earlier]))
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
+
+
+def _native(batch: _Batch, objective: MatchObjective) -> NativeDescents | None:
+    """The descents in C, None where they are not. The programs of the readings are compiled at the
+    same time as the network's library."""
+    problem = batch.problems[0]
+    with ThreadPoolExecutor(1) as pool:
+        prepared = [
+            pool.submit(prepare_simulation, problem.twin, experiment)
+            for experiment in problem.experiments
+        ]
+        native = NativeDescents.of(batch.problems, objective)
+        for program in prepared:
+            program.result()
+    return native
 
 
 def _at_start(
@@ -251,8 +267,8 @@ def _proposal(
     iteration: int,
 ) -> _Proposal:
     """The next vectors, evaluated by the means that the problem has."""
-    if native is not None and (errors := native.output_errors(vectors, active)) is not None:
-        return _Proposal(vectors, errors, None, None)
+    if native is not None:
+        return _Proposal(vectors, native.output_errors(vectors, active), None, None)
     modes = _find_modes(vectors, objective)
     if space.difference_steps is not None:
         return _Proposal(vectors, *_solve_and_difference(vectors, objective, modes, space), modes)

@@ -236,15 +236,16 @@ class NativeDescents:
 
     def output_errors(
         self, vectors: Float[Array, "descents unknowns"], wanted: Bool[np.ndarray, " descents"]
-    ) -> list[Float[np.ndarray, "descents _recordings _times _channels"]] | None:
-        """The output errors of the wanted descents at their vectors, any for the others; None if C
-        cannot solve all."""
-        return self._each(NativeRecordings.output_errors, vectors, wanted)
+    ) -> list[Float[np.ndarray, "descents _recordings _times _channels"]]:
+        """The output errors of the wanted descents at their vectors; any for the others."""
+        errors = self._each(NativeRecordings.output_errors, vectors, wanted)
+        assert errors is not None
+        return errors
 
     def jacobians(
         self, vectors: Float[Array, "descents unknowns"], wanted: Bool[np.ndarray, " descents"]
     ) -> list[Float[np.ndarray, "descents _recordings _entries _times _channels"]] | None:
-        """Their derivatives, likewise."""
+        """Their derivatives; None if C cannot solve all."""
         return self._each(NativeRecordings.jacobian, vectors, wanted)
 
     def _each(

@@ -19,8 +19,8 @@ OLD_SECONDS = 3.0
 # The share of readings within the 95 % band below which a twin expects them worse than it says.
 MIN_WITHIN = 0.85
 
-# The probability from which on a cause is said as what has happened.
-SURE = 0.9
+# A cause of at least this probability is stated as what has happened.
+MIN_PROBABILITY = 0.9
 
 # A change in the next minute that is smaller than this is none.
 STEADY_KELVIN = 0.2
@@ -237,7 +237,7 @@ def _largest(findings: Sequence[Finding]) -> Finding:
 
 
 def _sure(now: Situation) -> bool:
-    return now.cause is not None and now.cause.probability >= SURE
+    return now.cause is not None and now.cause.probability >= MIN_PROBABILITY
 
 
 def _minutes(length: float) -> str:
