@@ -29,12 +29,11 @@ def contents(draw, fewest: int = 2) -> dict[str, Any]:
     cells = draw(st.integers(1, 3))
     channels = draw(st.lists(channel_names, max_size=3, unique=True))
     degC = st.floats(-120, 84)  # elsewhere are codes of sensors, and rooms in kelvin
-    room = st.floats(-200, 150)
     fields = {
         "time": draw(st.floats(-1e6, 1e6)) + np.concatenate([[0.0], np.cumsum(steps)]),
         "duty": draw(npst.arrays(np.float64, (n, cells), elements=st.floats(-1, 1))),
         "channels": channels,
-        "ambient": draw(st.none() | room | npst.arrays(np.float64, n, elements=room)),
+        "ambient": draw(st.none() | degC | npst.arrays(np.float64, n, elements=degC)),
     }
     if channels and draw(st.booleans()):
         shape = (n, len(channels))

@@ -301,9 +301,15 @@ def test_a_dataset_holds_estimates_and_innovations(observed: Observed, smoothed:
     assert dict(forecast.sizes) == {"time": 101, "channel": 2}
 
 
-def test_figures_have_a_panel_for_each_quantity_or_channel(observed: Observed):
-    panels = [axes.get_ylabel() for axes in observed.plot().axes]
-    assert panels == ["channel, °C", "estimated, °C", "unexplained heat, W", "room, °C"]
+def test_figures_have_a_panel_for_each_quantity_or_channel(
+    twin: Twin, recording: Experiment, observed: Observed
+):
+    """Unexplained heat has one where it is outside its band."""
+    always = ["channel, °C", "estimated, °C", "room, °C"]
+    assert [axes.get_ylabel() for axes in observed.plot().axes] == always
+    weak = twin.with_values({"alpha_1": 0.006})
+    panels = [axes.get_ylabel() for axes in observe(weak, recording, USUAL).plot().axes]
+    assert panels == [*always[:2], "unexplained heat, W", always[2]]
     forecast = observed.ahead(60.0).plot()
     assert len([axes for axes in forecast.axes if axes.lines]) == 2
 

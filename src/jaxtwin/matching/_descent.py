@@ -187,8 +187,10 @@ def _first_state(
     optimiser = _first_optimiser(solver, vectors, space)
     earlier = [s.optimiser for s in starts if isinstance(s, DescentResult) and s.optimiser]
     if earlier:
-        # The new weights change little: go on as carefully or boldly as before.
-        damping = jax.device_put(np.array([float(s.damping) for s in earlier]))
+        # Go on as boldly as before, but not more carefully than from a start: a descent ends with a
+        # large damping where rounding stopped it, and with other weights it would stop at once.
+        damping = np.array([min(float(s.damping), solver.damping) for s in earlier])
+        damping = jax.device_put(damping)
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
 

@@ -70,8 +70,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
 
     **Arguments:**
 
-    - `rtol`: the descent stops when an accepted step lowers the cost by less than this fraction and
-      its predicted reduction is not larger either.
+    - `rtol`: the descent stops when a step changes the cost by less than this fraction and its
+      predicted reduction is not larger either.
     - `atol`: the descent stops when a step moves every unknown by less than this fraction of the
       vector's length, each unknown measured by its column of the Jacobian.
     - `gtol`: the descent stops when the cosine between the residuals and every column that is not
@@ -204,9 +204,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
             state.scale * jnp.abs(trial.vector - vector)
             <= self.atol * (self.atol + jnp.linalg.norm(state.scale * vector))
         )
-        little = (
-            accepted & (actual <= self.rtol * state.cost) & (predicted <= self.rtol * state.cost)
-        )
+        # Of rejected steps too, as in MINPACK: at the minimum, rounding accepts or rejects.
+        little = (jnp.abs(actual) <= self.rtol * state.cost) & (predicted <= self.rtol * state.cost)
         status = jnp.select(
             [
                 accepted & ((steepest <= self.gtol) | (new_cost == 0)),

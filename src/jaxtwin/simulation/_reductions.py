@@ -351,11 +351,14 @@ def _check_recorded(experiment: Experiment) -> None:
 
 def draws_table(dataset: "xarray.Dataset") -> "pandas.DataFrame":
     """A dataset as a table with a row for each draw, in which nothing is repeated: a column for
-    each variable, or for each of its values that one draw has, such as `cost[day 1, T11]`."""
+    each variable, or for each of its values that one draw has, such as `cost[day 1, T11]`.
+    Variables that all draws share, such as the units of parameters, are left out."""
     import pandas
 
     columns: dict[str, np.ndarray] = {}
     for name, values in dataset.data_vars.items():
+        if "draw" not in values.dims:
+            continue
         others = [dim for dim in values.dims if dim != "draw"]
         flat = values.transpose("draw", *others).values.reshape(values.sizes["draw"], -1)
         labels = itertools.product(*(values[dim].values.tolist() for dim in others))
