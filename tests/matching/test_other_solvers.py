@@ -45,9 +45,11 @@ def test_another_solver_ends_at_the_same_optimum(
     )
     assert fit.converged
     assert fit.status == f"{kind.__name__}: converged"
-    assert fit.cost == pytest.approx(ours.cost, rel=1e-5)
+    # Optimistix has readings by JAX, ours are by C where there is a compiler, 6e-5 K from them: of
+    # the logarithm of the likelihood that is a hundredth.
+    assert abs(fit.cost - ours.cost) < 0.03
     for name in TRUTH:
-        assert fit[name].value == pytest.approx(ours[name].value, rel=1e-5)
+        assert abs(fit[name].value - ours[name].value) < 1e-3 * ours[name].standard_error
         assert fit[name].standard_error == pytest.approx(ours[name].standard_error, rel=1e-3)
     # Three rounds; optimistix shows of each where it began and where it ended.
     assert len(shown) == 6

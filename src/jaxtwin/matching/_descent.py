@@ -19,7 +19,6 @@ from jaxtyping import Array, Bool, Float
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..simulation._modes import Modes
-from ..simulation._simulate import prepare_simulation
 from ._descent_result import (
     DescentResult,
     DescentStep,
@@ -141,7 +140,7 @@ def _descend_batch(
         state = _first_state(solver, batch.starts, space)
         native = None
         if space.difference_steps is None:
-            native = _native(batch, objective)
+            native = NativeDescents.of(batch.problems, objective)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
@@ -193,21 +192,6 @@ def _first_state(
         damping = jax.device_put(damping)
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
-
-
-def _native(batch: _Batch, objective: MatchObjective) -> NativeDescents | None:
-    """The descents in C, None where they are not. The programs of the readings are compiled at the
-    same time as the network's library."""
-    problem = batch.problems[0]
-    with ThreadPoolExecutor(1) as pool:
-        prepared = [
-            pool.submit(prepare_simulation, problem.twin, experiment)
-            for experiment in problem.experiments
-        ]
-        native = NativeDescents.of(batch.problems, objective)
-        for program in prepared:
-            program.result()
-    return native
 
 
 def _at_start(

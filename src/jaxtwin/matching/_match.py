@@ -35,7 +35,7 @@ from ._fitted_parameters import fitted_parameters
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._loss import AbstractLoss
 from ._model_error import estimate_model_error
-from ._native_recordings import NativeRecordings
+from ._native_recordings import REFINEMENTS, NativeRecordings
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
 from ._problem import (
@@ -321,12 +321,12 @@ def _solver_gap(
     for number, (comparison, of_match) in enumerate(zip(comparisons, simulated, strict=True)):
         errors = None
         if native is not None:
-            errors = native.errors_of_short_steps(vector, number)
+            errors = native.output_errors(vector, number, halvings=REFINEMENTS)
         if errors is None:
             gap = comparison.run.temperatures - of_match
         else:
             recorded = np.nan_to_num(np.asarray(comparison.experiment.temperatures))
-            gap = errors + recorded - of_match
+            gap = errors[: len(recorded)] + recorded - of_match
         gaps.append(float(np.abs(gap).max()))
     return max(gaps)
 

@@ -1,10 +1,9 @@
 """The recordings of a match, simulated where there is a C compiler: readings and their derivatives.
 
-The readings are those of the program that `simulate` runs. Their derivatives are central
-differences of draws that `rodas5p.c` solves side by side, two for each entry that acts on the
-network. All draws take the same steps, so that a difference has the derivative of their error, not
-the error over the step. The program that JAX compiles for derivatives takes several times as long
-to compile as the network's library, and to run.
+`rodas5p.c` solves the readings, and their derivatives as central differences of draws side by side,
+two for each entry that acts on the network. All draws take the same steps, so that a difference has
+the derivative of their error, not the error over the step. The programs that JAX compiles for
+readings and derivatives take several times as long to compile as the network's library, and to run.
 
 The readings are linear in the gains of the channels. One further draw with other gains therefore
 gives the derivatives with respect to all of them.
@@ -19,15 +18,12 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..io import Experiment
-from ..simulation import TimeGrid
 from ..simulation._delay import draws_change_delay
 from ..simulation._initial import CheckedInitial, checked_initial
 from ..simulation._native_chunk import NativeRun, native_run
-from ..simulation._padding import padded, padded_time_grid
-from ..simulation._simulate import _run_exponential
+from ..simulation._padding import padded
 from ..simulation._workers import is_accelerated
 from ._objective import MatchObjective
 from ._problem import MatchProblem
@@ -45,11 +41,10 @@ DRAWS = 16
 
 
 class _Recording(NamedTuple):
-    """A recording, with the grid of its run by `simulate`, the positions of its channels, and its
-    temperatures, padded as those of the objective."""
+    """A recording, with the positions of its channels, and its temperatures, padded as those of the
+    objective."""
 
     experiment: Experiment
-    grid: TimeGrid
     columns: Int[np.ndarray, " channels"]
     temperatures: Float[np.ndarray, "times channels"]
 
@@ -78,7 +73,6 @@ class NativeRecordings:
         self._recordings = [
             _Recording(
                 experiment,
-                padded_time_grid(twin, experiment, steady_start=isinstance(self._initial, str)),
                 np.array([twin.channels.index(name) for name in experiment.channels]),
                 padded(np.nan_to_num(np.asarray(experiment.temperatures))),
             )
@@ -96,33 +90,24 @@ class NativeRecordings:
         return recordings if all(run is not None for run in can) else None
 
     def output_errors(
-        self, vector: Float[np.ndarray, " unknowns"], number: int
-    ) -> Float[np.ndarray, "times channels"]:
-        """The `output_errors` of one recording."""
-        recording, local = self._recordings[number], vector[self._entries[number]]
-        twin = self._twin.with_values(self._values(local))
-        _, readings, _, _ = _run_exponential(twin, recording.grid, self._initial)
-        simulated = np.asarray(readings)[:, recording.columns] - ZERO_CELSIUS
-        errors = simulated - recording.temperatures
-        errors[len(recording.experiment.time) :] = 0.0
-        return errors
-
-    def errors_of_short_steps(
-        self, vector: Float[np.ndarray, " unknowns"], number: int
+        self, vector: Float[np.ndarray, " unknowns"], number: int, halvings: int = 0
     ) -> Float[np.ndarray, "times channels"] | None:
-        """The `output_errors` of one recording by C with its shortest steps; None if C cannot solve
-        it."""
+        """The `output_errors` of one recording, with steps halved at least so often; None if C
+        cannot solve it."""
         recording, local = self._recordings[number], vector[self._entries[number]]
         # As many draws as for the derivatives, of which one is solved: the program that packs them
         # is then the same.
         values = self._values(np.repeat(local[None], self._points, axis=0))
-        run = self._run(number, REFINEMENTS)
-        readings = np.empty((1, run.samples, len(recording.columns)))
-        result = run.solve_packed(run.pack(values)[:, :1], 1, readings)
-        if np.any(result["refused"] | result["failed"]):
-            return None
-        times = len(recording.experiment.time)
-        return readings[0, :times] - recording.temperatures[:times]
+        for refinement in range(halvings, REFINEMENTS + 1):
+            run = self._run(number, refinement)
+            readings = np.empty((1, run.samples, len(recording.columns)))
+            result = run.solve_packed(run.pack(values)[:, :1], 1, readings)
+            if not np.any(result["refused"] | result["failed"]):
+                times = len(recording.experiment.time)
+                errors = np.zeros_like(recording.temperatures)
+                errors[:times] = readings[0, :times] - recording.temperatures[:times]
+                return errors
+        return None
 
     def jacobian(
         self, vector: Float[np.ndarray, " unknowns"], number: int
