@@ -9,8 +9,7 @@ import pytest
 from hand_clock import HandClock, ScriptedTransport, stepped_bench
 
 from jaxtwin import load_rig
-from jaxtwin.commands._heartbeat import Heartbeat
-from jaxtwin.commands._recorded_days import RecordedDays
+from jaxtwin.commands._record import Heartbeat, RecordedDays
 from jaxtwin.io import Session
 from jaxtwin.live import Data, Hello, encode
 
@@ -54,7 +53,7 @@ def test_systemd_and_a_file_hear_that_it_is_alive(
         heartbeat = Heartbeat(tmp_path / "health.json")
         heartbeat.ready()
         for records, now in enumerate((5.0, 5.99, 6.01, 7.0)):  # once a second
-            monkeypatch.setattr("jaxtwin.commands._heartbeat.time.monotonic", lambda now=now: now)
+            monkeypatch.setattr("jaxtwin.commands._record.time.monotonic", lambda now=now: now)
             heartbeat.beat({"records": records})
         received = [supervisor.recv(100) for _ in range(3)]
         assert received == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1"]

@@ -12,7 +12,7 @@ from scipy.optimize import brute
 import jaxtwin as jt
 from jaxtwin import Twin
 from jaxtwin.control import design_rig, most_even_point
-from jaxtwin.control.tuning._placed_plate import PlacedPlate
+from jaxtwin.control.tuning._rig_design import PlacedPlate
 from jaxtwin.errors import ControlError, RigError
 
 COARSE = 'width = "16 cm"\nheight = "8 cm"\nresolution = "2 cm"'

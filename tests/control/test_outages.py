@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from jaxtwin import Twin, simulate_closed_loop, simulate_closed_loops
 from jaxtwin.control import PID, scenario
-from jaxtwin.control.loops._outages import is_within, longest_silence, periodic_spans
+from jaxtwin.control.loops._scenario import is_within, longest_silence, periodic_spans
 
 PERIOD = 0.125
 SPAN = st.tuples(st.integers(1, 480), st.integers(0, 200)).map(lambda s: (s[0], s[0] + s[1]))

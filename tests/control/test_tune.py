@@ -21,9 +21,8 @@ from jaxtwin.control import (
     sensitivity_peak,
 )
 from jaxtwin.control.tuning._objective import checked_objective
-from jaxtwin.control.tuning._search_box import SearchBox
 from jaxtwin.control.tuning._side_by_side_sqp import CandidateEvaluation, descents
-from jaxtwin.control.tuning._tuning_problem import TuningProblem, tuning_problem
+from jaxtwin.control.tuning._tuning_problem import SearchBox, TuningProblem, tuning_problem
 from jaxtwin.errors import ControlError, ParameterError
 
 DRAWS = {"R_E": np.array([1.8, 2.1]), "t_delay": np.array([1.5, 2.5])}

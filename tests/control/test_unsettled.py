@@ -9,7 +9,7 @@ import pytest
 
 from jaxtwin import Twin, simulate_closed_loop
 from jaxtwin.control import PID, Relay
-from jaxtwin.control.loops._unsettled import unsettled
+from jaxtwin.control.loops._closed_loop_run import unsettled
 
 LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
 

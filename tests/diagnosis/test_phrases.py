@@ -6,7 +6,7 @@ import pytest
 
 from jaxtwin import Twin
 from jaxtwin.diagnosis import suspects
-from jaxtwin.diagnosis._phrases import phrase_of
+from jaxtwin.diagnosis._diagnosis import phrase_of
 
 
 @pytest.mark.parametrize("rig", ["dual-cell", "heated-box", "tclab"])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from jaxtwin.errors import RecordingError
 from jaxtwin.io import read_recording
-from jaxtwin.io._long_form import widened
+from jaxtwin.io._delimited import widened
 
 ANNOTATIONS = """#group,false,false,true,true,false,false,true,true
 #datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string,string

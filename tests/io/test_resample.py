@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxtwin.io._resample import BinMeans, ZeroOrderHold
+from jaxtwin.io._session import BinMeans, ZeroOrderHold
 
 GRID = np.array([10.0, 11.0, 12.0, 13.0])
 

@@ -20,9 +20,9 @@ from jaxtwin.live import (
     Sample,
     encode,
 )
-from jaxtwin.live.protocol._device_time import AGREE, DeviceTime
 from jaxtwin.live.protocol._identity import Identity
 from jaxtwin.live.protocol._link import Arrived
+from jaxtwin.live.protocol._message_counts import AGREE, DeviceTime
 from jaxtwin.live.protocol._receiver import Receiver
 from jaxtwin.rig import Rig
 

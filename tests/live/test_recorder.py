@@ -18,7 +18,7 @@ from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 
 import jaxtwin as jt
 from jaxtwin.errors import RecordingError
-from jaxtwin.io import Session, _open_session, _session, _session_rows
+from jaxtwin.io import Session, _session, _session_rows
 from jaxtwin.live import (
     Data,
     Gap,
@@ -373,14 +373,14 @@ def test_a_recording_can_be_read_where_nothing_can_be_written(
     recorder.close()
     if not journal:
         shutil.copy(file, left)
-    real = _open_session._connect
+    real = _session._connect
 
     def connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
         if f"{access} {locking}" in refused:
             raise sqlite3.OperationalError("unable to open database file")
         return real(file, access, locking)
 
-    monkeypatch.setattr(_open_session, "_connect", connect)
+    monkeypatch.setattr(_session, "_connect", connect)
     assert count(left) == 1
 
 

@@ -7,7 +7,7 @@ from heated_box import heated_box
 
 from jaxtwin import Twin
 from jaxtwin.live import Duty, Order, VirtualRig, encode
-from jaxtwin.live.virtual_rig._relays import Relays
+from jaxtwin.live.virtual_rig._virtual_rig import Relays
 
 TABLE = 'time_proportional = { period = "4 s", minimum_on = "1 s", minimum_off = "1 s" }'
 

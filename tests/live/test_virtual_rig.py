@@ -34,7 +34,7 @@ from jaxtwin.live import (
     parse,
     report,
 )
-from jaxtwin.live.virtual_rig._picture import VirtualPicture
+from jaxtwin.live.virtual_rig._virtual_rig import VirtualPicture
 from jaxtwin.physics import Faults, Twin, frame_to_channels
 from jaxtwin.rig import Rig
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from jaxtwin.monitoring._calibrate import BLOCK_SECONDS, block_maxima, tail_of
 from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
-from jaxtwin.monitoring._tails import BLOCK_SECONDS, block_maxima, tail_of
 
 
 @pytest.mark.parametrize(("limit", "published"), [(4.0, 168.0), (5.0, 465.0)])

@@ -10,7 +10,7 @@ import scipy.stats
 from faulty_runs import bench
 
 from jaxtwin.monitoring import Reference, Seen
-from jaxtwin.monitoring._shift_test import AVERAGING_SECONDS, LEVEL, PERSISTENT, ShiftTest
+from jaxtwin.monitoring._monitor import AVERAGING_SECONDS, LEVEL, PERSISTENT, ShiftTest
 from jaxtwin.observers import ProcessNoise, live_observer
 
 pytestmark = pytest.mark.usefixtures("float64")

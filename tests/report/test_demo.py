@@ -48,7 +48,7 @@ PICTURES = {
 def nowhere(tmp_path, monkeypatch):
     """A machine without recordings."""
     monkeypatch.delenv("JAXTWIN_RECORDINGS", raising=False)
-    monkeypatch.setattr("jaxtwin.io._locate._usual_folders", lambda: [tmp_path / "none"])
+    monkeypatch.setattr("jaxtwin.io._fetch._usual_folders", lambda: [tmp_path / "none"])
 
 
 def test_a_module_s_largest_difference_is_where_the_peltier_heat_is_used_up():

@@ -19,9 +19,9 @@ from jaxtwin import Experiment, Twin, simulate
 from jaxtwin.live import Finding, Reading, RigState
 from jaxtwin.observers import ProcessNoise
 from jaxtwin.serve import FrameRing, Page, TwinBeside
+from jaxtwin.serve._app import KEEPALIVE_SECONDS, stream
 from jaxtwin.serve._metrics import Metric, metrics_text
 from jaxtwin.serve._rig_layout import rig_layout
-from jaxtwin.serve._stream import KEEPALIVE_SECONDS, stream
 
 ASSETS = files("jaxtwin.serve") / "assets"
 SCRIPTS = [entry.name for entry in ASSETS.iterdir() if entry.name.endswith(".js")]

@@ -78,7 +78,7 @@ def test_a_stream_and_a_second_request_outlast_that_time(
     port: int, asked: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(prompt, "HEAD_SECONDS", 0.3)
-    monkeypatch.setattr("jaxtwin.serve._stream.KEEPALIVE_SECONDS", 0.1)
+    monkeypatch.setattr("jaxtwin.serve._app.KEEPALIVE_SECONDS", 0.1)
     stream = asked(head(port, "/events"))
     again = asked(head(port, "/healthz"))
     begin, heard = time.monotonic(), b""

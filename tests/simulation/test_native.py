@@ -18,9 +18,8 @@ from hypothesis import strategies as st
 from jaxtwin import Experiment, Twin, reduce_batch, simulate_batch
 from jaxtwin.errors import SimulationError
 from jaxtwin.simulation import _native_library
-from jaxtwin.simulation._native_elimination import Elimination
 from jaxtwin.simulation._native_library import VARIABLE, native_library, native_state
-from jaxtwin.simulation._native_network import native_network
+from jaxtwin.simulation._native_network import Elimination, native_network
 from jaxtwin.simulation._reductions import REDUCTIONS, ReductionName
 from jaxtwin.simulation._rosenbrock_step import (
     CORRECTION,

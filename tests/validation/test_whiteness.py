@@ -7,7 +7,7 @@ from scipy.stats import norm
 from jaxtwin._normal_distribution import QUANTILE_975, normal_quantiles
 from jaxtwin._residual_statistics import autocorrelation
 from jaxtwin.validation import Whiteness, whiteness, whiteness_of_channels
-from jaxtwin.validation._whiteness import holm_adjusted
+from jaxtwin.validation._validation import holm_adjusted
 
 
 def autoregressive(seed: int, samples: int, factor: float) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-from jaxtwin.widgets._one_module import one_module
+from jaxtwin.widgets._notebook_widget import one_module
 
 DECLARED = re.compile(r"^(?:async )?(?:const|let|function|class) (\w+|\[[^\]]*\])", re.MULTILINE)
 

@@ -8,7 +8,7 @@ import pytest
 
 import jaxtwin as jt
 from jaxtwin.widgets import Sliders
-from jaxtwin.widgets._newest_request import NewestRequest
+from jaxtwin.widgets._sliders import NewestRequest
 
 DRIVE = jt.Experiment.schedule("0:0.5", duration=200.0, cells=2)
 

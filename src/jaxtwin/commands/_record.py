@@ -1,17 +1,24 @@
 """`jaxtwin record`: a live rig into a file."""
 
 import contextlib
+import datetime
+import hashlib
+import json
 import json as json_text
+import os
+import socket
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import typer
 
 from .._celsius import ZERO_CELSIUS
+from .._whole_file import write_whole_file
+from ..errors import JaxtwinError
 from ._alarm_command import AlarmCommand
 from ._exit_codes import ALARMED
-from ._heartbeat import Heartbeat
 from ._monitored import (
     CalibrationOption,
     MonitorOption,
@@ -33,11 +40,119 @@ from ._options import (
     SetOption,
 )
 from ._output import check_json, check_output, say, write_json
-from ._recorded_days import RecordedDays
 from ._show_progress import show_progress
 from ._signals import stop_signals
 from ._sources import open_twin
 from ._unblocked_output import unblocked_output
+
+if TYPE_CHECKING:
+    from ..live import Recorder, RigConnection
+    from ..rig import Rig
+
+
+# Time between two heartbeats, s.
+INTERVAL_SECONDS = 1.0
+
+
+@final
+class Heartbeat:
+    """Reports to systemd (`NOTIFY_SOCKET`, `Type=notify`) and in a health file that the command is
+    alive.
+
+    **Arguments:**
+
+    - `file`: a JSON file with the time and the state, replaced as a whole once a second; or None.
+    """
+
+    def __init__(self, file: Path | None):
+        self._file = file
+        self._last = 0.0
+        self._address = os.environ.get("NOTIFY_SOCKET", "")
+
+    def ready(self) -> None:
+        """Reports that the command has started its work."""
+        self._notify("READY=1")
+
+    def beat(self, content: dict[str, Any]) -> None:
+        """Called in every turn of the loop; reports once a second."""
+        if time.monotonic() - self._last < INTERVAL_SECONDS:
+            return
+        self._last = time.monotonic()
+        self._notify("WATCHDOG=1")
+        if self._file is not None:
+            text = json.dumps({"time": time.time(), **content})
+            # The recorder reports a full disk.
+            with contextlib.suppress(JaxtwinError):
+                write_whole_file(self._file, text.encode(), JaxtwinError)
+
+    def _notify(self, text: str) -> None:
+        if not self._address:
+            return
+        address = self._address.replace("@", "\0", 1)  # an abstract socket
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor,
+        ):
+            supervisor.sendto(text.encode(), address)
+
+
+@final
+class RecordedDays:
+    """The recorder of the present day, as a context manager.
+
+    **Arguments:**
+
+    - `out`: the file; with `daily` the day (UTC) is added to its name.
+    - `rig`, `append`, `keep_frames`: as for `Recorder`. A file of the present day is continued.
+    - `daily`: begin a new file at midnight, and write the checksum of the file before.
+    """
+
+    def __init__(self, out: Path, rig: "Rig", *, daily: bool, append: bool, keep_frames: bool):
+        self._out, self._rig, self._daily = out, rig, daily
+        self._append, self._keep_frames = append, keep_frames
+        self._day = self._today()
+        self.file = self._named(self._day)
+        self.recorder: Recorder = self._opened()
+
+    def __enter__(self) -> "RecordedDays":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
+        self.recorder.__exit__(kind, error, where)
+
+    def turn(self, connection: "RigConnection") -> None:
+        """Begins the next day's file after midnight."""
+        today = self._today()
+        if not self._daily or today == self._day:
+            return
+        ended, before = self.file, self.recorder
+        self._day, self.file = today, self._named(today)
+        self.recorder = self._opened()
+        connection.record_into(self.recorder)
+        before.close("the day is over")
+        with ended.open("rb") as stream:
+            checksum = hashlib.file_digest(stream, "sha256").hexdigest()
+        beside = ended.with_name(ended.name + ".sha256")
+        beside.write_text(f"{checksum}  {ended.name}\n", encoding="utf-8")
+
+    def _opened(self) -> "Recorder":
+        from ..live import Recorder
+
+        append = self._append or (self._daily and self.file.exists())
+        return Recorder(self.file, self._rig, append=append, keep_frames=self._keep_frames)
+
+    def _today(self) -> str:
+        return datetime.datetime.now(datetime.UTC).date().isoformat()
+
+    def _named(self, day: str) -> Path:
+        if not self._daily:
+            return self._out
+        return self._out.with_name(f"{self._out.stem}-{day}{self._out.suffix}")
 
 
 def record(

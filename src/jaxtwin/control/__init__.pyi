@@ -2,11 +2,11 @@
 
 from .controllers._controller import AbstractController as AbstractController
 from .controllers._controller import TemperatureLimit as TemperatureLimit  # of a channel
-from .controllers._controller_design import (
-    ControllerDesign as ControllerDesign,  # for what a controller was designed
-)
 from .controllers._controller_fields import (
     ControllerField as ControllerField,  # a number with its unit
+)
+from .controllers._controller_file import (
+    ControllerDesign as ControllerDesign,  # for what a controller was designed
 )
 from .controllers._controller_file import read_controller as read_controller  # .toml -> controller
 from .controllers._controller_file import read_design as read_design  # of a file
@@ -33,8 +33,8 @@ from .controllers._time_proportional import (
     TimeProportional as TimeProportional,  # heaters that relays switch
 )
 from .controllers._uniformity_mpc import UniformityMPC as UniformityMPC  # the most even plate
-from .linear._directions import Directions as Directions  # mean and uniformity
 from .linear._discrete_model import DiscreteModel as DiscreteModel  # a linear model step by step
+from .linear._frequency_response import Directions as Directions  # mean and uniformity
 from .linear._linear_model import LinearModel as LinearModel  # a twin near an operating point
 from .linear._linearize import linearize as linearize  # twin or fit -> LinearModel
 from .linear._margins import DiskMargin as DiskMargin  # of gain and phase together
@@ -48,6 +48,7 @@ from .loops._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result
 from .loops._control import Decision as Decision  # a sample of a controller on a live rig
 from .loops._control import LiveLoop as LiveLoop
 from .loops._control import control as control  # a controller on a live rig
+from .loops._control import simulate_closed_loop as simulate_closed_loop
 from .loops._disturbances import Draught as Draught  # air upon the plate
 from .loops._disturbances import HeatInput as HeatInput  # a hand upon the plate
 from .loops._loop_margins import LoopMargins as LoopMargins  # how far a loop is from instability
@@ -56,7 +57,6 @@ from .loops._loop_signals import ClosedLoop as ClosedLoop  # what happened in a 
 from .loops._measures import MEASURES as MEASURES  # name -> function of a ClosedLoop, unit
 from .loops._scenario import Scenario as Scenario  # what a closed loop goes through
 from .loops._scenario import scenario as scenario
-from .loops._simulate_closed_loop import simulate_closed_loop as simulate_closed_loop
 from .loops._simulate_closed_loops import simulate_closed_loops as simulate_closed_loops
 from .loops._soft_limits import ExceededLimit as ExceededLimit  # that no duty kept
 from .tuning._design_rig import design_rig as design_rig  # places of cells for the most even plate

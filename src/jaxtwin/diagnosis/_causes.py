@@ -2,22 +2,242 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.special import log_ndtr
 
 from .._jax_settings import own_settings
+from .._normal_distribution import QUANTILE_975
 from ..monitoring._monitor import SETTLE
 from ..monitoring._thresholds import DAY
 from ..observers import Observed
 from ._diagnosis import HEALTHY, NONE_OF_THESE, Cause, Diagnosis, Explanation
+from ._hypotheses import Hypotheses, Tracked, tracked
 from ._likelihood_ratio import Judged, Prior, ratios
-from ._recorded import inputs_of
-from ._signatures import Suspected
-from ._survivors import Survivors, survivors
+from ._recorded import filled_up, inputs_of
+from ._signatures import Suspected, suspected
 from ._suspects import Suspect
+
+# The number of faults that are followed.
+SURVIVORS = 6
+
+# A channel whose readings are the same for so many samples may be stuck.
+MIN_EQUAL_READINGS = 10
+
+# A size that differs from that of its filter by less than this part needs no other filter.
+REFILTER_FRACTION = 0.25
+
+# The largest number of times that the filters run.
+MAX_ROUNDS = 3
+
+# A fault whose logarithm of the likelihood is so far below the best needs no other filter.
+DEAD = 10.0
+
+# The largest multiple of what a filter is made for.
+MAX_SIZE_MULTIPLE = 50.0
+
+# The part of the largest multiple of a factor that a filter is made for: the factor would be
+# infinite or 0 there.
+MAX_FACTOR_FRACTION = 0.98
+
+# The smallest multiple of a usual effect for which a filter is made: none would be no fault.
+MIN_SIZE_MULTIPLE = 0.05
+
+
+@dataclass(frozen=True)
+class Survivors:
+    """Faults with what their filters say.
+
+    - `numbers`: of the suspects; the same may be there several times. `made`: the suspects of the
+      sizes for which their filters were made.
+    - `first`: the number of the first sample that they followed. `onset`: that of the first sample
+      with each fault.
+    - `evidence`: the logarithm of the ratio of the likelihoods with and without each fault after
+      each sample, until most was known.
+    - `multiple`, `spread`: of the fault at the end, and its standard deviation.
+    - `excess`: how much larger the mean square of the innovations of the best is than it should be;
+      no fault is better known than the best of them explains the readings.
+    - `left`: the part of the squares of the innovations beyond noise that the best leaves.
+    - `scatter`: the logarithm of the ratio of the likelihoods if the innovations were noise that
+      has become larger, for no reason that is known, and without any fault.
+    """
+
+    numbers: Int[np.ndarray, " survivors"]
+    made: tuple[Suspect, ...]
+    first: int
+    onset: Int[np.ndarray, " survivors"]
+    evidence: Float[np.ndarray, "survivors samples"]
+    multiple: Float[np.ndarray, " survivors"]
+    spread: Float[np.ndarray, " survivors"]
+    excess: float
+    left: float
+    scatter: Float[np.ndarray, " samples"]
+
+    def size(self, place: int) -> tuple[float, float, float]:
+        """The size of a fault, and its 95 % band."""
+        one, middle = self.made[place], float(self.multiple[place])
+        half = QUANTILE_975 * float(self.spread[place])
+        one_end, other = one.size_of(middle - half), one.size_of(middle + half)
+        return one.size_of(middle), min(one_end, other), max(one_end, other)
+
+
+def survivors(
+    observed: Observed,
+    several: Sequence[Suspect],
+    prior: Prior,
+    said: Judged,
+    logs: Float[np.ndarray, "samples faults_and_other"],
+    at: int,
+    last: int,
+    is_over: bool,
+) -> Survivors:
+    """Follows the faults that explain a change best.
+
+    **Arguments:**
+
+    - `said`: the likelihood ratios. `logs`: the logarithms of the odds that follow from them.
+    - `at`: the sample at which these are largest. `last`: the last one that is followed.
+    - `is_over`: whether the fault ended before that.
+    """
+    # A candidate of the very sample at which a channel was stuck may be gone.
+    stuck = _stuck(observed, several, at)
+    order = [number for number in np.argsort(-logs[at, :-1]).tolist() if number not in stuck]
+    numbers = np.resize([*stuck, *order][:SURVIVORS], SURVIVORS)  # the same number for few suspects
+    onset = np.asarray(said.onset)[at, numbers]
+    onset = np.array([stuck.get(n, first) for n, first in zip(numbers, onset, strict=True)])
+    inflation = np.asarray(prior.inflation)[numbers]
+    own = [several[int(number)] for number in numbers]
+    multiples = np.asarray(said.multiple)[at, numbers]
+    made = [_of_multiple(one, float(m)) for one, m in zip(own, multiples, strict=True)]
+    turn = 0
+    while True:
+        turn += 1
+        rows = slice(int(onset.min()) - 1, last + 1)
+        # The ratio, which is linear in the fault, sees a large one a sample late.
+        begins = np.concatenate([onset, onset - 1])
+        effects = [abs(one.multiple_of(now.size)) for one, now in zip(own, made, strict=True)]
+        spread = np.tile(np.asarray(prior.spread)[numbers] / effects, 2)
+        both = _follow(observed, 2 * made, spread, begins, rows)
+        each = _evidence(observed, 2 * made, both, begins, rows) / np.tile(inflation, 2)[:, None]
+        # Most is known when the fault ends: what comes after it speaks against it.
+        most = int(each.max(axis=0).argmax()) if is_over else each.shape[1] - 1
+        is_earlier = each[SURVIVORS:, most] > each[:SURVIVORS, most]
+        picked = np.arange(SURVIVORS) + SURVIVORS * is_earlier
+        onset, evidence = begins[picked], each[picked, : most + 1]
+        of_each = jax.tree.map(lambda leaf, now=(picked, most): leaf[now], both)
+        is_alive = evidence[:, -1] > evidence[:, -1].max() - DEAD
+        is_done = (np.abs(of_each.multiple - 1) < REFILTER_FRACTION) & ~is_earlier
+        if turn == MAX_ROUNDS or (is_done | ~is_alive).all():
+            break
+        made = [
+            _of_multiple(one, float(m)) if is_one else one
+            for one, m, is_one in zip(made, of_each.multiple, is_alive, strict=True)
+        ]
+    best = int(evidence[:, -1].argmax())
+    excess = max(1.0, float(of_each.misfit[best] / inflation[best]))
+    variance, scatter = _scatter(
+        observed, int(onset[best]), slice(rows.start, rows.start + most + 1), inflation[best]
+    )
+    left = (excess - 1) / max(variance - 1, excess - 1, 1e-9)
+    return Survivors(
+        numbers, tuple(made), rows.start, onset, evidence, of_each.multiple,
+        of_each.spread * np.sqrt(inflation * excess), excess, left, scatter,
+    )  # fmt: skip
+
+
+def _scatter(
+    observed: Observed, onset: int, rows: slice, inflation: float
+) -> tuple[float, Float[np.ndarray, " samples"]]:
+    """The variance of the innovations without a fault since an onset, as a multiple of that in
+    healthy recordings and 1 at least, and the logarithm of the ratio of the likelihoods with it and
+    with that of noise after each sample: n (v - 1 - log v) / 2."""
+    whitened = np.asarray(observed.filtered.states.whitened)[rows]
+    there = np.isfinite(np.asarray(observed.samples.readings)[rows]).sum(axis=1)
+    is_after = np.arange(rows.start, rows.stop) >= onset
+    squares = np.where(is_after, (whitened**2).sum(axis=1), 0.0).cumsum() / inflation
+    count = np.where(is_after, there, 0).cumsum()
+    variance = np.maximum(squares / np.maximum(count, 1), 1.0)
+    return float(variance[-1]), count * (variance - 1 - np.log(variance)) / 2
+
+
+def _stuck(observed: Observed, several: Sequence[Suspect], at: int) -> dict[int, int]:
+    """The suspects that are stuck channels whose readings are the same for some time up to a
+    sample, and the number of the second of these samples."""
+    readings = np.asarray(observed.samples.readings)[: at + 1]
+    result = {}
+    for number, suspect in enumerate(several):
+        if suspect.held in observed.channels:
+            own = readings[:, observed.channels.index(suspect.held)]
+            moved = np.flatnonzero(own != own[-1])
+            second = int(moved[-1]) + 2 if len(moved) else 0
+            if second and at - second >= MIN_EQUAL_READINGS:
+                result[number] = second
+    return result
+
+
+def _follow(
+    observed: Observed,
+    made: Sequence[Suspect],
+    spread: Float[np.ndarray, " survivors"],
+    onset: Int[np.ndarray, " survivors"],
+    rows: slice,
+) -> Tracked:
+    """Runs the filters of some suspects over some samples."""
+    model = observed.observer.model
+    with own_settings():
+        readings = np.nan_to_num(np.asarray(model.from_degC(observed.samples.readings)))
+    hypotheses = Hypotheses(
+        suspected(model, made),
+        onset,
+        readings[onset],
+        spread,
+        np.array([0.0 if suspect.is_one_sided else -MAX_SIZE_MULTIPLE for suspect in made]),
+        np.array([min(one.largest, MAX_SIZE_MULTIPLE) for one in made]),
+    )
+    length = 2 ** max(7, math.ceil(math.log2(rows.stop - rows.start)))
+    befores, samples = filled_up(observed, rows.start, length)
+    numbers = rows.start + np.arange(length)
+    with own_settings():
+        result = tracked(observed.observer, hypotheses, numbers, befores, samples)
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[:, : rows.stop - rows.start], result)
+
+
+def _evidence(
+    observed: Observed,
+    made: Sequence[Suspect],
+    of_each: Tracked,
+    onset: Int[np.ndarray, " survivors"],
+    rows: slice,
+) -> Float[np.ndarray, "survivors samples"]:
+    """The logarithm of the ratio of the likelihoods with each fault and without any, from its onset
+    to each sample."""
+    without = np.asarray(observed.filtered.states.log_likelihood)[rows]
+    place = np.arange(len(without)) + rows.start
+    since = np.where(place >= onset[:, None], without, 0.0).cumsum(axis=1)
+    gained = of_each.log_likelihood - since
+    one_sided = np.array([suspect.is_one_sided for suspect in made])[:, None]
+    above = log_ndtr(of_each.multiple / of_each.spread) + math.log(2.0)
+    gained = gained + np.where(one_sided, above, 0.0)
+    return np.where(place >= onset[:, None], gained, 0.0)
+
+
+def _of_multiple(one: Suspect, multiple: float) -> Suspect:
+    """The suspect of the size that is a multiple of its own, within its bounds and not 0."""
+    if one.held:  # it has no size
+        return one
+    largest = one.largest if one.unit == "share" else MAX_FACTOR_FRACTION * one.largest
+    limited = min(
+        max(multiple, MIN_SIZE_MULTIPLE if one.is_one_sided else -MAX_SIZE_MULTIPLE),
+        largest,
+        MAX_SIZE_MULTIPLE,
+    )
+    if abs(limited) < MIN_SIZE_MULTIPLE:
+        limited = MIN_SIZE_MULTIPLE
+    return replace(one, size=one.size_of(limited))
+
 
 # The mean time between two faults, s, as between two false alarms of a monitor.
 MEAN_SECONDS_BETWEEN_FAULTS = 30 * DAY

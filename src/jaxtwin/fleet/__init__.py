@@ -10,8 +10,8 @@ Rigs of one structure are in the lanes of a block (`_lanes`): one compiled progr
 a rig that comes takes a free lane, so that nothing compiles again. What each lane says becomes
 findings as beside a single rig (`jaxtwin.monitoring.LiveMonitor`).
 
-Diagnoses and refits are jobs on an executor (`_jobs`). `fleet_app` (`_app`) is the web application,
-`_overview` what its page shows; the page of a single rig is drawn by the view of `jaxtwin.serve`.
+Diagnoses and refits are jobs on an executor (`_jobs`). `fleet_app` (`_app`) is the web application
+with what its page shows; the page of a single rig is drawn by the view of `jaxtwin.serve`.
 `VirtualFleet` (`_virtual_fleet`) publishes virtual rigs, to try all this.
 """
 

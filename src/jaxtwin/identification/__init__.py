@@ -3,7 +3,7 @@
 `_identify` averages the recordings to a uniform grid (`_log`), fits the simple models beside which
 the twin is shown (`_baselines`), and matches all structures (`_structures`) of a family of networks
 (`_network`) side by side (`_screening`). Held-out blocks judge the most probable ones; the best is
-written as a rig file (`_rig_text`) and matched to all readings. `_identified` is the result.
+written as a rig file and matched to all readings. `_identified` is the result.
 """
 
 from ._identified import Candidate, Identified

@@ -17,10 +17,9 @@ from ..matching._model_error import MAX_SPREAD
 from ..physics import Twin
 from ..rig._build import parse_rig
 from ._baselines import FirstOrder, fit_first_order, fit_two_capacities
-from ._identified import Candidate, Identified
+from ._identified import Candidate, Identified, rig_text
 from ._log import ScreenedLog, screened_log
 from ._network import DELAY, DRIFT_OF_ROOM, Family
-from ._rig_text import rig_text
 from ._screening import EFFECTIVE_SAMPLES, Problem, Rivals, Screen, Screened
 from ._structures import WORDS, in_words, kind_of, structures
 

@@ -5,24 +5,21 @@ grid, checked (`_checks`) and never changed. Which file holds what:
 
 - reading: `_read` recognises the format; `_netcdf`, `_mat` and `_matlab5` read theirs, and
   `_table_files`, `_mat` and `_dataframe` make columns of tables
-- text: `_text_table` finds titles and rows, `_long_form` widens, `_named_columns` with
-  `_column_meaning` and `_title_units` says what the columns mean, `_delimited` makes numbers of
-  them with `_timestamps`, and `_recorded_columns` an experiment, with `_sentinels`; `_csv` for all
-- samples with times of their own: `_resample`
+- text: `_text_table` finds titles and rows, `_named_columns` with `_column_meaning` and
+  `_title_units` says what the columns mean, `_delimited` makes numbers of them with `_timestamps`,
+  and `_recorded_columns` an experiment, with `_sentinels`; `_csv` for all
 - writing: `_write`, completely or not at all
 - recordings of a live rig: `_session` reads what `live/recording/` writes, also while it grows;
-  `_open_session`, `_session_file` (metadata), `_session_rows` (blocks), `_clock_map` (device time
+  `_session_file` (metadata), `_session_rows` (blocks), `_clock_map` (device time
   to host time), `_lock` (one writer), `_backup`
-- the authors' recordings: `_locate`, `_fetch`, `_published`
+- the authors' recordings: `_fetch`
 - schedules in words: `_schedule`
 """
 
 from ._backup import backup_session
 from ._clock_map import ClockMap
 from ._experiment import Experiment
-from ._fetch import fetch_recordings
-from ._locate import find_recordings
-from ._published import SINGLE_CELL, TWO_CELL, PublishedRecording
+from ._fetch import SINGLE_CELL, TWO_CELL, PublishedRecording, fetch_recordings, find_recordings
 from ._read import column_names, read_recording
 from ._session import Session
 from ._session_rows import DeviceClock, Series

@@ -13,7 +13,7 @@ covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which fil
 - what a sample counts: `_noise_model`, `_loss`, `_camera_error`, `_residual_weights`
 - the cost: `_objective` (recordings as arrays), `_native_recordings` (draws in C), `_residuals` and
   `_jacobian` (solve and subtract)
-- the minimum: `_descent`, `_descent_state`, `_descent_result`, `_levenberg_marquardt`,
+- the minimum: `_descent`, `_descent_result`, `_levenberg_marquardt`,
   `_optimistix` (other solvers), `_reweighted_least_squares` (rounds with new weights)
 - the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_between_recordings`,
   `_model_error`

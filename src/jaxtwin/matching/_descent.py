@@ -20,13 +20,16 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..simulation._modes import Modes
 from ._descent_result import (
+    RUNNING,
+    STATUS,
     DescentResult,
     DescentStep,
     Evaluation,
+    Factors,
+    LMState,
     OnStep,
     Start,
 )
-from ._descent_state import RUNNING, STATUS, Factors, LMState
 from ._jacobian import output_error_jacobians, output_errors_and_differences
 from ._levenberg_marquardt import BoundedLevenbergMarquardt, Trial
 from ._native_recordings import NativeDescents

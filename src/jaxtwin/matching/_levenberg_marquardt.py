@@ -26,7 +26,7 @@ import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, PyTree, Scalar
 
-from ._descent_state import (
+from ._descent_result import (
     GRADIENT,
     REDUCTION,
     RUNNING,

@@ -10,15 +10,15 @@ beside a rig. The tests:
   likelihood ratio over a window, of each channel and of all together, and their energy; all on
   innovations that are whitened in time and clipped
 - of the observer's slow states (`_state_test`), which take a fault in
-- of single readings (`_channel_tests`): frozen, or gone to the room although a cell is driven
+- of single readings (`ChannelTests`): frozen, or gone to the room although a cell is driven
   (`_response`)
-- of parameters against the recordings of the match (`_shift_test`): reported, no alarm
+- of parameters against the recordings of the match (`ShiftTest`): reported, no alarm
 
 The thresholds follow from a mean time between false alarms $T$. `calibrate_monitor` (`_calibrate`)
 looks at the largest values of each statistic in blocks of a minute, in recordings and in
-simulations (`_simulated`), and takes the rate above a level $h$ as $r\,e^{-(h-u)/b}$ (`_tails`,
-`_thresholds`); each of six families of statistics gets $5T$. `_run_lengths` has the textbook
-numbers for independent normal innovations.
+simulations, and takes the rate above a level $h$ as $r\,e^{-(h-u)/b}$ (`_thresholds`); each of six
+families of statistics gets $5T$. `_run_lengths` has the textbook numbers for independent normal
+innovations.
 """
 
 from ._calibrate import calibrate_monitor

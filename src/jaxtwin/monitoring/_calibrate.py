@@ -1,28 +1,36 @@
 """The calibration of a monitor: what its statistics are on healthy recordings."""
 
+import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Sequence
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._arguments import finite_number, whole_number
+from .._compilation import persistent_jit
+from .._jax_settings import own_settings
 from ..errors import ObserverError
 from ..io import Experiment
 from ..io._experiment import as_experiments
 from ..matching import Fit
 from ..matching._nominal_twin import nominal_twin
-from ..observers import Observed, ProcessNoise, observe
+from ..observers import ExtendedKalmanFilter, KalmanState, Observed, ProcessNoise, observe
+from ..observers._filter_run import FilterSamples, filtered
 from ..observers._observe import usual_noise
+from ..observers._programs import started
+from ..observers._start import first_reading
 from ..physics import Twin
 from ._innovation_tests import CLIP
 from ._monitor import SETTLE, Monitor
 from ._response import Response, response_of
 from ._run import evidences_of
-from ._simulated import simulated
 from ._state_test import parameters_of
-from ._tails import block_maxima, tail_of
 from ._thresholds import (
+    DAY,
     FAMILIES,
     MIN_EQUAL_READINGS,
     MonitorCalibration,
@@ -31,6 +39,172 @@ from ._thresholds import (
     nominal_calibration,
     usual_tails,
 )
+
+# Healthy recordings that the model of an observer makes: its twin, with all that the observer
+# takes as uncertain drawn at random.
+
+
+# The degrees of freedom of Student's distribution of the simulated noise of readings, whose
+# kurtosis is infinite: that of real innovations is 5 to 100.
+FREEDOM = 4.0
+
+# The largest multiple of a standard deviation that is drawn: the filter is linear about its twin,
+# and a rig that is farther away is not healthy.
+MAX_DRAW_SIGMAS = 2.5
+
+# The mean time between two corrections of a camera without an interval, s.
+CORRECTIONS = 160.0
+
+
+def simulated(observed: Observed, seed: int) -> Observed:
+    """An observed recording of which rig and readings are drawn anew.
+
+    The values of the twin, the start, the room and the heats are drawn from the filter's
+    distribution at the start, and noise from that of each step; duty and times are those of the
+    recording.
+    """
+    kalman, samples, old = observed.observer, observed.samples, observed.experiment
+    with own_settings():
+        first = np.asarray(first_reading(old))
+        start = started(kalman, first, np.zeros_like(samples.duty[0]))
+        drawn = np.asarray(_drawn(kalman, start, samples, jax.random.key(seed)))
+        readings = np.where(np.isfinite(samples.readings), drawn, np.nan)
+        samples = samples._replace(readings=readings)
+        run = filtered(kalman, start, samples)
+    experiment = Experiment(
+        old.time,
+        old.duty,
+        channels=old.channels,
+        temperatures=readings[np.asarray(observed.is_sample)],
+        ambient=old.ambient,
+        inputs=old.inputs,
+        name=old.name,
+        group=old.group,
+    )
+    return dataclasses.replace(observed, experiment=experiment, samples=samples, filtered=run)
+
+
+@persistent_jit
+def _drawn(
+    kalman: ExtendedKalmanFilter, start: KalmanState, samples: FilterSamples, key: PRNGKeyArray
+) -> Float[Array, "samples channels"]:
+    """Draws a rig and its readings."""
+    model = kalman.model
+    of_start, of_phase, of_steps = jax.random.split(key, 3)
+    size = len(start.mean)
+    parts, interval = len(model.relaxation), model.interval
+    values, room = model.layout.of("values"), model.layout.of("room").start
+
+    def drawn(mean: Array, covariance: Array, one: PRNGKeyArray) -> Array:
+        variances, vectors = jnp.linalg.eigh(covariance)
+        roots = jnp.sqrt(jnp.maximum(variances, 0.0))
+        return mean + vectors @ (
+            roots * jax.random.truncated_normal(one, -MAX_DRAW_SIGMAS, MAX_DRAW_SIGMAS, (size,))
+        )
+
+    def take(
+        carry: tuple[KalmanState, Array], given: tuple[FilterSamples, Array]
+    ) -> tuple[tuple[KalmanState, Array], Array]:
+        (state, since), (sample, one) = carry, given
+        of_noise, of_time, of_jump, of_reading = jax.random.split(one, 4)
+        after, transition = kalman.linearised_step(state, sample.duty, sample.dt, sample.levels)
+        mean = drawn(after.mean, transition.noise, of_noise)
+        if parts:
+            since = since + sample.dt
+            if interval is None:
+                is_corrected = jax.random.uniform(of_time) < sample.dt / CORRECTIONS
+            else:
+                is_corrected = since >= interval
+                since = jnp.where(is_corrected, since - interval, since)
+            jump = model.noise.jump_mean + model.noise.jump * jax.random.normal(of_jump, (parts,))
+            mean = mean.at[model.layout.fading].add(jnp.where(is_corrected, jump, 0.0))
+        # The values differ between rigs, and do not wander within one.
+        mean = mean.at[values].set(state.mean[values])
+        # A room that is measured is that of the recording.
+        measured = model.from_degC(jnp.asarray(sample.ambient))
+        mean = mean.at[room].set(jnp.where(jnp.isfinite(measured), measured, mean[room]))
+        # A single rig is drawn: its covariance is of no use.
+        after = eqx.tree_at(lambda s: (s.mean, s.covariance), after, (mean, state.covariance))
+        heavy = jax.random.t(of_reading, FREEDOM, (len(model.columns),))
+        error = heavy * jnp.sqrt((1 - 2 / FREEDOM) * kalman.reading_variance(after))
+        return (after, since), kalman.readings(after, sample.ambient) + error
+
+    # The filter does not know when the camera corrected itself last.
+    since = (interval or 0.0) * jax.random.uniform(of_phase)
+    begin = eqx.tree_at(lambda s: s.mean, start, drawn(start.mean, start.covariance, of_start))
+    keys = jax.random.split(of_steps, len(samples.dt))
+    return jax.lax.scan(take, (begin, since), (samples, keys))[1]
+
+
+# The tail of a statistic of healthy rigs: from what is seen in hours to once in months.
+#
+# Peaks over a level $u$ that few blocks of a minute pass have an exponential tail, for
+# cumulative sums exactly so in the limit (their run length grows by $e^{2kh}$): the logarithm
+# of the mean time between two passages of $h$ is linear in $h$. The scale is the mean excess.
+# Two levels are tried, which a fifth of the blocks and a hundred of them pass, and the one with
+# the higher threshold counts: healthy rigs differ, so that the peaks of many hours are those of
+# the rigs that differ most; and where simulations are calmer than a rig, their last peaks are
+# too. How far the rate at a threshold may be off is found by drawing recordings, and in each
+# the blocks, again.
+
+# The length of a block, s, of which the largest value counts.
+BLOCK_SECONDS = 60.0
+
+# The part of the blocks that passes the lower level.
+TAIL_FRACTION = 0.2
+
+# So many blocks pass the higher one: the scale is then known to a tenth.
+PEAKS = 100
+
+# How often recordings are drawn again.
+REDRAWN = 200
+
+# The smallest number of blocks from which a tail is estimated.
+MIN_BLOCKS = 25
+
+
+def block_maxima(
+    time: Float[np.ndarray, " times"], statistic: Float[np.ndarray, " times"]
+) -> Float[np.ndarray, " blocks"]:
+    """The largest values of the whole blocks of a recording."""
+    number = ((time - time[0]) / BLOCK_SECONDS).astype(int)
+    count = int((time[-1] - time[0]) / BLOCK_SECONDS)
+    result = np.full(count + 1, -np.inf)
+    np.maximum.at(result, np.minimum(number, count), statistic)
+    return result[:count][np.isfinite(result[:count])]
+
+
+def tail_of(
+    maxima: Sequence[Float[np.ndarray, " blocks"]], source: str, month: float = 30 * DAY
+) -> Tail | None:
+    """The tail of a statistic from its block maxima in several recordings; None if there are too
+    few blocks."""
+    several = [one for one in maxima if len(one)]
+    if sum(map(len, several)) < MIN_BLOCKS:
+        return None
+    blocks, seconds = np.concatenate(several), month * len(FAMILIES)
+    tails = {
+        passing: Tail(*_tail(blocks, passing), source, len(blocks) * BLOCK_SECONDS / 3600)
+        for passing in (TAIL_FRACTION, min(TAIL_FRACTION, PEAKS / len(blocks)))
+    }
+    passing = max(tails, key=lambda one: tails[one].threshold(seconds))
+    at = tails[passing].threshold(seconds)
+    random = np.random.default_rng(0)
+    logs = []
+    for _ in range(REDRAWN):
+        drawn = [several[n] for n in random.integers(len(several), size=len(several))]
+        again = np.concatenate([one[random.integers(len(one), size=len(one))] for one in drawn])
+        logs.append(math.log(Tail(*_tail(again, passing)).seconds(at)))
+    return tails[passing]._replace(spread=float(np.std(logs)))
+
+
+def _tail(maxima: Float[np.ndarray, " blocks"], passing: float) -> tuple[float, float, float]:
+    """The level that a part of the blocks passes, its rate and the scale."""
+    level = float(np.quantile(maxima, 1 - passing))
+    over = maxima[maxima > level] - level
+    scale = max(float(over.mean()) if len(over) else 0.0, 1e-3 * max(abs(level), 1e-3))
+    return level, passing / BLOCK_SECONDS, scale
+
 
 # The part of a recording, at its end, over which the changes of parameters are averaged.
 LAST = 0.5

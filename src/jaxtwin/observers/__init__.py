@@ -11,7 +11,7 @@ The filter is built from parts: the twin with further states (`_augmented_model`
 length in the modes of its network, the commands in the driver's delay (`_commands`), the directions
 in which a fit is uncertain (`_uncertain_values`), the distribution at the start (`_start`), and the
 algebra of normal distributions (`_gaussian`). `observe` (`_observe`) runs it over a recording
-(`_filter_run`); the result, `Observed`, forecasts (`_forecast_run`) and smooths (`_smoother`).
+(`_filter_run`); the result, `Observed`, forecasts (`_forecast_run`) and smooths.
 `live_observer` makes a filter for a rig that is read as it runs; `_programs` has the steps of any
 observer for what takes them one by one. `estimate_noise`
 (`_estimate_noise`) finds the levels of a `ProcessNoise`, and `match_innovations`

@@ -1,7 +1,7 @@
 r"""The most likely states of a window, within bounds.
 
 With its steps and readings linearised, the states of a window have a normal distribution, whose
-mean $\mu$ a Kalman filter and the adjoint of Bryson and Frazier (`_smoother`) find in a time that
+mean $\mu$ a Kalman filter and the adjoint of Bryson and Frazier find in a time that
 grows with the number of samples. Bounds of some functions $v = C x$ of the states make the mode of
 this distribution that of a quadratic program,
 

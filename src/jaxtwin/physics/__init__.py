@@ -6,10 +6,9 @@ way there a rig becomes a list of nodes and links (`_netlist`), then constant ar
 then numbers for one set of parameter values (`System`). Which file holds what:
 
 - the network: `_assembly` (of the parts), `_plate` (finite volumes or a given circuit), `_placed`
-  (what follows from the places of cells), `_lumping` (nodes that are always equal), `_link_sums`
-  (large networks stay sparse), `_expressions`
+  (what follows from the places of cells), `_lumping` (nodes that are always equal), `_expressions`
 - heat: `_thermoelectric` (cells, eqs. 7 to 10 of the paper), `_driver` (PWM and bridge),
-  `_heat_loss` (films and radiation), `_dc_sweep`
+  `_heat_loss` (films and radiation)
 - what is read: `_sensors` (weights, lags), `_camera` (pixels), `_registration` (where the camera
   looks), `_plate_edges` (found in a frame), `_recalibrations`, `_plate_map`
 - inputs besides the duty: `_input_effects`, the links and values that they change
@@ -19,7 +18,6 @@ then numbers for one set of parameter values (`System`). Which file holds what:
 
 from ._assembly import build_netlist
 from ._camera import frame_to_channels, pixel_weights
-from ._dc_sweep import DCSweep
 from ._driver import Bridge, CellHeat
 from ._fault_models import FAULT_MODELS, Fault, FaultModel
 from ._faults import Faults, TimedFault
@@ -29,7 +27,7 @@ from ._plate_edges import MeasuredRegistration, measure_registration
 from ._plate_map import PlateMap, plate_map
 from ._sensors import channel_weights
 from ._system import System
-from ._thermoelectric import ThermoelectricModule
+from ._thermoelectric import DCSweep, ThermoelectricModule
 from ._twin import Twin
 
 __all__ = [

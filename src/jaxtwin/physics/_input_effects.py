@@ -3,8 +3,8 @@ r"""What inputs change in the equations: links, the supply's voltage, bodies at 
 A system holds the values that apply where no input is stated. A link whose conductance then is
 $g_0$, and $g$ under the inputs of a moment, carries $(g - g_0)$ times the temperature difference at
 its ends in addition. The nodes and the links are therefore the same for all inputs. The simulation
-finds the modes of the network under each regime of the inputs (`simulation/_regimes.py`), and only
-what a moment's inputs change beyond its regime is a force in these modes.
+finds the modes of the network under each regime of the inputs (`simulation/_integrate.py`), and
+only what a moment's inputs change beyond its regime is a force in these modes.
 """
 
 from collections.abc import Mapping

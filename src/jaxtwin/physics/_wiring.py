@@ -4,7 +4,7 @@ Everything in this module is known before any parameter has a value. It is made 
 takes part in compiled code as a constant.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Literal, final
 
@@ -19,12 +19,46 @@ from ._assembly import build_netlist
 from ._expressions import Expressions
 from ._heat_loss import LossPaths
 from ._input_effects import InputWiring
-from ._link_sums import MAX_TABLE, LinkSums
 from ._lumping import lump
 from ._netlist import Netlist
 from ._placed import on_plate_names
 from ._registration import RegisteredZones
 from ._sensors import node_weights
+
+# Sums of links' values, grouped by the nodes at which the links end, from which the matrices of
+# a network are assembled.
+
+
+# The largest number of entries of a dense table of rows and links. A product with a larger table
+# takes longer than adding up the few entries that are not 0, and its compilation takes minutes.
+MAX_TABLE = 1 << 18
+
+
+@final
+class LinkSums:
+    """Sums of values of links, one sum for each row.
+
+    **Arguments:**
+
+    - `rows`: the number of rows.
+    - `members`: pairs (row, number of the link).
+    - `links`: the number of links.
+    """
+
+    def __init__(self, rows: int, members: Sequence[tuple[int, int]], links: int):
+        self.rows = rows
+        self.members = np.array(members, dtype=np.int32).reshape(-1, 2).T
+        self.table = None
+        if rows * links <= MAX_TABLE:
+            self.table = np.zeros((rows, links))
+            self.table[*self.members] = 1.0
+
+    def __call__(self, values: Float[Array, " links"]) -> Float[Array, " rows"]:
+        if self.table is not None:
+            return jnp.asarray(self.table, values.dtype) @ values
+        row, link = self.members
+        return jnp.zeros(self.rows, values.dtype).at[row].add(values[link])
+
 
 # The largest number of elements of a plate. Their modes take a minute, and tables of their pairs a
 # gigabyte.

@@ -15,8 +15,8 @@ the loop goes back to the one before if the new one is worse on the rig than in 
 
 The web server (`_web_server`) runs in a second thread. It reads the ring and the history, and
 leaves orders (`_orders`) at a desk (`_desk`), which the loop takes: a run is commanded by
-`jaxtwin.live.operate`, behind all interlocks. `_access` says who may ask for what, `_stream` is the
-stream of a client, `_metrics` the text for Prometheus, `_app` the application. `assets/` holds the
+`jaxtwin.live.operate`, behind all interlocks. `_access` says who may ask for what, `_metrics` is
+the text for Prometheus, `_app` the application with the streams of its clients. `assets/` holds the
 page: `view.js` draws it from frames, wherever they come from.
 
 The web server needs the extra `serve`; it is imported when one is made.

@@ -9,24 +9,23 @@ what:
 - the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_step_readings`,
   `_interpolation` (samples inside a step), `_resolution`, `_refinement` (were the steps short
   enough?)
-- inputs besides the duty: `_input_levels`, `_regimes` (each step in the modes of its own network),
-  `_input_rates` (how fast a rig answers to each), `_merged_changes` and `_held_inputs` (steps that
-  contain several changes)
+- inputs besides the duty: `_input_levels`, `_input_rates` (how fast a rig answers to each),
+  `_merged_changes` and `_held_inputs` (steps that contain several changes)
 - large plates: `_reduced_modes`, the few modes that the drive reaches; `_few_modes`, those that a
   match takes; `_grid_convergence`, the grid by the accuracy wanted
-- one run: `_simulate`, `_run` (its result), `_power`, `_uniformity`, `_exceeded_limits`
-- many draws: `_simulate_batch`, `_batch_temperatures` (its result), `_draw_solver`,
+- one run: `_simulate`, `_run` (its result), `_power`, `_exceeded_limits`
+- many draws: `_simulate_batch`, `_draw_solver`,
   `_chunk_programs`, `_compressed`, `_reductions` (what is kept), `_draw_units` and `_workers`
   (cores, accelerators, clusters)
 - many draws on a CPU with a C compiler: `rodas5p.c`, a draw in each lane of a vector;
   `_native_library` (compiled and loaded), `_native_network` (a network as its tables and numbers),
-  `_native_elimination` (the places of its factors), `_native_inputs` (what inputs change in it),
+  `_native_inputs` (what inputs change in it),
   `_native_steps` (its time grid), `_native_chunk` (a call)
 - one step at a time, for observers and controllers: `_stepper`, `_step_preparation`,
   `_reduced_stepper`
 - diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver),
   `_rodas5p` (a solver for any stiff equations, with `_rosenbrock_step`)
-- a million draws and more on an accelerator: `_numbered_chunk`, `_integrate_numbers` (Rodas5P),
+- a million draws and more on an accelerator: `_numbered_chunk` (by Rodas5P),
   `_numbered_network` (the equations as single numbers)
 
 The public names stand in `__init__.pyi` and are imported when they are first used.

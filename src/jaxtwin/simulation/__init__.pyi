@@ -1,7 +1,6 @@
 # The public names of jaxtwin.simulation. `__init__.py` reads this file at run time and imports a
 # name when it is first used: the default solver does without diffrax.
 
-from ._batch_temperatures import BatchTemperatures as BatchTemperatures
 from ._chunk_programs import Precision as Precision
 from ._drive import Drive as Drive
 from ._grid_convergence import Grid as Grid
@@ -18,10 +17,13 @@ from ._reductions import ReductionName as ReductionName
 from ._reductions import Reductions as Reductions
 from ._rodas5p import Rodas5P as Rodas5P
 from ._run import Run as Run
+from ._run import Uniformity as Uniformity
 from ._run import fit_percent as fit_percent
 from ._run import rmse as rmse
+from ._run import uniformity as uniformity
 from ._simulate import response as response
 from ._simulate import simulate as simulate
+from ._simulate_batch import BatchTemperatures as BatchTemperatures
 from ._simulate_batch import reduce_batch as reduce_batch
 from ._simulate_batch import simulate_batch as simulate_batch
 from ._stepper import Stepper as Stepper
@@ -29,5 +31,3 @@ from ._stepper import StepperState as StepperState
 from ._time_grid import TimeGrid as TimeGrid
 from ._time_grid import build_time_grid as build_time_grid
 from ._time_grid import time_grid as time_grid
-from ._uniformity import Uniformity as Uniformity
-from ._uniformity import uniformity as uniformity

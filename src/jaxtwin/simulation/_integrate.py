@@ -6,16 +6,98 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..physics import System
 from ._drive import Drive
 from ._exponential import ModalField, decay_functions, exponential_step
 from ._interpolation import SLOPE_AT_END
 from ._modes import Modes, run_modes
-from ._regimes import integrate_in_regimes
 from ._step_readings import FAST_RATE_TIMES_STEP, SLOPE_WEIGHT, StepReadings, largest
 from ._time_grid import TimeGrid
+
+# Integrates a network whose resistances inputs change: each step in the modes of its regime.
+#
+# Opening a lid changes the modes of a box. A run has few regimes (lid open or closed, fan on or
+# off), and the modes of each are found once. A step is taken in the modes of its own regime;
+# between two regimes the amplitudes are transformed by $V_2^T C V_1$. Inputs that take many
+# values have some of these as regimes, and the difference to the nearest one is part of the
+# force (`ModalField`).
+
+
+def integrate_in_regimes(
+    system: System,
+    drive: Drive,
+    modes: Modes,
+    initial: Float[Array, " nodes"],
+    readout: Float[Array | np.ndarray, "outputs nodes"],
+    loss_dtype: DTypeLike | None = None,
+) -> StepReadings:
+    """Integrates over the steps of a drive's grid.
+
+    **Arguments:** those of `integrate`; the `modes` have a leading axis for the regimes.
+    """
+    dtype, grid = modes.rates.dtype, drive.grid
+    fields = jax.vmap(lambda own: ModalField.of(system, own, drive.reference, loss_dtype))(modes)
+    sizes = jnp.asarray(grid.sizes, dtype)
+    functions = jax.vmap(lambda rates: decay_functions(rates, sizes))(modes.rates)
+    inputs, regime = drive.inputs(), nearest_regime(grid)
+    at_starts, at_ends = (jax.vmap(lambda row, s=s: row.at(s))(inputs) for s in (0, 2))
+    is_held = jnp.any(jnp.asarray(grid.polynomials)[:, SLOPE_AT_END] != 0, axis=1)
+
+    def of(number: Int[Array, ""], tables: Any) -> Any:
+        return jax.tree.map(lambda table: table[number], tables)
+
+    def changed(amplitudes: Array, before: Array, after: Array) -> Array:
+        """Transforms amplitudes from a regime to another."""
+        old, new = modes.shapes[before], modes.shapes[after]
+        moved = new.T @ (system.capacitance * (old @ amplitudes))
+        return jnp.where(before == after, amplitudes, moved)
+
+    def advance(state: tuple[Array, Array, Array], step: Any) -> tuple[Any, Any]:
+        amplitudes, force, error = state
+        size, now, following, of_step, next_inputs, is_held = step
+        own, field = of(now, modes), of(following, fields)
+        of_size = of(size, of(now, functions)).factors()
+        end = exponential_step(amplitudes, force, of_size, of(now, fields), of_step)
+        after = changed(end.amplitudes, now, following)
+        force = field.force(after, next_inputs)
+        error = of_size.decay * error + end.error
+        # An error of a mode is also an error of its slope, times its rate. Samples inside a step
+        # are interpolated from both.
+        seen = own.shapes @ (error * (1 + SLOPE_WEIGHT * own.rates * sizes[size]))
+        is_fast = (own.rates * sizes[size] > FAST_RATE_TIMES_STEP) & (now == following)
+        of_slope = jnp.where(is_held & is_fast, end.last_force, force)
+        slopes = field.modes.shapes @ (of_slope - field.modes.rates * after)
+        state = after, force, changed(error, now, following)
+        return state, (field.modes.shapes @ after, slopes, seen)
+
+    def append(rows: Any, last: Any) -> Any:
+        return jax.tree.map(lambda a, b: jnp.append(a[1:], b[-1:], axis=0), rows, last)
+
+    first = of(regime[0], fields)
+    start = first.modes.amplitudes(initial - drive.reference)
+    force = first.force(start, of(jnp.array(0), at_starts))
+    following = append(regime, regime)
+    steps = jnp.asarray(grid.size), regime, following, inputs, append(at_starts, at_ends), is_held
+    _, (after, slopes, seen) = jax.lax.scan(advance, (start, force, jnp.zeros_like(start)), steps)
+    before = initial - drive.reference, first.modes.shapes @ (force - first.modes.rates * start)
+    values, slopes = (
+        jnp.append(one[None], rows, axis=0) @ jnp.asarray(readout, dtype).T
+        for one, rows in zip(before, (after, slopes), strict=True)
+    )
+    errors = seen @ jnp.asarray(system.channel_weights, dtype).T
+    return StepReadings(values, slopes, largest(jnp.abs(errors)))
+
+
+def nearest_regime(grid: TimeGrid) -> Int[Array, " steps"]:
+    """The regime that is nearest to the inputs of each step, relative to the range of each input
+    over the regimes."""
+    regimes, levels = jnp.asarray(grid.regimes), jnp.asarray(grid.levels)
+    scale = jnp.ptp(regimes, axis=0)
+    weight = jnp.where(scale > 0, 1 / jnp.where(scale > 0, scale, 1.0), 0.0)
+    distance = (jnp.abs(levels[:, None] - regimes) * weight).max(axis=-1)
+    return jnp.argmin(distance, axis=1)
 
 
 def solve_network(

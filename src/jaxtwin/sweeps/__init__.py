@@ -1,7 +1,7 @@
 """Long sweeps: millions of draws, written chunk by chunk to a Zarr store that survives a kill.
 
 `_sweep` is the entry: it reports its progress, makes the plan (`_plan`), whose draws a seed
-determines (`_samples`), and hands chunks to this process or to a cluster. A chunk that the store
+determines, and hands chunks to this process or to a cluster. A chunk that the store
 (`_store`) marks as done is complete; results are read when they are used.
 """
 

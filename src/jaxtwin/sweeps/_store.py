@@ -17,18 +17,58 @@ from typing import IO, TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Bool, Shaped
+from xarray.backends import BackendArray
+from xarray.core.indexing import (
+    ExplicitIndexer,
+    IndexingSupport,
+    LazilyIndexedArray,
+    explicit_indexing_adapter,
+)
 
 from .._arguments import path_of
 from ..errors import SimulationError
+from ..sensitivity_analysis._sampling import normal_draws
 from ._plan import ROLES, Plan
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@final
+class SampledParameters(BackendArray):
+    """The parameters of a sweep's draws, `(draws, parameters)`, drawn from its seed.
+
+    **Arguments:**
+
+    - `identity`: the identity of the sweep, as in `Plan.identity`.
+    """
+
+    def __init__(self, identity: dict[str, Any]):
+        self.identity = identity
+        self.shape = (identity["draws"], len(identity["drawn"]))
+        self.dtype = np.dtype(float)
+
+    @classmethod
+    def of(cls, identity: dict[str, Any]) -> LazilyIndexedArray:
+        """Wraps the array as xarray expects it."""
+        return LazilyIndexedArray(cls(identity))
+
+    def __getitem__(self, key: ExplicitIndexer) -> np.ndarray:
+        return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._make)
+
+    def _make(self, key: tuple[int | slice, int | slice]) -> np.ndarray:
+        rows, columns = key
+        wanted = np.arange(self.shape[0])[rows] if isinstance(rows, slice) else np.array(rows)
+        start, stop = (wanted.min(), wanted.max() + 1) if wanted.size else (0, 1)
+        drawn, seed = self.identity["drawn"], self.identity["seed"]
+        draws = normal_draws(drawn, self.identity["spread"], seed, int(stop), int(start))
+        return np.column_stack(list(draws.values()))[wanted - start][..., columns]
+
 
 try:
     import fcntl
 except ImportError:  # not on Windows: two processes may then do the same work, with one result
     fcntl = None
-
-if TYPE_CHECKING:
-    import xarray
 
 
 # The attribute of the store that holds the identity of the sweep.
@@ -215,7 +255,7 @@ def open_sweep(folder: str | os.PathLike[str]) -> "xarray.Dataset":
         import xarray
         import zarr
 
-        from ._samples import SampledParameters
+        from ._store import SampledParameters
 
         done = np.asarray(zarr.open_group(place, mode="r")["done"]).astype(bool)
         stored = xarray.open_zarr(place, consolidated=False, chunks=None, mask_and_scale=False)

@@ -2,9 +2,9 @@
 
 `Sliders` (`_sliders`) moves parameters and duty of a twin; `RigView` (`_rig_view`) shows a live or
 replayed rig as `jaxtwin serve` does. Both compute beside the kernel's main thread: the first in a
-thread for which only the newest request counts (`_newest_request`), the second in one that polls
+thread for which only the newest request counts, the second in one that polls
 the rig. What a browser draws is in `assets/`, and in those of `jaxtwin.serve`, whose modules
-`_one_module` joins to one that needs nothing else.
+`_notebook_widget` joins to one that needs nothing else.
 
 They are widgets of anywidget, the extra `widgets`: for JupyterLab, VS Code and marimo.
 """

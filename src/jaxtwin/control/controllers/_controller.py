@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import finite_number, is_ordered
 from ..._name_suggestions import unknown_name
+from ..._number_text import short_number
 from ...errors import ControlError
 from ...rig import Rig
 from ._controller_fields import (
@@ -23,8 +24,50 @@ from ._controller_fields import (
     field_arguments,
     field_lines,
 )
-from ._controller_text import controller_text
 from ._law import Law
+
+# The largest number of elements of an array that is written out.
+MAX_WRITTEN_ARRAY = 16
+
+
+def controller_text(controller: Any) -> str:
+    """The text `PID(Kp=0.1 1/K, ..., sample_time=1 s)`, without fields that are None.
+
+    Traced and large arrays are given by type and shape.
+    """
+    values = {field.name: getattr(controller, field.name) for field in _fields(controller)}
+    units = {name: field.unit for name, field in controller.fields.items()}
+    parts = [
+        _named(name, value, units.get(name, ""))
+        for name, value in values.items()
+        if value is not None
+    ]
+    return f"{type(controller).__name__}({', '.join(parts)})"
+
+
+def _fields(controller: Any) -> list[Any]:
+    fields = dataclasses.fields(controller)
+    return [field for field in fields if field.repr and hasattr(controller, field.name)]
+
+
+def _named(name: str, value: Any, unit: str) -> str:
+    unit = "s" if name.endswith("_s") else unit
+    return f"{name.removesuffix('_s')}={_value(value)} {unit}".rstrip()
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Tracer) or np.size(value) > MAX_WRITTEN_ARRAY:
+        return eqx.tree_pformat(value)
+    if isinstance(value, float | np.ndarray | jax.Array):
+        return _numbers(np.asarray(value).tolist())
+    return eqx.tree_pformat(value, width=10**6)
+
+
+def _numbers(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_numbers, value))}]"
+    return short_number(value) if isinstance(value, float) else str(value)
+
 
 # A parameter: a number or an array.
 Numbers: TypeAlias = npt.ArrayLike | float | int

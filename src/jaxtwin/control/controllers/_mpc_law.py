@@ -1,17 +1,216 @@
 """The law of an `MPC` in C: its numbers, and the memory of its programs."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Array, Float
 
-from ._condensed_program import rest_cost
+from ..._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
+from ._condensed_program import Condensed, Deviations, WatchedChannels, rest_cost
+from ._controller import TemperatureLimit
 from ._kalman import kalman_tables
-from ._law import Law, bundled_law, check_designed_cells
-from ._mpc_programs import ROOM_ON_THE_WAY, squares_at_rest
-from ._program_numbers import RestCost, parameter_lines, program_numbers, work_of
+from ._law import Law, Table, bundled_law, check_designed_cells, parameter_text
+from ._mpc_programs import (
+    EVENNESS_WEIGHT,
+    MAX_BAND,
+    MIN_BAND,
+    ROOM_ON_THE_WAY,
+    SoftTemperatures,
+    squares_at_rest,
+)
 
 if TYPE_CHECKING:
     from ._mpc import MPC
+
+
+# The numbers of an `MPC` in C: those of its quadratic programs, and its parameters in words.
+#
+# The programs are scaled to a Hessian of about 1, as `_quadratic_program` does, but in C the
+# scaled numbers are constants.
+
+
+class RestCost(NamedTuple):
+    """The cost of a duty at rest, and what it depends on.
+
+    - `by_duty`, `by_missing`: its Hessian, and the derivatives of its gradient with respect to the
+      distance from the references.
+    - `gain`, `disturbed`: the outputs at rest, K per unit of duty, and the duty like which a
+      disturbance acts.
+    - `of_channels`: the outputs as means of the watched channels.
+    - `adaptation`: how fast the deviations of points on the way follow those at rest, by sample;
+      `room_on_the_way`: how large they may be relative to those.
+    """
+
+    by_duty: Float[Array | np.ndarray, "cells cells"]
+    by_missing: Float[Array | np.ndarray, "cells outputs"]
+    gain: Float[Array | np.ndarray, "outputs cells"]
+    disturbed: Float[Array | np.ndarray, "cells disturbances"]
+    of_channels: Float[Array | np.ndarray, "outputs watched"]
+    adaptation: Float[Array | np.ndarray, ""]
+    room_on_the_way: float
+
+
+class ProgramNumbers(NamedTuple):
+    """The tables and the constants of both programs, see `Law`."""
+
+    tables: dict[str, Table]
+    constants: dict[str, int | float]
+
+
+def program_numbers(
+    cost: Condensed,
+    rest: RestCost,
+    soft: SoftTemperatures,
+    watched: WatchedChannels,
+) -> ProgramNumbers:
+    """Computes the numbers of the plan and of the target at rest."""
+    hessian = np.asarray(cost.hessian, float)
+    by_duty, by_missing = (np.asarray(part, float) for part in rest[:2])
+    plan, scale = _scale(hessian), _scale(by_duty)
+    cells, disturbed = len(by_duty), np.asarray(rest.disturbed, float)
+    # The last duty enters only the gradient of the first sample.
+    by_last = np.asarray(cost.by_last_duty, float)[:cells]
+    at_rest = np.zeros((cells + soft.has_bands, cells + soft.has_bands))
+    at_rest[:cells, :cells] = by_duty / scale
+    tables: dict[str, Table] = {
+        "hessian": (hessian / plan, "of the plan's cost by the moves"),
+        "by_states": (np.asarray(cost.by_states, float) / plan, "its slope by the states"),
+        "by_last": (by_last / plan, "by the last duty, of the first sample"),
+        "by_target": (np.asarray(cost.by_target, float) / plan, "and by the duty at rest"),
+        "rest_hessian": (at_rest, "of the cost of a duty at rest"),
+        "by_missing": (by_missing / scale, "its slope by what is missing, 1/K"),
+    }
+    constants: dict[str, int | float] = {
+        "STEPS": STEPS,
+        "CENTERING": CENTERING,
+        "TO_BOUNDARY": TO_BOUNDARY,
+        "DISTURBANCES": disturbed.shape[1],
+    }
+    if len(watched.at):
+        constants["ERRORS"] = len(watched.at)
+        tables |= {
+            "watched_L": (np.asarray(watched.L), "of the correction of the model's errors"),
+            "watched_at": (np.asarray(watched.at), "channels at the operating point, degC"),
+        }
+    plan_sums, rest_sums, samples = [], [], cost.by_target.shape[1] // cells
+    if soft.limits is not None:
+        limits, constants["LIMITED"] = soft.limits, soft.limited
+        gain = np.asarray(limits.rest_gain)
+        plan_sums.append(np.asarray(limits.by_moves))
+        rest_sums.append(np.pad(gain, ((0, 0), (0, int(soft.has_bands)))))
+        tables |= {
+            "soft_by_states": (np.asarray(limits.by_states), "limited temperatures, K"),
+            "lowest": (np.asarray(limits.lowest)[: soft.limited], "their limits, K"),
+            "highest": (np.asarray(limits.highest)[: soft.limited], "their limits, K"),
+            "soft_by_rest": (gain @ disturbed, "and at rest by a disturbance"),
+        }
+    if soft.points is None and soft.limits is not None:
+        tables["watched_C"] = np.asarray(watched.C), "watched temperatures by the states, K"
+    if soft.points is not None and soft.cost is not None:
+        points, price = soft.points, EVENNESS_WEIGHT / scale
+        gain = np.asarray(points.rest_gain)
+        constants |= {
+            "POINTS": len(gain),
+            "DUTY_PRICE": price * soft.cost.energy_price,
+        }
+        tables |= {
+            "points_at": (np.asarray(points.beyond), "points from the mean of the outputs on, K"),
+            "points_by_errors": (np.asarray(points.by_errors), "by the errors of the channels"),
+            "points_by_rest": (gain @ disturbed, "at rest by a disturbance"),
+            "output_by_rest": (np.asarray(rest.gain) @ disturbed, "outputs at rest alike"),
+            "output_by_errors": (np.asarray(rest.of_channels), "and by the errors"),
+            "unexplained": (np.asarray(watched.unexplained), "of what is missed of the channels"),
+        }
+        if soft.cost.is_quadratic:
+            tables["by_point"] = gain * price / len(gain), "slope of the cost by the points, 1/K"
+        else:
+            constants |= {
+                "BANDS": 1,
+                "DEVIATION_PRICE": 2 * price,
+                "WIDEST": MAX_BAND,
+                "NARROWEST": MIN_BAND,
+                "ADAPTATION": float(rest.adaptation),
+                "ROOM_ON_THE_WAY": rest.room_on_the_way,
+                "CENTRES_AT_REST": int(soft.cost.has_free_centre),
+            }
+            by_states = np.asarray(points.by_states)
+            tables["points_by_states"] = by_states, "in the samples of the horizon, K"
+            plan_sums.append(np.asarray(points.by_moves))
+            ones = np.ones((len(gain), 1))
+            rest_sums += [np.hstack([gain, -ones]), np.hstack([gain, ones])]
+        if soft.cost.has_free_centre:
+            constants["CENTRES"] = samples
+    if plan_sums:
+        accepted = np.asarray(soft.excess, float)
+        tables |= {
+            "plan_sums": (np.vstack(plan_sums), "limited temperatures and points by the moves, K"),
+            "rest_sums": (np.vstack(rest_sums), "the same at rest"),
+            "plan_softness": (accepted**2 * plan, "of each limited temperature, and of points"),
+            "rest_softness": (accepted**2 * scale, "the same at rest"),
+        }
+    constants["SOFT_ROWS"] = sum(map(len, plan_sums))
+    return ProgramNumbers(tables, constants)
+
+
+def work_of(unknowns: int, limits: int, centres: int) -> dict[str, int]:
+    """Returns the memory of the largest program, field of the state -> length.
+
+    **Arguments:**
+
+    - `unknowns`: the number of its unknowns.
+    - `limits`: the number of its limits; a limit on both sides counts once.
+    - `centres`: the number of the centres of its bands.
+    """
+    of_centres = {"pull": unknowns * centres, "total": centres} if centres else {}
+    return {
+        **of_centres,
+        "slope": unknowns,
+        "z": unknowns + centres,
+        "dz": unknowns + centres,
+        "factor": unknowns * (unknowns + 1) // 2,
+        "lowest": limits,
+        "highest": limits,
+        "value": limits,
+        "weight": limits,
+        "slack": 2 * limits,
+        "multiplier": 2 * limits,
+        "dslack": 2 * limits,
+        "dmultiplier": 2 * limits,
+    }
+
+
+def parameter_lines(
+    deviations: Deviations,
+    rate_limit: float | None,
+    temperature_limits: Sequence[tuple[str, TemperatureLimit]],
+    soft: SoftTemperatures,
+) -> list[str]:
+    """The parameters of an `MPC` with their units, a line for each."""
+    y, u, change = deviations
+    lines = [
+        parameter_text("accepted deviations of the outputs", y, "K"),
+        parameter_text("accepted deviations of the duty", u, ""),
+        parameter_text("accepted changes of the duty", change, ""),
+        f"limit of the rate of the duty: {'none' if rate_limit is None else f'{rate_limit!r} 1/s'}",
+    ]
+    for channel, (lowest, highest, excess) in temperature_limits:
+        limits = f"{lowest!r} to {highest!r} degC, accepted excess {excess!r} K"
+        lines.append(f"soft limits of {channel}: {limits}")
+    if soft.cost is not None and soft.points is not None:
+        price = (
+            f", {soft.cost.energy_price!r} K for a unit of duty" if soft.cost.energy_price else ""
+        )
+        lines.append(f"even: {len(soft.points.at)} points, by their {soft.cost.name}{price}")
+    if soft.has_bands:
+        of_points = np.asarray(soft.excess)[-1]
+        lines.append(parameter_text("accepted excess of points", of_points, "K"))
+    return lines
+
+
+def _scale(hessian: np.ndarray) -> float:
+    """The number by which a quadratic program is divided."""
+    return float(np.max(np.abs(np.diag(hessian))))
 
 
 def mpc_law(mpc: "MPC", cells: int) -> Law:

@@ -3,7 +3,8 @@ r"""The frequency response of a linear model, with its delay and lag exact:
 $$G(j \omega) = \frac{C (j \omega I - A)^{-1} B + D}{1 + j \omega \tau} e^{-j \omega \theta}$$
 """
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,52 @@ from ..._lapack import solve
 
 if TYPE_CHECKING:
     from ._linear_model import LinearModel
+
+
+@final
+@dataclass(frozen=True)
+class Directions:
+    r"""The singular value decomposition of the gain at rest, $G = U \Sigma V^T$.
+
+    A duty along a column of `inputs` moves the channels along the same column of `outputs`, by
+    `gains` kelvins (root of the sum of squares) per unit of duty.
+
+    - `gains`: $\Sigma$, largest first, K per unit of duty.
+    - `outputs`: $U$, `(outputs, directions)`. `inputs`: $V$, `(inputs, directions)`.
+    - `mean_share`: the part of a direction's squared temperatures that all channels share. Near 1
+      the direction moves the mean, near 0 the uniformity.
+    - `duty_per_kelvin`: the duty (root of the sum of squares) for 1 K, root mean square over the
+      channels.
+    """
+
+    gains: Float[np.ndarray, " directions"]
+    outputs: Float[np.ndarray, "outputs directions"]
+    inputs: Float[np.ndarray, "inputs directions"]
+    mean_share: Float[np.ndarray, " directions"]
+    duty_per_kelvin: Float[np.ndarray, " directions"]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """`"mean"` or `"uniformity"` for each direction, whichever has the larger part."""
+        return tuple("mean" if share > 0.5 else "uniformity" for share in self.mean_share)
+
+    @property
+    def condition_number(self) -> float:
+        """The ratio of the largest gain to the smallest."""
+        return float(self.gains[0] / self.gains[-1])
+
+
+def directions(gain: Float[np.ndarray, "outputs inputs"]) -> Directions:
+    """Computes the directions of a gain. Each is signed such that temperatures rise on average."""
+    outputs, gains, inputs = np.linalg.svd(gain, full_matrices=False)
+    sign = np.where(outputs.sum(axis=0) < 0, -1.0, 1.0)
+    return Directions(
+        gains,
+        outputs * sign,
+        inputs.T * sign,
+        outputs.sum(axis=0) ** 2 / len(outputs),
+        np.sqrt(len(outputs)) / gains,
+    )
 
 
 # The number of frequencies whose matrices are in memory at the same time.

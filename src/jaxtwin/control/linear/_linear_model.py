@@ -18,12 +18,10 @@ from ..._name_suggestions import unknown_name
 from ...errors import ControlError
 from ...simulation._delay import checked_longest_delay
 from ._balanced_truncation import Balanced, balanced, residualised
-from ._directions import Directions, directions
-from ._discrete_model import DiscreteModel, check_at_rest
-from ._frequency_response import frequency_response, traced_response
+from ._discrete_model import DiscreteModel, check_at_rest, continuous
+from ._frequency_response import Directions, directions, frequency_response, traced_response
 from ._hold import integrated_rates, zero_order_hold
 from ._operating_point import OperatingPoint
-from ._to_control import continuous
 
 if TYPE_CHECKING:
     import control

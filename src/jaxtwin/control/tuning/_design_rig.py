@@ -1,8 +1,8 @@
 r"""Places of cells and heaters for the most even plate at a mean temperature.
 
-Places and duty are found together, by steps in the linearised steady state (`_placed_plate`) that
+Places and duty are found together, by steps in the linearised steady state (`PlacedPlate`) that
 are best within a trust region (`_evenness_step`), with faces within their bounds and apart
-(`_face_gaps`). Such a search finds a local optimum, so that several begin at different places.
+(`_rig_design`). Such a search finds a local optimum, so that several begin at different places.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,9 +31,7 @@ from ._evenness_step import (
     PlateRange,
     Region,
 )
-from ._face_gaps import FaceGaps, Places
-from ._placed_plate import Bounds, PlacedPlate, PlateAtRest
-from ._rig_design import PlacedCells, RigDesign
+from ._rig_design import Bounds, FaceGaps, PlacedCells, PlacedPlate, Places, PlateAtRest, RigDesign
 
 WHERE = "design_rig"
 

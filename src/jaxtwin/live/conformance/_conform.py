@@ -5,20 +5,164 @@ disconnect the cells, before running it.
 """
 
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from ...rig import Rig
 from ..protocol._clock import Clock
 from ..protocol._codec import encode
 from ..protocol._framing import encode_line
 from ..protocol._identity import Identity
-from ..protocol._messages import VERSION, Ask, Beat, Hello, Message
+from ..protocol._messages import VERSION, Ask, Beat, Data, Hello, Message, Notice
 from ..protocol._transport import Transport
-from ._commands import command_results, line_results
+from ._commands import OTHER_HOST, command_results, few, line_results, wrong_lines
 from ._dialogue import ANSWERS_WITHIN, Dialogue
 from ._step_result import StepResult, found
-from ._trips import trip_results
-from ._watchdog import watchdog_results
+
+
+def trip_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
+    """Tests trips, beginning with a device that its watchdog has tripped."""
+    low = few(hello)
+    off = (0,) * len(low)
+    number = talk.command(*low)
+    yield found("refuses every duty after a trip", talk.refuses(number, "tripped"), "does not")
+    yield from _second_stop(talk)
+    number = talk.order("reset", OTHER_HOST)
+    ok = talk.tells("reset", "", number) and talk.reports(pwm=off, owner="", trip="")
+    yield found("a reset ends the trip, and is an event", ok, "it does not, or is none")
+    ok = talk.keeps(0.5, pwm=off, owner="", trip="")
+    yield found("the cells stay off after a reset", ok, "they do not")
+    _heat(talk, low)
+    talk.order("stop", OTHER_HOST)
+    ok = talk.tells("trip", "stop")
+    yield found("a trip is an event", ok, "no event with kind=trip why=stop")
+    ok = talk.reports(pwm=off, trip="stop")
+    yield found("anyone may stop", ok, "no data with trip=stop")
+    ok = talk.keeps(0.3, pwm=off, owner="", number=None)
+    yield found("nobody commands while it has tripped", ok, "data with an owner, or with heat")
+    _reset(talk)
+    if hello.relay:
+        yield from _relay(talk, hello)
+    yield from _releases(talk, low)
+
+
+def _second_stop(talk: Dialogue) -> Iterator[StepResult]:
+    talk.order("stop")
+    talk.order("stop", OTHER_HOST)
+    messages = list(talk.listen(1.0))
+    samples = [message for message in messages if isinstance(message, Data)]
+    ok = bool(samples) and all(sample.trip == "watchdog" for sample in samples)
+    yield found("keeps the first reason of a trip", ok, "data without trip=watchdog after a stop")
+    ok = not any(isinstance(message, Notice) and message.kind == "trip" for message in messages)
+    yield found("a stop after a trip is no second trip", ok, "another event with kind=trip")
+
+
+def _relay(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
+    low = few(hello)
+    off = (0,) * len(low)
+    ok = talk.reports(relay="on")
+    yield found("a reset closes the relay", ok, "no data with relay=on")
+    _heat(talk, low)
+    number = talk.order("relay", OTHER_HOST, f"not {hello.relay}"[:32])
+    ok = talk.refuses(number, "relay") and talk.reports(pwm=low, relay="on")
+    yield found("refuses a relay of another name", ok, "no event with why=relay")
+    talk.order("relay", OTHER_HOST, hello.relay)
+    ok = talk.reports(pwm=off, relay="off", trip="relay")
+    yield found("anyone may open the relay", ok, "no data with relay=off trip=relay")
+    _reset(talk)
+    _heat(talk, low)
+    talk.order("stop")
+    ok = talk.reports(pwm=off, relay="off", trip="stop")
+    yield found("every trip opens the relay", ok, "no data with relay=off trip=stop")
+    _reset(talk)
+
+
+def _releases(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
+    _heat(talk, low)
+    number = talk.order("release")
+    ok = talk.reports(pwm=(0,) * len(low), owner="", trip="")
+    yield found("a release switches off and is no trip", ok, "it does not")
+    talk.command(*low, number=number - 1)
+    ok = talk.keeps(0.3, pwm=(0,) * len(low), owner="")
+    yield found("after a release an old duty is refused", ok, "it is applied")
+    _heat(talk, low)
+    talk.order("release")  # and at once, before the watchdog could release it
+    number = talk.command(*low, owner=OTHER_HOST)
+    ok = talk.reports(pwm=low, owner=OTHER_HOST, number=number)
+    yield found("after a release another may command", ok, "he is refused")
+    talk.order("release", OTHER_HOST)
+
+
+def _heat(talk: Dialogue, low: tuple[int, ...]) -> None:
+    talk.command(*low)
+    talk.reports(pwm=low)
+
+
+def _reset(talk: Dialogue) -> None:
+    talk.order("reset")
+    talk.reports(trip="")
+
+
+# The time by which a watchdog may be late, s; it includes the device's next sample.
+MARGIN_SECONDS = 1.5
+
+
+def watchdog_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
+    """Tests when the watchdog switches off. The device has tripped afterwards."""
+    watchdog, low = hello.watchdog or 0.0, few(hello)
+    off = (0,) * len(low)
+    talk.command(*off)
+    talk.reports(pwm=off, owner=talk.owner)
+    ok = talk.reports(watchdog + MARGIN_SECONDS, owner="", trip="")
+    yield found(
+        "silence with the cells off releases them, and is no trip", ok, "it does not, or is"
+    )
+    talk.order("reset")  # where it was one
+    talk.reports(trip="")
+    for what, lines in (
+        ("a refused duty does not feed", _refused),
+        ("no other line feeds", _others),
+    ):
+        fed = _trips(talk, hello, lambda lines=lines: lines(talk, low, hello))
+        yield found(f"{what} the watchdog", fed is not None, "it has not tripped")
+        talk.order("reset")
+        talk.reports(trip="")
+    took = _trips(talk, hello, lambda: None)
+    late = f"no trip=watchdog within {watchdog + MARGIN_SECONDS:g} s"
+    yield found("its watchdog trips", took is not None, late)
+    ok = took is None or took >= 0.5 * watchdog
+    yield found(
+        "its watchdog trips no earlier than it says", ok, f"after {took or 0:.2f} s already"
+    )
+
+
+def _trips(talk: Dialogue, hello: Hello, feed: Callable[[], None]) -> float | None:
+    """The time from the last duty to the trip, s, while `feed` sends other lines; `None` without
+    a trip."""
+    low, watchdog = few(hello), hello.watchdog or 0.0
+    talk.command(*low)
+    begin = talk.clock.now()
+    talk.reports(pwm=low)
+    while (took := (talk.clock.now() - begin) * 1e-9) < watchdog + MARGIN_SECONDS:
+        feed()
+        if talk.reports(min(0.2, watchdog / 4), pwm=(0,) * len(low), trip="watchdog"):
+            return took
+    return None
+
+
+def _refused(talk: Dialogue, low: tuple[int, ...], hello: Hello) -> None:
+    last = talk.command(*(hello.counts + 1,) * len(low))
+    talk.command(*low, 1)
+    talk.command(*low, owner=OTHER_HOST)
+    talk.command(*low, number=last - 50)
+
+
+def _others(talk: Dialogue, low: tuple[int, ...], hello: Hello) -> None:
+    talk.say(encode(Ask(VERSION)))
+    talk.order("reset")
+    talk.order("reset", OTHER_HOST)
+    talk.order("release", OTHER_HOST)
+    for line in wrong_lines(talk, len(low)).values():
+        talk.say(line)
 
 
 def conform(rig: Rig, transport: Transport, clock: Clock) -> Iterator[StepResult]:

@@ -11,6 +11,7 @@ torn in the middle is dropped by SQLite when the file is opened again.
 import json
 import sqlite3
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, final
 
@@ -20,12 +21,154 @@ from ...io._lock import lock, unlock
 from ...io._session_file import damage_as_recording_error, is_session, read_metadata
 from ...rig import Rig
 from ..protocol._clock import Clock, SystemClock, seconds
-from ..protocol._message_counts import Counters
-from ..protocol._records import Event, Record
-from ._aborted_runs import end_aborted_runs
-from ._counted import counted_in
-from ._rows import RowWriter
-from ._tables import create_tables, mark, metadata_of, versions
+from ..protocol._message_counts import Counted, Counters
+from ..protocol._records import (
+    Command,
+    Document,
+    Event,
+    Gap,
+    Greeting,
+    LinkChange,
+    Reading,
+    Record,
+    Sample,
+    StateEstimate,
+    Stream,
+)
+from ._tables import create_estimates, create_tables, mark, metadata_of, versions
+
+
+@final
+class RowWriter:
+    """Writes the records of one run.
+
+    **Arguments:**
+
+    - `database`: the database, with the tables of `_tables.py`.
+    - `run`: the number of the run.
+    - `shift`: the difference between the recording's time and the clock's, ns.
+    - `cells`: the number of cells of the rig.
+    - `keep_frames`: whether camera frames are kept as well as the channels taken from them.
+    """
+
+    def __init__(
+        self, database: sqlite3.Connection, run: int, shift: int, cells: int, *, keep_frames: bool
+    ):
+        self._database = database
+        self._run, self._shift, self._cells = run, shift, cells
+        self._keep_frames = keep_frames
+        self._greetings: dict[tuple[str, str], int] = {}
+        self._estimated: tuple[str, ...] | None = None
+        self._keeps_estimates = True
+
+    def insert(self, record: Record) -> None:
+        """Writes a record, inside the caller's transaction."""
+        shift = self._shift
+        match record:
+            case Sample():
+                device = self._device(record)
+                state = record.owner, record.number, record.trip
+                counts = record.pwm or [None] * self._cells  # a camera has none
+                self._row("samples", (None, *device, record.ambient, *state, *counts))
+            case Reading():
+                device = self._device(record)
+                values = record.temperatures.tolist()
+                row = self._row("readings", (None, *device, int(record.recalibrating), *values))
+                if self._keep_frames and record.pixels is not None:
+                    self._row("frames", (row, record.pixels.astype("<u2").tobytes()))
+            case Greeting(link, arrival, hello):
+                content = json.dumps(asdict(hello))
+                row = (None, self._run, link, arrival + shift, hello.boot, hello.rate, content)
+                self._greetings[link, hello.boot] = self._row("greetings", row)
+            case Gap(link, arrival, stream, first, count):
+                self._row("gaps", (None, self._run, link, arrival + shift, stream, first, count))
+            case LinkChange(link, arrival, state, detail):
+                what = None, None, f"link-{state}", detail
+                self._row("events", (None, self._run, link, arrival + shift, *what))
+            case Event(link, arrival, kind, detail, device_us, seq):
+                what = device_us, seq, kind, detail
+                self._row("events", (None, self._run, link, arrival + shift, *what))
+            case Document(arrival, kind, uid, content):
+                text = json.dumps(content)
+                self._row("documents", (None, self._run, arrival + shift, kind, uid, text))
+            case StateEstimate(arrival, twin, values):
+                if self._estimated != tuple(values):
+                    self._estimated = tuple(values)
+                    problem = create_estimates(self._database, self._estimated)
+                    self._keeps_estimates = not problem
+                    if problem:  # what an observer says must not stop the readings
+                        what = None, None, "estimates-dropped", problem
+                        self._row("events", (None, self._run, "", arrival + shift, *what))
+                if self._keeps_estimates:
+                    row = (None, self._run, arrival + shift, twin, *values.values())
+                    self._row("estimates", row)
+            case Command(link, arrival, number, pwm, owner, kind):
+                counts = pwm or [None] * self._cells
+                what = number, owner, kind, *counts
+                self._row("commands", (None, self._run, link, arrival + shift, *what))
+
+    def _device(self, record: Sample | Reading) -> tuple[int, int, int, int]:
+        greeting = self._greetings[record.link, record.boot]
+        return greeting, record.arrival + self._shift, record.device_us, record.seq
+
+    def _row(self, table: str, values: tuple[Any, ...]) -> int:
+        marks = ",".join("?" * len(values))
+        cursor = self._database.execute(f"INSERT INTO {table} VALUES ({marks})", values)
+        return cursor.lastrowid or 0
+
+
+# Ends the driven runs of a recording whose program was killed before it could say how they
+# ended.
+
+# The end of a run that nobody ended.
+END_OF_ABORTED_RUN = {
+    "status": "aborted",
+    "kind": "aborted",
+    "reason": "the program ended without a stop of its own; only the device can have switched off",
+    "off": False,
+    "tripped": False,
+}
+
+
+def end_aborted_runs(database: sqlite3.Connection, run: int, arrival: int) -> None:
+    """Adds a stop document for each start that has none, inside the caller's transaction.
+
+    **Arguments:**
+
+    - `run`: the run of the recorder that has found them.
+    - `arrival`: the time of the documents, ns.
+    """
+    database.execute(
+        "INSERT INTO documents SELECT NULL, ?, ?, 'stop', uid, ? FROM documents AS begun "
+        "WHERE kind = 'start' AND NOT EXISTS "
+        "(SELECT 1 FROM documents WHERE kind = 'stop' AND uid = begun.uid) ORDER BY id",
+        (run, arrival, json.dumps(END_OF_ABORTED_RUN)),
+    )
+
+
+def counted_in(database: sqlite3.Connection) -> dict[str, dict[str, dict[Stream, Counted]]]:
+    """Returns the last messages in a recording: link -> start of a device -> stream ->
+    `Counted`."""
+    result: dict[str, dict[str, dict[Stream, Counted]]] = {}
+    starts = "SELECT link, boot, max(id), min(arrival), max(hello) FROM greetings GROUP BY 1, 2"
+    for link, boot, _, first, hello in database.execute(f"{starts} ORDER BY 3").fetchall():
+        streams: dict[Stream, Counted] = {}
+        own = "greeting IN (SELECT id FROM greetings WHERE link = ? AND boot = ?)"
+        tables: list[tuple[Stream, str, str, tuple[object, ...]]] = [
+            ("data", "samples", own, (link, boot)),
+            ("event", "events", "link = ? AND arrival >= ? AND seq IS NOT NULL", (link, first)),
+        ]
+        if '"camera": null' not in hello:
+            tables.append(("image", "readings", own, (link, boot)))
+        for stream, table, where, values in tables:
+            last = database.execute(
+                f"SELECT seq, device_us FROM {table} WHERE {where} ORDER BY id DESC LIMIT 1", values
+            ).fetchone()
+            if last is not None:
+                streams[stream] = Counted((last[0] + 1) % 2**32, last[1])
+        result.setdefault(link, {})[boot] = streams
+    return result
+
 
 # The sync window: newer records may be lost in a power failure.
 SYNC_SECONDS = 1.0

@@ -6,15 +6,18 @@ arguments. It can thus run behind TCP, behind a pseudo-terminal, or inside a tes
 
 import math
 import secrets
+from dataclasses import replace
 from typing import final
 
 import jax
 import numpy as np
+from jaxtyping import Float, UInt16
 
 from ..._celsius import ZERO_CELSIUS
 from ...errors import LinkError
-from ...physics import Fault, Faults, Twin
+from ...physics import Fault, Faults, System, Twin, pixel_weights
 from ...physics._recalibrations import Recalibrations
+from ...rig import Camera, Channel, NodesSensor, RelayWindow, Rig
 from ..protocol._codec import encode, parse
 from ..protocol._framing import delines
 from ..protocol._identity import Identity
@@ -31,9 +34,119 @@ from ..protocol._messages import (
     Order,
 )
 from ..protocol._output_stage import Answer, OutputStage
-from ._picture import VirtualPicture
 from ._plant import Plant
-from ._relays import Relays
+
+
+@final
+class VirtualPicture:
+    """Renders frames of a twin, linear in its temperatures.
+
+    A pixel is the mean by area of the plate elements, and of the surroundings, that it covers. The
+    smallest correction (least squares) is added that makes each channel's mean equal to its
+    reading, including its gain. It represents the uneven emissivity of the surface, of which only
+    the means over the channels are known.
+    """
+
+    def __init__(self, twin: Twin, camera: Camera, system: System):
+        rig = twin.rig
+        self._shape = (camera.height, camera.width)
+        elements = _elements(rig, camera)
+        nodes = len(twin.netlist.nodes)
+        plain = np.zeros((self._shape[0] * self._shape[1], nodes))
+        plain[:, : elements.shape[1]] = elements
+        means = pixel_weights(rig).reshape(len(rig.channels), -1)
+        with jax.enable_x64(True):
+            wanted = np.asarray(system.output_matrices()[0])
+        spread = np.linalg.pinv(means)
+        self._map = plain + spread @ (wanted - means @ plain)
+        offset = np.zeros(len(means)) if system.offset is None else np.asarray(system.offset)
+        self._offset = (spread @ offset).reshape(self._shape)
+
+    def frame(
+        self,
+        nodes: Float[np.ndarray, " nodes"],
+        ambient: float,
+        error: Float[np.ndarray, "height width"] | float = 0.0,
+    ) -> UInt16[np.ndarray, "height width"]:
+        """Returns a frame in units of 0.01 K, for temperatures in degC and an error of the camera
+        in K."""
+        rise = (self._map @ (nodes - ambient)).reshape(self._shape)
+        celsius = ambient + rise + self._offset + error
+        return np.clip(np.rint((celsius + ZERO_CELSIUS) * 100), 0, 65535).astype(np.uint16)
+
+
+def _elements(rig: Rig, camera: Camera) -> Float[np.ndarray, "pixels elements"]:
+    """The fraction of each pixel that each element of the plate covers."""
+    plate = rig.plate
+    names = plate.element_names
+    channels = tuple(Channel(name, NodesSensor((name,))) for name in names)
+    shares = pixel_weights(replace(rig, channels=channels)).reshape(len(names), -1)
+    x = (camera.view_x[1] - camera.view_x[0]) / plate.width
+    y = (camera.view_y[1] - camera.view_y[0]) / plate.height
+    extents = np.array([plate.extent(name) for name in names])
+    areas = (extents[:, 1] - extents[:, 0]) * x * (extents[:, 3] - extents[:, 2]) * y
+    return (shares * areas[:, None]).T
+
+
+# Times that differ by less are the same, s.
+ROUNDING = 1e-9
+
+
+@final
+class Relays:
+    """The relays of all heaters of a rig that have one. Windows begin at the start of the device.
+
+    A commanded duty takes effect with the next window. A device that nobody commands, or that has
+    tripped, switches off at once, whatever the minimum times: these protect the relay, and off
+    protects the rig.
+
+    **Arguments:**
+
+    - `rig`: the rig.
+    """
+
+    def __init__(self, rig: Rig):
+        self._relays = {column: _Relay(relay) for column, relay in rig.relays.items()}
+
+    def applied(
+        self, duty: Float[np.ndarray, " cells"], time: float, *, is_off: bool
+    ) -> Float[np.ndarray, " cells"]:
+        """The duty of all cells and heaters from a time on, s, with 1 or 0 for those with a relay.
+
+        **Arguments:**
+
+        - `is_off`: whether all relays are to be off at once.
+        """
+        applied = np.array(duty, float)
+        for column, relay in self._relays.items():
+            applied[column] = relay.applied(float(duty[column]), time, is_off)
+        return applied
+
+    def next_switch(self, time: float) -> float:
+        """The next time at which a relay may switch, s; infinite without relays."""
+        return min((relay.next_switch(time) for relay in self._relays.values()), default=math.inf)
+
+
+class _Relay:
+    def __init__(self, relay: RelayWindow):
+        self._relay = relay
+        self._window = -1
+        self._on_until = 0.0
+        self._carried = 0.0
+
+    def applied(self, duty: float, time: float, is_off: bool) -> float:
+        window = math.floor((time + ROUNDING) / self._relay.period)
+        if is_off:
+            self._window, self._on_until, self._carried = window, time, 0.0
+        elif window > self._window:
+            on, self._carried = self._relay.on_time(duty, self._carried)
+            self._window, self._on_until = window, window * self._relay.period + on
+        return float(time + ROUNDING < self._on_until)
+
+    def next_switch(self, time: float) -> float:
+        end = self._relay.period * (math.floor((time + ROUNDING) / self._relay.period) + 1)
+        return self._on_until if time + ROUNDING < self._on_until < end else end
+
 
 # The device trips by itself if a channel is this far above the rig file's limit, K.
 OVER_LIMIT = 10.0

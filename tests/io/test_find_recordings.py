@@ -6,7 +6,7 @@ import pytest
 
 from jaxtwin.errors import RecordingError
 from jaxtwin.io import TWO_CELL, find_recordings
-from jaxtwin.io._locate import cache_folder
+from jaxtwin.io._fetch import cache_folder
 
 NAMES = ("a.mat", "single-cell/b.mat")
 
@@ -18,7 +18,7 @@ def nowhere(tmp_path, monkeypatch) -> Path:
     work.mkdir()
     monkeypatch.chdir(work)
     monkeypatch.delenv("JAXTWIN_RECORDINGS", raising=False)
-    monkeypatch.setattr("jaxtwin.io._locate.cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr("jaxtwin.io._fetch.cache_folder", lambda: tmp_path / "cache")
     return tmp_path
 
 
@@ -57,9 +57,9 @@ def test_the_order_of_places(nowhere, monkeypatch):
 
 def test_beside_the_checkout_from_wherever_it_is_run(nowhere, monkeypatch):
     """Of an installed package, whose folder is no checkout, nothing lies beside it."""
-    checkout = put(nowhere / "projects" / "jaxtwin", "src/jaxtwin/io/_locate.py")
-    module = checkout / "src" / "jaxtwin" / "io" / "_locate.py"
-    monkeypatch.setattr("jaxtwin.io._locate.__file__", str(module))
+    checkout = put(nowhere / "projects" / "jaxtwin", "src/jaxtwin/io/_fetch.py")
+    module = checkout / "src" / "jaxtwin" / "io" / "_fetch.py"
+    monkeypatch.setattr("jaxtwin.io._fetch.__file__", str(module))
     shared = put(nowhere / "projects" / "shared" / "recordings", *NAMES)
     with pytest.raises(RecordingError):
         find_recordings(names=NAMES)
