@@ -21,7 +21,7 @@ import numpy as np
 
 import jaxtwin as jt
 from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, scenario
-from jaxtwin.control.controllers._controller_vector import ControllerVector
+from jaxtwin.control.controllers._design_vector import ControllerVector
 from jaxtwin.control.tuning._loop_slopes import LoopSlopes
 from jaxtwin.control.tuning._tuning_problem import tuning_problem
 

@@ -32,7 +32,7 @@ from jaxtwin.control import (
     save_controller,
     ultimate_point,
 )
-from jaxtwin.control.loops._stability import check_stability
+from jaxtwin.control.loops._loop_margins import check_stability
 from jaxtwin.errors import ControlError, SafetyStop
 from jaxtwin.io import Session
 from jaxtwin.live import (

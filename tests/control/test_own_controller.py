@@ -26,7 +26,7 @@ from jaxtwin.control.controllers._controller import (
     AbstractChannelGroupController,
     AbstractController,
 )
-from jaxtwin.control.loops._stability import check_stability
+from jaxtwin.control.loops._loop_margins import check_stability
 from jaxtwin.errors import ControlError
 
 LAW = """

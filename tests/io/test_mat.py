@@ -9,7 +9,7 @@ import pytest
 import scipy.io
 
 from jaxtwin.errors import RecordingError
-from jaxtwin.io import Experiment, _matlab5, column_names, read_recording
+from jaxtwin.io import Experiment, _mat, column_names, read_recording
 
 TWO_CELL = "peltierMIMOStepSecA.mat"
 
@@ -136,7 +136,7 @@ def test_another_variable_is_unpacked_in_pieces(write, two_cell_simout):
 
 
 def test_a_matrix_beyond_all_recordings_is_refused(write, monkeypatch, two_cell_simout):
-    monkeypatch.setattr(_matlab5, "MAX_MATRIX", 1 << 10)
+    monkeypatch.setattr(_mat, "MAX_MATRIX", 1 << 10)
     with pytest.raises(RecordingError, match="variable 'simout': expected at most 0 MiB"):
         read_recording(write(TWO_CELL, mat(simout=two_cell_simout)))
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from jaxtwin import Experiment, read_recording
-from jaxtwin.io._sentinels import fault_codes
+from jaxtwin.io._glitches import fault_codes
 
 LOG = "time_s,duty_P1,T1_degC\n0,1,20\n1,1,{}\n2,1,20.5\n3,1,21\n"
 

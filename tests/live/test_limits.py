@@ -5,7 +5,7 @@ from limits import Limit, check_limit
 
 from jaxtwin import load_rig
 from jaxtwin.live import TcpServer, encode_line, opener, parse
-from jaxtwin.live.protocol._words import read_integer, read_name, read_number, read_word, split
+from jaxtwin.live.protocol._identity import read_integer, read_name, read_number, read_word, split
 from jaxtwin.physics import Faults
 
 TCLAB = load_rig("tclab")

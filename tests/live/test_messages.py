@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from jaxtwin import JaxtwinError
 from jaxtwin.live import Ask, Beat, Data, Duty, Hello, Image, Notice, Order, deframe, encode, parse
-from jaxtwin.live.protocol._words import read_name, write_name
+from jaxtwin.live.protocol._identity import read_name, write_name
 
 SEQ = st.integers(0, 2**32 - 1)
 TIME = st.integers(0, 2**62)

@@ -1,7 +1,7 @@
 """What begins in most channels at once is one finding, and the rest stays as it is."""
 
-from jaxtwin.live.safety._finding import Finding
-from jaxtwin.monitoring._together import events, together
+from jaxtwin.live.safety._interlock import Finding
+from jaxtwin.monitoring._finding_log import events, together
 
 CHANNELS = [f"T{number}" for number in range(1, 16)]
 

@@ -307,7 +307,7 @@ def test_figures_have_a_panel_for_each_quantity_or_channel(
     """Unexplained heat has one where it is outside its band."""
     always = ["channel, °C", "estimated, °C", "room, °C"]
     assert [axes.get_ylabel() for axes in observed.plot().axes] == always
-    weak = twin.with_values({"alpha_1": 0.006})
+    weak = twin.with_values({"P_1": 0.5})
     panels = [axes.get_ylabel() for axes in observe(weak, recording, USUAL).plot().axes]
     assert panels == [*always[:2], "unexplained heat, W", always[2]]
     forecast = observed.ahead(60.0).plot()

@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.simulation import build_time_grid
-from jaxtwin.simulation._held_inputs import held_quadratics, mean_of, quadratic_at
+from jaxtwin.simulation._held_inputs import held_quadratics, mean_of, merged_changes, quadratic_at
 from jaxtwin.simulation._input_rates import input_rates
-from jaxtwin.simulation._merged_changes import merged_changes
 from jaxtwin.simulation._padding import padded_time_grid
 from jaxtwin.simulation._simulate import _run_exponential
 from jaxtwin.simulation._time_grid import step_rule, time_grid

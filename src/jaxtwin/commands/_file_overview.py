@@ -146,7 +146,7 @@ class _Numbers:
     def __init__(self, table: "TextTable", place: int):
         from ..io._column_meaning import in_english
         from ..io._delimited import TRUTH
-        from ..io._sentinels import is_missing
+        from ..io._glitches import is_missing
         from ..io._timestamps import is_time, is_timestamp_title
         from ..io._title_units import unit_of_title
 

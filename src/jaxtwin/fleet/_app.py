@@ -20,9 +20,8 @@ from ..live.protocol._clock import seconds
 from ..observers._estimates import parameter_estimates
 from ..serve._access import Access, Refusal
 from ..serve._app import HEADERS, asset_files, command_body, refused
-from ..serve._contents import outlook_content, sample_content
+from ..serve._contents import HORIZON, STEPS, outlook_content, sample_content
 from ..serve._metrics import CONTENT_TYPE, Metric, metrics_text
-from ..serve._outlook import HORIZON, STEPS
 from ..serve._rig_layout import rig_layout
 from ..serve._story import Sentence
 from ._fleet import Fleet

@@ -15,8 +15,8 @@ from .._jax_settings import own_settings
 from ..monitoring import Evidence, Monitor, MonitorState
 from ..monitoring._evidence import joined, seen
 from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._moments import Moment
-from ..serve._outlook import HORIZON
+from ..observers._estimates import Moment
+from ..serve._contents import HORIZON
 
 # The number of lanes of a block: the states of more do not fit into a processor's cache, and the
 # lanes of fewer cost more each (`benchmarks/results/fleet.md`).

@@ -25,12 +25,12 @@ from ..monitoring._monitor import channels_of
 from ..monitoring._response import response_of
 from ..monitoring._thresholds import DAY, nominal_calibration
 from ..observers import ProcessNoise, live_observer
-from ..observers._moments import Moment
+from ..observers._estimates import Moment
 from ..physics import Twin
 from ..rig import load_rig, read_parameters
+from ..serve._contents import Outlook, look_ahead
 from ..serve._history import History
 from ..serve._live_diagnosis import DELAYS
-from ..serve._outlook import Outlook, look_ahead
 from ..serve._page import COMPARED_SECONDS
 from ..serve._story import Reason, Sentence, Situation, is_rig_well, is_twin_right, what_comes
 from ..twin_store import TwinStore

@@ -3,11 +3,11 @@
 An `Experiment` (`_experiment`) is what was done to a rig and what was recorded of it, on one time
 grid, checked (`_checks`) and never changed. Which file holds what:
 
-- reading: `_read` recognises the format; `_netcdf`, `_mat` and `_matlab5` read theirs, and
+- reading: `_read` recognises the format; `_netcdf` and `_mat` read theirs, and
   `_table_files`, `_mat` and `_dataframe` make columns of tables
 - text: `_text_table` finds titles and rows, `_named_columns` with `_column_meaning` and
   `_title_units` says what the columns mean, `_delimited` makes numbers of them with `_timestamps`,
-  and `_recorded_columns` an experiment, with `_sentinels`; `_csv` for all
+  and `_recorded_columns` an experiment, with `_glitches`; `_csv` for all
 - writing: `_write`, completely or not at all
 - recordings of a live rig: `_session` reads what `live/recording/` writes, also while it grows;
   `_session_file` (metadata), `_session_rows` (blocks), `_clock_map` (device time

@@ -26,8 +26,8 @@ from jaxtyping import Float
 
 from ..errors import RecordingError
 from ._column_meaning import Choices, Kind, Meaning
+from ._glitches import is_missing
 from ._named_columns import meanings
-from ._sentinels import is_missing
 from ._text_table import EMPTY, SEPARATORS, TextTable, decoded, table_of_text
 from ._timestamps import is_date, is_time, times_of_fields
 

@@ -12,8 +12,7 @@ from ._csv import parse_csv
 from ._delimited import names_of_columns
 from ._duty_of_rig import check_heats_only, of_rig
 from ._experiment import Experiment
-from ._mat import csv_of_mat, is_of_the_authors, parse_mat
-from ._matlab5 import is_matlab5
+from ._mat import csv_of_mat, is_matlab5, is_of_the_authors, parse_mat
 from ._netcdf import parse_netcdf
 from ._recorded_columns import RecordedDrive
 from ._session import Session

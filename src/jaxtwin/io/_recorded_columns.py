@@ -17,7 +17,7 @@ from ._checks import WrongSampleError, duty_from_counts
 from ._column_meaning import CELL, DRIVE, INPUT
 from ._delimited import Column
 from ._experiment import Experiment
-from ._sentinels import FAULT_WORDS, fault_codes, is_missing
+from ._glitches import FAULT_WORDS, fault_codes, is_missing
 
 # The columns of a file, for messages.
 EXPECTED = (

@@ -18,8 +18,8 @@ from typing import final
 
 from ..errors import RecordingError
 from ._column_meaning import Choices
+from ._glitches import is_missing
 from ._named_columns import meanings
-from ._sentinels import is_missing
 from ._timestamps import is_time
 from ._title_units import unit_called, unit_of_title
 

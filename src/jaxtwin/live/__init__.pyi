@@ -64,10 +64,10 @@ from .recording._recorder import Recorder as Recorder
 from .recording._replay import Replay as Replay
 from .recording._report import report as report
 from .safety._alarm_interlock import AlarmInterlock as AlarmInterlock
-from .safety._finding import Finding as Finding
 from .safety._guard import Guard as Guard
 from .safety._guard import interlocks_of as interlocks_of
 from .safety._interlock import AbstractInterlock as AbstractInterlock
+from .safety._interlock import Finding as Finding
 from .safety._operating_limits import OperatingLimits as OperatingLimits
 from .virtual_rig._plant import Plant as Plant
 from .virtual_rig._serve import InProcess as InProcess

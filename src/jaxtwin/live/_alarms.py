@@ -11,7 +11,7 @@ import numpy as np
 from .protocol._clock import seconds
 from .protocol._records import LinkChange, LinkState, Reading, Record, Sample
 from .protocol._rig_state import RigState
-from .safety._finding import Finding
+from .safety._interlock import Finding
 
 # Free space below which the disk counts as nearly full.
 DISK_BYTES = 2**30

@@ -13,8 +13,8 @@ from ._operate import DutySource, Moment, operate
 from ._service import RecordConsumer
 from ._switch_off import Ending
 from .protocol._rig_connection import RigConnection
-from .safety._finding import Finding
 from .safety._guard import Guard
+from .safety._interlock import Finding
 
 
 def drive(

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import final
 
 from ..observers import ExtendedKalmanFilter
+from ..observers._estimates import Moment
 from ..observers._filter_run import state_moments
-from ..observers._moments import Moment
 from ..physics import Twin
 from ._follower import Follower
 from .protocol._records import Reading, Record, StateEstimate

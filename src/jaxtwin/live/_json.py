@@ -19,7 +19,7 @@ from .protocol._records import (
     StateEstimate,
 )
 from .protocol._rig_state import RigState
-from .safety._finding import Finding
+from .safety._interlock import Finding
 
 MILLIKELVIN = 3  # digits of a temperature
 

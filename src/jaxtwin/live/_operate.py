@@ -26,8 +26,8 @@ from .protocol._clock import seconds
 from .protocol._records import Document, Event, Record
 from .protocol._rig_connection import RigConnection
 from .protocol._rig_state import RigState
-from .safety._finding import Finding
 from .safety._guard import Guard
+from .safety._interlock import Finding
 
 # The interval between two commands, s; each also resets the watchdog of the device.
 INTERVAL = 0.25

@@ -16,8 +16,8 @@ from ._switch_off import STILL_HEATS, STILL_ON, Ending, switch_off
 from .protocol._clock import seconds
 from .protocol._records import Command, Event, Reading, Record, Sample
 from .protocol._rig_connection import RigConnection
-from .safety._finding import Finding
 from .safety._guard import Guard, interlocks_of
+from .safety._interlock import Finding
 from .safety._operating_limits import OperatingLimits
 
 # The time for which the rig is heated before each provocation, s.

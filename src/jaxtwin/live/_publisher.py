@@ -10,7 +10,7 @@ from .protocol._mqtt_address import MqttAddress, without_password
 from .protocol._mqtt_transport import connect_client, mqtt_client
 from .protocol._records import Record
 from .protocol._rig_state import RigState
-from .safety._finding import Finding
+from .safety._interlock import Finding
 
 # The kinds of records that are published -> the topics below that of the rig.
 TOPICS = {"reading": "readings", "duty": "duty", "event": "events", "estimate": "estimates"}

@@ -14,8 +14,8 @@ from .protocol._clock import seconds
 from .protocol._records import Record, Sample
 from .protocol._rig_connection import RigConnection
 from .protocol._rig_state import RigState
-from .safety._finding import Finding
 from .safety._guard import Guard
+from .safety._interlock import Finding
 from .safety._off_watch import OffWatch, Verdict, heat_sentence
 
 # The time between two commands to switch off, s.

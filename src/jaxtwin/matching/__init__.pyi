@@ -2,6 +2,7 @@
 # when it is first used.
 
 from ._band import Band as Band
+from ._band import posterior_draws as posterior_draws
 from ._band import prediction_band as prediction_band
 from ._camera_error import CameraError as CameraError
 from ._camera_error import Comparison as Comparison
@@ -26,7 +27,6 @@ from ._match import match as match
 from ._model_error import ModelError as ModelError
 from ._noise_model import Noise as Noise
 from ._noise_model import estimate_noise as estimate_noise
-from ._posterior_draws import posterior_draws as posterior_draws
 from ._profile import Profile as Profile
 from ._profile import profile as profile
 from ._recordings import named_recordings as named_recordings

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from typing import Any, final
 
-from ..live.safety._finding import Finding
+from ..live.safety._interlock import Finding
 from ._evidence import Evidence
-from ._finding_log import FindingLog
+from ._finding_log import MIN_CHANNELS, FindingLog, begin_together, together
 from ._monitor import Monitor, channels_of
 from ._thresholds import MonitorCalibration
-from ._together import MIN_CHANNELS, begin_together, together
 
 # Host times are in ns.
 TICKS = 10**9

@@ -10,7 +10,7 @@ from jaxtyping import ArrayLike, Float
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from ..live import Follower, Reading, Record, RigState
 from ..live.protocol._clock import seconds
-from ..live.safety._finding import Finding
+from ..live.safety._interlock import Finding
 from ..observers import ExtendedKalmanFilter, KalmanState
 from ._evidence import Evidence, joined, seen
 from ._live_findings import LiveFindings

@@ -12,13 +12,12 @@ from .._display import html_table, picture
 from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
 from ..io import Experiment
-from ..live.safety._finding import Finding
+from ..live.safety._interlock import Finding
 from ..observers import Observed
 from ._evidence import Evidences
-from ._finding_log import FindingLog, at_sample, loudest
+from ._finding_log import FindingLog, at_sample, events, loudest, together
 from ._monitor import Monitor
 from ._thresholds import DAY, FAMILIES, MonitorCalibration
-from ._together import events, together
 
 if TYPE_CHECKING:
     import pandas

@@ -5,13 +5,13 @@ An observer (`_observer`) is a pure object with arrays as its state, so that it 
 `ExtendedKalmanFilter` (`_kalman_filter`) corrects its state by the readings.
 
 `MovingHorizonEstimator` (`_moving_horizon`) looks at the last samples (`_window`) together, within
-bounds (`_state_bounds`), by the filter and a smoother of its window (`_window_smoother`).
+bounds (`_state_bounds`), by the filter and a smoother of its window.
 
 The filter is built from parts: the twin with further states (`_augmented_model`), a step of any
 length in the modes of its network, the commands in the driver's delay (`_commands`), the directions
 in which a fit is uncertain (`_uncertain_values`), the distribution at the start (`_start`), and the
 algebra of normal distributions (`_gaussian`). `observe` (`_observe`) runs it over a recording
-(`_filter_run`); the result, `Observed`, forecasts (`_forecast_run`) and smooths.
+(`_filter_run`); the result, `Observed`, forecasts (`_forecast`) and smooths.
 `live_observer` makes a filter for a rig that is read as it runs; `_programs` has the steps of any
 observer for what takes them one by one. `estimate_noise`
 (`_estimate_noise`) finds the levels of a `ProcessNoise`, and `match_innovations`

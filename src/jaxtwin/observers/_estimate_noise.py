@@ -39,7 +39,7 @@ from ..matching._nominal_twin import nominal_twin
 from ..matching._recordings import divided
 from ..physics import Twin
 from ._filter_run import FilterSamples, filtered, samples_of
-from ._forecast_run import starts_of
+from ._forecast import starts_of
 from ._gaussian import LOG_TWO_PI
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._linear_filter import LinearisedPath, filter_path, forecasts_of_path, linearised_path

@@ -13,8 +13,8 @@ from .._jax_settings import own_settings
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
 from ._augmented_model import Transition
+from ._estimates import Moments, moments
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
-from ._moments import Moments, moments
 from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
 
 # A time between two samples that is longer than this many longest steps is a gap.

@@ -12,7 +12,7 @@ one sample before by what the updates $\delta_j$ between have told it:
 $$\hat y_{k|k-m} = \hat y_{k|k-1} - \sum_{j=k-m+1}^{k-1} v_j \delta_j , \qquad
 v_{j-1} = v_j F_j, \quad v_k = H_k ,$$
 
-so that the rows $v$ that its variance needs (`_forecast_run`) give its mean too.
+so that the rows $v$ that its variance needs (`_forecast`) give its mean too.
 """
 
 from dataclasses import replace
@@ -25,10 +25,10 @@ from jaxtyping import Array, Float, Int
 
 from .._compilation import persistent_jit_unoptimised
 from ._augmented_model import Evolution, ExpectedReading
+from ._estimates import Moment
 from ._expected_correction import expected_jump
 from ._filter_run import FilterSamples
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
-from ._moments import Moment
 
 
 class LinearisedPath(NamedTuple):

@@ -17,13 +17,11 @@ from .._jax_settings import own_settings
 from ..errors import ObserverError
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
-from ._estimates import Estimates
+from ._estimates import Estimates, Moments, moments
 from ._filter_run import Filtered, FilterSamples, moments_of, samples_between
-from ._forecast import Forecast
-from ._forecast_run import expected_ahead, expected_from, starts_of
+from ._forecast import Forecast, expected_ahead, expected_from, starts_of
 from ._gaussian import GaussianUpdate, symmetric
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
-from ._moments import Moments, moments
 from ._moving_horizon import MovingHorizonEstimator
 from ._process_noise import ProcessNoise
 

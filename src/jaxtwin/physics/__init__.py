@@ -10,7 +10,7 @@ then numbers for one set of parameter values (`System`). Which file holds what:
 - heat: `_thermoelectric` (cells, eqs. 7 to 10 of the paper), `_driver` (PWM and bridge),
   `_heat_loss` (films and radiation)
 - what is read: `_sensors` (weights, lags), `_camera` (pixels), `_registration` (where the camera
-  looks), `_plate_edges` (found in a frame), `_recalibrations`, `_plate_map`
+  looks, by the edges of the plate in a frame), `_recalibrations`, `_plate_map`
 - inputs besides the duty: `_input_effects`, the links and values that they change
 - the twin: `_twin`, a rig with values
 - faults: `_fault_models`, functions `System -> System`, and `_faults`, when they happen
@@ -23,8 +23,8 @@ from ._fault_models import FAULT_MODELS, Fault, FaultModel
 from ._faults import Faults, TimedFault
 from ._heat_loss import CALM, STEFAN_BOLTZMANN
 from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
-from ._plate_edges import MeasuredRegistration, measure_registration
 from ._plate_map import PlateMap, plate_map
+from ._registration import MeasuredRegistration, measure_registration
 from ._sensors import channel_weights
 from ._system import System
 from ._thermoelectric import DCSweep, ThermoelectricModule

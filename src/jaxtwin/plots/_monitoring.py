@@ -16,7 +16,7 @@ from .._number_text import short_number
 from ..diagnosis import Diagnosis, Isolability
 from ..diagnosis._diagnosis import HEALTHY, NONE_OF_THESE
 from ..monitoring import Monitored
-from ..monitoring._together import events
+from ..monitoring._finding_log import events
 from ..observers import Observed
 from ..prognostics import Health, ParameterHealth
 from ._panels import legend_beside, panel_grid, title_aside

@@ -1,9 +1,9 @@
 """A rig and its twin as a page in a browser: `jaxtwin serve`.
 
-There is one loop (`_rig_loop`), in the main thread, and one twin beside the rig (`_twin_beside`),
+There is one loop (`_rig_loop`), in the main thread, and one twin beside the rig (`TwinBeside`),
 however many clients look. `Page` (`_page`) is a consumer of the loop's service, as a screen is. It
 puts frames (`_contents`), with the story of the rig in three sentences (`_story`) and what the twin
-expects of the next minute (`_outlook`), into a ring (`_frame_ring`), and readings into a history of
+expects of the next minute, into a ring (`_frame_ring`), and readings into a history of
 fixed size (`_history`). `Champion` follows the champion of a store of twins. `LiveDiagnosis` says
 why a rig has changed, and `LiveRefit` refits the champion, both from the last minutes
 (`_recent_samples`) and in processes of their own (`_child_process`), as a virtual rig has one

@@ -2,6 +2,7 @@ from ._access import Access as Access
 from ._access import Refusal as Refusal
 from ._app import web_app as web_app
 from ._champion import Champion as Champion
+from ._champion import TwinBeside as TwinBeside
 from ._commands import compile_loop as compile_loop
 from ._desk import Desk as Desk
 from ._frame_ring import Batch as Batch
@@ -14,7 +15,6 @@ from ._page_server import PageServer as PageServer
 from ._recent_samples import RecentSamples as RecentSamples
 from ._rig_loop import RigLoop as RigLoop
 from ._self_optimiser import SelfOptimiser as SelfOptimiser
-from ._twin_beside import TwinBeside as TwinBeside
 from ._virtual_link import VirtualLink as VirtualLink
 from ._web_server import WebServer as WebServer
 from ._web_server import listening as listening

@@ -18,17 +18,15 @@ from ..live._json import finding_as_json
 from ..live._switch_off import STILL_ON
 from ..live.protocol._clock import seconds
 from ..live.safety._twin_ensemble import Draws
-from ..observers._estimates import Estimate, parameter_estimates
-from ..observers._moments import Moment
+from ..observers._estimates import Estimate, Moment, parameter_estimates
 from ..physics import Twin
-from ._contents import outlook_content, sample_content
+from ._champion import TwinBeside
+from ._contents import HORIZON, STEPS, Outlook, look_ahead, outlook_content, sample_content
 from ._frame_ring import FrameRing
 from ._history import History
 from ._metrics import Metric
-from ._outlook import HORIZON, STEPS, Outlook, look_ahead
 from ._rig_layout import rig_layout
 from ._story import Reason, Situation, is_rig_well, is_twin_right, what_comes
-from ._twin_beside import TwinBeside
 
 # The mean time between two pictures of the readings, ns of the host, and the shortest but for what
 # one of them is late.

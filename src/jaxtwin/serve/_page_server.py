@@ -23,7 +23,7 @@ from ..live import (
 from ..live._stop_request import StopRequest
 from ._access import Access
 from ._app import web_app
-from ._champion import Champion
+from ._champion import Champion, TwinBeside
 from ._desk import Desk
 from ._frame_ring import FrameRing
 from ._live_diagnosis import LiveDiagnosis
@@ -31,7 +31,6 @@ from ._live_refit import LiveRefit
 from ._page import Page
 from ._recent_samples import RecentSamples
 from ._rig_loop import RigLoop
-from ._twin_beside import TwinBeside
 from ._web_server import WebServer
 
 if TYPE_CHECKING:  # a page whose controller is not tuned does not import it

@@ -28,7 +28,6 @@ from ..live import (
 )
 from ..live._switch_off import switch_off
 from ..monitoring._finding_log import KINDS
-from ._after_run import AfterRun
 from ._champion import Champion
 from ._commands import (
     Command,
@@ -52,7 +51,7 @@ from ._desk import (
 )
 from ._live_diagnosis import LiveDiagnosis
 from ._live_refit import LiveRefit
-from ._order_in_force import OrderInForce
+from ._order_in_force import AfterRun, OrderInForce
 from ._page import Page
 
 if TYPE_CHECKING:  # a page whose controller is not tuned does not import it

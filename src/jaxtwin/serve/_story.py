@@ -11,7 +11,7 @@ from .._normal_distribution import QUANTILE_975
 from ..live import Finding
 from ..live.protocol._clock import seconds
 from ..monitoring._monitor import SETTLE
-from ..observers._moments import Moment
+from ..observers._estimates import Moment
 
 # The age from which on readings say nothing about the present, s.
 OLD_SECONDS = 3.0

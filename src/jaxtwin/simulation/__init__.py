@@ -5,12 +5,12 @@ grid that is fine after each input change; any diffrax solver can take its place
 what:
 
 - the inputs: `_drive`, `_delay` (the driver's lag and delay), `_initial`, `_time_grid`, `_padding`
-  (few sizes, few compiled programs), `_check_values`, `_twin_of_experiment`
+  (few sizes, few compiled programs), `_check_values`
 - the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_step_readings`,
   `_interpolation` (samples inside a step), `_resolution`, `_refinement` (were the steps short
   enough?)
 - inputs besides the duty: `_input_levels`, `_input_rates` (how fast a rig answers to each),
-  `_merged_changes` and `_held_inputs` (steps that contain several changes)
+  `_held_inputs` (steps that contain several changes)
 - large plates: `_reduced_modes`, the few modes that the drive reaches; `_few_modes`, those that a
   match takes; `_grid_convergence`, the grid by the accuracy wanted
 - one run: `_simulate`, `_run` (its result), `_power`, `_exceeded_limits`
@@ -24,7 +24,7 @@ what:
 - one step at a time, for observers and controllers: `_stepper`, `_step_preparation`,
   `_reduced_stepper`
 - diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver),
-  `_rodas5p` (a solver for any stiff equations, with `_rosenbrock_step`)
+  `_rodas5p` (a solver for any stiff equations)
 - a million draws and more on an accelerator: `_numbered_chunk` (by Rodas5P),
   `_numbered_network` (the equations as single numbers)
 

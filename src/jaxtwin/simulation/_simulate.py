@@ -1,6 +1,7 @@
 """Simulates one run of a twin."""
 
-from typing import TYPE_CHECKING
+import os
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,13 +22,7 @@ from ..physics._twin import check_twin
 from ..physics._wiring import wiring_of
 from ._check_values import check_values
 from ._drive import Drive
-from ._initial import (
-    CheckedInitial,
-    Initial,
-    checked_initial,
-    initial_temperatures,
-    keeps_symmetry,
-)
+from ._initial import CheckedInitial, Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._integrate import integrate
 from ._modes import run_modes
 from ._padding import padded_time_grid
@@ -35,12 +30,40 @@ from ._refinement import Results, needs_shorter_steps, solve_refined, stability_
 from ._resolution import unresolved_network
 from ._run import Run
 from ._time_grid import TimeGrid
-from ._twin_of_experiment import FittedTwins, twin_of_experiment
 
 if TYPE_CHECKING:
     import diffrax
 
     from ._diffeqsolve import DiffraxMethod
+
+
+@runtime_checkable
+class FittedTwins(Protocol):
+    """The interface of `jaxtwin.Fit` that simulation uses: a twin for each experiment. Simulation
+    cannot import matching."""
+
+    def twin_for(self, experiment: Experiment) -> Twin:
+        """The twin with the experiment's own values."""
+        ...
+
+
+def twin_of_experiment(twin: Twin | FittedTwins, experiment: Experiment) -> Twin:
+    """Returns a twin unchanged, or the twin of a fit for an experiment.
+
+    **Raises:** `SimulationError` if it is neither, or the experiment is none; the errors of
+    `Fit.twin_for`.
+    """
+    if not isinstance(twin, FittedTwins):
+        check_twin("twin", twin, SimulationError)
+    if isinstance(experiment, str | os.PathLike):
+        place = repr(os.fspath(experiment))
+        raise SimulationError(
+            f"experiment: expected {EXPERIMENT}, got {place}; read a file with "
+            f"read_recording({place}), or run a schedule in words with twin.simulate"
+        )
+    of_kind("experiment", experiment, Experiment, EXPERIMENT, SimulationError)
+    return twin.twin_for(experiment) if isinstance(twin, FittedTwins) else twin
+
 
 # The numbers of nodes, of all and for each cell, from which on a run uses few modes. All modes of
 # 600 nodes take a tenth of a second; each cell adds 26 vectors to the space of the few modes.

@@ -20,8 +20,7 @@ from ._draw_units import solve_draws
 from ._initial import Initial, checked_initial
 from ._reductions import ReductionChoice, Reductions, checked_reductions
 from ._refinement import Results, solve_refined
-from ._simulate import checked_channels, chosen_method, ordered
-from ._twin_of_experiment import FittedTwins, twin_of_experiment
+from ._simulate import FittedTwins, checked_channels, chosen_method, ordered, twin_of_experiment
 
 if TYPE_CHECKING:
     import diffrax

@@ -4,7 +4,7 @@ Inputs are held between samples. After each change of an input there is little b
 driver may have a lag): steps are as short as the transient needs that the change starts, and grow
 with the time since then. After a large change, such as that of a duty, they begin with
 milliseconds; after a small one, such as that of a room, with seconds (`StepRule`). Steps go on
-across changes of inputs that a quadratic describes well enough (`_merged_changes`). If the samples
+across changes of inputs that a quadratic describes well enough (`_held_inputs`). If the samples
 allow it, all step sizes are a single size times a power of two, so that a run needs the
 exponentials of few sizes.
 """
@@ -24,11 +24,10 @@ from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import System, Twin
 from ..rig import Input
-from ._held_inputs import held_quadratics, mean_of, quadratic_at
+from ._held_inputs import ROUGHNESS, held_quadratics, mean_of, merged_changes, quadratic_at
 from ._input_levels import input_changes, input_levels, regimes
 from ._input_rates import input_rates
 from ._interpolation import sample_weights, step_polynomials
-from ._merged_changes import ROUGHNESS, merged_changes
 
 # Step sizes without refinement: the first one, s; the largest one as a part of the time since the
 # last change of an input; the largest one, s.

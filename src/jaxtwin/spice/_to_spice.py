@@ -22,7 +22,7 @@ from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..physics._netlist import OWN_VOLTAGE
 from ..rig import Rig, Value
 from ..rig._plate import AMBIENT, FILM_REFERENCE
-from ..simulation._twin_of_experiment import FittedTwins, twin_of_experiment
+from ..simulation._simulate import FittedTwins, twin_of_experiment
 
 # The duration of a step of the drive, s, because sources of SPICE are piecewise linear.
 _RAMP = 1e-6

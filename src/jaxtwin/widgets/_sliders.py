@@ -17,7 +17,7 @@ from ..rig import Parameter
 from ..serve._contents import rounded
 from ..serve._rig_layout import rig_layout
 from ..simulation import Run, simulate
-from ..simulation._twin_of_experiment import twin_of_experiment
+from ..simulation._simulate import twin_of_experiment
 from ._notebook_widget import NotebookWidget
 
 Request = TypeVar("Request")

@@ -14,16 +14,41 @@ could have done, and the rest stays unexplained (Pannocchia and Rawlings, AIChE 
 disturbance models without offset).
 """
 
+from abc import abstractmethod
 from typing import final
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from ..linear._riccati import filter_gain
-from ._estimator import AbstractEstimator
 from ._law import Table
 from ._plant import DesignPlant, Temperatures, checked_plant
+
+
+class AbstractEstimator(eqx.Module):
+    """Estimates the states of a plant, followed by its disturbances, K.
+
+    Duty cycles are deviations from the plant's operating point. What a reading is, an estimator
+    says.
+    """
+
+    @abstractmethod
+    def init(self, duty: Float[Array, " cell"], readings: Float[Array, " reading"]) -> PyTree:
+        """The estimate at the start, from the duty until then and the first readings."""
+
+    @abstractmethod
+    def update(self, estimate: PyTree, readings: Float[Array, " reading"]) -> PyTree:
+        """Corrects a predicted estimate by readings."""
+
+    @abstractmethod
+    def states(self, estimate: PyTree) -> Float[Array, " state"]:
+        """The states of the plant and its disturbances, K."""
+
+    @abstractmethod
+    def predict(self, estimate: PyTree, duty: Float[Array, " cell"]) -> PyTree:
+        """Predicts the estimate of the next sample."""
 
 
 @final

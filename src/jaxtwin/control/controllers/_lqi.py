@@ -41,7 +41,6 @@ from ._controller_fields import (
     matrix,
 )
 from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
-from ._estimator import AbstractEstimator
 from ._file_model import (
     MODEL_FIELDS,
     PER_KELVIN,
@@ -54,7 +53,7 @@ from ._file_model import (
     read_model,
     read_table,
 )
-from ._kalman import KalmanFilter, kalman_filter, kalman_tables, plant_of_filter
+from ._kalman import AbstractEstimator, KalmanFilter, kalman_filter, kalman_tables, plant_of_filter
 from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
 from ._pid import WEIGHT, Parameter, as_parameter
 from ._plant import DesignPlant, Temperatures, check_designed_for, plant_of

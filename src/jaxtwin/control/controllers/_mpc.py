@@ -63,13 +63,12 @@ from ._controller_fields import (
     FileContents,
 )
 from ._duty_limits import GivenLimits, checked_limits
-from ._estimator import AbstractEstimator
 from ._evenness import AbstractEvennessCost
 from ._file_model import (
     MODEL_FIELDS,
     designed,
 )
-from ._kalman import KalmanFilter, error_gain, kalman_filter, plant_of_filter
+from ._kalman import AbstractEstimator, KalmanFilter, error_gain, kalman_filter, plant_of_filter
 from ._law import Law
 from ._mpc_file import mpc_contents, mpc_lines
 from ._mpc_law import mpc_law

@@ -30,8 +30,7 @@ from ...observers import (
     MovingHorizonEstimator,
     MovingHorizonState,
 )
-from ._estimator import AbstractEstimator
-from ._kalman import KalmanFilter
+from ._kalman import AbstractEstimator, KalmanFilter
 from ._plant import DesignPlant
 
 # An observer of a twin that knows what the twin does next.

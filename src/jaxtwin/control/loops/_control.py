@@ -27,11 +27,10 @@ from ..controllers._function_controller import ControlFunction, as_controller
 from ._closed_loop import run_loop
 from ._closed_loop_run import ClosedLoopRun
 from ._loop_checks import check_cells, check_reach, check_sample_time
-from ._loop_margins import LoopMargins, loop_margins
+from ._loop_margins import LoopMargins, check_stability, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
 from ._scenario import scenario
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
-from ._stability import check_stability
 
 
 @announced("closed loop")

@@ -1,5 +1,6 @@
 """The margins of a controller on a twin: how far from instability its loop is."""
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -13,8 +14,9 @@ from ...errors import ControlError
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
+from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController
-from ..controllers._controller_vector import ControllerVector
+from ..controllers._design_vector import ControllerVector
 from ..linear._margins import (
     DiskMargin,
     Margins,
@@ -25,11 +27,51 @@ from ..linear._margins import (
 )
 from ._loop_checks import check_cells
 from ._many_loops import longest_delay, twin_at_medians
-from ._references import reference_samples
+from ._references import reference_samples, representative_samples
 from ._sampled_loop import ROUNDING, SampledLoops
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def check_stability(
+    twin: Twin,
+    controller: AbstractController,
+    weights: Float[np.ndarray, "outputs channels"],
+    references: Float[np.ndarray, "samples outputs"],
+) -> None:
+    """Refuses a controller whose loop with the twin is not stable at one of its references.
+
+    A class that is not linear about a steady state (`is_linear`) is not checked. The check uses the
+    linear loop at the sample time of the controller, with the driver's delay and
+    lag. Of many references, it uses the lowest, the highest and some between them.
+
+    **Raises:** `ControlError` that names the reference and the growth of deviations there.
+    """
+    controller = controller.averaged
+    if not controller.is_linear:
+        return
+    delay = assembled(twin).delay
+    for reference in references[representative_samples(references)]:
+        loops = SampledLoops(
+            twin,
+            {},
+            ControllerVector(controller, ()),
+            weights,
+            reference,
+            longest_delay=0.0 if delay is None else float(delay),
+            sensor_delay=0.0,
+        )
+        growth = loops.growth()
+        if not growth < 1 + ROUNDING:
+            seconds = controller.sample_time_s / math.log(growth)
+            at = "/".join(f"{value:g}" for value in reference)
+            raise ControlError(
+                f"controller: expected one with which {twin.rig.name} is stable, got deviations "
+                f"from {at} degC that grow e-fold in {seconds:.3g} s, by the twin linearised "
+                "there; use smaller gains, or the parameters of a match if the rig is another"
+            )
+
 
 Response: TypeAlias = Complex[np.ndarray, "frequency outputs outputs"]
 

@@ -23,8 +23,7 @@ from jaxtyping import Array, Complex, Float
 from ..._compilation import persistent_jit_unoptimised
 from ...physics import Twin
 from ..controllers._controller import AbstractController
-from ..controllers._controller_vector import ControllerVector
-from ..controllers._design_vector import DesignVector
+from ..controllers._design_vector import ControllerVector, DesignVector
 from ..controllers._linear_controller import (
     Matrices,
     SteadyReadings,

@@ -14,8 +14,7 @@ from ..._jax_settings import own_settings
 from ...physics import Twin
 from ...simulation import Stepper
 from ...simulation._workers import work_in_chunks
-from ..controllers._controller_vector import ControllerVector, Line
-from ..controllers._design_vector import ControllerNumbers
+from ..controllers._design_vector import ControllerNumbers, ControllerVector, Line
 from ..loops._closed_loop import run_loop
 from ..loops._loop_signals import ClosedLoop
 from ..loops._many_loops import CHUNK_BYTES, is_whole_delay, numbers_per_step, steppers_of

@@ -11,6 +11,15 @@ import numpy as np
 
 from ...errors import LinkError
 from ._framing import encode_line, encode_packet
+from ._identity import (
+    read_integer,
+    read_name,
+    read_names,
+    read_number,
+    read_word,
+    split,
+    write_name,
+)
 from ._messages import (
     VERSION,
     Ask,
@@ -23,7 +32,6 @@ from ._messages import (
     Notice,
     Order,
 )
-from ._words import read_integer, read_name, read_names, read_number, read_word, split, write_name
 
 _HEADER = struct.Struct("<BBBxIQHH")  # kind, 0, flags, sequence, device time, width, height
 _IMAGE = 1  # kind of packet

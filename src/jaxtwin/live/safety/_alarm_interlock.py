@@ -6,8 +6,7 @@ from typing import Any, final
 
 from ..protocol._records import Record
 from ..protocol._rig_state import RigState
-from ._finding import Finding
-from ._interlock import AbstractInterlock
+from ._interlock import AbstractInterlock, Finding
 
 
 @final

@@ -9,9 +9,8 @@ from ...io import Experiment
 from ...physics import Twin
 from ..protocol._records import Record
 from ..protocol._rig_state import RigState
-from ._finding import Finding
 from ._hidden_heat import HottestPart
-from ._interlock import AbstractInterlock
+from ._interlock import AbstractInterlock, Finding
 from ._obedience import Obedience
 from ._off_watch import OffWatch
 from ._operating_limits import OperatingLimits

@@ -13,7 +13,7 @@ from ...io import Experiment
 from ...physics import Twin
 from ..protocol._records import Reading
 from ._duty_response import DutyResponse
-from ._finding import Finding
+from ._interlock import Finding
 from ._operating_limits import OperatingLimits
 from ._responsiveness import MEMORY_SECONDS
 from ._twin_ensemble import Draws, TwinEnsemble

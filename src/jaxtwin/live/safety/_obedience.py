@@ -5,8 +5,7 @@ from typing import NamedTuple, final
 
 from ..protocol._records import Command, Document, Record, Sample
 from ..protocol._rig_state import RigState
-from ._finding import Finding
-from ._interlock import AbstractInterlock
+from ._interlock import AbstractInterlock, Finding
 
 # The largest accepted difference between applied and commanded counts.
 MAX_COUNT_DIFFERENCE = 1

@@ -13,8 +13,7 @@ from ...rig import Driver
 from ..protocol._clock import seconds
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
-from ._finding import Finding
-from ._interlock import AbstractInterlock
+from ._interlock import AbstractInterlock, Finding
 from ._operating_limits import OperatingLimits
 
 # The time over which a rate is computed, s of the rig, so that noise does not count as a rate.

@@ -18,8 +18,7 @@ from ..protocol._records import (
     Sample,
 )
 from ..protocol._rig_state import CLOCK_DRIFT, DeviceClock, RigState
-from ._finding import Finding
-from ._interlock import AbstractInterlock
+from ._interlock import AbstractInterlock, Finding
 
 
 @final

@@ -12,9 +12,8 @@ from ...physics import Twin
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
 from ._duty_response import DutyResponse
-from ._finding import Finding
 from ._hidden_heat import HiddenHeat, HottestPart
-from ._interlock import AbstractInterlock
+from ._interlock import AbstractInterlock, Finding
 from ._off_watch import OffWatch
 from ._operating_limits import OperatingLimits
 from ._responsiveness import Responsiveness
