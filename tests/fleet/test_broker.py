@@ -2,15 +2,12 @@
 
 import contextlib
 import json
-import shutil
-import socket
-import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from mosquitto import running_broker
 from small_fleet import fleet_file
 
 from jaxtwin.fleet import Fleet, FleetFile, VirtualFleet
@@ -23,21 +20,8 @@ pytestmark = pytest.mark.mosquitto
 
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[str]:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    config = tmp_path / "mosquitto.conf"
-    config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nmax_queued_messages 0\n")
-    command = [shutil.which("mosquitto") or "mosquitto", "-c", str(config)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    for _ in range(1000):
-        try:
-            socket.create_connection(("127.0.0.1", port)).close()
-            break
-        except OSError:
-            threading.Event().wait(0.01)
-    yield f"mqtt://127.0.0.1:{port}/plant"
-    process.terminate()
-    process.wait()
+    with running_broker(tmp_path, "allow_anonymous true\nmax_queued_messages 0\n") as address:
+        yield f"mqtt://{address}/plant"
 
 
 def turn_until(fleet: Fleet, is_done: Callable[[], bool]) -> None:

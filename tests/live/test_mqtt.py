@@ -1,8 +1,6 @@
 """MQTT against a real broker: Debian's mosquitto, on loopback."""
 
-import contextlib
 import json
-import shutil
 import socket
 import subprocess
 import threading
@@ -12,6 +10,7 @@ from typing import Any
 
 import pytest
 from folded import feed
+from mosquitto import running_broker
 
 from jaxtwin import JaxtwinError, load_rig
 from jaxtwin.io import Session
@@ -42,31 +41,9 @@ from jaxtwin.rig import Rig
 RIG = load_rig("dual-cell")
 
 
-@contextlib.contextmanager
-def started(folder: Path, options: str) -> Iterator[str]:
-    """A broker on a free port."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    config = folder / "mosquitto.conf"
-    config.write_text(f"listener {port} 127.0.0.1\npersistence false\n{options}")
-    command = [shutil.which("mosquitto") or "mosquitto", "-c", str(config)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    for _ in range(1000):
-        try:
-            socket.create_connection(("127.0.0.1", port)).close()
-            break
-        except OSError:
-            threading.Event().wait(0.01)
-    try:
-        yield f"127.0.0.1:{port}"
-    finally:
-        process.terminate()
-        process.wait()
-
-
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[str]:
-    with started(tmp_path, "allow_anonymous true\n") as address:
+    with running_broker(tmp_path, "allow_anonymous true\n") as address:
         yield address
 
 
@@ -146,7 +123,7 @@ def test_user_and_password_of_the_address_are_used(tmp_path: Path) -> None:
     passwords = tmp_path / "passwords"
     subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "anna", "s:c"], check=True)
     options = f"allow_anonymous false\npassword_file {passwords}\nuser root\n"
-    with started(tmp_path, options) as broker:
+    with running_broker(tmp_path, options) as broker:
         MqttTransport(MqttAddress.parse(f"mqtt://anna:s%3Ac@{broker}/t")).close()
         with pytest.raises(TimeoutError, match="refuses"):
             MqttTransport(MqttAddress.parse(f"mqtt://{broker}/t"))
@@ -173,7 +150,7 @@ def test_a_link_is_encrypted_and_asks_for_certificates(tmp_path: Path) -> None:
     at = tmp_path
     options = f"cafile {at}/ca.pem\ncertfile {at}/broker.pem\nkeyfile {at}/broker.key\n"
     options += "require_certificate true\nuse_identity_as_username true\nuser root\n"
-    with started(tmp_path, options) as broker:
+    with running_broker(tmp_path, options) as broker:
         url = f"mqtts://{broker}/t?ca={at}/ca.pem"
         own = MqttTransport(MqttAddress.parse(f"{url}&cert={at}/anna.pem&key={at}/anna.key"))
         own.write(b"over TLS")
