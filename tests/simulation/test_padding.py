@@ -180,4 +180,5 @@ def test_a_match_to_others_compiles_nothing_and_finds_the_same(twin, compilation
     }
     pairs = zip(fit.runs.values(), sessions[2:], strict=True)
     errors = np.concatenate([run.temperatures - session.temperatures for run, session in pairs])
-    assert fit.rmse == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-3, abs=1e-7)
+    # Where there is a compiler the match is solved in C, a few 1e-6 K from `simulate`.
+    assert fit.rmse == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-3, abs=5e-6)

@@ -35,7 +35,7 @@ from ._fitted_parameters import fitted_parameters
 from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._loss import AbstractLoss
 from ._model_error import estimate_model_error
-from ._native_recordings import REFINEMENTS, NativeRecordings
+from ._native_recordings import NativeRecordings
 from ._nominal_twin import nominal_twin
 from ._objective import make_objective
 from ._problem import (
@@ -321,7 +321,7 @@ def _solver_gap(
     for number, (comparison, of_match) in enumerate(zip(comparisons, simulated, strict=True)):
         errors = None
         if native is not None:
-            errors = native.output_errors(vector, number, halvings=REFINEMENTS)
+            errors = native.errors_of_short_steps(vector, number)
         if errors is None:
             gap = comparison.run.temperatures - of_match
         else:

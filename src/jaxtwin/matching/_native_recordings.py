@@ -18,12 +18,14 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..simulation._delay import draws_change_delay
 from ..simulation._initial import CheckedInitial, checked_initial
 from ..simulation._native_chunk import NativeRun, native_run
-from ..simulation._padding import padded
+from ..simulation._padding import padded, padded_time_grid
+from ..simulation._simulate import _run_exponential
 from ..simulation._workers import is_accelerated
 from ._objective import MatchObjective
 from ._problem import MatchProblem
@@ -47,6 +49,15 @@ class _Recording(NamedTuple):
     experiment: Experiment
     columns: Int[np.ndarray, " channels"]
     temperatures: Float[np.ndarray, "times channels"]
+
+    def errors_of(
+        self, readings: Float[np.ndarray, "_times channels"]
+    ) -> Float[np.ndarray, "times channels"]:
+        """Simulated minus recorded temperatures, K; 0 where the recording is padded."""
+        times = len(self.experiment.time)
+        errors = np.zeros_like(self.temperatures)
+        errors[:times] = readings[:times] - self.temperatures[:times]
+        return errors
 
 
 @final
@@ -90,10 +101,23 @@ class NativeRecordings:
         return recordings if all(run is not None for run in can) else None
 
     def output_errors(
-        self, vector: Float[np.ndarray, " unknowns"], number: int, halvings: int = 0
+        self, vector: Float[np.ndarray, " unknowns"], number: int
+    ) -> Float[np.ndarray, "times channels"]:
+        """The `output_errors` of one recording: by C, or by the program of `simulate` where C
+        cannot solve it, as with values that are far from any device's."""
+        errors = self._native_errors(vector, number, 0)
+        return self._errors_by_jax(vector, number) if errors is None else errors
+
+    def errors_of_short_steps(
+        self, vector: Float[np.ndarray, " unknowns"], number: int
     ) -> Float[np.ndarray, "times channels"] | None:
-        """The `output_errors` of one recording, with steps halved at least so often; None if C
-        cannot solve it."""
+        """The `output_errors` by C with its shortest steps; None if C cannot solve them."""
+        return self._native_errors(vector, number, REFINEMENTS)
+
+    def _native_errors(
+        self, vector: Float[np.ndarray, " unknowns"], number: int, halvings: int
+    ) -> Float[np.ndarray, "times channels"] | None:
+        """The `output_errors` by C with steps halved at least so often; None if it cannot."""
         recording, local = self._recordings[number], vector[self._entries[number]]
         # As many draws as for the derivatives, of which one is solved: the program that packs them
         # is then the same.
@@ -103,11 +127,19 @@ class NativeRecordings:
             readings = np.empty((1, run.samples, len(recording.columns)))
             result = run.solve_packed(run.pack(values)[:, :1], 1, readings)
             if not np.any(result["refused"] | result["failed"]):
-                times = len(recording.experiment.time)
-                errors = np.zeros_like(recording.temperatures)
-                errors[:times] = readings[0, :times] - recording.temperatures[:times]
-                return errors
+                return recording.errors_of(readings[0])
         return None
+
+    def _errors_by_jax(
+        self, vector: Float[np.ndarray, " unknowns"], number: int
+    ) -> Float[np.ndarray, "times channels"]:
+        recording, local = self._recordings[number], vector[self._entries[number]]
+        grid = padded_time_grid(
+            self._twin, recording.experiment, steady_start=isinstance(self._initial, str)
+        )
+        twin = self._twin.with_values(self._values(local))
+        _, readings, _, _ = _run_exponential(twin, grid, self._initial)
+        return recording.errors_of(np.asarray(readings)[:, recording.columns] - ZERO_CELSIUS)
 
     def jacobian(
         self, vector: Float[np.ndarray, " unknowns"], number: int
