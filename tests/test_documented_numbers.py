@@ -25,7 +25,7 @@ NUMBERS = [
     (
         "docs/protocol.md",
         "is that of the rig file: 1 to {} characters",
-        LIVE + "protocol._words.MAX_NAME",
+        LIVE + "protocol._identity.MAX_NAME",
         1,
     ),
     ("docs/protocol.md", "repeats it every {} s", LIVE + "_operate.INTERVAL", 1),

@@ -21,7 +21,7 @@ from jaxtwin.simulation import _native_library
 from jaxtwin.simulation._native_library import VARIABLE, native_library, native_state
 from jaxtwin.simulation._native_network import Elimination, native_network
 from jaxtwin.simulation._reductions import REDUCTIONS, ReductionName
-from jaxtwin.simulation._rodas5p import (
+from jaxtwin.simulation._rosenbrock_step import (
     CORRECTION,
     DENSE,
     GAMMA,

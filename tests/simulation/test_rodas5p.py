@@ -14,7 +14,7 @@ from jaxtwin._sparse_jacobian import column_groups, sparse_jacobian
 from jaxtwin._sparse_lu import SparseLU
 from jaxtwin.simulation import Rodas5P
 from jaxtwin.simulation._numbered_network import network_pattern
-from jaxtwin.simulation._rodas5p import GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
+from jaxtwin.simulation._rosenbrock_step import GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
 from jaxtwin.simulation._simulate_batch import simulate_batch
 
 PATTERN = np.array([[1, 1, 0], [1, 1, 1], [0, 1, 1]], bool)

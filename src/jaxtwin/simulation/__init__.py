@@ -24,7 +24,7 @@ what:
 - one step at a time, for observers and controllers: `_stepper`, `_step_preparation`,
   `_reduced_stepper`
 - diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver),
-  `_rodas5p` (a solver for any stiff equations)
+  `_rodas5p` (a solver for any stiff equations, with `_rosenbrock_step`)
 - a million draws and more on an accelerator: `_numbered_chunk` (by Rodas5P),
   `_numbered_network` (the equations as single numbers)
 

@@ -24,7 +24,7 @@ from ..rig._plate import FILM_REFERENCE
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._native_inputs import InputLayout, NativeInputs
 from ._numbered_network import network_pattern
-from ._rodas5p import CORRECTION, DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
+from ._rosenbrock_step import CORRECTION, DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
 from ._time_grid import InputSummary, reference_temperature
 
 

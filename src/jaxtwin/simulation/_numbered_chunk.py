@@ -25,7 +25,7 @@ from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._numbered_network import NumberedNetwork, Numbers
 from ._padding import SIZES, padded_count, with_padding
 from ._resolution import MAX_SPAN, network_span
-from ._rodas5p import NODES, added, rosenbrock_step, step_matrix
+from ._rosenbrock_step import NODES, added, rosenbrock_step, step_matrix
 from ._step_readings import StepReadings, largest
 from ._time_grid import (
     InputSummary,
