@@ -64,6 +64,28 @@ def test_powells_singular_function_ends_at_zero():
     assert float(solution.stats["cost"]) < 1e-10
 
 
+def test_a_descent_ends_where_rounding_refuses_a_step_that_promises_nothing():
+    rng = np.random.default_rng(0)
+    a, b = jnp.asarray(rng.standard_normal((20, 3))), jnp.asarray(rng.standard_normal(20))
+    start = jnp.linalg.lstsq(a, b)[0] + 1e-6
+
+    def rough(y, args):
+        """Every other point costs a little more."""
+        rounding = jnp.where(jnp.all(y == start), 0.0, 1e-5)
+        return jnp.append(a @ y - b, rounding)
+
+    solution = optx.least_squares(
+        rough,
+        BoundedLevenbergMarquardt(rtol=1e-6, gtol=0.0),
+        start,
+        options={"jacobian": lambda y, args: jnp.append(a, jnp.zeros((1, 3)), axis=0)},
+        max_steps=500,
+        throw=False,
+    )
+    np.testing.assert_array_equal(solution.value, start)
+    assert int(solution.stats["num_residuals"]) == 2
+
+
 @pytest.mark.parametrize("start", [[-1.2, 1.0], [0.4, 0.4]])
 def test_an_optimum_on_the_box_is_scipys(start):
     lower, upper = [-2.0, -1.0], [0.5, 3.0]
