@@ -1,7 +1,8 @@
-"""The steps and the result of a descent: as the optimiser has them, and as the user sees them.
+"""The state, the steps and the result of a descent: as the optimiser has them, and as the user
+sees them.
 
-`DescentStep` and `DescentResult` hold the optimiser's vector; `Iteration` and `Optimum` hold the
-same in the parameters' units.
+`LMState` is what the optimiser carries from trial to trial. `DescentStep` and `DescentResult` hold
+the optimiser's vector; `Iteration` and `Optimum` hold the same in the parameters' units.
 """
 
 from collections.abc import Callable, Mapping, Sequence
