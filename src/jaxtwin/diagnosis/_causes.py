@@ -24,7 +24,7 @@ from ._suspects import Suspect
 # The number of faults that are followed.
 SURVIVORS = 6
 
-# A channel whose readings are the same for so many samples may be stuck.
+# The number of equal readings from which on a channel may be stuck.
 MIN_EQUAL_READINGS = 10
 
 # A size that differs from that of its filter by less than this part needs no other filter.
@@ -109,25 +109,27 @@ def survivors(
     onset = np.asarray(said.onset)[at, numbers]
     onset = np.array([stuck.get(n, first) for n, first in zip(numbers, onset, strict=True)])
     inflation = np.asarray(prior.inflation)[numbers]
-    own = [several[int(number)] for number in numbers]
+    suspects = [several[int(number)] for number in numbers]
     multiples = np.asarray(said.multiple)[at, numbers]
-    made = [_of_multiple(one, float(m)) for one, m in zip(own, multiples, strict=True)]
+    made = [_of_multiple(one, float(m)) for one, m in zip(suspects, multiples, strict=True)]
     turn = 0
     while True:
         turn += 1
         rows = slice(int(onset.min()) - 1, last + 1)
         # The ratio, which is linear in the fault, sees a large one a sample late.
         begins = np.concatenate([onset, onset - 1])
-        effects = [abs(one.multiple_of(now.size)) for one, now in zip(own, made, strict=True)]
+        effects = [abs(one.multiple_of(now.size)) for one, now in zip(suspects, made, strict=True)]
         spread = np.tile(np.asarray(prior.spread)[numbers] / effects, 2)
-        both = _follow(observed, 2 * made, spread, begins, rows)
-        each = _evidence(observed, 2 * made, both, begins, rows) / np.tile(inflation, 2)[:, None]
+        candidates = _follow(observed, 2 * made, spread, begins, rows)
+        each = (
+            _evidence(observed, 2 * made, candidates, begins, rows) / np.tile(inflation, 2)[:, None]
+        )
         # Most is known when the fault ends: what comes after it speaks against it.
         most = int(each.max(axis=0).argmax()) if is_over else each.shape[1] - 1
         is_earlier = each[SURVIVORS:, most] > each[:SURVIVORS, most]
         picked = np.arange(SURVIVORS) + SURVIVORS * is_earlier
         onset, evidence = begins[picked], each[picked, : most + 1]
-        of_each = jax.tree.map(lambda leaf, now=(picked, most): leaf[now], both)
+        of_each = jax.tree.map(lambda leaf, now=(picked, most): leaf[now], candidates)
         is_alive = evidence[:, -1] > evidence[:, -1].max() - DEAD
         is_done = (np.abs(of_each.multiple - 1) < REFILTER_FRACTION) & ~is_earlier
         if turn == MAX_ROUNDS or (is_done | ~is_alive).all():
@@ -170,8 +172,8 @@ def _stuck(observed: Observed, several: Sequence[Suspect], at: int) -> dict[int,
     result = {}
     for number, suspect in enumerate(several):
         if suspect.held in observed.channels:
-            own = readings[:, observed.channels.index(suspect.held)]
-            moved = np.flatnonzero(own != own[-1])
+            column = readings[:, observed.channels.index(suspect.held)]
+            moved = np.flatnonzero(column != column[-1])
             second = int(moved[-1]) + 2 if len(moved) else 0
             if second and at - second >= MIN_EQUAL_READINGS:
                 result[number] = second
@@ -251,7 +253,7 @@ PATIENCE = 600.0
 # A fault is over when so much of the logarithm of its odds is lost, and a tenth of it.
 OVER = 10.0
 
-# A fault that is over is followed for so many samples more, to see when it ended.
+# The number of samples for which a fault that is over is still followed, to see when it ended.
 AFTER = 30
 
 # None of the suspects is the cause if the best leaves more than this multiple of the squares of

@@ -34,8 +34,8 @@ MAX_CORRELATION = 0.999
 MIN_RANGE = 4.0
 # Structures matched in one batch, and structures that are judged on held-out blocks.
 BATCH, JUDGED = 16, 24
-# Of the best and of the simplest structures so many are also tried with a drift of the room, and
-# with a delay.
+# The number of the best, and of the simplest, structures that are also tried with a drift of the
+# room, and with a delay.
 VARIED = 8
 # They stay if the logarithm of their probability gains at least this.
 MIN_GAIN = 2.0

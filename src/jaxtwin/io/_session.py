@@ -126,9 +126,9 @@ class BinMeans:
             counts = np.bincount(place - first, solution, length)
             self._counts[part, column] += counts.astype(np.int32)
         for number in np.unique(run):
-            own = place[(run == number) & there.any(axis=1)]
-            before = self._runs[own]
-            self._runs[own] = np.where((before == NONE) | (before == number), number, MIXED)
+            bins = place[(run == number) & there.any(axis=1)]
+            before = self._runs[bins]
+            self._runs[bins] = np.where((before == NONE) | (before == number), number, MIXED)
 
     def result(self) -> Float[np.ndarray, "grid columns"]:
         """The means; NaN for bins without samples, or with samples of several runs. It is made in

@@ -141,9 +141,8 @@ def _descend_batch(
         space = jax.device_put(space)
         objective = _stacked(batch.objectives)
         state = _first_state(solver, batch.starts, space)
-        native = None
-        if space.difference_steps is None:
-            native = NativeDescents.of(batch.problems, objective)
+        differences = space.difference_steps is not None
+        native = None if differences else NativeDescents.of(batch.problems, objective)
         for iteration in range(int(left.max(initial=0)) + 1):
             if iteration == 0 and earlier:
                 evaluation = jax.device_put(_stacked([start.evaluation for start in earlier]))
@@ -191,8 +190,7 @@ def _first_state(
     if earlier:
         # Go on as boldly as before, but not more carefully than from a start: a descent ends with a
         # large damping where rounding stopped it, and with other weights it would stop at once.
-        damping = np.array([min(float(s.damping), solver.damping) for s in earlier])
-        damping = jax.device_put(damping)
+        damping = jax.device_put(np.minimum([float(s.damping) for s in earlier], solver.damping))
         optimiser = eqx.tree_at(lambda s: s.damping, optimiser, damping)
     return DescentState(vectors, optimiser, None)
 

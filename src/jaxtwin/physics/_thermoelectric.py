@@ -49,7 +49,7 @@ class DCSweep:
     """
 
     current: Float[np.ndarray, " currents"]
-    delta_T: Float[np.ndarray, " differences"]  # noqa: N815
+    delta_T: Float[np.ndarray, " differences"]  # noqa: N815  # the symbol of datasheets
     T_hot: float
     heat_flow: Float[np.ndarray, "differences currents"]
     power: Float[np.ndarray, "differences currents"]

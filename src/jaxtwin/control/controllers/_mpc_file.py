@@ -109,14 +109,14 @@ def evenness_lines(
       and stand with these.
     - `points`, `names`, `by_errors`: the points that are to be even.
     """
-    own = Temperatures(np.asarray(watched.C)[limited:], np.asarray(watched.at)[limited:])
+    temperatures = Temperatures(np.asarray(watched.C)[limited:], np.asarray(watched.at)[limited:])
     return [
         "",
         "[evenness]",
         f"cost = {json.dumps(cost.name)}",
         f'energy_price = "{cost.energy_price!r} K"',
         f"L = {float(np.asarray(watched.L)[0])!r}",
-        *_row_lines("channels", channels[limited:], own),
+        *_row_lines("channels", channels[limited:], temperatures),
         *_row_lines("points", names, points),
         f"by_errors = {as_matrix(by_errors, PLAIN)}",
     ]

@@ -57,16 +57,16 @@ def unsettled(loop: Any, outputs: Sequence[str]) -> tuple[str, ...]:
     last, half = count - int(LAST_PART * count), count // 2
     if last <= half or np.ptp(reference[half:], axis=0).any():
         return ()
-    said = []
+    sentences = []
     for name, error in zip(outputs, (output - reference).T, strict=True):
         end, before = error[last:], error[half:last]
         swing = float(np.ptp(end))
         crossings = np.count_nonzero(np.diff(np.sign(end - end.mean())))
         if swing > 2 * SETTLING_BAND and crossings >= CROSSINGS:
-            said.append(f"{name} swings by {swing:.1f} K at the end")
+            sentences.append(f"{name} swings by {swing:.1f} K at the end")
         elif min(abs(end)) > 2 * SETTLING_BAND and abs(end[-1]) > COMES_NEARER * abs(before[0]):
             side = "above" if end[-1] > 0 else "below"
-            said.append(f"{name} stays {abs(end[-1]):.1f} K {side} its reference")
+            sentences.append(f"{name} stays {abs(end[-1]):.1f} K {side} its reference")
         else:
             slope, now = np.polyfit(np.arange(len(end)) - len(end) + 1, end, 1)
             moved, later = slope * count, now + slope * count
@@ -74,11 +74,11 @@ def unsettled(loop: Any, outputs: Sequence[str]) -> tuple[str, ...]:
             is_away = abs(moved) > SETTLING_BAND and moved * now > 0
             if is_away and abs(later) > 2 * SETTLING_BAND:
                 side = "above" if later > 0 else "below"
-                said.append(
+                sentences.append(
                     f"{name} drifts, now {abs(now):.1f} K {side} its reference and "
                     f"{abs(later):.1f} K after as long again"
                 )
-    return tuple(said)
+    return tuple(sentences)
 
 
 @final

@@ -201,17 +201,17 @@ class PlacedPlate:
         fixed = {k: v for k, v in self._values.items() if k not in self._coordinates}
         values = all_values(self._rig, fixed | dict(zip(self._coordinates, moved, strict=True)))
 
-        def parts(found: Float[np.ndarray, "n *moves"]) -> _Moved:
-            if found.ndim == 1:  # no place acts on it
-                found = np.repeat(found[:, None], 1 + len(steps), axis=1)
-            return _Moved(found[:, 0], (found[:, 1:] - found[:, :1]) / steps)
+        def parts(numbers: Float[np.ndarray, "n *moves"]) -> _Moved:
+            if numbers.ndim == 1:  # no place acts on it
+                numbers = np.repeat(numbers[:, None], 1 + len(steps), axis=1)
+            return _Moved(numbers[:, 0], (numbers[:, 1:] - numbers[:, :1]) / steps)
 
         # What follows from places is in the conductances, or above 0 inside the bounds.
         plain = {**fixed, **self._rig.nominal_inputs, **dict.fromkeys(wiring.on_plate, 1.0)}
         plain |= dict(zip(self._coordinates, places.tolist(), strict=True))
         radiating = wiring.radiating
         with own_settings():
-            found = _at_rest(
+            rest = _at_rest(
                 wiring,
                 {name: jnp.asarray(value) for name, value in plain.items()},
                 parts(wiring.conductance_numbers(values)),
@@ -219,7 +219,7 @@ class PlacedPlate:
                 jnp.asarray(unknowns[len(places) :]),
                 jnp.asarray(self._nodes),
             )
-            nodes, nodes_by, outputs, outputs_by, ambient = map(np.asarray, found)
+            nodes, nodes_by, outputs, outputs_by, ambient = map(np.asarray, rest)
         # The next places are near.
         self._nodes = nodes if np.isfinite(nodes).all() else np.zeros_like(nodes)
         celsius, elements = float(ambient), wiring.elements
