@@ -17,6 +17,7 @@ from jaxtwin.live import (
     Finding,
     Guard,
     Order,
+    Reading,
     RigState,
     Sample,
     StopRequest,
@@ -65,6 +66,22 @@ def test_a_rig_that_cools_is_called_off_and_not_before(cell: Twin, clock: HandCl
     assert str(reported) == "the device reports off"
     assert ending.verdict == "off"
     assert str(ending).startswith("the cells are off (as the readings show after ")
+
+
+def test_heat_before_the_stop_is_not_taken_for_heat_after_it(cell: Twin, clock: HandClock) -> None:
+    """The last readings before a stop by silence are as old as the silence."""
+    ends: list[Ending] = []
+    bench = virtual_bench(cell.rig, VirtualRig(cell), clock)
+    poll, begin = bench.poll, clock.now()
+
+    def polled(timeout: float = 0.1) -> list:
+        lost = 10e9 < clock.now() - begin < 13.2e9
+        return [record for record in poll(timeout) if not (lost and isinstance(record, Reading))]
+
+    bench.poll = polled  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(SafetyStop, match="no temperature for 3"):
+        drive(bench, Guard.of(cell), Experiment.schedule("0:1", duration=30), on_end=ends.append)
+    assert ends[-1].verdict == "off"
 
 
 def test_a_welded_relay_is_an_alarm_and_the_relay_is_commanded_again(

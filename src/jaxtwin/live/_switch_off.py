@@ -177,7 +177,7 @@ def watch_off(
 
     **Returns:** the ending with what the readings show.
     """
-    watch = guard.off_watch(state, connection.clock.now())
+    watch = guard.off_watch(connection.clock.now())
     if watch is None:
         return ending
     was_set = stop is not None and stop.is_set()
@@ -189,7 +189,7 @@ def watch_off(
             return ending
         log.error("%s", ending)
         _ring(on_alarm, Finding(STILL_HEATS, str(ending), severity="critical"))
-        watch.again(state, connection.clock.now())
+        watch.again(connection.clock.now())
         _, later = _watched(connection, watch, state, ending, stop, stops=True)
     finally:
         if stop is not None and was_set:

@@ -33,15 +33,10 @@ class AfterRun:
         """Whether it is not known yet."""
         return self._watch is not None
 
-    def begin(self, guard: Guard, state: RigState) -> None:
-        """Begins to watch at the end of a run.
-
-        **Arguments:**
-
-        - `guard`: the guard of the run, whose twins know how the rig would cool.
-        - `state`: what is known of the rig.
-        """
-        self._watch, self._stops = guard.off_watch(state, self._source.clock.now()), False
+    def begin(self, guard: Guard) -> None:
+        """Begins to watch at the end of a run. The twins of its guard know how the rig would
+        cool."""
+        self._watch, self._stops = guard.off_watch(self._source.clock.now()), False
 
     def end(self) -> None:
         """Ends the watch: another run begins."""
@@ -75,7 +70,7 @@ class AfterRun:
             text = heat_sentence(watch.detail)
             self._page.heats = text
             self._page.on_finding(Finding(STILL_HEATS, text, severity="critical"))
-            watch.again(state, now)
+            watch.again(now)
             self._watch, self._stops = watch, True
 
 

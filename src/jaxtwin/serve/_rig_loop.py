@@ -293,7 +293,7 @@ class RigLoop:
             level, text = "critical", str(error)
         self._page.say(level, text)
         if ends and ends[-1].off:
-            self._after.begin(guard, self._service.state)
+            self._after.begin(guard)
         in_force, self._order, self._command = self._order, None, HeldDuty((), 0.0)
         self._show_run("idle", text)
         assert in_force is not None

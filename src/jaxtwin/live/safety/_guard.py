@@ -126,10 +126,10 @@ class Guard:
         for watch in self._twin_watches:
             watch.follow(record, state)
 
-    def off_watch(self, state: RigState, now: int) -> OffWatch | None:
+    def off_watch(self, now: int) -> OffWatch | None:
         """What tells after the end of the run by the readings whether the rig is off; None if it
         was not heated, or no twin is among the interlocks."""
-        return next((watch.off_watch(state, now) for watch in self._twin_watches), None)
+        return next((watch.off_watch(now) for watch in self._twin_watches), None)
 
     def _keep(self, findings: Iterable[Finding | None], since: int) -> None:
         result = next((finding for finding in findings if finding is not None), None)

@@ -80,11 +80,10 @@ class OffWatch:
 
     - `response`: the twins beside the rig, up to the end of the run.
     - `limits`: the limits of the rig.
-    - `state`: what is known of the rig.
     - `now`: host time, ns.
     """
 
-    def __init__(self, response: DutyResponse, limits: OperatingLimits, state: RigState, now: int):
+    def __init__(self, response: DutyResponse, limits: OperatingLimits, now: int):
         self._time = response.time
         self._predict, self._room = response.predict, response.room
         held = response.last_heat
@@ -93,16 +92,12 @@ class OffWatch:
         self._duty = np.array([np.zeros_like(held), held, np.ones_like(held)])
         self._levels = np.array([1.0, level])  # of the held duty, and of full duty
         self._sigma = limits.jump / 6
-        self._begin_anew(jax.tree.map(lambda leaf: leaf[DRIVEN], response.states), state, now)
-        # A gain is known by what the rig did before, not by what it does from here on.
-        rise = self._before - self._room
-        is_judged = np.abs(rise) >= MIN_RISE_KELVIN
-        gain = (self._first - self._room) / np.where(is_judged, rise, 1.0)
-        self._gain = np.where(is_judged, np.clip(gain, 0.0, 1.0), 1.0)
+        self._gain: Float[np.ndarray, " channels"] | None = None
+        self._begin_anew(jax.tree.map(lambda leaf: leaf[DRIVEN], response.states), now)
 
-    def again(self, state: RigState, now: int) -> None:
+    def again(self, now: int) -> None:
         """Watches anew from `now`, host time in ns, after a verdict that the rig heats."""
-        self._begin_anew(jax.tree.map(lambda leaf: leaf[HELD_TWIN], self._states), state, now)
+        self._begin_anew(jax.tree.map(lambda leaf: leaf[HELD_TWIN], self._states), now)
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Takes a record, and judges by it."""
@@ -121,23 +116,39 @@ class OffWatch:
             self.verdict = "unknown"
             self.detail = f"the readings did not show it within {WATCHED_SECONDS:g} s"
 
-    def _begin_anew(self, twin: OpenLoopState, state: RigState, now: int) -> None:
+    def _begin_anew(self, twin: OpenLoopState, now: int) -> None:
         self.verdict: Verdict = ""
         """`off` or `heats`, once the readings show it; `unknown` if they do not in time."""
         self.detail = ""
         """What was seen, as the end of a sentence."""
-        self._begin, self._first = now, state.temperatures.copy()
+        self._begin, self._has_begun = now, False
         self._watched = 0.0  # s of the rig
         self._states = jax.tree.map(lambda leaf: np.repeat(leaf[None], 3, axis=0), twin)
-        self._has_moved = np.zeros(len(self._first), bool)
-        self._before = self._advance(0.0)[0]
         self._sums = np.zeros((4, 2))  # of e d, d^2, sigma |d|, and the cooling times |d|
+
+    def _start(self, temperatures: Float[np.ndarray, " channels"], passed: float) -> None:
+        """Begins at the first readings that were made after the stop. Those before it may be old:
+        a host or a link that stood still may have caused the stop."""
+        self._has_begun, self._first = True, temperatures.copy()
+        self._before = self._advance(passed, np.zeros_like(self._duty))[0]
+        self._has_moved = np.zeros(len(self._first), bool)
+        if self._gain is None:  # known by what the rig did before, not by what it does from here on
+            rise = self._before - self._room
+            is_judged = np.abs(rise) >= MIN_RISE_KELVIN
+            gain = (self._first - self._room) / np.where(is_judged, rise, 1.0)
+            self._gain = np.where(is_judged, np.clip(gain, 0.0, 1.0), 1.0)
 
     def _judge(self, reading: Reading, state: RigState) -> None:
         now = state.time_of(reading)
-        passed = max(seconds(now - self._time), 0.0) * state.rate
-        off, held, full = self._advance(passed)
-        self._time, self._watched = max(now, self._time), self._watched + passed
+        if now < self._time:
+            return
+        passed, self._time = seconds(now - self._time) * state.rate, now
+        if not self._has_begun:
+            self._start(state.temperatures, passed)
+            return
+        assert self._gain is not None
+        off, held, full = self._advance(passed, self._duty)
+        self._watched += passed
         cooled = self._gain * (off - self._before)
         error = reading.temperatures - self._first - cooled
         apart = self._gain * (np.array([held, full]) - off)
@@ -170,10 +181,12 @@ class OffWatch:
         ):
             self.verdict, self.detail = "off", f"as the readings show after {after:.0f} s"
 
-    def _advance(self, dt: float) -> Float[np.ndarray, "3 channels"]:
+    def _advance(
+        self, dt: float, duty: Float[np.ndarray, "3 cells"]
+    ) -> Float[np.ndarray, "3 channels"]:
         with jax.enable_x64(True):
             states, readings = self._predict(
-                self._states, self._duty, np.full(3, self._room), np.float64(dt)
+                self._states, duty, np.full(3, self._room), np.float64(dt)
             )
         self._states = jax.tree.map(np.asarray, states)
         return np.asarray(readings)

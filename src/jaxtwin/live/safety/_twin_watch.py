@@ -125,12 +125,12 @@ class TwinWatch(AbstractInterlock):
         """Lets the twin follow the rig without judging it."""
         self._response.update(record, state)
 
-    def off_watch(self, state: RigState, now: int) -> OffWatch | None:
+    def off_watch(self, now: int) -> OffWatch | None:
         """What tells after the end of a run by the readings whether the rig is off; None if it has
         not been heated."""
         if not self._response.has_begun or not self._response.last_heat.any():
             return None
-        return OffWatch(self._response, self._limits, state, now)
+        return OffWatch(self._response, self._limits, now)
 
     def _cell_too_hot(self) -> Finding | None:
         hottest = self._response.nodes[self._sides].max(axis=0)
