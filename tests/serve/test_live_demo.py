@@ -9,8 +9,9 @@ from jaxtwin.serve import Desk, TwinBeside
 from jaxtwin.serve._desk import DriveOrder, RefitOrder
 from jaxtwin.serve._live_demo import (
     LOOSE_AT,
-    REFIT_AFTER,
-    REFIT_LENGTH,
+    REFIT_SECONDS,
+    REST_SECONDS,
+    REST_STEP,
     STEP_SECONDS,
     DemoScript,
     demo_faults,
@@ -20,7 +21,12 @@ from jaxtwin.serve._live_demo import (
 Orders = list[tuple[int, object]]
 
 
-def told(until: int, stopped_at: float = float("inf")) -> tuple[Orders, list[str]]:
+REFIT_AT = int(REST_STEP * STEP_SECONDS + REFIT_SECONDS)
+
+
+def told(
+    until: int, stopped_at: float = float("inf"), tripped_at: int = -1
+) -> tuple[Orders, list[str]]:
     """The orders of the script with their times, and the lines of its story."""
     shown, desk = page(), Desk(StopRequest())
     shown.ring.append("run", {"state": "idle", "duty": [], "text": ""})
@@ -35,28 +41,40 @@ def told(until: int, stopped_at: float = float("inf")) -> tuple[Orders, list[str
         if second >= stopped_at:
             text = "stopped by hand; the device reports off"
             shown.ring.append("run", {"state": "idle", "duty": [], "text": text})
+        if second == tripped_at:
+            text = "stopped: no controller sample for 3.1 s"
+            shown.ring.append("run", {"state": "idle", "duty": [], "text": text})
         script.on_time(state, at)
         while (taken := desk.next()) is not None:
             orders.append((second, taken.order))
+            if isinstance(taken.order, DriveOrder):
+                shown.ring.append("run", {"state": "driving", "duty": [], "text": ""})
     lines = shown.ring.newest_of("log") or []
     return orders, [line["text"] for line in lines]
 
 
 def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
-    end = int(LOOSE_AT + REFIT_AFTER) + 120
-    orders, lines = told(end)
+    orders, lines = told(REFIT_AT + 120)
     drives = [(at, one) for at, one in orders if isinstance(one, DriveOrder)]
     assert [at for at, _ in drives] == [int(STEP_SECONDS) * k for k in range(len(drives))]
     assert len({one.duty for _, one in drives}) > len(drives) / 2
     assert [one.reset for _, one in drives[:3]] == [False, True, True]
     refits = [(at, one) for at, one in orders if isinstance(one, RefitOrder)]
-    assert refits == [(int(LOOSE_AT + REFIT_AFTER), RefitOrder(REFIT_LENGTH))]
-    begin = LOOSE_AT + REFIT_AFTER - REFIT_LENGTH
-    assert (
-        begin > LOOSE_AT + STEP_SECONDS
-    )  # a contact that comes loose meanwhile looks like another rig
+    assert refits == [(REFIT_AT, RefitOrder(REFIT_SECONDS + REST_SECONDS))]
+    begin = REFIT_AT - REFIT_SECONDS - REST_SECONDS
+    # A contact that comes loose meanwhile looks like another rig.
+    assert begin > LOOSE_AT + STEP_SECONDS
     assert next(one.duty for at, one in reversed(drives) if at <= begin) == (0.0, 0.0)
     assert ["comes loose" in line for line in lines] == [True, False]
+
+
+def test_a_session_that_an_interlock_ends_begins_anew() -> None:
+    orders, _ = told(REFIT_AT + 600, tripped_at=REFIT_AT - 200)
+    drives = [(at, one.duty) for at, one in orders if isinstance(one, DriveOrder)]
+    (refit_at,) = (at for at, one in orders if isinstance(one, RefitOrder))
+    assert REFIT_AT + 300 < refit_at < REFIT_AT + 400
+    rests = [at for at, duty in drives if duty == (0.0, 0.0)]
+    assert rests == [STEP_SECONDS * (REST_STEP - 1), refit_at - REFIT_SECONDS - STEP_SECONDS]
 
 
 def test_the_story_ends_when_another_twin_is_right() -> None:

@@ -35,16 +35,13 @@ HELD_SECONDS = 600.0
 # When the contact comes loose, s of the rig.
 LOOSE_AT = 360.0
 
-# The time after that at which the twin is refitted to it, s of the rig.
-REFIT_AFTER = 600.0
+# The step of the duty, from 1 on, at which the cells rest.
+REST_STEP = round(LOOSE_AT / STEP_SECONDS) + 2
 
-# When the cell rests for a step, s of the rig.
-REST_AT = LOOSE_AT + STEP_SECONDS
-
-# The time to which it is refitted, s of the rig. It begins at the end of the rest: only then do the
-# temperatures at the start of a session describe the rig, whose cell and plate differ by several K
-# while heat flows through the loose contact.
-REFIT_LENGTH = LOOSE_AT + REFIT_AFTER - REST_AT - STEP_SECONDS + 5.0
+# The time from its end to which the twin is refitted, s of the rig, and how much of the rest
+# belongs to it. Only at the end of a rest do the temperatures at the start describe the rig, whose cell and
+# plate differ by several K while heat flows through the loose contact.
+REFIT_SECONDS, REST_SECONDS = 480.0, 5.0
 
 # How late a command may reach the rig, s of the host.
 MAX_LATENESS_SECONDS = 0.1
@@ -114,6 +111,8 @@ class DemoScript:
         self._first_twin = page.followed[1]  # which does not know the loose contact
         self._first: int | None = None
         self._time, self._steps = 0.0, 0
+        self._rest_step = REST_STEP
+        self._is_idle = True
         self._told: set[str] = set()
 
     def on_record(self, record: Record, state: RigState) -> None:
@@ -131,14 +130,20 @@ class DemoScript:
             self._steps += 1
             cells = len(self._page.twin.rig.driven)
             duty = np.round(self._random.uniform(*DUTY, cells), 2)
-            if self._steps == round(REST_AT / STEP_SECONDS) + 1:
+            if self._steps == self._rest_step:
                 duty = np.zeros(cells)
             # An interlock may have ended the run, on a machine that was busy with other things.
             self._desk.ask(DriveOrder(tuple(duty.tolist()), HELD_SECONDS, reset=self._steps > 1))
         if self._time >= LOOSE_AT:
             self._tell("the contact of the cell comes loose now; see who notices")
-        if self._time >= LOOSE_AT + REFIT_AFTER and self._tell("the twin learns the loose contact"):
-            self._desk.ask(RefitOrder(REFIT_LENGTH))
+        was_idle, self._is_idle = self._is_idle, self._page.ring.newest_of("run")["state"] == "idle"
+        if self._is_idle and not was_idle:
+            # An interlock has ended the run. The duty while nothing was heard is not known: the
+            # time to which the twin is refitted begins anew.
+            self._rest_step = max(REST_STEP, self._steps + 1)
+        is_due = self._time >= STEP_SECONDS * self._rest_step + REFIT_SECONDS
+        if is_due and self._tell("the twin learns the loose contact"):
+            self._desk.ask(RefitOrder(REFIT_SECONDS + REST_SECONDS))
         story = self._page.ring.newest_of("story")
         if (
             self._page.followed[1] != self._first_twin
