@@ -39,8 +39,8 @@ LOOSE_AT = 360.0
 REST_STEP = round(LOOSE_AT / STEP_SECONDS) + 2
 
 # The time from its end to which the twin is refitted, s of the rig, and how much of the rest
-# belongs to it. Only at the end of a rest do the temperatures at the start describe the rig, whose cell and
-# plate differ by several K while heat flows through the loose contact.
+# belongs to it. Only at the end of a rest do the temperatures at the start describe the rig, whose
+# cell and plate differ by several K while heat flows through the loose contact.
 REFIT_SECONDS, REST_SECONDS = 480.0, 5.0
 
 # How late a command may reach the rig, s of the host.
