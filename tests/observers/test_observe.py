@@ -9,7 +9,7 @@ import pytest
 
 from jaxtwin import Experiment, Stepper, Twin, simulate
 from jaxtwin.observers import Estimates, Observed, ProcessNoise, observe
-from jaxtwin.observers._filter_run import filtered, samples_of
+from jaxtwin.observers._filter_run import following, samples_of
 from jaxtwin.observers._observe import filter_for
 
 # The noise of a reading, K.
@@ -98,7 +98,8 @@ def test_innovations_of_a_right_twin_are_white_and_of_variance_one(twin: Twin, w
         start = kalman.init(23.0, np.zeros(2))
 
         def whitened(readings: jax.Array) -> jax.Array:
-            return filtered(kalman, start, samples._replace(readings=readings)).states.whitened
+            run = following(kalman, start, samples._replace(readings=readings))[0]
+            return run.states.whitened
 
         found = np.asarray(jax.vmap(whitened)(jax.numpy.asarray(many)))[:, settled:]
     total = runs * (count - settled) * 2

@@ -1,10 +1,11 @@
 """The story of the demo: what its script asks for, and when."""
 
 import numpy as np
+import pytest
 from hand_clock import START
 from small_page import SECOND, page, twin
 
-from jaxtwin.live import Reading, RigState, StopRequest
+from jaxtwin.live import Reading, RigState, Sample, StopRequest
 from jaxtwin.serve import Desk, TwinBeside
 from jaxtwin.serve._desk import DriveOrder, RefitOrder
 from jaxtwin.serve._live_demo import (
@@ -25,7 +26,7 @@ REFIT_AT = int(REST_STEP * STEP_SECONDS + REFIT_SECONDS)
 
 
 def told(
-    until: int, stopped_at: float = float("inf"), tripped_at: int = -1
+    until: int, stopped_at: float = float("inf"), tripped_at: int = -1, silent_at: int = -1
 ) -> tuple[Orders, list[str]]:
     """The orders of the script with their times, and the lines of its story."""
     shown, desk = page(), Desk(StopRequest())
@@ -38,6 +39,12 @@ def told(
         script.on_record(
             Reading("rig", "b", at, second * 10**6, second, values, False, None), state
         )
+        # The duty changes between two samples, the first of which may be lost.
+        for number in (1, 2) if second != silent_at else (2,):
+            counts = ((second + number - 2) // int(STEP_SECONDS), 0)
+            script.on_record(
+                Sample("rig", "b", at + number * SECOND // 10, 0, number, counts, None), state
+            )
         if second >= stopped_at:
             text = "stopped by hand; the device reports off"
             shown.ring.append("run", {"state": "idle", "duty": [], "text": text})
@@ -68,11 +75,12 @@ def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
     assert ["comes loose" in line for line in lines] == [True, False]
 
 
-def test_a_session_that_an_interlock_ends_begins_anew() -> None:
-    orders, _ = told(REFIT_AT + 600, tripped_at=REFIT_AT - 200)
+@pytest.mark.parametrize("event", ["tripped_at", "silent_at"])
+def test_a_session_in_which_the_duty_is_not_known_begins_anew(event: str) -> None:
+    orders, _ = told(REFIT_AT + 600, **{event: REFIT_AT - 180})
     drives = [(at, one.duty) for at, one in orders if isinstance(one, DriveOrder)]
     (refit_at,) = (at for at, one in orders if isinstance(one, RefitOrder))
-    assert REFIT_AT + 300 < refit_at < REFIT_AT + 400
+    assert refit_at == REFIT_AT + 420
     rests = [at for at, duty in drives if duty == (0.0, 0.0)]
     assert rests == [STEP_SECONDS * (REST_STEP - 1), refit_at - REFIT_SECONDS - STEP_SECONDS]
 

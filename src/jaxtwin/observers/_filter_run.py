@@ -1,7 +1,7 @@
 """Runs a filter over the samples of a recording."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,13 +12,20 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
+from ..simulation._padding import padded
 from ._augmented_model import Transition
 from ._estimates import Moments, moments
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
 
+# The number of samples for which a program is compiled at least.
+MIN_SAMPLES = 64
+
 # A time between two samples that is longer than this many longest steps is a gap.
 GAP_STEPS = 1.5
+
+
+Rows = TypeVar("Rows")
 
 
 class FilterSamples(NamedTuple):
@@ -36,6 +43,18 @@ class FilterSamples(NamedTuple):
     ambient: Float[np.ndarray | Array, " samples"]
     levels: Float[np.ndarray | Array, "samples inputs"] | None = None
 
+    def padded(self) -> "FilterSamples":
+        """The samples, and further ones at the time of the last, without readings. Recordings of
+        similar lengths then share a compiled program."""
+        levels = self.levels
+        return FilterSamples(
+            dt=padded(np.asarray(self.dt), 0.0, MIN_SAMPLES),
+            duty=padded(np.asarray(self.duty), least=MIN_SAMPLES),
+            readings=padded(np.asarray(self.readings), np.nan, MIN_SAMPLES),
+            ambient=padded(np.asarray(self.ambient), np.nan, MIN_SAMPLES),
+            levels=None if levels is None else padded(np.asarray(levels), least=MIN_SAMPLES),
+        )
+
     def __repr__(self) -> str:
         return f"<FilterSamples: {len(self.dt)}>"
 
@@ -47,8 +66,8 @@ class Filtered(NamedTuple):
     """
 
     states: KalmanState
-    expected: Float[Array, "samples channels"]
-    covariance: Float[Array, "samples channels channels"]
+    expected: Float[Array | np.ndarray, "samples channels"]
+    covariance: Float[Array | np.ndarray, "samples channels channels"]
 
     def __repr__(self) -> str:
         return f"<Filtered: {self.expected.shape[0]} samples of {self.expected.shape[1]} channels>"
@@ -111,22 +130,39 @@ def following(
     return jax.lax.scan(take, start, samples)[1]
 
 
-@persistent_jit
 def filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: FilterSamples) -> Filtered:
     """Filters all samples, as a program of its own."""
+    return first_rows(_filtered(kalman, start, samples.padded()), len(samples.dt))
+
+
+def estimated(
+    estimator: MovingHorizonEstimator,
+    reading: Float[np.ndarray, ""],
+    duty: Float[np.ndarray, " cells"],
+    samples: FilterSamples,
+) -> Filtered:
+    """The latest states of a moving-horizon estimator after all samples, from a first reading,
+    degC, with a duty that the driver has reached."""
+    return first_rows(_estimated(estimator, reading, duty, samples.padded()), len(samples.dt))
+
+
+def first_rows(of_padded: Rows, count: int) -> Rows:
+    """The rows of the samples themselves, in NumPy."""
+    return jax.tree.map(lambda rows: np.asarray(rows)[:count], of_padded)
+
+
+@persistent_jit
+def _filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: FilterSamples) -> Filtered:
     return following(kalman, start, samples)[0]
 
 
 @persistent_jit
-def estimated(
+def _estimated(
     estimator: MovingHorizonEstimator,
     reading: Float[Array | np.ndarray, ""],
     duty: Float[Array | np.ndarray, " cells"],
     samples: FilterSamples,
 ) -> Filtered:
-    """The latest states of a moving-horizon estimator after all samples, from a first reading,
-    degC, with a duty that the driver has reached."""
-
     def take(
         state: MovingHorizonState, sample: FilterSamples
     ) -> tuple[MovingHorizonState, Filtered]:

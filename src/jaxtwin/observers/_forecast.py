@@ -14,9 +14,10 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._display import html_table, picture
 from .._jax_settings import own_settings
 from .._normal_distribution import QUANTILE_975
+from ..simulation._padding import padded_count
 from ._augmented_model import Transition
 from ._estimates import Moment
-from ._filter_run import FilterSamples, samples_between
+from ._filter_run import FilterSamples, first_rows, samples_between
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def expected_ahead(
     - `ends`: the numbers of the samples, ascending.
     - `counts`: the number of steps of each forecast.
     """
-    steps = int(counts.max())
+    steps = padded_count(int(counts.max()))
     blocks = []
     for first in range(0, len(ends), FORECAST_BLOCK):
         of_block = np.minimum(np.arange(first, first + FORECAST_BLOCK), len(ends) - 1)
@@ -96,7 +97,7 @@ def _rows(ends: Int[np.ndarray, " forecasts"], steps: int) -> int:
         ends[min(first + FORECAST_BLOCK, len(ends)) - 1] - ends[first]
         for first in range(0, len(ends), FORECAST_BLOCK)
     ]
-    return -(-(int(max(spans)) + steps + 1) // 64) * 64
+    return padded_count(int(max(spans)) + steps + 1, 64)
 
 
 @persistent_jit
@@ -160,12 +161,17 @@ def _block(
     return Moment(model.to_degC(seen.mean), jnp.sqrt(variance))
 
 
-@persistent_jit_unoptimised
 def expected_from(
     kalman: ExtendedKalmanFilter, state: KalmanState, samples: FilterSamples
 ) -> Moment:
     """The readings that a state lets expect at further times, without any reading between."""
+    return first_rows(_expected_from(kalman, state, samples.padded()), len(samples.dt))
 
+
+@persistent_jit_unoptimised
+def _expected_from(
+    kalman: ExtendedKalmanFilter, state: KalmanState, samples: FilterSamples
+) -> Moment:
     def take(state: KalmanState, sample: FilterSamples) -> tuple[KalmanState, Moment]:
         state = kalman.step(state, sample.duty, sample.dt, sample.levels)
         variance = jnp.diag(kalman.reading_covariance(state))

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from ..io import Experiment
-from ..live import Reading, Record, RigState
+from ..live import Reading, Record, RigState, Sample
 from ..live.protocol._clock import seconds
 from ..matching import match
 from ..observers._observe import usual_noise
@@ -42,6 +42,9 @@ REST_STEP = round(LOOSE_AT / STEP_SECONDS) + 2
 # belongs to it. Only at the end of a rest do the temperatures at the start describe the rig, whose
 # cell and plate differ by several K while heat flows through the loose contact.
 REFIT_SECONDS, REST_SECONDS = 480.0, 5.0
+
+# The longest time between two samples in which a change of the duty has its place, s of the host.
+MAX_SILENCE_SECONDS = 0.4
 
 # How late a command may reach the rig, s of the host.
 MAX_LATENESS_SECONDS = 0.1
@@ -112,7 +115,8 @@ class DemoScript:
         self._first: int | None = None
         self._time, self._steps = 0.0, 0
         self._rest_step = REST_STEP
-        self._is_idle = True
+        self._is_idle, self._is_unsure = True, False
+        self._sample: tuple[int, tuple[int, ...]] | None = None  # host time, ns, and counts
         self._told: set[str] = set()
 
     def on_record(self, record: Record, state: RigState) -> None:
@@ -121,6 +125,11 @@ class DemoScript:
             now = state.time_of(record)
             self._first = now if self._first is None else self._first
             self._time = seconds(now - self._first) * state.rate
+        elif isinstance(record, Sample) and record.pwm:
+            now, before = state.time_of(record), self._sample
+            if before is not None and before[1] != record.pwm:
+                self._is_unsure |= seconds(now - before[0]) > MAX_SILENCE_SECONDS
+            self._sample = now, record.pwm
 
     def on_time(self, state: RigState, now: int) -> None:
         """Leaves the orders that are due."""
@@ -137,10 +146,10 @@ class DemoScript:
         if self._time >= LOOSE_AT:
             self._tell("the contact of the cell comes loose now; see who notices")
         was_idle, self._is_idle = self._is_idle, self._page.ring.newest_of("run")["state"] == "idle"
-        if self._is_idle and not was_idle:
-            # An interlock has ended the run. The duty while nothing was heard is not known: the
-            # time to which the twin is refitted begins anew.
-            self._rest_step = max(REST_STEP, self._steps + 1)
+        if self._is_unsure or (self._is_idle and not was_idle):
+            # Nothing was heard when the duty changed, or an interlock has ended the run: the duty
+            # is not known well enough. The time to which the twin is refitted begins anew.
+            self._rest_step, self._is_unsure = max(REST_STEP, self._steps + 1), False
         is_due = self._time >= STEP_SECONDS * self._rest_step + REFIT_SECONDS
         if is_due and self._tell("the twin learns the loose contact"):
             self._desk.ask(RefitOrder(REFIT_SECONDS + REST_SECONDS))
