@@ -5,7 +5,7 @@ import importlib.util
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -199,3 +199,22 @@ def pytest_report_header() -> list[str]:
         f"{(PROGRAMS | MODULES)[marker]}: {place or 'not installed, its tests do not run'}"
         for marker, place in found().items()
     ]
+
+
+@pytest.fixture
+def compilations() -> Iterator[Callable[[], int]]:
+    """How many programs were compiled since it was asked last, by JAX's own events."""
+    durations: list[float] = []
+
+    def listen(event: str, duration_secs: float, **kwargs: str | int) -> None:
+        if event == "/jax/core/compile/backend_compile_duration":
+            durations.append(duration_secs)
+
+    def count() -> int:
+        number = len(durations)
+        durations.clear()
+        return number
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield count
+    jax.monitoring.unregister_event_duration_listener(listen)

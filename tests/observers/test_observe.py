@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import jax
 import numpy as np
@@ -334,3 +335,20 @@ def test_texts_say_what_was_followed_and_how_well(observed: Observed, smoothed: 
     late = ahead.after(100.0)
     assert late.time[0] == 100
     assert dataclasses.asdict(late)["channels"] == ("T1", "T2")
+
+
+def test_a_recording_of_another_length_needs_no_further_program(
+    twin: Twin, compilations: Callable[[], int]
+) -> None:
+    def all_of(samples: int) -> None:
+        drive = Experiment.schedule("0:0.5/0,40:0.2/0.8", duration=samples - 1, cells=2)
+        observed = observe(twin, simulate(twin, drive).to_recording(noise=SIZE, seed=2), USUAL)
+        assert len(observed.expected.mean) == len(observed.smooth().moments.nodes.mean) == samples
+        assert len(observed.estimates.moments.nodes.mean) == samples
+        assert len(observed.forecast(samples / 10).mean) == round(samples / 10)
+        observed.ahead(samples / 10)
+
+    all_of(171)
+    compilations()
+    all_of(175)
+    assert compilations() == 0

@@ -1,10 +1,6 @@
 """Schedules are filled up to a few sizes: another recording runs through the programs that are
 there, and nothing that is added changes a result.
-
-Compilations are counted by JAX's own events (`jax.monitoring`).
 """
-
-from collections.abc import Callable, Iterator
 
 import jax
 import numpy as np
@@ -13,8 +9,6 @@ import pytest
 import jaxtwin as jt
 from jaxtwin.simulation import TimeGrid, build_time_grid, solve_network, time_grid
 from jaxtwin.simulation._padding import padded_count, padded_time_grid
-
-COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
 def session(samples: int, seed: int, **more) -> jt.Experiment:
@@ -25,25 +19,6 @@ def session(samples: int, seed: int, **more) -> jt.Experiment:
     held = 1 + np.flatnonzero(rng.random(samples - 1) < 0.02)
     duty[held] = duty[held - 1]
     return jt.Experiment(np.arange(float(samples)), duty[:, None], name=f"session {seed}", **more)
-
-
-@pytest.fixture
-def compilations() -> Iterator[Callable[[], int]]:
-    """How many programs were compiled since it was asked last."""
-    found: list[float] = []
-
-    def listen(event: str, duration_secs: float, **kwargs: str | int) -> None:
-        if event == COMPILED:
-            found.append(duration_secs)
-
-    def count() -> int:
-        number = len(found)
-        found.clear()
-        return number
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    yield count
-    jax.monitoring.unregister_event_duration_listener(listen)
 
 
 @pytest.fixture(scope="module")

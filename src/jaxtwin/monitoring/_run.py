@@ -6,6 +6,7 @@ import numpy as np
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..observers import Observed
+from ..observers._filter_run import first_rows, padded_rows
 from ._evidence import Evidences, Seen, seen
 from ._monitor import Monitor, MonitorState
 
@@ -19,9 +20,9 @@ def evidences_of(monitor: Monitor, observed: Observed) -> Evidences:
     readings = np.asarray(experiment.temperatures)
     ambient = np.asarray(observed.samples.ambient)[is_sample]
     dt = np.diff(observed.time, prepend=observed.time[0])
+    samples = seen(states, expected, readings, ambient, dt)
     with own_settings():
-        result = monitored(monitor, seen(states, expected, readings, ambient, dt))
-    return jax.tree.map(np.asarray, result)
+        return first_rows(_monitored(monitor, padded_rows(samples)), len(dt))
 
 
 def run(monitor: Monitor, samples: Seen) -> Evidences:
@@ -34,4 +35,4 @@ def run(monitor: Monitor, samples: Seen) -> Evidences:
 
 
 # The same as a program of its own.
-monitored = persistent_jit(run)
+_monitored = persistent_jit(run)

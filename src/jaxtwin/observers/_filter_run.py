@@ -146,6 +146,11 @@ def estimated(
     return first_rows(_estimated(estimator, reading, duty, samples.padded()), len(samples.dt))
 
 
+def padded_rows(rows: Rows) -> Rows:
+    """States of samples with further ones, as `FilterSamples.padded`."""
+    return jax.tree.map(lambda of_each: padded(np.asarray(of_each), least=MIN_SAMPLES), rows)
+
+
 def first_rows(of_padded: Rows, count: int) -> Rows:
     """The rows of the samples themselves, in NumPy."""
     return jax.tree.map(lambda rows: np.asarray(rows)[:count], of_padded)
@@ -198,9 +203,13 @@ def samples_between(
     )
 
 
-@persistent_jit_unoptimised
 def moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
     """The moments of each state."""
+    return first_rows(_moments_of(kalman, padded_rows(states)), len(states.mean))
+
+
+@persistent_jit_unoptimised
+def _moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
     of_one = partial(moments, kalman.model)
     return jax.vmap(of_one)(states.mean, states.covariance)
 
@@ -208,5 +217,5 @@ def moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
 def state_moments(kalman: ExtendedKalmanFilter, state: KalmanState) -> Moments:
     """The moments of a single state, in NumPy."""
     with own_settings():
-        several = moments_of(kalman, jax.tree.map(lambda leaf: np.asarray(leaf)[None], state))
+        several = _moments_of(kalman, jax.tree.map(lambda leaf: np.asarray(leaf)[None], state))
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0], several)

@@ -18,7 +18,14 @@ from ..errors import ObserverError
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
 from ._estimates import Estimates, Moments, moments
-from ._filter_run import Filtered, FilterSamples, moments_of, samples_between
+from ._filter_run import (
+    Filtered,
+    FilterSamples,
+    first_rows,
+    moments_of,
+    padded_rows,
+    samples_between,
+)
 from ._forecast import Forecast, expected_ahead, expected_from, starts_of
 from ._gaussian import GaussianUpdate, symmetric
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
@@ -49,7 +56,6 @@ if TYPE_CHECKING:
 Adjoint = tuple[Float[Array, " state"], Float[Array, "state state"]]
 
 
-@persistent_jit
 def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: FilterSamples) -> Moments:
     """The moments of the state at each sample, given all readings.
 
@@ -57,7 +63,11 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: FilterS
 
     - `states`: the filter's states after each sample.
     """
+    return first_rows(_smoothed(kalman, padded_rows(states), samples.padded()), len(samples.dt))
 
+
+@persistent_jit
+def _smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: FilterSamples) -> Moments:
     def take(
         later: Adjoint, at: tuple[KalmanState, KalmanState, FilterSamples]
     ) -> tuple[Adjoint, Moments]:
