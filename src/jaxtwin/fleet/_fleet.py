@@ -212,9 +212,9 @@ class Fleet:
         while numbers:
             for name, number in list(numbers.items()):
                 messages = self._journal.after(name, number, MAX_WAITING)
-                for one in messages:
-                    self.rigs[name].queue.put(one.kind, one.payload, one.number)
-                    numbers[name] = one.number
+                for message in messages:
+                    self.rigs[name].queue.put(message.kind, message.payload, message.number)
+                    numbers[name] = message.number
                 if not messages:
                     del numbers[name]
             self.step(is_all=True)
@@ -336,7 +336,7 @@ class Fleet:
         alarms = [(name, finding) for name, finding in told if finding.is_alarm]
         kinds = Counter(finding.kind for _, finding in alarms)
         for kind, count in kinds.items():
-            of_kind = [one for one in alarms if one[1].kind == kind]
+            of_kind = [alarm for alarm in alarms if alarm[1].kind == kind]
             names = ", ".join(name for name, _ in of_kind[:MAX_SINGLE_ALARMS])
             if count > MAX_SINGLE_ALARMS:
                 detail = f"{count} rigs, such as {names}: {of_kind[0][1].detail}"

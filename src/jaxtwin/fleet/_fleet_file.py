@@ -104,7 +104,7 @@ class FleetFile(NamedTuple):
         except LinkError as problem:
             refuse(source, "broker", str(problem).removeprefix("link: "))
         levels = table.pattern.split("/")
-        if levels.count("{rig}") != 1 or not all(NAME.fullmatch(one.strip("{}")) for one in levels):
+        if levels.count("{rig}") != 1 or not all(NAME.fullmatch(level.strip("{}")) for level in levels):
             refuse(
                 source,
                 "pattern",

@@ -105,8 +105,8 @@ class Inbox:
 
     def acknowledge(self, messages: list[Received]) -> None:
         """Tells the broker that the journal has messages."""
-        for one in messages:
-            self._client.ack(one.mid, one.qos)
+        for message in messages:
+            self._client.ack(message.mid, message.qos)
 
     def publish(self, topic: str, text: str) -> None:
         """Sends a message, such as an alarm, without waiting for it."""

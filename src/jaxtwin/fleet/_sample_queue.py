@@ -199,7 +199,7 @@ class SampleQueue:
             if kind == "duty":
                 driver, rig = self._rig.driver, self._rig
                 counts = [content[name] for name in rig.driven]
-                if not all(type(one) is int and abs(one) <= driver.counts for one in counts):
+                if not all(type(count) is int and abs(count) <= driver.counts for count in counts):
                     return None
                 ambient = content.get("ambient_degC")
                 ambient = _temperature(ambient) if ambient is not None else math.nan

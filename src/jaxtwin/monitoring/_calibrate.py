@@ -317,7 +317,7 @@ def _settled(observed: Observed, channel: str) -> Float[np.ndarray, " samples"]:
 
 def _scale_and_memory(series: Sequence[Float[np.ndarray, " samples"]]) -> tuple[float, float]:
     """The spread of clipped innovations, and the correlation of neighbours."""
-    clipped = [np.clip(one, -CLIP, CLIP) for one in series]
+    clipped = [np.clip(sery, -CLIP, CLIP) for sery in series]
     both = np.concatenate(clipped)
     both = both[np.isfinite(both)]
     if len(both) < 30:

@@ -430,14 +430,14 @@ def draw_network(
             bbox={"boxstyle": "square,pad=0.15", "fc": palette().ground, "ec": "none"},
         )  # fmt: skip
     for name, (x, y) in ((name, middle(name)) for name in places):
-        held = next((one for one in twin.netlist.reservoirs if one.name == name), None)
+        held = next((reservoir for reservoir in twin.netlist.reservoirs if reservoir.name == name), None)
         text = texts.get(name, "")
         if held is not None:
             text = f"held at {held.temperature.evaluate(values) - ZERO_CELSIUS:.3g} °C"
         draw_box(ax, x, y - BOX_HEIGHT / 2, 1.0, name, text)
-        heaters = [one for one in twin.netlist.cells if one.cold == name]
+        heaters = [cell for cell in twin.netlist.cells if cell.cold == name]
         if heaters:
-            note = ", ".join(f"{one.name}, {heater_text(one, values)}" for one in heaters)
+            note = ", ".join(f"{heater.name}, {heater_text(heater, values)}" for heater in heaters)
             draw_note(ax, x - BOX / 2, y - BOX_HEIGHT / 2 - 0.12, note)
         below = y + BOX_HEIGHT / 2
         if name in lost:

@@ -60,8 +60,8 @@ def _network(twin: Twin) -> dict[str, Any]:
     rig, netlist = twin.rig, twin.netlist
     layout = network_layout(netlist)
     held = {
-        one.name: round(float(one.temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS, 2)
-        for one in netlist.reservoirs
+        reservoir.name: round(float(reservoir.temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS, 2)
+        for reservoir in netlist.reservoirs
     }
     read: dict[str, list[str]] = {}
     for channel in rig.channels:

@@ -179,7 +179,7 @@ def what_comes(now: Situation) -> Sentence:
     """What is about to happen in the next minute, by the twin."""
     if now.later is None or now.ended or now.age is None or now.age > OLD_SECONDS:
         return Sentence("unknown", "No forecast", "A forecast needs readings.")
-    if now.cause or any(one.is_alarm and one.until is None for one in now.findings):
+    if now.cause or any(finding.is_alarm and finding.until is None for finding in now.findings):
         level, by = "notice", "By a twin that does not explain the rig: "
     else:
         level, by = "good", ""

@@ -333,11 +333,11 @@ class LiveLoop:
         reference = self._references[min(sample, len(self._references) - 1)]
         outputs = measurement[: len(reference)]
         watched = measurement[None, len(reference) : len(self._weights)]
-        for one in exceeded_soft_limits(
+        for limit in exceeded_soft_limits(
             self._limits, [*self._limits], np.array([moment.time]), watched
         ):
-            key = one.channel, one.limit
-            self._exceeded[key] = one.after(self._exceeded.get(key))
+            key = limit.channel, limit.limit
+            self._exceeded[key] = limit.after(self._exceeded.get(key))
         self.decision = Decision(moment.time, reference, outputs, self._duty)
         return self._duty
 
