@@ -268,7 +268,7 @@ def _used(traced: ClosedJaxpr) -> tuple[int, ...]:
     jaxpr = traced.jaxpr
     used = {id(invar) for equation in jaxpr.eqns for invar in equation.invars}
     used.update(id(outvar) for outvar in jaxpr.outvars)
-    return tuple(place for place, one in enumerate(jaxpr.invars) if id(one) in used)
+    return tuple(place for place, argument in enumerate(jaxpr.invars) if id(argument) in used)
 
 
 def _compiled(lowered: jax.stages.Lowered, options: dict[str, str | bool]) -> jax.stages.Compiled:

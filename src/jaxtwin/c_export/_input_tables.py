@@ -48,9 +48,12 @@ def input_tables(stepper: Stepper) -> dict[str, Table]:
     sums = effects_of_inputs(stepper)
     products, names = _products(sums), [name for name, *_ in _shares(inputs)]
     tables = {
-        "input_start": (np.array([one.value for one in inputs]), "those of the rig file"),
-        "input_scale": (np.array([one.scale for one in inputs]), "to SI units"),
-        "input_offset": (np.array([one.offset for one in inputs]), "to SI units"),
+        "input_start": (
+            np.array([rig_input.value for rig_input in inputs]),
+            "those of the rig file",
+        ),
+        "input_scale": (np.array([rig_input.scale for rig_input in inputs]), "to SI units"),
+        "input_offset": (np.array([rig_input.offset for rig_input in inputs]), "to SI units"),
         "exponent": (
             np.array([[dict(product).get(name, 0.0) for name in names] for product in products]),
             "of each input or share in each product",
@@ -91,10 +94,10 @@ def input_numbers(inputs: tuple[Input, ...]) -> dict[str, list[int]]:
 def input_lines(inputs: tuple[Input, ...]) -> list[str]:
     """The lines of the header's comment: each input with its unit or its states."""
     lines = []
-    for number, one in enumerate(inputs):
-        states = ", ".join(f"{place} {state}" for place, state in enumerate(one.states))
-        unit = states or one.unit
-        lines.append(f"  {number}: {one.name}{unit and f', {unit}'} ({one.value:g})")
+    for number, rig_input in enumerate(inputs):
+        states = ", ".join(f"{place} {state}" for place, state in enumerate(rig_input.states))
+        unit = states or rig_input.unit
+        lines.append(f"  {number}: {rig_input.name}{unit and f', {unit}'} ({rig_input.value:g})")
     return ["Other inputs, in the state (in the rig file):", *lines] if inputs else []
 
 
@@ -102,10 +105,13 @@ def _shares(inputs: tuple[Input, ...]) -> list[tuple[str, int, int]]:
     """Each input and each share of a state: its name, the input, and the state or -1."""
     return [
         row
-        for number, one in enumerate(inputs)
+        for number, rig_input in enumerate(inputs)
         for row in (
-            (one.name, number, -1),
-            *((one.share(state), number, place) for place, state in enumerate(one.states)),
+            (rig_input.name, number, -1),
+            *(
+                (rig_input.share(state), number, place)
+                for place, state in enumerate(rig_input.states)
+            ),
         )
     ]
 
@@ -135,7 +141,9 @@ def effects_of_inputs(
     assert wiring is not None
     assert values is not None
     known = {name: float(value) for name, value in values.items()} if numbers is None else numbers
-    nominal = {name: number for one in wiring.inputs for name, number in one.nominal.items()}
+    nominal = {
+        name: number for rig_input in wiring.inputs for name, number in rig_input.nominal.items()
+    }
     result = []
     for expressions in (wiring.reservoirs, wiring.conductances):
         before = polynomials(expressions, {**known, **nominal}, settable)

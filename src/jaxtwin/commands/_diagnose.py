@@ -66,16 +66,16 @@ def diagnose(
         known = open_continuous(rig, healthy)[0] if healthy else None
         levels = None if noise is None else ProcessNoise.load(noise)
         result: list[Diagnosis] = []
-        for one in experiments:
-            progress.step(f"diagnosing {one.name}")
-            result.append(diagnosed(loaded, one, fault or None, levels, healthy=known))
+        for recording in experiments:
+            progress.step(f"diagnosing {recording.name}")
+            result.append(diagnosed(loaded, recording, fault or None, levels, healthy=known))
         if out is not None:
             progress.step(f"drawing into {out}")
             names = [experiment.name or number for number, experiment in enumerate(experiments, 1)]
-            plots = (one.plot() for one in result)
+            plots = (diagnosis.plot() for diagnosis in result)
             write_pictures(out, zip(map(str, names), plots, strict=True))
-    say("\n".join([*gaps, *(one.summary() for one in result)]), json)
+    say("\n".join([*gaps, *(diagnosis.summary() for diagnosis in result)]), json)
     say_written(out, json_path=json)
-    write_json(json, {"recordings": [one.to_dict() for one in result]})
-    if any(one.causes for one in result):
+    write_json(json, {"recordings": [diagnosis.to_dict() for diagnosis in result]})
+    if any(diagnosis.causes for diagnosis in result):
         raise typer.Exit(ALARMED)

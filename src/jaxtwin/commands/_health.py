@@ -87,7 +87,7 @@ def health(
     say(result.summary(), json)
     say_written(out, json_path=json)
     write_json(json, result.to_dict())
-    if any(one >= probability for one in result.probabilities.values()):
+    if any(value >= probability for value in result.probabilities.values()):
         raise typer.Exit(ALARMED)
     if not all(result.converged):
         raise typer.Exit(NOT_CONVERGED)

@@ -163,7 +163,9 @@ def _import(
     read_as = column_names(file, rig=rig, **arguments)
     left_out = [title for title, name in read_as.items() if name is None]
     missing = [c.name for c in rig.channels if c.name not in experiment.channels]
-    unstated = [one.name for one in rig.inputs if one.name not in experiment.inputs]
+    unstated = [
+        rig_input.name for rig_input in rig.inputs if rig_input.name not in experiment.inputs
+    ]
     gaps = experiment.gaps.tolist()
     said = [aligned(_ranges(experiment, read_as))]
     said += [f"  left out: {', '.join(left_out)}"] * bool(left_out)

@@ -85,18 +85,18 @@ def monitor(
             if save is not None:
                 known.save(save)
         result: list[Monitored] = []
-        for one in experiments:
-            progress.step(f"monitoring {one.name}")
+        for recording in experiments:
+            progress.step(f"monitoring {recording.name}")
             result.append(
-                monitored(loaded, one, levels, calibration=known, false_alarm_time=DAY * days)
+                monitored(loaded, recording, levels, calibration=known, false_alarm_time=DAY * days)
             )
         if out is not None:
             progress.step(f"drawing into {out}")
             names = [experiment.name or number for number, experiment in enumerate(experiments, 1)]
-            plots = (one.plot() for one in result)
+            plots = (monitored.plot() for monitored in result)
             write_pictures(out, zip(map(str, names), plots, strict=True))
-    say("\n".join([*gaps, *(one.summary() for one in result)]), json)
+    say("\n".join([*gaps, *(monitored.summary() for monitored in result)]), json)
     say_written(save, out, json_path=json)
-    write_json(json, {"recordings": [one.to_dict() for one in result]})
-    if any(one.alarms for one in result):
+    write_json(json, {"recordings": [monitored.to_dict() for monitored in result]})
+    if any(monitored.alarms for monitored in result):
         raise typer.Exit(ALARMED)

@@ -87,14 +87,14 @@ def refit(
         for file in _files(recordings, store):
             name = file.name
             try:
-                one = read_recording(file, rig=rig)
-                if one.fingerprint[:12] in judged:
+                recording = read_recording(file, rig=rig)
+                if recording.fingerprint[:12] in judged:
                     continue
-                say_notes(file, one)
+                say_notes(file, recording)
                 progress.step(f"refitting to {name}")
                 result = refitted(
                     last,
-                    one,
+                    recording,
                     window=window,
                     forgetting=forgetting,
                     changes=changes,
@@ -109,10 +109,10 @@ def refit(
                 results.append({"file": name, "decision": "rejected", "reason": str(problem)})
                 code = max(code, REJECTED)
                 continue
-            champion = keep_refit(twins, champion, one, result)
+            champion = keep_refit(twins, champion, recording, result)
             if result.decision == "promoted":
                 last = champion.fit()
-            for sentence in gap_sentences(one):
+            for sentence in gap_sentences(recording):
                 say(sentence, json)
             say(f"{name}: {result.summary()}", json)
             results.append({"file": name, "champion": champion.number, **result.to_dict()})

@@ -195,10 +195,10 @@ def serve(
         if allow_control:
             OperatingLimits.of(chosen.twin)  # refuses a rig without a limit
 
-        def beside_of(one: _ChosenTwin) -> TwinBeside:
-            known = one.noise if levels is None else levels
-            draws = one.draws() if allow_control else None
-            return TwinBeside(one.twin, one.label, noise=known, calibration=healthy, draws=draws)
+        def beside_of(twin: _ChosenTwin) -> TwinBeside:
+            known = twin.noise if levels is None else levels
+            draws = twin.draws() if allow_control else None
+            return TwinBeside(twin.twin, twin.label, noise=known, calibration=healthy, draws=draws)
 
         def made() -> TwinBeside:
             beside = beside_of(chosen)

@@ -78,10 +78,10 @@ class Survivors:
 
     def size(self, place: int) -> tuple[float, float, float]:
         """The size of a fault, and its 95 % band."""
-        one, middle = self.made[place], float(self.multiple[place])
+        suspect, middle = self.made[place], float(self.multiple[place])
         half = QUANTILE_975 * float(self.spread[place])
-        one_end, other = one.size_of(middle - half), one.size_of(middle + half)
-        return one.size_of(middle), min(one_end, other), max(one_end, other)
+        one_end, other = suspect.size_of(middle - half), suspect.size_of(middle + half)
+        return suspect.size_of(middle), min(one_end, other), max(one_end, other)
 
 
 def survivors(
@@ -111,14 +111,16 @@ def survivors(
     inflation = np.asarray(prior.inflation)[numbers]
     suspects = [several[int(number)] for number in numbers]
     multiples = np.asarray(said.multiple)[at, numbers]
-    made = [_of_multiple(one, float(m)) for one, m in zip(suspects, multiples, strict=True)]
+    made = [_of_multiple(suspect, float(m)) for suspect, m in zip(suspects, multiples, strict=True)]
     turn = 0
     while True:
         turn += 1
         rows = slice(int(onset.min()) - 1, last + 1)
         # The ratio, which is linear in the fault, sees a large one a sample late.
         begins = np.concatenate([onset, onset - 1])
-        effects = [abs(one.multiple_of(now.size)) for one, now in zip(suspects, made, strict=True)]
+        effects = [
+            abs(suspect.multiple_of(now.size)) for suspect, now in zip(suspects, made, strict=True)
+        ]
         spread = np.tile(np.asarray(prior.spread)[numbers] / effects, 2)
         candidates = _follow(observed, 2 * made, spread, begins, rows)
         each = (
@@ -135,8 +137,8 @@ def survivors(
         if turn == MAX_ROUNDS or (is_done | ~is_alive).all():
             break
         made = [
-            _of_multiple(one, float(m)) if is_one else one
-            for one, m, is_one in zip(made, of_each.multiple, is_alive, strict=True)
+            _of_multiple(suspect, float(m)) if is_one else suspect
+            for suspect, m, is_one in zip(made, of_each.multiple, is_alive, strict=True)
         ]
     best = int(evidence[:, -1].argmax())
     excess = max(1.0, float(of_each.misfit[best] / inflation[best]))
@@ -197,7 +199,7 @@ def _follow(
         readings[onset],
         spread,
         np.array([0.0 if suspect.is_one_sided else -MAX_SIZE_MULTIPLE for suspect in made]),
-        np.array([min(one.largest, MAX_SIZE_MULTIPLE) for one in made]),
+        np.array([min(suspect.largest, MAX_SIZE_MULTIPLE) for suspect in made]),
     )
     length = 2 ** max(7, math.ceil(math.log2(rows.stop - rows.start)))
     befores, samples = filled_up(observed, rows.start, length)
@@ -226,19 +228,19 @@ def _evidence(
     return np.where(place >= onset[:, None], gained, 0.0)
 
 
-def _of_multiple(one: Suspect, multiple: float) -> Suspect:
+def _of_multiple(suspect: Suspect, multiple: float) -> Suspect:
     """The suspect of the size that is a multiple of its own, within its bounds and not 0."""
-    if one.held:  # it has no size
-        return one
-    largest = one.largest if one.unit == "share" else MAX_FACTOR_FRACTION * one.largest
+    if suspect.held:  # it has no size
+        return suspect
+    largest = suspect.largest if suspect.unit == "share" else MAX_FACTOR_FRACTION * suspect.largest
     limited = min(
-        max(multiple, MIN_SIZE_MULTIPLE if one.is_one_sided else -MAX_SIZE_MULTIPLE),
+        max(multiple, MIN_SIZE_MULTIPLE if suspect.is_one_sided else -MAX_SIZE_MULTIPLE),
         largest,
         MAX_SIZE_MULTIPLE,
     )
     if abs(limited) < MIN_SIZE_MULTIPLE:
         limited = MIN_SIZE_MULTIPLE
-    return replace(one, size=one.size_of(limited))
+    return replace(suspect, size=suspect.size_of(limited))
 
 
 # The mean time between two faults, s, as between two false alarms of a monitor.
@@ -364,15 +366,20 @@ def _cause(
     for place, number in enumerate(alive.numbers.tolist()):
         if number not in explained:
             times = _onset(said, span.best, number, int(alive.onset[place]), time)
-            one, size = several[number], alive.size(place)
+            suspect, size = several[number], alive.size(place)
             explained[number] = Explanation(
-                one.name, float(probabilities[number]), *size, one.none, one.unit, *times
+                suspect.name,
+                float(probabilities[number]),
+                *size,
+                suspect.none,
+                suspect.unit,
+                *times,
             )
     first = int(np.asarray(said.onset)[span.best, other])
     times = _onset(said, span.best, other, first, time)
     unknown = math.nan, math.nan, math.nan
     none = Explanation(NONE_OF_THESE, float(probabilities[other]), *unknown, math.nan, "", *times)
-    order = sorted([*explained.values(), none], key=lambda one: -one.probability)
+    order = sorted([*explained.values(), none], key=lambda explanation: -explanation.probability)
     begin = first
     if order[0] is not none:
         begin = int(alive.onset[np.argmax(probabilities[alive.numbers])])

@@ -75,7 +75,7 @@ def diagnose(
         healthy = ()
         if isinstance(fit, Fit) and fit.comparisons is not None:
             healthy = fit.experiments
-    prior = learned(several, [observe(fit, one, noise) for one in healthy])
+    prior = learned(several, [observe(fit, recording, noise) for recording in healthy])
     return diagnosed(observed, several, arrays, prior)
 
 

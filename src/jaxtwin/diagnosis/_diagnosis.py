@@ -317,8 +317,8 @@ class Diagnosis:
         ]
 
 
-def _plain(one: Explanation) -> dict[str, object]:
+def _plain(explanation: Explanation) -> dict[str, object]:
     """An explanation for JSON, which has no NaN."""
     keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
-    result = {keys.get(key, key): json_value(value) for key, value in one._asdict().items()}
-    return {**result, "phrase": one.phrase}
+    result = {keys.get(key, key): json_value(value) for key, value in explanation._asdict().items()}
+    return {**result, "phrase": explanation.phrase}

@@ -118,7 +118,7 @@ class Isolability:
         table = pandas.DataFrame(
             {
                 "size": [suspect.size for suspect in self.suspects],
-                "unit": [one.unit for one in self.suspects],
+                "unit": [suspect.unit for suspect in self.suspects],
                 "detection_s": self.detection,
                 "smallest": self.smallest,
             },

@@ -69,13 +69,16 @@ def suspected(model: AugmentedModel, several: Sequence[Suspect]) -> Suspected:
     names = [model.twin.channels[column] for column in np.asarray(model.columns)]
     with own_settings():
         healthy = _completed(model.stepper.system)
-        faulty = _stacked([_with(healthy, one) for one in several])
+        faulty = _stacked([_with(healthy, suspect) for suspect in several])
         changes = None
         if model.directions is not None and model.changes is not None:
             of_healthy = _as_completed(healthy, model.changes)
-            changes = of_healthy, _stacked([_along(healthy, of_healthy, one) for one in several])
+            changes = (
+                of_healthy,
+                _stacked([_along(healthy, of_healthy, suspect) for suspect in several]),
+            )
     held = [names.index(suspect.held) if suspect.held in names else -1 for suspect in several]
-    drift = [one.size if one.is_drift else 0.0 for one in several]
+    drift = [suspect.size if suspect.is_drift else 0.0 for suspect in several]
     return Suspected(healthy, faulty, changes, np.array(held), np.array(drift))
 
 
@@ -176,11 +179,11 @@ def _count(changes: System) -> int:
     return changes.capacitance.shape[-1]
 
 
-def _along(healthy: System, changes: System, one: Suspect) -> System:
+def _along(healthy: System, changes: System, suspect: Suspect) -> System:
     """The derivatives of the equations with a fault along the directions."""
-    if one.fault is None:
+    if suspect.fault is None:
         return changes
-    fault = one.fault(one.size)
+    fault = suspect.fault(suspect.size)
     numbers, others = eqx.partition(healthy, eqx.is_inexact_array)
 
     def changed(numbers: System) -> System:
@@ -196,20 +199,20 @@ def _stacked(several: Sequence[System]) -> System:
     return jax.tree.map(lambda *leaves: np.stack([np.asarray(x) for x in leaves]), *several)
 
 
-def _with(healthy: System, one: Suspect) -> System:
-    if one.fault is None:
+def _with(healthy: System, suspect: Suspect) -> System:
+    if suspect.fault is None:
         return healthy
-    changed = one.fault(one.size)(healthy)
+    changed = suspect.fault(suspect.size)(healthy)
     if not isinstance(changed, System):
         raise ObserverError(
-            f"faults: {one.name}: expected a function System -> System, got one that "
+            f"faults: {suspect.name}: expected a function System -> System, got one that "
             f"returns {type(changed).__name__}"
         )
     same = jax.tree.structure(changed) == jax.tree.structure(healthy)
     shapes = [[np.shape(leaf) for leaf in jax.tree.leaves(s)] for s in (changed, healthy)]
     if not same or shapes[0] != shapes[1]:
         raise ObserverError(
-            f"faults: {one.name}: expected the {len(healthy.capacitance)} nodes and the "
+            f"faults: {suspect.name}: expected the {len(healthy.capacitance)} nodes and the "
             "parts of the rig to stay, got other ones"
         )
     return changed

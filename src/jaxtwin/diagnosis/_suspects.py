@@ -144,7 +144,7 @@ def suspects(twin: Twin, channels: Sequence[str] | None = None) -> dict[str, Sus
     if rig.driver.delay is not None:
         add("delay", "command", 1.0, 0.0, unit="s")
     room = Suspect("drift room", None, DRIFT, is_one_sided=False, unit="K/s", is_drift=True)
-    return {one.name: one for one in (*result, room)}
+    return {suspect.name: suspect for suspect in (*result, room)}
 
 
 def chosen(twin: Twin, faults: Faults, channels: Sequence[str]) -> tuple[Suspect, ...]:
@@ -217,6 +217,6 @@ def _leaking_link(twin: Twin, name: str, resistance: float, size: float) -> Faul
 def _of_links(twin: Twin) -> list[str]:
     """The parameters that are the resistances between several bodies and the surroundings."""
     links = [link for link in twin.netlist.links if link.role == "body" and link.b == AMBIENT]
-    single = [one.resistances[0] for one in links if len(one.resistances) == 1]
+    single = [link.resistances[0] for link in links if len(link.resistances) == 1]
     counts = Counter(name for value in single for name, _ in value.powers)
     return [name for name, count in counts.items() if count > 1]

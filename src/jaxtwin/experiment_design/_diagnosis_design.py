@@ -154,15 +154,15 @@ class DiagnosisDesign:
 
         rows = [
             {
-                "schedule": one.name,
-                "separation_s": one.separation,
-                "hardest": " and ".join(one.hardest),
-                "odds": float(one.odds[-1]),
-                "highest_reading_degC": one.highest_reading,
-                "highest_side_degC": one.highest_side,
-                "is_allowed": one.is_allowed,
+                "schedule": candidate.name,
+                "separation_s": candidate.separation,
+                "hardest": " and ".join(candidate.hardest),
+                "odds": float(candidate.odds[-1]),
+                "highest_reading_degC": candidate.highest_reading,
+                "highest_side_degC": candidate.highest_side,
+                "is_allowed": candidate.is_allowed,
             }
-            for one in self._planned()
+            for candidate in self._planned()
         ]
         return pandas.DataFrame(rows).set_index("schedule")
 
@@ -174,12 +174,19 @@ class DiagnosisDesign:
         planned = self._planned()
         return xarray.Dataset(
             {
-                "odds": (("schedule", "since_start"), np.stack([one.odds for one in planned])),
-                "separation": ("schedule", [one.separation for one in planned], {"units": "s"}),
+                "odds": (
+                    ("schedule", "since_start"),
+                    np.stack([candidate.odds for candidate in planned]),
+                ),
+                "separation": (
+                    "schedule",
+                    [candidate.separation for candidate in planned],
+                    {"units": "s"},
+                ),
                 "duty": (("time", "cell"), self.schedule.duty, {"units": "1"}),
             },
             coords={
-                "schedule": [one.name for one in planned],
+                "schedule": [candidate.name for candidate in planned],
                 "since_start": ("since_start", self.best.time, {"units": "s"}),
                 "time": ("time", self.schedule.time, {"units": "s"}),
                 "cell": list(self.schedule.cell_names),
@@ -199,8 +206,8 @@ class DiagnosisDesign:
             "highest_reading_degC": self.best.highest_reading,
             "hardest": list(self.best.hardest),
             "separation_s": {
-                one.name: json_value(one.separation) if one.is_allowed else None
-                for one in self._planned()
+                candidate.name: json_value(candidate.separation) if candidate.is_allowed else None
+                for candidate in self._planned()
             },
         }
 
@@ -210,10 +217,11 @@ class DiagnosisDesign:
     def _rows(self) -> list[tuple[str, str]]:
         return [
             (
-                one.name,
-                f"told apart {_after(one.separation)}{'' if one.is_allowed else ' (too hot)'}",
+                candidate.name,
+                f"told apart {_after(candidate.separation)}"
+                f"{'' if candidate.is_allowed else ' (too hot)'}",
             )
-            for one in self._planned()
+            for candidate in self._planned()
         ]
 
     def _repr_html_(self) -> str:
@@ -285,7 +293,7 @@ class EvidenceProblem:
         if len(suspects) < 2:
             raise MatchError(
                 "design_experiment: faults: expected two or more that are to be told apart, got "
-                f"{', '.join(one.name for one in suspects) or 'none'}"
+                f"{', '.join(suspect.name for suspect in suspects) or 'none'}"
             )
         self.names = tuple(suspect.name for suspect in suspects)
         template = simulate(self.twin, schedules.numbered()).to_recording(noise=0.0)

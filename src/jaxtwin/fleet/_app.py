@@ -109,7 +109,7 @@ def trends(rigs: Mapping[str, WatchedRig]) -> list[dict[str, Any]]:
         for (group, what, is_cause), names in seen.items()
         if len(names) >= max(MIN_RIGS, MIN_FRACTION * sizes[group])
     ]
-    return sorted(common, key=lambda one: -len(one["rigs"]))
+    return sorted(common, key=lambda cause: -len(cause["rigs"]))
 
 
 def metrics_of(rig: WatchedRig) -> list[Metric]:
@@ -151,7 +151,7 @@ def metrics_of(rig: WatchedRig) -> list[Metric]:
 def _answer(stories: Mapping[str, Mapping[str, Sentence]], question: str) -> Sentence:
     """For how many rigs the answer to a question is good, and what the worst are."""
     answers, (some, nothing) = (
-        {one: story[question] for one, story in stories.items()},
+        {name: story[question] for name, story in stories.items()},
         ANSWERS[question],
     )
     levels = Counter(sentence.level for sentence in answers.values())
@@ -212,7 +212,7 @@ class _Web:
     def __init__(self, fleet: Fleet, access: Access):
         self._fleet, self._access = fleet, access
         self._assets = dict(asset_files("jaxtwin.serve")) | {
-            f"fleet/{name}": one for name, one in asset_files("jaxtwin.fleet")
+            f"fleet/{name}": content for name, content in asset_files("jaxtwin.fleet")
         }
         self._overview: tuple[float, dict[str, Any]] = (-OVERVIEW_SECONDS, {})
         self._lock = threading.Lock()
@@ -311,13 +311,13 @@ class _Web:
         outlook, measured = rig.outlook(), rig.measured  # before the story, which tells of it
         story = {name: sentence._asdict() for name, sentence in rig.story().items()}
         present = [finding_as_json(finding) for finding in rig.findings]
-        keys = [(one["kind"], one["channel"], one["found"]) for one in present]
+        keys = [(finding["kind"], finding["channel"], finding["found"]) for finding in present]
         before = [
-            {**one, "until": one["until"] or one["found"]}
-            for one in self._fleet.findings(rig.name, SHOWN_FINDINGS)
-            if (one["kind"], one["channel"], one["found"]) not in keys
+            {**finding, "until": finding["until"] or finding["found"]}
+            for finding in self._fleet.findings(rig.name, SHOWN_FINDINGS)
+            if (finding["kind"], finding["channel"], finding["found"]) not in keys
         ]
-        findings = sorted([*present, *before], key=lambda one: -(one["since"] or 0))
+        findings = sorted([*present, *before], key=lambda finding: -(finding["since"] or 0))
         frames: list[tuple[str, Any]] = [
             ("layout", layout),
             ("story", {"t": round(time.time(), 1), **story, "links": {}, "counts": {}, "trip": ""}),

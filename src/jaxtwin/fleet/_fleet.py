@@ -124,7 +124,9 @@ class Fleet:
             f"{rig} floods, and is not listened to for a minute" for rig in list(self._inbox.muted)
         ]
         refused = [why for _, why in list(self._refused.values())]
-        return [one for one in (self._inbox.problem, self.problem, *refused, *muted) if one]
+        return [
+            problem for problem in (self._inbox.problem, self.problem, *refused, *muted) if problem
+        ]
 
     def run(self, is_over: Callable[[], bool]) -> None:
         """Watches until it is to end, and keeps the states of all rigs then."""
@@ -194,7 +196,7 @@ class Fleet:
         taken = self._inbox.receive(wait)
         if not taken:
             return
-        kept = self._journal.add(time.time_ns(), [one[:3] for one in taken])
+        kept = self._journal.add(time.time_ns(), [message[:3] for message in taken])
         self._inbox.acknowledge(taken)
         self.hear(kept)
         if len(taken) < MANY_MESSAGES:
@@ -377,8 +379,8 @@ class Fleet:
             rig.diagnosis = {"state": "failed", "text": done.problem, "causes": []}
             return
         for cause in done.value:
-            for one in cause["explanations"]:
-                one["onset"] = rig.recorded_since + one["onset_s"]
+            for explanation in cause["explanations"]:
+                explanation["onset"] = rig.recorded_since + explanation["onset_s"]
         rig.diagnosis, rig.cause = {"state": "done", "causes": done.value}, None
         if done.value:
             cause = done.value[-1]
@@ -412,7 +414,9 @@ class Fleet:
             self.problem = str(problem)
             return
         fixed = ("url", "pattern", "journal", "dask")
-        if changed := [one for one in fixed if getattr(file, one) != getattr(self.file, one)]:
+        if changed := [
+            field for field in fixed if getattr(file, field) != getattr(self.file, field)
+        ]:
             name = {"url": "broker"}.get(changed[0], changed[0])
             self.problem = f"{self._path}: {name}: this change needs a new start of the fleet"
             return
@@ -422,7 +426,9 @@ class Fleet:
         for name in gone:
             self._release(self.rigs[name])
         self.rigs = {name: rig for name, rig in self.rigs.items() if name not in gone}
-        self._refused = {name: one for name, one in self._refused.items() if name in file.members}
+        self._refused = {
+            name: problem for name, problem in self._refused.items() if name in file.members
+        }
         self._listen()
 
     def _take_made(self) -> None:

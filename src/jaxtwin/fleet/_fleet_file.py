@@ -104,7 +104,9 @@ class FleetFile(NamedTuple):
         except LinkError as problem:
             refuse(source, "broker", str(problem).removeprefix("link: "))
         levels = table.pattern.split("/")
-        if levels.count("{rig}") != 1 or not all(NAME.fullmatch(level.strip("{}")) for level in levels):
+        if levels.count("{rig}") != 1 or not all(
+            NAME.fullmatch(level.strip("{}")) for level in levels
+        ):
             refuse(
                 source,
                 "pattern",
@@ -183,7 +185,7 @@ def _names(source: str, where: str, text: str) -> list[str]:
                 f"expected a range of 1 to {MAX_RIGS} rigs, got {text!r}",
             )  # fmt: skip
         width = len(parts[2])
-        names = [f"{parts[1]}{one:0{width}d}{parts[4]}" for one in range(begin, end + 1)]
+        names = [f"{parts[1]}{number:0{width}d}{parts[4]}" for number in range(begin, end + 1)]
     for name in names:
         if not NAME.fullmatch(name):
             refuse(

@@ -91,7 +91,7 @@ class Journal:
             )
             (last,) = self._database.execute("SELECT last_insert_rowid()").fetchone()
         first = last - len(rows) + 1
-        return [Message(first + place, *one) for place, one in enumerate(messages)]
+        return [Message(first + place, *message) for place, message in enumerate(messages)]
 
     def after(self, rig: str, number: int, count: int) -> list[Message]:
         """The next messages of a rig after one, at most so many."""
@@ -127,8 +127,8 @@ class Journal:
             self._database.executemany(
                 "INSERT OR REPLACE INTO states VALUES (?, ?, ?, ?)",
                 [
-                    (self._id(rig), one.twin, json.dumps(one.content), one.lane)
-                    for rig, one in states.items()
+                    (self._id(rig), state.twin, json.dumps(state.content), state.lane)
+                    for rig, state in states.items()
                 ],
             )
 

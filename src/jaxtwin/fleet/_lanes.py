@@ -116,9 +116,9 @@ class Lanes:
         with own_settings():
             start = self._begin(np.where(which, first, 0.0), duty)
 
-        def choose(one: Any, other: Any) -> np.ndarray:
-            one, other = np.asarray(one), np.asarray(other)
-            return np.where(which.reshape(-1, *[1] * (one.ndim - 1)), one, other)
+        def choose(new: Any, other: Any) -> np.ndarray:
+            new, other = np.asarray(new), np.asarray(other)
+            return np.where(which.reshape(-1, *[1] * (new.ndim - 1)), new, other)
 
         self._states = jax.tree.map(choose, start, self._states)
 
@@ -236,7 +236,7 @@ def _stepped(watcher: Watcher, state: LaneState, step: LaneSteps) -> tuple[LaneS
 
 def _chosen(which: Bool[Array | np.ndarray, ""], first: Tree, other: Tree) -> Tree:
     """One of two trees."""
-    return jax.tree.map(lambda one, two: jnp.where(which, one, two), first, other)
+    return jax.tree.map(lambda new, two: jnp.where(which, new, two), first, other)
 
 
 def _leaves(watcher: Watcher) -> list[Any]:

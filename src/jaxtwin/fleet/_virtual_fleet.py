@@ -85,33 +85,37 @@ class VirtualFleet:
     def second(self) -> None:
         """Publishes a second of all rigs."""
         at = float(self._count)
-        for one in self._plants:
-            rig, plant = one.rig, one.plant
+        for simulated in self._plants:
+            rig, plant = simulated.rig, simulated.plant
             plant.advance(at)
-            for fault in [fault for fault in one.to_come if fault[0] <= at]:
-                one.to_come.remove(fault)
+            for fault in [fault for fault in simulated.to_come if fault[0] <= at]:
+                simulated.to_come.remove(fault)
                 with jax.enable_x64(True):
                     plant.replace(fault[1](plant.system))
             channels = [channel.name for channel in rig.channels]
             exact, stamp = np.asarray(plant.temperatures), round(self._begin + at, 3)
-            noise = self._random.normal(0, rig.noise or 0.05, (len(one.names), len(channels)))
+            noise = self._random.normal(0, rig.noise or 0.05, (len(simulated.names), len(channels)))
             rows = np.round(exact + noise, 3).tolist()
             duty = None
             if at % HOLD_SECONDS == 0:
                 lowest = np.maximum(rig.lowest_duty, -0.3)
-                level = lowest + (0.6 - lowest) * one.schedule.random(len(lowest))
-                one.counts = counts_of(rig, level)
-                plant.drive(np.asarray(rig.driver.duty(one.counts)))
+                level = lowest + (0.6 - lowest) * simulated.schedule.random(len(lowest))
+                simulated.counts = counts_of(rig, level)
+                plant.drive(np.asarray(rig.driver.duty(simulated.counts)))
             if at % 10 == 0:
                 ambient = {"ambient_degC": round(plant.ambient, 2)}
-                duty = {"time": stamp, **dict(zip(rig.driven, one.counts, strict=True)), **ambient}
-            for name, row in zip(one.names, rows, strict=True):
+                duty = {
+                    "time": stamp,
+                    **dict(zip(rig.driven, simulated.counts, strict=True)),
+                    **ambient,
+                }
+            for name, row in zip(simulated.names, rows, strict=True):
                 self._send(
                     name, "readings", {"time": stamp, **dict(zip(channels, row, strict=True))}
                 )
                 if duty is not None:
                     self._send(name, "duty", duty)
-            self.sent += len(one.names)
+            self.sent += len(simulated.names)
         self._count += 1
 
     def close(self) -> None:
@@ -124,7 +128,7 @@ class VirtualFleet:
     def _plant(self, name: str, names: list[str], seed: int) -> _Plant:
         rig = load_rig(name)
         twin = Twin(rig)
-        known = [fault for one in names for fault in self._faults.get(one, Faults()).rig]
+        known = [fault for member in names for fault in self._faults.get(member, Faults()).rig]
         plant = Plant(twin)
         to_come = [(fault.time, fault.of(twin)) for fault in known]
         with jax.enable_x64(True):

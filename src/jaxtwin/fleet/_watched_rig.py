@@ -237,8 +237,8 @@ class WatchedRig:
             refusals={},
             age=None if age is None else age if is_silent else 0.0,
             silent=0.0,
-            faults={name: "no number" for name, one in zip(names, readings, strict=True)
-                    if measured is not None and np.isnan(one)},
+            faults={name: "no number" for name, reading in zip(names, readings, strict=True)
+                    if measured is not None and np.isnan(reading)},
             trip="",
             still_on="",
             limit=self._limit,

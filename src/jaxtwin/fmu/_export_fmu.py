@@ -295,8 +295,14 @@ def _sources(
     arrays = {
         "start": ([*np.asarray(stepper.start().nodes)], "temperatures of the nodes, degC"),
         "lowest": ([*wiring.lowest_duty], "duty cycles of cells and heaters"),
-        "inputs": ([*(one.value for one in wiring.inputs), 0.0], "other inputs of the rig file"),
-        "states": ([*(len(one.states) for one in wiring.inputs), 0.0], "of them, 0 for numbers"),
+        "inputs": (
+            [*(rig_input.value for rig_input in wiring.inputs), 0.0],
+            "other inputs of the rig file",
+        ),
+        "states": (
+            [*(len(rig_input.states) for rig_input in wiring.inputs), 0.0],
+            "of them, 0 for numbers",
+        ),
         "parameters": ([*(row.start for row in rows), 0.0], "values of the parameters"),
         "lower": (lower, "bounds of the parameters"),
         "upper": (upper, "bounds of the parameters"),

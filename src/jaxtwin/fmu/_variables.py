@@ -66,7 +66,7 @@ def variables_of(twin: Twin, stepper: Stepper) -> list[Variable]:
         Variable(
             "ambient", 0, "input", "degC", float(stepper.ambient), None, "Ambient temperature"
         ),
-        *(_input_variable(one) for one in wiring.inputs),
+        *(_input_variable(rig_input) for rig_input in wiring.inputs),
         *(
             Variable(channel, 0, "output", "degC", None, None, "What the channel reads")
             for channel in wiring.channels

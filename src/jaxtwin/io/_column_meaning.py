@@ -108,7 +108,7 @@ class Choices:
         rig says what that is at full duty."""
         if self.rig is None:
             return {}
-        own = {one.name: f"input_{one.name}" for one in self.rig.inputs}
+        own = {rig_input.name: f"input_{rig_input.name}" for rig_input in self.rig.inputs}
         numbers = [f"P{number}" for number in range(1, len(self.rig.driven) + 1)]
         for called in (*self.rig.driven, *numbers):
             name = self.rig.driven_called(called)
@@ -141,13 +141,17 @@ class Choices:
         if meaning.kind in ("duty", "pwm"):
             return meaning.name in self.own.values()
         if meaning.kind == "input":
-            return meaning.name.removeprefix("input_") in [one.name for one in self.rig.inputs]
+            return meaning.name.removeprefix("input_") in [
+                rig_input.name for rig_input in self.rig.inputs
+            ]
         return meaning.name in ["ambient", *(channel.name for channel in self.rig.channels)]
 
     def unit_of_input(self, name: str) -> str | None:
         """The unit of an input in the rig file; None without a rig, or of one with states."""
         inputs = () if self.rig is None else self.rig.inputs
-        return next((one.unit for one in inputs if f"input_{one.name}" == name), None)
+        return next(
+            (rig_input.unit for rig_input in inputs if f"input_{rig_input.name}" == name), None
+        )
 
 
 def _kind(name: str, choices: Choices) -> Kind:

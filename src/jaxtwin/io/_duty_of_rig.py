@@ -65,7 +65,7 @@ def check_duty_of_rig(
             f"{', '.join(experiment.cells)}; Experiment.for_rig(rig) puts the columns in this order"
         )
     check_heats_only(experiment, rig, label, error)
-    known = [one.name for one in rig.inputs]
+    known = [rig_input.name for rig_input in rig.inputs]
     for name in experiment.inputs:
         if name not in known:
             raise error(

@@ -599,5 +599,8 @@ def as_experiments(
     return (
         several
         if rig is None
-        else [of_rig(one, rig, one.name or "the experiment", error) for one in several]
+        else [
+            of_rig(experiment, rig, experiment.name or "the experiment", error)
+            for experiment in several
+        ]
     )

@@ -263,7 +263,7 @@ def csv_of_mat(content: bytes) -> bytes:
     if not lengths:
         known = ", ".join(matrices) or "none"
         raise RecordingError(f"expected variables that are vectors of numbers, got {known}")
-    length = max(lengths, key=lambda one: (lengths[one], one))
+    length = max(lengths, key=lambda length: (lengths[length], length))
     columns: dict[str, list[float]] = {}
     for name, vector in vectors.items():
         if len(vector) == length:

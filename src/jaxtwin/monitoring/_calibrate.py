@@ -95,11 +95,11 @@ def _drawn(
     parts, interval = len(model.relaxation), model.interval
     values, room = model.layout.of("values"), model.layout.of("room").start
 
-    def drawn(mean: Array, covariance: Array, one: PRNGKeyArray) -> Array:
+    def drawn(mean: Array, covariance: Array, key: PRNGKeyArray) -> Array:
         variances, vectors = jnp.linalg.eigh(covariance)
         roots = jnp.sqrt(jnp.maximum(variances, 0.0))
         return mean + vectors @ (
-            roots * jax.random.truncated_normal(one, -MAX_DRAW_SIGMAS, MAX_DRAW_SIGMAS, (size,))
+            roots * jax.random.truncated_normal(key, -MAX_DRAW_SIGMAS, MAX_DRAW_SIGMAS, (size,))
         )
 
     def take(
@@ -179,7 +179,7 @@ def tail_of(
 ) -> Tail | None:
     """The tail of a statistic from its block maxima in several recordings; None if there are too
     few blocks."""
-    several = [one for one in maxima if len(one)]
+    several = [values for values in maxima if len(values)]
     if sum(map(len, several)) < MIN_BLOCKS:
         return None
     blocks, seconds = np.concatenate(several), month * len(FAMILIES)
@@ -187,13 +187,15 @@ def tail_of(
         passing: Tail(*_tail(blocks, passing), source, len(blocks) * BLOCK_SECONDS / 3600)
         for passing in (TAIL_FRACTION, min(TAIL_FRACTION, PEAKS / len(blocks)))
     }
-    passing = max(tails, key=lambda one: tails[one].threshold(seconds))
+    passing = max(tails, key=lambda tail: tails[tail].threshold(seconds))
     at = tails[passing].threshold(seconds)
     random = np.random.default_rng(0)
     logs = []
     for _ in range(REDRAWN):
         drawn = [several[n] for n in random.integers(len(several), size=len(several))]
-        again = np.concatenate([one[random.integers(len(one), size=len(one))] for one in drawn])
+        again = np.concatenate(
+            [values[random.integers(len(values), size=len(values))] for values in drawn]
+        )
         logs.append(math.log(Tail(*_tail(again, passing)).seconds(at)))
     return tails[passing]._replace(spread=float(np.std(logs)))
 
@@ -241,8 +243,8 @@ def calibrate_monitor(
     budget = finite_number("calibrate_monitor: hours", hours, ObserverError)
     first = whole_number("calibrate_monitor: seed", seed, 0, ObserverError)
     levels = usual_noise(fit, several) if noise is None else noise
-    observed = [observe(fit, one, levels) for one in several]
-    longest = max(one.experiment.duration for one in observed)
+    observed = [observe(fit, recording, levels) for recording in several]
+    longest = max(recording.experiment.duration for recording in observed)
     if longest < 2 * SETTLE:
         raise ObserverError(
             f"calibrate_monitor: experiments: expected a recording of at least {2 * SETTLE:g} s, "
@@ -258,9 +260,9 @@ def _simulations(
     takes 100 MB."""
     number = 0
     while seconds > 0:
-        one = simulated(observed[number % len(observed)], seed + number)
-        number, seconds = number + 1, seconds - one.experiment.duration
-        yield one
+        healthy = simulated(observed[number % len(observed)], seed + number)
+        number, seconds = number + 1, seconds - healthy.experiment.duration
+        yield healthy
 
 
 def calibration_of_recordings(
@@ -289,14 +291,14 @@ def usual_calibration(observed: Observed) -> MonitorCalibration:
 
 def _plain_calibration(observed: Sequence[Observed]) -> MonitorCalibration:
     """The scales, correlations and references of some recordings, with usual tails."""
-    times = [np.diff(one.time) for one in observed]
+    times = [np.diff(recording.time) for recording in observed]
     sample_time = float(np.median(np.concatenate(times)))
-    names = sorted({name for one in observed for name in one.channels})
+    names = sorted({name for recording in observed for name in recording.channels})
     scales, memory, still = {}, {}, {}
     for name in names:
-        series = [_settled(one, name) for one in observed if name in one.channels]
+        series = [_settled(recording, name) for recording in observed if name in recording.channels]
         scales[name], memory[name] = _scale_and_memory(series)
-        longest = max((_longest_still(one, name) for one in observed), default=0)
+        longest = max((_longest_still(recording, name) for recording in observed), default=0)
         still[name] = max(MIN_EQUAL_READINGS, 3.0 * longest)
     return MonitorCalibration(
         sample_time=sample_time,
@@ -323,7 +325,7 @@ def _scale_and_memory(series: Sequence[Float[np.ndarray, " samples"]]) -> tuple[
     if len(both) < 30:
         return 1.0, 0.0
     scale = math.sqrt(float(np.mean(both**2))) or 1.0
-    pairs = np.concatenate([one[1:] * one[:-1] for one in clipped])
+    pairs = np.concatenate([values[1:] * values[:-1] for values in clipped])
     pairs = pairs[np.isfinite(pairs)]
     memory = float(np.mean(pairs)) / scale**2 if len(pairs) else 0.0
     return scale, float(np.clip(memory, 0.0, 0.95))
@@ -342,12 +344,12 @@ def _longest_still(observed: Observed, channel: str) -> int:
 def _references(observed: Sequence[Observed]) -> dict[str, Reference]:
     """What the observer says of each parameter at the end of the recordings."""
     result: dict[str, list[float]] = {}
-    for one in observed:
-        model = one.observer.model
+    for recording in observed:
+        model = recording.observer.model
         if model.directions is None:
             continue
-        change = np.asarray(one.estimates.moments.values.mean)
-        later = one.time >= one.time[0] + LAST * one.experiment.duration
+        change = np.asarray(recording.estimates.moments.values.mean)
+        later = recording.time >= recording.time[0] + LAST * recording.experiment.duration
         for name, mean in zip(parameters_of(model), change[later].mean(axis=0), strict=True):
             result.setdefault(name, []).append(float(mean))
     return {
@@ -365,13 +367,13 @@ def _tails(
 ) -> dict[str, Tail]:
     """The tails of all families in some recordings."""
     maxima: dict[str, list[np.ndarray]] = {family: [] for family in FAMILIES}
-    for one in observed:
-        result = evidences_of(Monitor(one.observer, plain, response, None), one)
-        later = one.time >= one.time[0] + SETTLE
+    for recording in observed:
+        result = evidences_of(Monitor(recording.observer, plain, response, None), recording)
+        later = recording.time >= recording.time[0] + SETTLE
         for family in FAMILIES:
             scores = getattr(result, family).score
             if scores.shape[1] and later.any():
                 largest = scores[later].max(axis=1)
-                maxima[family].append(block_maxima(one.time[later], largest))
+                maxima[family].append(block_maxima(recording.time[later], largest))
     tails = {family: tail_of(several, source) for family, several in maxima.items()}
     return {family: tail for family, tail in tails.items() if tail is not None}

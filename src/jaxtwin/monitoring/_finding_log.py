@@ -73,7 +73,12 @@ def events(findings: Sequence[Finding]) -> list[list[Finding]]:
     for group in result:
         # An alarm says more than a notice, a channel than all together, and kelvins than watts.
         group.sort(
-            key=lambda one: (one.is_alarm, bool(one.channel), one.unit == "K", abs(one.size or 0)),
+            key=lambda finding: (
+                finding.is_alarm,
+                bool(finding.channel),
+                finding.unit == "K",
+                abs(finding.size or 0),
+            ),
             reverse=True,
         )
     return result
@@ -175,7 +180,9 @@ class FindingLog:
     def findings(self) -> tuple[Finding, ...]:
         """The findings that are kept, in the order of their onset; those that are there have no
         `until`."""
-        return tuple(sorted((*list(self._closed), *self.present), key=lambda one: one.since or 0))
+        return tuple(
+            sorted((*list(self._closed), *self.present), key=lambda finding: finding.since or 0)
+        )
 
     def take(self, now: float | int, evidence: Evidence, rate: float = 1.0) -> list[Finding]:
         """Takes what the tests say of a sample.
@@ -208,15 +215,15 @@ class FindingLog:
                 begun = self._grown(_begun(row, since, now), row, size, score)
                 self._open[row.key] = _Open(begun, score, now)
                 new[row.key] = begun
-        for key, one in list(self._open.items()):
-            if now - one.last >= CALM_SECONDS * tick:
-                self._closed.append(replace(one.finding, until=one.last))
+        for key, entry in list(self._open.items()):
+            if now - entry.last >= CALM_SECONDS * tick:
+                self._closed.append(replace(entry.finding, until=entry.last))
                 del self._open[key]
         return list(new.values())
 
     def to_dict(self) -> dict[str, Any]:
         """The findings as a dictionary that JSON can hold, from which `resume` goes on."""
-        there = [[asdict(one.finding), one.peak, one.last] for one in self._open.values()]
+        there = [[asdict(entry.finding), entry.peak, entry.last] for entry in self._open.values()]
         return {"open": there, "closed": [asdict(finding) for finding in self._closed]}
 
     def resume(self, content: dict[str, Any]) -> None:
@@ -237,7 +244,7 @@ class FindingLog:
 
     def _is_alarmed(self) -> bool:
         """Whether there is an alarm, which then explains why a parameter has changed."""
-        return any(one.finding.is_alarm for one in self._open.values())
+        return any(entry.finding.is_alarm for entry in self._open.values())
 
     def _grown(self, finding: Finding, row: _FindingRow, size: float, score: float) -> Finding:
         return replace(
@@ -335,7 +342,7 @@ def _change(row: _FindingRow, size: float) -> str:
 def at_sample(evidences: Evidences, place: int) -> Evidence:
     """What all tests say of one sample of a recording, one behind the other."""
     parts = zip(*evidences, strict=True)
-    return Evidence(*(np.concatenate([one[place] for one in part]) for part in parts))
+    return Evidence(*(np.concatenate([values[place] for values in part]) for part in parts))
 
 
 def loudest(evidences: Evidences) -> Float[np.ndarray, " times"]:

@@ -172,9 +172,9 @@ class InnovationTests(eqx.Module):
         sums = now.sums
         of_way = partial(picked, row=jnp.argmax(sums.sums, axis=0))
         ratio, age, size = now.window.ratio()
-        joint = tuple(jnp.reshape(one, 1) for one in joint_ratio(now.window))
+        joint = tuple(jnp.reshape(value, 1) for value in joint_ratio(now.window))
         if len(self.scales) == 1:  # that of the channel says it all
-            joint = tuple(one[:0] for one in joint)
+            joint = tuple(value[:0] for value in joint)
         mean = of_way(sums.totals) / jnp.maximum(of_way(sums.counts), 1.0)
         # The energy has no memory of when it rose: it is as old as what it averages.
         averaged = jnp.full_like(now.energy, ENERGY_SAMPLES) * dt

@@ -210,7 +210,7 @@ class ShiftTest(eqx.Module):
         assert self.model.directions is not None
         is_logarithm = self.model.directions.is_logarithmic[place]
         difference = abs(math.log1p(max(size, -0.99)) if is_logarithm else size)
-        unlike, freedom = (float(one[place]) for one in (self.unlike, self.freedom))
+        unlike, freedom = (float(values[place]) for values in (self.unlike, self.freedom))
         compared = int(np.isfinite(np.asarray(self.unlike)).sum())
         limit = -float(stdtrit(freedom, LEVEL / compared / 2))
         chance = 2 * compared * float(stdtr(freedom, -difference / unlike * limit))

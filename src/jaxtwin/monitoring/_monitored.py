@@ -116,11 +116,11 @@ class Monitored:
             "false_alarm_days": self.false_alarm_time / DAY,
             "alarms": len(self.alarms),
             "findings": [
-                {key: json_value(one) for key, one in zip(COLUMNS, row, strict=True)}
+                {key: json_value(value) for key, value in zip(COLUMNS, row, strict=True)}
                 for row in self._rows()
             ],
             "thresholds": [
-                {key: json_value(one) for key, one in row.items()} for row in self._thresholds()
+                {key: json_value(value) for key, value in row.items()} for row in self._thresholds()
             ],
         }
 
@@ -132,8 +132,8 @@ class Monitored:
             return f"{name}: nothing found in {self.experiment.duration:.0f} s"
         lines = [f"{name}: {_count(len(self.alarms))}"]
         for first, *others in events(self.findings):
-            since = min(one.since or 0.0 for one in (first, *others))
-            ends = [one.until for one in (first, *others)]
+            since = min(finding.since or 0.0 for finding in (first, *others))
+            ends = [finding.until for finding in (first, *others)]
             known = [end for end in ends if end is not None]
             until = "the end" if len(known) < len(ends) else f"{max(known):.0f} s"
             sure = "" if first.probability is None else f", probability {first.probability:.3g}"

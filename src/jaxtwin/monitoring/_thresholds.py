@@ -118,10 +118,10 @@ class MonitorCalibration:
         lines = [f"sample_time_s = {self.sample_time!r}"]
         for title in ("scales", "memory", "still"):
             lines += ["", f"[{title}]"]
-            lines += [f"{_key(name)} = {one!r}" for name, one in getattr(self, title).items()]
+            lines += [f"{_key(name)} = {value!r}" for name, value in getattr(self, title).items()]
         lines += ["", "[references]"]
-        for name, one in self.references.items():
-            lines += ["", f"[references.{_key(name)}]", *_entries(one._asdict())]
+        for name, reference in self.references.items():
+            lines += ["", f"[references.{_key(name)}]", *_entries(reference._asdict())]
         for family, several in self.tails.items():
             for tail in several:
                 lines += ["", f"[[tails.{family}]]", *_entries(tail._asdict())]
@@ -148,8 +148,8 @@ class MonitorCalibration:
             tails=_tails(source, entries),
             still=_numbers(source, "still", entries),
             references={
-                name: _reference(source, f"references.{name}", one)
-                for name, one in _table(source, "references", entries).items()
+                name: _reference(source, f"references.{name}", reference)
+                for name, reference in _table(source, "references", entries).items()
             },
         )
 
@@ -214,7 +214,7 @@ def _numbers(
     source: Path, name: str, entries: Mapping[str, Any], lowest: float = 0.0
 ) -> dict[str, float]:
     table = _table(source, name, entries)
-    return {key: _number(source, f"{name}.{key}", one, lowest) for key, one in table.items()}
+    return {key: _number(source, f"{name}.{key}", value, lowest) for key, value in table.items()}
 
 
 def _tails(source: Path, entries: Mapping[str, Any]) -> dict[str, tuple[Tail, ...]]:
@@ -223,7 +223,7 @@ def _tails(source: Path, entries: Mapping[str, Any]) -> dict[str, tuple[Tail, ..
         several = table.get(family)
         if not isinstance(several, list) or not several:
             raise ObserverError(f"{source}: tails.{family}: expected tables, got {several!r}")
-        result[family] = tuple(_tail(source, f"tails.{family}", one) for one in several)
+        result[family] = tuple(_tail(source, f"tails.{family}", tail) for tail in several)
     return result
 
 
@@ -236,7 +236,7 @@ def _tail(source: Path, name: str, entry: object) -> Tail:
     ]
     hours, spread = entry.get("hours", 0.0), entry.get("spread", math.nan)
     good = all(
-        isinstance(one, int | float) and not isinstance(one, bool) for one in (hours, spread)
+        isinstance(value, int | float) and not isinstance(value, bool) for value in (hours, spread)
     )
     if not good or not isinstance(entry.get("source"), str):
         raise ObserverError(f"{source}: {name}: expected source, hours and spread, got {entry!r}")

@@ -314,10 +314,10 @@ class Forecast:
     def _repr_html_(self) -> str:
         rows = []
         for number, channel in enumerate(self.channels):
-            one = self.residuals[:, number]
-            there = np.isfinite(one)
+            residuals = self.residuals[:, number]
+            there = np.isfinite(residuals)
             inside = self._inside[there, number]
-            error = f"{np.sqrt(np.mean(one[there] ** 2)):.3f}" if there.any() else ""
+            error = f"{np.sqrt(np.mean(residuals[there] ** 2)):.3f}" if there.any() else ""
             share = f"{100 * inside.mean():.1f}" if there.any() else ""
             width = f"{2 * QUANTILE_975 * self.spread[:, number].mean():.2f}"
             rows.append((channel, error, share, width))

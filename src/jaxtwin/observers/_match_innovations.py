@@ -177,7 +177,7 @@ class _Score:
             )
             self._recordings.append(recording)
         self.readings = sum(
-            int(np.isfinite(one.samples.readings).sum()) for one in self._recordings
+            int(np.isfinite(recording.samples.readings).sum()) for recording in self._recordings
         )
 
     def __call__(

@@ -378,4 +378,6 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         inputs = self.model.twin.rig.inputs
         if not inputs:
             return None
-        return jnp.asarray([one.level for one in inputs], self.model.stepper.reference.dtype)
+        return jnp.asarray(
+            [rig_input.level for rig_input in inputs], self.model.stepper.reference.dtype
+        )

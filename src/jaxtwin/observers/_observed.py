@@ -338,8 +338,8 @@ class Observed:
     def _repr_html_(self) -> str:
         end = self.estimates
         rows = [
-            (name, f"{one.mean[-1]:.2f}", f"{one.upper[-1] - one.mean[-1]:.2f}")
-            for name, one in (
+            (name, f"{forecast.mean[-1]:.2f}", f"{forecast.upper[-1] - forecast.mean[-1]:.2f}")
+            for name, forecast in (
                 *((f"{node}, °C", end.node(node)) for node in end.nodes),
                 ("room, °C", end.room),
                 *((f"heat at {cell}, W", end.heat(cell)) for cell in end.cells),

@@ -131,7 +131,7 @@ def read(window: SmoothingWindow, measured: Measured) -> SmoothingWindow:
         is_certain=measured.is_certain | old.is_certain,
     )
     return window._replace(
-        measured=jax.tree.map(lambda many, one: many.at[-1].set(one), rows, both)
+        measured=jax.tree.map(lambda many, row: many.at[-1].set(row), rows, both)
     )
 
 
@@ -141,4 +141,4 @@ def _repeated(tree: Tree, count: int) -> Tree:
 
 def _pushed(rows: Tree, row: Tree) -> Tree:
     """Rows without the first, and with another after the last."""
-    return jax.tree.map(lambda many, one: jnp.concatenate([many[1:], one[None]]), rows, row)
+    return jax.tree.map(lambda many, row: jnp.concatenate([many[1:], row[None]]), rows, row)

@@ -222,8 +222,8 @@ def offset_channel(twin: Twin, channel: str, offset: Float[ArrayLike, ""]) -> Fa
 
 def swapped_channels(twin: Twin, pair: str, share: Float[ArrayLike, ""] = 1.0) -> Fault:
     """Two channels, "T11+T12", are swapped: at a `share` of 1 each reads what the other should."""
-    one, _, two = pair.partition("+")
-    numbers = np.array([_number("channel", name, twin.channels) for name in (one, two)])
+    first, _, second = pair.partition("+")
+    numbers = np.array([_number("channel", name, twin.channels) for name in (first, second)])
 
     def fault(system: System) -> System:
         weights, gain = jnp.asarray(system.channel_weights), jnp.asarray(system.gain)
@@ -302,7 +302,8 @@ def changed_parameter(twin: Twin, name: str, factor: Float[ArrayLike, ""]) -> Fa
         change = {
             keys: new - old
             for (keys, new), (_, old) in zip(
-                *(jax.tree_util.tree_leaves_with_path(one) for one in (after, before)), strict=True
+                *(jax.tree_util.tree_leaves_with_path(system) for system in (after, before)),
+                strict=True,
             )
             if eqx.is_inexact_array(new)
         }

@@ -61,7 +61,7 @@ class InputWiring:
         self.links = np.array(changed, np.int32)
         chosen = [netlist.links[number] for number in self.links]
         self.conductances = Expressions([link.conductances for link in chosen])
-        names = {name for one in rig.inputs for name in one.names}
+        names = {name for rig_input in rig.inputs for name in rig_input.names}
         own = (
             tuple(power for power in product.powers if power[0] not in names)
             for product in self.conductances.products
@@ -77,14 +77,14 @@ class InputWiring:
                 self.differences[row, nodes[link.b]] = 1.0
             elif link.b != AMBIENT:
                 self.to_reservoir[row, held.index(link.b)] = 1.0
-        self.reservoirs = Expressions([[one.temperature] for one in netlist.reservoirs])
+        self.reservoirs = Expressions([[reservoir.temperature] for reservoir in netlist.reservoirs])
         self.supply_voltage = Expressions([[rig.driver.supply_voltage]])
 
     def used(self, values_si: Mapping[str, Float[Array, ""]]) -> dict[str, Float[Array, ""]]:
         """The parameters on which the effects of the inputs depend."""
         tables = (self.conductances, self.reservoirs, self.supply_voltage)
         names = set().union(*(table.names for table in tables))
-        inputs = {name for one in self.inputs for name in one.names}
+        inputs = {name for rig_input in self.inputs for name in rig_input.names}
         return {name: values_si[name] for name in sorted(names - inputs)}
 
     def conditions(
@@ -100,13 +100,13 @@ class InputWiring:
         parts = (self.conductances, self.reservoirs, self.supply_voltage)
         shares = {
             name: number
-            for one, level in zip(self.inputs, levels, strict=True)
-            for name, number in one.shares(level).items()
+            for rig_input, level in zip(self.inputs, levels, strict=True)
+            for name, number in rig_input.shares(level).items()
         }
         nominal = {
             name: jnp.asarray(number, levels.dtype)
-            for one in self.inputs
-            for name, number in one.nominal.items()
+            for rig_input in self.inputs
+            for name, number in rig_input.nominal.items()
         }
         now = [part({**values_si, **shares}) for part in parts]
         before = [part({**values_si, **nominal}) for part in parts]

@@ -32,7 +32,9 @@ class NetworkLayout(NamedTuple):
 def network_layout(netlist: Netlist, elements: Sequence[str] = ()) -> NetworkLayout:
     """Places all nodes but those of sensors and the `elements` of a plate."""
     hidden = {*elements, *(node.name for node in netlist.nodes if node.kind == "sensor")}
-    names = [one.name for one in (*netlist.nodes, *netlist.reservoirs) if one.name not in hidden]
+    names = [
+        place.name for place in (*netlist.nodes, *netlist.reservoirs) if place.name not in hidden
+    ]
     links: dict[tuple[str, str], list[Link]] = {}
     lost: dict[str, list[Link]] = {}
     for link in netlist.links:

@@ -279,7 +279,9 @@ class Wiring:
         if effects is None:
             return ()
         names = effects.conductances.names
-        return tuple((one, not names.isdisjoint(one.names)) for one in effects.inputs)
+        return tuple(
+            (rig_input, not names.isdisjoint(rig_input.names)) for rig_input in effects.inputs
+        )
 
     def _place_channels(self, rig: Rig, weights: Float[np.ndarray, "channels rig_nodes"]) -> None:
         self.channels = tuple(channel.name for channel in rig.channels)

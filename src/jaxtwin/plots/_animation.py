@@ -65,7 +65,7 @@ def animate_plate(
     seconds = finite_number("animate_plate: seconds", seconds, ParameterError)
     if seconds <= 0:
         raise ParameterError(f"animate_plate: seconds: expected more than 0, got {seconds:g}")
-    shortest = min(runs.values(), key=lambda one: one.time[-1])
+    shortest = min(runs.values(), key=lambda run: run.time[-1])
     times = np.linspace(shortest.time[0], shortest.time[-1], min(frames, len(shortest.time)))
     film = _Film(rig, runs, times)
     figure = film.draw()
@@ -188,4 +188,4 @@ class _Film:
             extremes.set_text(text)
         self._title.set_text(f"{time:.0f} s")
         self._now.set_xdata([time, time])
-        return [*(one for each in self._patches for one in each), self._title, self._now]
+        return [*(patch for each in self._patches for patch in each), self._title, self._now]

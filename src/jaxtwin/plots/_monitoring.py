@@ -162,9 +162,9 @@ def _probabilities(axes: Axes, diagnosis: Diagnosis) -> None:
     kept = [layer for layer in layers if layer[1].max() >= SEEN]
     axes.stackplot(
         diagnosis.time,
-        [one[1] for one in kept],
-        colors=[one[2] for one in kept],
-        labels=[one[0] for one in kept],
+        [row[1] for row in kept],
+        colors=[row[2] for row in kept],
+        labels=[row[0] for row in kept],
         linewidth=0,
     )
     axes.set(ylabel="probability", ylim=(0, 1))

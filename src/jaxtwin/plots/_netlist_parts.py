@@ -430,7 +430,9 @@ def draw_network(
             bbox={"boxstyle": "square,pad=0.15", "fc": palette().ground, "ec": "none"},
         )  # fmt: skip
     for name, (x, y) in ((name, middle(name)) for name in places):
-        held = next((reservoir for reservoir in twin.netlist.reservoirs if reservoir.name == name), None)
+        held = next(
+            (reservoir for reservoir in twin.netlist.reservoirs if reservoir.name == name), None
+        )
         text = texts.get(name, "")
         if held is not None:
             text = f"held at {held.temperature.evaluate(values) - ZERO_CELSIUS:.3g} °C"

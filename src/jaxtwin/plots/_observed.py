@@ -130,7 +130,11 @@ def plot_innovations(observed: Observed) -> Figure:
     forecasts = [observed.ahead(lead) for lead in leads]
     expected = [float(np.sqrt(np.mean(forecast.spread**2))) for forecast in forecasts]
     ahead.plot(
-        leads, [one.rmse for one in forecasts], "o-", color=palette().vermilion, label="found"
+        leads,
+        [forecast.rmse for forecast in forecasts],
+        "o-",
+        color=palette().vermilion,
+        label="found",
     )
     ahead.plot(leads, expected, "o--", color=palette().muted, label="expected", mfc="none")
     ahead.set(xscale="log", xlabel="time ahead, s", ylabel="error of forecasts, K", ylim=(0, None))

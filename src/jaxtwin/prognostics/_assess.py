@@ -207,8 +207,8 @@ def health(
     if ahead < 0:
         raise MatchError(f"health: within: expected a time of 0 or more, got {ahead:g}")
     bounds = _limits(limits, rig)
-    estimates = [one.estimates for one in known.found.values()]
-    free = dict.fromkeys(name for one in known.found.values() for name in one.free)
+    estimates = [fit.estimates for fit in known.found.values()]
+    free = dict.fromkeys(name for fit in known.found.values() for name in fit.free)
     wanted = list(free) if names is None else list(names_of("health: names", names, MatchError))
     for name in (*wanted, *bounds):
         if name not in rows:
@@ -236,7 +236,7 @@ def health(
         sessions=tuple(known.found),
         times=when,
         time_unit=unit,
-        converged=tuple(one.has_converged for one in known.found.values()),
+        converged=tuple(fit.has_converged for fit in known.found.values()),
         parameters={row.name: row for row in _by_change(result)},
         undetermined=tuple(undetermined),
         within=ahead,
@@ -251,7 +251,7 @@ def _parameter(
 ) -> ParameterHealth | None:
     """A parameter over sessions; None if fewer than three at different times determine it."""
     entries = np.array([np.nan if estimate is None else estimate.value for estimate in estimates])
-    errors = np.array([np.nan if one is None else one.error for one in estimates])
+    errors = np.array([np.nan if estimate is None else estimate.error for estimate in estimates])
     there = np.isfinite(entries)
     if there.sum() < MIN_SESSIONS or np.ptp(when[there]) == 0:
         return None
@@ -304,16 +304,16 @@ def _sessions(
                 f"sessions, got {given!r}"
             )
         several = _named(list(given))
-    for name, one in several.items():
-        of_kind(f"health: {name}", one, (Fit, Observed), SESSION, MatchError)
+    for name, session in several.items():
+        of_kind(f"health: {name}", session, (Fit, Observed), SESSION, MatchError)
     if len(several) < MIN_SESSIONS:
         raise MatchError(
             f"health: sessions: expected {MIN_SESSIONS} or more, because two always lie on a "
             "line, got "
             f"{len(several)}"
         )
-    result = {name: session_of(one) for name, one in several.items()}
-    rigs = dict.fromkeys(one.rig.name for one in result.values())
+    result = {name: session_of(session) for name, session in several.items()}
+    rigs = dict.fromkeys(session.rig.name for session in result.values())
     if len(rigs) > 1:
         raise MatchError(f"health: sessions: expected those of one rig, got {', '.join(rigs)}")
     return _Sessions(result, made)
@@ -332,11 +332,11 @@ def _named(several: Sequence[Fit | Observed]) -> dict[str, Fit | Observed]:
 
 def _line(store: TwinStore) -> list[TwinVersion]:
     """The champion of a store and the versions before it, by their parents, the first one first."""
-    one = store.version("champion")
-    versions = [one]
-    while one.parent is not None:
-        one = store.version(one.parent)
-        versions.append(one)
+    version = store.version("champion")
+    versions = [version]
+    while version.parent is not None:
+        version = store.version(version.parent)
+        versions.append(version)
     return versions[::-1]
 
 
@@ -352,8 +352,8 @@ def _times(
         raise MatchError(
             f"health: times: expected one for each of {count} sessions, got {len(several)}"
         )
-    stamps = [_day(number, one) for number, one in enumerate(several, start=1)]
-    kinds = {isinstance(one, int | float) for one in several}
+    stamps = [_day(number, session) for number, session in enumerate(several, start=1)]
+    kinds = {isinstance(stamp, int | float) for stamp in several}
     if len(kinds) > 1:
         raise MatchError("health: times: expected all dates or all numbers, got both")
     when = np.array(stamps) - (0.0 if kinds == {True} else stamps[0])

@@ -191,7 +191,11 @@ class Health:
         count = len(self.sessions)
         length = _time_text(self.times[-1] - self.times[0], self.time_unit)
         lines = [f"{self.rig}: {count} sessions over {length}"]
-        failed = [name for name, one in zip(self.sessions, self.converged, strict=True) if not one]
+        failed = [
+            name
+            for name, has_converged in zip(self.sessions, self.converged, strict=True)
+            if not has_converged
+        ]
         lines += [f"did not converge: {', '.join(failed)}"] * bool(failed)
         most = next(iter(self.parameters.values()))
         clear = "a clear trend" if most.p_value < 0.05 else "no clear trend"
@@ -208,7 +212,7 @@ class Health:
             "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
             for row in table
         ]
-        lines += [self._passing(self.parameters[name], one) for name, one in self._limits()]
+        lines += [self._passing(self.parameters[name], limit) for name, limit in self._limits()]
         if self.undetermined:
             lines.append(f"not determined by three sessions: {', '.join(self.undetermined)}")
         return "\n".join(lines)

@@ -135,7 +135,7 @@ def moved(last: Fit, new: Fit, names: Sequence[str]) -> str:
         f"{name} changed from {last[name].value:.3g} to {new[name].value:.3g} {new[name].unit}"
         for name in names
     ]
-    return ", ".join(one.rstrip() for one in each)
+    return ", ".join(cell.rstrip() for cell in each)
 
 
 def check_converged(match: SessionMatch) -> GateCheck:

@@ -77,7 +77,7 @@ def likely_mistakes(
 ) -> list[Mistake]:
     """The mistake that explains recordings best, and those that are about as good, the best
     first."""
-    result = [_sensor_error(one, fit, prior, match, recordings) for one in SENSOR_ERRORS]
+    result = [_sensor_error(model, fit, prior, match, recordings) for model in SENSOR_ERRORS]
     if any(np.any(recording.duty) for recording in recordings.values()):
         result.append(_wrong_duty(fit, prior, match, recordings))
     for sentence, corrected in _rivals(fit, recordings):
@@ -111,9 +111,9 @@ def weighed(
         # The new twin has drifted with the session, and so must its rival.
         seen = _each(recordings, mistake.corrected)
         drifted = match_session(fit, prior, seen, 0, DRIFT_ITERATIONS).fit
-        for one, since, new in held_out:
-            corrected = mistake.corrected(one)
-            begin = float(corrected.time[np.searchsorted(one.time, since)])
+        for recording, since, new in held_out:
+            corrected = mistake.corrected(recording)
+            begin = float(corrected.time[np.searchsorted(recording.time, since)])
             rival = replay(drifted, corrected, begin, noise, lead)
             # The density of a reading is that of the corrected one, which is spread less widely.
             density = rival.log_likelihood - rival.readings * math.log(mistake.gain)
@@ -141,7 +141,7 @@ def _sensor_error(
     room = room_temperature(fit.twin.rig, twin.numbers_si, None)
 
     def without(size: float) -> Callable[[Experiment], Experiment]:
-        return lambda one: error.corrected(one, room, size)
+        return lambda recording: error.corrected(recording, room, size)
 
     def costs(sizes: Sequence[float]) -> list[float]:
         result = []
@@ -187,7 +187,9 @@ def _wrong_duty(
     lowest = np.array(fit.twin.rig.lowest_duty)
 
     def times(factor: float) -> Callable[[Experiment], Experiment]:
-        return lambda one: replace(one, duty=np.clip(factor * one.duty, lowest, 1.0))
+        return lambda recording: replace(
+            recording, duty=np.clip(factor * recording.duty, lowest, 1.0)
+        )
 
     def descents(factors: Sequence[float], start: Vector) -> list[DescentResult]:
         corrected = [_each(recordings, times(factor)) for factor in factors]
@@ -252,7 +254,9 @@ def _rivals(
     for row in fit.twin.rig.inputs:
         if any(row.name in recording.inputs for recording in recordings.values()):
             for number, state in enumerate(row.states):
-                if all(np.all(_numbers(one, row) == number) for one in recordings.values()):
+                if all(
+                    np.all(_numbers(recording, row) == number) for recording in recordings.values()
+                ):
                     continue  # which is what they say
                 yield f"if {row.name} were {state}", partial(_in_state, name=row.name, state=state)
 

@@ -217,13 +217,13 @@ def refit(
     _check_new(fit, several)
     parts = split(several, ahead, frozenset(name for names in fit.channels for name in names))
     last = [
-        replay(fit, one, since, noise, ahead)
-        for one, since in zip(parts.held_out, parts.since, strict=True)
+        replay(fit, recording, since, noise, ahead)
+        for recording, since in zip(parts.held_out, parts.since, strict=True)
     ]
     checks: list[GateCheck] = []
-    for one in several:
-        known = [each.observed for each in last if each.observed.experiment is one]
-        observed = known[0] if known else observe(fit, one, noise)
+    for recording in several:
+        known = [each.observed for each in last if each.observed.experiment is recording]
+        observed = known[0] if known else observe(fit, recording, noise)
         checks.append(check_readings(monitored(observed, fit, calibration, 30 * DAY)))
     if any(not check.passed for check in checks):
         return _decided(fit, None, checks)
@@ -232,8 +232,8 @@ def refit(
     match = match_session(fit, prior, seen, most, max_iterations)
     checks.append(check_converged(match))
     after = [
-        replay(match.fit, one, since, noise, ahead)
-        for one, since in zip(parts.held_out, parts.since, strict=True)
+        replay(match.fit, recording, since, noise, ahead)
+        for recording, since in zip(parts.held_out, parts.since, strict=True)
     ]
     rivals = likely_mistakes(fit, prior, match, seen)
     if (-BETTER if match.changed else POSSIBLE) < match.cost - rivals[0].cost <= BETTER:
@@ -241,10 +241,10 @@ def refit(
         rivals = weighed(rivals, fit, prior, seen, held_out, noise, ahead)
     checks.append(check_mistakes(rivals, match, fit))
     checks.append(check_changes(match, fit))
-    whole = [run_of_refit(match.fit, one, parts.seen) for one in parts.held_out]
+    whole = [run_of_refit(match.fit, recording, parts.seen) for recording in parts.held_out]
     runs = whole + [
-        simulate(match.fit.twins[name], one)
-        for name, one in seen.items()
+        simulate(match.fit.twins[name], recording)
+        for name, recording in seen.items()
         if len(parts.seen) > 1 or len(several) > 1
     ]
     checks.append(check_residuals(runs, fit))
@@ -314,11 +314,11 @@ def _in_window(recordings: Sequence[Experiment], window: float | int | None) -> 
 
 def _check_new(fit: Fit, recordings: Sequence[Experiment]) -> None:
     """Refuses recordings that the fit has seen, and those of several groups."""
-    for one in recordings:
-        if one.fingerprint in fit.fingerprints:
+    for recording in recordings:
+        if recording.fingerprint in fit.fingerprints:
             raise MatchError(
-                f"refit: expected recordings that the fit has not seen, got {one.name!r}, which it "
-                "was matched to"
+                "refit: expected recordings that the fit has not seen, got "
+                f"{recording.name!r}, which it was matched to"
             )
     groups = sorted({recording.group for recording in recordings})
     if len(groups) > 1:

@@ -43,7 +43,7 @@ class Fields:
         self.refuse = functools.partial(refuse, source)
         self._parameters = parameters
         self._parameter_sets = parameter_sets
-        self._inputs = {one.name: one for one in inputs}
+        self._inputs = {rig_input.name: rig_input for rig_input in inputs}
         self._used: set[str] = set()
 
     def value(self, field: str, text: str, kind: Kind) -> Value:

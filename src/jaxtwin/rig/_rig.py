@@ -201,7 +201,7 @@ def _parts(rig: Rig) -> dict[str, str]:
     return {
         **{part: text for part, text in parts.items() if text},
         "driver": f"{rig.driver.averaging} averaging, {rig.driver.counts} counts",
-        **({"inputs": ", ".join(one.name for one in rig.inputs)} if rig.inputs else {}),
+        **({"inputs": ", ".join(rig_input.name for rig_input in rig.inputs)} if rig.inputs else {}),
         "channels": " ".join(channel.name for channel in rig.channels),
         "parameters": f"{len(rig.parameters)}, {free} of them free",
         "parameter sets": ", ".join(rig.parameter_sets) or "none",

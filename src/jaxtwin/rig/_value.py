@@ -276,10 +276,10 @@ def conductances(resistance: Value | Switched) -> tuple[Value, ...]:
 
 def depends_on(value: Value, inputs: tuple[Input, ...]) -> bool:
     """Whether a value depends on one of these inputs."""
-    names = {name for one in inputs for name in one.names}
+    names = {name for rig_input in inputs for name in rig_input.names}
     return any(name in names for name, _ in value.powers)
 
 
 def nominal_inputs(inputs: tuple[Input, ...]) -> Mapping[str, float]:
     """The numbers of all inputs where none is stated, by the names that a `Value` has for them."""
-    return {name: number for one in inputs for name, number in one.nominal.items()}
+    return {name: number for rig_input in inputs for name, number in rig_input.nominal.items()}

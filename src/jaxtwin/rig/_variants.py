@@ -47,7 +47,7 @@ def with_places(rig: Rig, places: Mapping[str, Place], copies: Mapping[str, str]
     for name, original in copies.items():
         tables = _tables(text)
         table = _table(rig, tables, original)
-        end = max(one.end for one in tables)
+        end = max(table.end for table in tables)
         renamed = rf"\g<1>\g<2>{name}\g<2>"
         copy = _NAME.sub(renamed, text[table.start : table.end], count=1)
         text = f"{text[:end].rstrip()}\n\n{copy.rstrip()}\n{text[end:]}"
@@ -66,7 +66,9 @@ def with_places(rig: Rig, places: Mapping[str, Place], copies: Mapping[str, str]
 def _parameters_of_places(rig: Rig, places: Mapping[str, Place]) -> set[str]:
     """The parameters of the places that are replaced."""
     replaced = [placement for placement in rig.placements if placement.name in places]
-    return {name for one in replaced for at in (one.x, one.y) for name, _ in at.powers}
+    return {
+        name for placement in replaced for at in (placement.x, placement.y) for name, _ in at.powers
+    }
 
 
 def _without_parameter(text: str, name: str) -> str:

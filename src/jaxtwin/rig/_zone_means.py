@@ -68,7 +68,7 @@ def point_weights(
     - `place`: the point, m.
     """
     centres = (edges[:-1] + edges[1:]) / 2
-    return np.array([np.interp(place, centres, one) for one in np.eye(len(centres))])
+    return np.array([np.interp(place, centres, unit) for unit in np.eye(len(centres))])
 
 
 def _mean_place(

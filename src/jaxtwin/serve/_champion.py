@@ -117,7 +117,7 @@ class Champion:
             return None
         if accepts is not None and not accepts(version):
             return None
-        twins = [(one.fit_text, one.noise_text) for one in (before, version)]
+        twins = [(each.fit_text, each.noise_text) for each in (before, version)]
         is_same = twins[0] == twins[1] and version.controller_text != before.controller_text
         beside = None if is_same else self._made(version)
         self.number, self._version = version.number, version

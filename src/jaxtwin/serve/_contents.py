@@ -141,7 +141,7 @@ def outlook_content(
         "nodes_later": nodes_later[elements:],
         "channels": rounded(now.channels.mean),
         "channels_later": rounded(later.channels.mean),
-        "times": [round(one, DIGITS) for one in times],
+        "times": [round(time, DIGITS) for time in times],
         "forecast": forecast,
         "forecast_band": forecast_band,
         "room": room[0],

@@ -160,9 +160,9 @@ class Desk:
         """Answers those who have pressed the stop."""
         with self._lock:
             waiting, self._stops = self._stops, []
-        for one in waiting:
-            if one.set_running_or_notify_cancel():
-                one.set_result(answer)
+        for asked in waiting:
+            if asked.set_running_or_notify_cancel():
+                asked.set_result(answer)
 
     def ask(self, order: Order) -> "Future[Answer]":
         """Leaves an order; the answer comes when it is obeyed or refused."""

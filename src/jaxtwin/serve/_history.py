@@ -92,7 +92,8 @@ class History:
                 return self._levels[0].between(0.0, 0.0, points)
             since = max(self._last - span, self._first)
             level = next(
-                (one for one in self._levels if one.reach >= self._last - since), self._levels[-1]
+                (level for level in self._levels if level.reach >= self._last - since),
+                self._levels[-1],
             )
             return level.between(since, self._last, points)
 

@@ -86,8 +86,8 @@ class LiveDiagnosis:
         for cause in outcome.value:
             if cause["until_s"] is not None:
                 cause["until"] = self._recent.host_time(cause["until_s"])
-            for one in cause["explanations"]:
-                one["onset"] = self._recent.host_time(one["onset_s"])
+            for explanation in cause["explanations"]:
+                explanation["onset"] = self._recent.host_time(explanation["onset_s"])
         self._causes = outcome.value
         self._show({"state": "done", "causes": self._causes})
 

@@ -104,7 +104,7 @@ def _numbers(
         raise JaxtwinError(
             f"{name}: expected a list of {len(ranges)} numbers, got {shortened(value)}"
         )
-    return tuple(_number(name, one, *ends) for one, ends in zip(value, ranges, strict=True))
+    return tuple(_number(name, number, *ends) for number, ends in zip(value, ranges, strict=True))
 
 
 def _seconds(fields: dict[str, Any]) -> float:

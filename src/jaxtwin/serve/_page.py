@@ -267,7 +267,7 @@ class Page:
         applied = None if state.sample is None else self.twin.rig.driver.duty(state.sample.pwm)
         power = None if outlook is None else outlook.power
         live = {name: float(link == "live") for name, link in self._source.states.items()}
-        alarms = sum(one.is_alarm and one.until is None for one in self._findings or ())
+        alarms = sum(finding.is_alarm and finding.until is None for finding in self._findings or ())
 
         def gauge(name: str, about: str, label: str, names: Any, values: Any) -> Metric:
             return Metric(f"jaxtwin_{name}", "gauge", about, label, _named(names, values))
@@ -361,7 +361,9 @@ class Page:
         if result == self._findings:
             return
         self._findings = result
-        self.ring.append("findings", [finding_as_json(one) for one in reversed(result[-LINES:])])
+        self.ring.append(
+            "findings", [finding_as_json(finding) for finding in reversed(result[-LINES:])]
+        )
 
     def _show_story(self, state: RigState, now: int) -> None:
         rig, follower = self.twin.rig, self._follower

@@ -148,9 +148,9 @@ class PageServer:
 
     def __enter__(self) -> "PageServer":
         self._stack.callback(self._diagnosis.close)
-        for one in (self._refit, self._optimiser):
-            if one is not None:
-                self._stack.callback(one.close)
+        for process in (self._refit, self._optimiser):
+            if process is not None:
+                self._stack.callback(process.close)
         self._stack.enter_context(self._web)
         return self
 

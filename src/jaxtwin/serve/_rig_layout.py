@@ -60,7 +60,9 @@ def _network(twin: Twin) -> dict[str, Any]:
     rig, netlist = twin.rig, twin.netlist
     layout = network_layout(netlist)
     held = {
-        reservoir.name: round(float(reservoir.temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS, 2)
+        reservoir.name: round(
+            float(reservoir.temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS, 2
+        )
         for reservoir in netlist.reservoirs
     }
     read: dict[str, list[str]] = {}

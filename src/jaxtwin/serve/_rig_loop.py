@@ -110,7 +110,7 @@ class RigLoop:
     ):
         self._source, self._page, self._desk, self._champion = source, page, desk, champion
         self._diagnosis, self._refit = diagnosis, refit
-        beside = [one for one in (diagnosis, refit) if one is not None]
+        beside = [consumer for consumer in (diagnosis, refit) if consumer is not None]
         self._after = AfterRun(source, page)
         self._service = Service(source, [*consumers, *beside, page, self._after])
         self._optimiser = optimiser

@@ -233,7 +233,10 @@ def _found(now: Situation, findings: Sequence[Finding], level: Level) -> Sentenc
 
 def _largest(findings: Sequence[Finding]) -> Finding:
     """That of a single part, which says more than what is said of all together."""
-    return max(findings, key=lambda one: (one.until is None, bool(one.channel), abs(one.size or 0)))
+    return max(
+        findings,
+        key=lambda finding: (finding.until is None, bool(finding.channel), abs(finding.size or 0)),
+    )
 
 
 def _sure(now: Situation) -> bool:

@@ -89,7 +89,7 @@ def _evaluated(value: Value, values_si: Mapping[str, np.ndarray | np.float64]) -
 def _unit_shares(rig: Rig) -> dict[str, np.float64]:
     """1 for each input, the share of each state, and each share that follows from a place on the
     plate, so that every value counts."""
-    names = [name for one in rig.inputs for name in one.names]
+    names = [name for rig_input in rig.inputs for name in rig_input.names]
     return {name: np.float64(1.0) for name in (*names, *placed_names(rig))}
 
 

@@ -31,7 +31,7 @@ def input_levels(
     """
     if not inputs:
         return None
-    return np.stack([_levels(experiment, one) for one in inputs], axis=1)
+    return np.stack([_levels(experiment, rig_input) for rig_input in inputs], axis=1)
 
 
 def _levels(experiment: Experiment, source: Input) -> Float[np.ndarray, " times"]:
@@ -81,11 +81,14 @@ def stated_levels(
 
     **Raises:** `error`, with `where` before it, for an unknown input or state.
     """
-    known = [one.name for one in inputs]
+    known = [rig_input.name for rig_input in inputs]
     for name in stated:
         if name not in known:
             raise error(f"{where}: inputs: {unknown_name('input', name, known)}")
-    levels = [_level(where, stated.get(one.name, one.value), one, error) for one in inputs]
+    levels = [
+        _level(where, stated.get(rig_input.name, rig_input.value), rig_input, error)
+        for rig_input in inputs
+    ]
     return jnp.stack([jnp.asarray(level) for level in levels])
 
 

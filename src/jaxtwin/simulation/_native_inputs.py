@@ -52,7 +52,7 @@ class NativeInputs:
         terms, numbers = [0], [0]
         self.changed_number: list[int] = []
         self.changed_sign: list[int] = []
-        names = {name for one in wiring.inputs for name in one.names}
+        names = {name for rig_input in wiring.inputs for name in rig_input.names}
 
         def add(values: list[Value], changed: dict[int, int], cell: int = -1) -> None:
             for value in values:
@@ -103,10 +103,10 @@ class NativeInputs:
             return np.zeros((len(levels), 0))
         shares = {
             name: np.asarray(number)
-            for one, level in zip(self.inputs, levels.T, strict=True)
-            for name, number in one.shares(level).items()
+            for rig_input, level in zip(self.inputs, levels.T, strict=True)
+            for name, number in rig_input.shares(level).items()
         }
-        nominal = {name: n for one in self.inputs for name, n in one.nominal.items()}
+        nominal = {name: n for rig_input in self.inputs for name, n in rig_input.nominal.items()}
         # A speed below 0 has no power: the draws then fail, without a warning for each.
         with np.errstate(invalid="ignore", divide="ignore"):
             now, before = self._of_steps.numbers(shares), self._of_steps.numbers(nominal)

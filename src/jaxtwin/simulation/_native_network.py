@@ -235,7 +235,7 @@ class Outputs:
         at = np.asarray(columns, int)
         kept = [np.arange(tables), *(tables + part * count + at for part in range(3))]
         weights = len(numbers) - len(self.nodes)
-        kept += [weights + np.arange(*self.row[one : one + 2]) for one in at]
+        kept += [weights + np.arange(*self.row[begin : begin + 2]) for begin in at]
         kept.append(weights + np.arange(self.row[count], self.row[-1]))
         return numbers[np.concatenate(kept)]
 
@@ -293,7 +293,7 @@ def _numbers(
     weights = jnp.asarray(system.channel_weights)[columns]
     lists: list[Any] = [
         [system.is_valid, reference],
-        [0.0 if one is None else one for one in (system.lag, system.delay, drift)],
+        [0.0 if value is None else value for value in (system.lag, system.delay, drift)],
         system.conductance[order[rows], order[table.column]],
         system.capacitance[order],
         system.ambient_conductance[order],
@@ -304,8 +304,8 @@ def _numbers(
         ),
         start[order],
         *(
-            jnp.broadcast_to(jnp.asarray(one), (cells,))
-            for one in (
+            jnp.broadcast_to(jnp.asarray(value), (cells,))
+            for value in (
                 module.seebeck_coefficient,
                 module.electrical_resistance,
                 bridge.supply_voltage * jnp.asarray(share),
@@ -320,8 +320,8 @@ def _numbers(
             []
             if loss is None
             else [
-                _even(one)
-                for one in (
+                _even(value)
+                for value in (
                     loss.film,
                     jnp.broadcast_to(loss.exponent, loss.film.shape),
                     STEFAN_BOLTZMANN * loss.radiating,

@@ -365,7 +365,7 @@ class Run:
             channels=self.channels,
             temperatures=self.temperatures + random.normal(0.0, sd, self.temperatures.shape),
             ambient=self.experiment.ambient,
-            inputs={one.name: one.value for one in known} | dict(self.experiment.inputs),
+            inputs={part.name: part.value for part in known} | dict(self.experiment.inputs),
             name=name or self.experiment.name,
             group=self.experiment.group,
         )

@@ -298,7 +298,7 @@ def build_time_grid(
     rule = step_rule() if rule is None else rule
     time, duty = experiment.elapsed, experiment.duty
     ambient = experiment.ambient
-    levels = input_levels(experiment, tuple(one for one, _ in inputs))
+    levels = input_levels(experiment, tuple(rig_input for rig_input, _ in inputs))
     duration = float(time[-1])
     least = duration / rule.largest
     if least > MAX_STEPS * rule.parts:

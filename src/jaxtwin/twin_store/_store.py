@@ -272,10 +272,10 @@ class TwinStore:
     def summary(self) -> str:
         """A line for each version, with its aliases."""
         lines = []
-        for one in self.versions:
-            names = f" [{', '.join(one.aliases)}]" if one.aliases else ""
-            parent = "" if one.parent is None else f" from {one.parent}"
-            lines.append(f"{one.number}{parent}  {one.made}{names}  {one.reason}")
+        for version in self.versions:
+            names = f" [{', '.join(version.aliases)}]" if version.aliases else ""
+            parent = "" if version.parent is None else f" from {version.parent}"
+            lines.append(f"{version.number}{parent}  {version.made}{names}  {version.reason}")
         return "\n".join(lines) or "no version yet"
 
     def __repr__(self) -> str:

@@ -105,7 +105,9 @@ class TwinVersion:
         ]
         lines += [f"  tag {key}: {value}" for key, value in self.tags.items()]
         lines += [f"  recording {name}: {digest[:12]}" for name, digest in self.recordings.items()]
-        lines.append(f"  {', '.join(f'{name} {one}' for name, one in self.software.items())}")
+        lines.append(
+            f"  {', '.join(f'{name} {version}' for name, version in self.software.items())}"
+        )
         lines.append(f"  noise: {'none' if self.noise_text is None else 'of its own'}")
         if self.controller_text is not None:
             scenarios = len(self.trial.get("scenarios", ()))
@@ -131,6 +133,7 @@ class AliasMove:
 
     def __str__(self) -> str:
         before, after = (
-            "none" if one is None else f"version {one}" for one in (self.before, self.after)
+            "none" if version is None else f"version {version}"
+            for version in (self.before, self.after)
         )
         return f"{self.made}  {self.alias}: {before} to {after}: {self.reason}"

@@ -132,7 +132,9 @@ class Sliders(NotebookWidget):
         self._experiment, self._given = ran, chosen_twin
         self.about = {
             **layout,
-            "channels": [one for one in layout["channels"] if one["name"] in first.channels],
+            "channels": [
+                channel for channel in layout["channels"] if channel["name"] in first.channels
+            ],
             "parameters": [_slider(rows[name], value) for name, value in given.items()],
             "recorded": self._experiment.temperatures is not None,
             "duration": float(self._experiment.time[-1] - self._experiment.time[0]),

@@ -73,7 +73,9 @@ class ControllerDesign(NamedTuple):
 
     def file_lines(self) -> list[str]:
         """Returns the lines of a controller's file."""
-        weights = ", ".join(f"{name} = {float(one)!r}" for name, one in self.objective.items())
+        weights = ", ".join(
+            f"{name} = {float(weight)!r}" for name, weight in self.objective.items()
+        )
         return [
             f"design.references = {json.dumps(self.references)}",
             f'design.duration = "{float(self.duration)!r} s"',

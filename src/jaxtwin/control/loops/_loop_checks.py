@@ -228,8 +228,8 @@ def _lumped_time_constant(system: System) -> Float[Array, ""]:
         return system.heat_into_nodes(deviation, idle, reference)
 
     capacitance = jnp.asarray(system.capacitance)
-    one = jnp.ones_like(capacitance)
-    _, slope = jax.jvp(heat, (jnp.zeros_like(one),), (one,))
+    ones = jnp.ones_like(capacitance)
+    _, slope = jax.jvp(heat, (jnp.zeros_like(ones),), (ones,))
     return jnp.sum(capacitance) / -jnp.sum(slope)
 
 

@@ -190,11 +190,11 @@ class _Search:
         self._highest = np.concatenate([self._plate.highest, duty[1]])
         self._count = len(bounds)
         placements = {placement.name: placement for placement in twin.rig.placements}
-        fixed = [one for one in twin.rig.placements if one.name not in bounds]
+        fixed = [placement for placement in twin.rig.placements if placement.name not in bounds]
         self._gaps = FaceGaps(
             [placements[name] for name in bounds],
             fixed,
-            np.array([_place(twin, one.name) for one in fixed]).reshape(-1, 2),
+            np.array([_place(twin, placement.name) for placement in fixed]).reshape(-1, 2),
             clearance,
         )
 
@@ -210,7 +210,9 @@ class _Search:
         self, held: Float[np.ndarray, "held 2"], random: np.random.Generator
     ) -> Places | None:
         """Draws places without overlap, of which the first are held; None if none are found."""
-        lowest, highest = (one.reshape(-1, 2) for one in (self._plate.lowest, self._plate.highest))
+        lowest, highest = (
+            corner.reshape(-1, 2) for corner in (self._plate.lowest, self._plate.highest)
+        )
         held = np.clip(held, lowest[: len(held)], highest[: len(held)])
         return self._gaps.random(lowest, highest, held, random)
 

@@ -63,7 +63,7 @@ class FaceGaps:
         clearance: float,
     ):
         self._fixed = fixed_places.reshape(-1, 2)
-        boxes = np.array([one.box for one in (*moving, *fixed)])
+        boxes = np.array([placement.box for placement in (*moving, *fixed)])
         first, second = np.triu_indices(len(boxes), 1)
         does_move = first < len(moving)
         self._pairs = first[does_move], second[does_move]
@@ -297,7 +297,9 @@ def _with_parameters(rig: Rig, bounds: Mapping[str, Bounds]) -> tuple[Rig, tuple
     for number, (name, (left, right, top, bottom)) in enumerate(bounds.items(), 1):
         width, height = boxes[name]
         table = next(
-            one for one in (*data.get("cells", ()), *data.get("heaters", ())) if one["name"] == name
+            table
+            for table in (*data.get("cells", ()), *data.get("heaters", ()))
+            if table["name"] == name
         )
         table["at"] = []
         for axis, (low, high), side in (
@@ -403,7 +405,7 @@ class RigDesign:
                     {"units": "m"},
                 ),
                 "duty": (("rig", "cell"), [[row[2] for row in rows] for rows in table]),
-                "plate_range": ("rig", [one.point.range for one in both], {"units": "K"}),
+                "plate_range": ("rig", [design.point.range for design in both], {"units": "K"}),
             },
             coords={"rig": ["before", "after"], "cell": names, "axis": ["x", "y"]},
             attrs={
