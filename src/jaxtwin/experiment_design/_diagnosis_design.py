@@ -218,8 +218,10 @@ class DiagnosisDesign:
         return [
             (
                 candidate.name,
-                f"told apart {_after(candidate.separation)}"
-                f"{'' if candidate.is_allowed else ' (too hot)'}",
+                (
+                    f"told apart {_after(candidate.separation)}"
+                    f"{'' if candidate.is_allowed else ' (too hot)'}"
+                ),
             )
             for candidate in self._planned()
         ]
