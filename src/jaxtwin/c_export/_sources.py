@@ -140,10 +140,10 @@ def included(file: Path, given: Mapping[str, str]) -> str:
     A part is included where it is asked for, so that each exported model is a single source.
     """
 
-    def part(found: re.Match[str]) -> str:
-        beside = file.with_name(found[1])
-        if found[1] in given:
-            return given[found[1]]
-        return included(beside, given) if beside.exists() else found[0]
+    def part(match: re.Match[str]) -> str:
+        beside = file.with_name(match[1])
+        if match[1] in given:
+            return given[match[1]]
+        return included(beside, given) if beside.exists() else match[0]
 
     return _INCLUDE.sub(part, file.read_text(encoding="ascii"))

@@ -167,19 +167,19 @@ def _import(
         rig_input.name for rig_input in rig.inputs if rig_input.name not in experiment.inputs
     ]
     gaps = experiment.gaps.tolist()
-    said = [aligned(_ranges(experiment, read_as))]
-    said += [f"  left out: {', '.join(left_out)}"] * bool(left_out)
-    said += [f"  channels of {rig.name} without a column: {', '.join(missing)}"] * bool(missing)
-    said += [f"  inputs of {rig.name} without a column: {', '.join(unstated)}"] * bool(unstated)
-    said += [f"  nothing from {before:g} s to {after:g} s" for before, after in gaps]
-    said += [f"  {note}" for note in experiment.notes]
-    said += [f"  {glitch}; --mask-glitches leaves it out" for glitch in experiment.glitches]
+    lines = [aligned(_ranges(experiment, read_as))]
+    lines += [f"  left out: {', '.join(left_out)}"] * bool(left_out)
+    lines += [f"  channels of {rig.name} without a column: {', '.join(missing)}"] * bool(missing)
+    lines += [f"  inputs of {rig.name} without a column: {', '.join(unstated)}"] * bool(unstated)
+    lines += [f"  nothing from {before:g} s to {after:g} s" for before, after in gaps]
+    lines += [f"  {note}" for note in experiment.notes]
+    lines += [f"  {glitch}; --mask-glitches leaves it out" for glitch in experiment.glitches]
     command = ["jaxtwin", "import", file.name, "--rig", Path(rig_name).name, *words]
     checksum = hashlib.sha256(file.read_bytes()).hexdigest()
     history = [f"{shlex.join(command)} --out {out.name}", f"of {file.name}, SHA-256 {checksum}"]
-    write_recording(experiment, out, history=[*history, *"\n".join(said).splitlines()])
+    write_recording(experiment, out, history=[*history, *"\n".join(lines).splitlines()])
     say(f"{out}: {len(experiment.time)} samples in {experiment.duration:g} s, from {file}", json)
-    for text in said:
+    for text in lines:
         say(text, json)
     write_json(
         json,

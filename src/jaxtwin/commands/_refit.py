@@ -124,12 +124,12 @@ def refit(
         raise typer.Exit(code)
 
 
-def _code(found: "Refit") -> int:
-    if found.is_alarm:
+def _code(result: "Refit") -> int:
+    if result.is_alarm:
         return ALARMED
-    if not found.converged:
+    if not result.converged:
         return NOT_CONVERGED
-    return 0 if found.decision in ("promoted", "unchanged") else REJECTED
+    return 0 if result.decision in ("promoted", "unchanged") else REJECTED
 
 
 def _judged(twins: "TwinStore") -> set[str]:

@@ -63,11 +63,11 @@ def simulate(
         numbers = _numbers(run, time.perf_counter() - began)
         progress.step(f"writing {out}")
         run.save(out)
-    said = _table(run, numbers)
+    table = _table(run, numbers)
     if fit is not None:
         numbers["own_values"], text = _own_values(fit, twin, experiment)
-        said += f"\n{text}" * bool(text)
-    say(said, json)
+        table += f"\n{text}" * bool(text)
+    say(table, json)
     say_written(out, json_path=json)
     write_json(json, numbers)
 

@@ -88,7 +88,7 @@ def survivors(
     observed: Observed,
     several: Sequence[Suspect],
     prior: Prior,
-    said: Judged,
+    scores: Judged,
     logs: Float[np.ndarray, "samples faults_and_other"],
     at: int,
     last: int,
@@ -106,11 +106,11 @@ def survivors(
     stuck = _stuck(observed, several, at)
     order = [number for number in np.argsort(-logs[at, :-1]).tolist() if number not in stuck]
     numbers = np.resize([*stuck, *order][:SURVIVORS], SURVIVORS)  # the same number for few suspects
-    onset = np.asarray(said.onset)[at, numbers]
+    onset = np.asarray(scores.onset)[at, numbers]
     onset = np.array([stuck.get(n, first) for n, first in zip(numbers, onset, strict=True)])
     inflation = np.asarray(prior.inflation)[numbers]
     suspects = [several[int(number)] for number in numbers]
-    multiples = np.asarray(said.multiple)[at, numbers]
+    multiples = np.asarray(scores.multiple)[at, numbers]
     made = [_of_multiple(suspect, float(m)) for suspect, m in zip(suspects, multiples, strict=True)]
     turn = 0
     while True:
@@ -295,19 +295,19 @@ def diagnosed(
     while start < len(time) and len(causes) < MOST:
         with own_settings():
             result = ratios(observed.observer, arrays, prior, inputs_of(observed, start))
-        said = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(time)], result)
-        logs = np.asarray(said.evidence) + rate
+        scores = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(time)], result)
+        logs = np.asarray(scores.evidence) + rate
         span = _first(logs, start)
         end = len(time) if span is None else span.end
         answers[start:end] = _probabilities(logs[start:end])
         if span is None:
             break
         last = min(span.end + AFTER, len(time)) - 1 if span.is_over else span.best
-        alive = survivors(observed, several, prior, said, logs, span.best, last, span.is_over)
-        odds = _odds(alive, said, logs, span.best, rate)
+        alive = survivors(observed, several, prior, scores, logs, span.best, last, span.is_over)
+        odds = _odds(alive, scores, logs, span.best, rate)
         posterior = _probabilities(odds)
         answers[alive.first : alive.first + len(posterior)] = posterior
-        causes.append(_cause(several, alive, said, logs, span, posterior[-1], time))
+        causes.append(_cause(several, alive, scores, logs, span, posterior[-1], time))
         start = int(np.searchsorted(time, time[min(end, len(time) - 1)] + SETTLE))
     names = (*(suspect.name for suspect in several), NONE_OF_THESE, HEALTHY)
     return Diagnosis(
@@ -331,7 +331,7 @@ def _first(logs: Float[np.ndarray, "samples faults"], start: int) -> _Span | Non
 
 def _odds(
     alive: Survivors,
-    said: Judged,
+    scores: Judged,
     logs: Float[np.ndarray, "samples faults_and_other"],
     at: int,
     rate: float,
@@ -340,7 +340,7 @@ def _odds(
     first onset on."""
     other = logs.shape[1] - 1
     # How many onsets there are beside the one that was followed.
-    onsets = np.asarray(said.evidence - said.ratio)[at, alive.numbers] + rate
+    onsets = np.asarray(scores.evidence - scores.ratio)[at, alive.numbers] + rate
     count = alive.evidence.shape[1]
     odds = np.full((count, other + 1), -math.inf)
     odds[:, alive.numbers] = (alive.evidence / alive.excess + onsets[:, None]).T
@@ -355,7 +355,7 @@ def _odds(
 def _cause(
     several: Sequence[Suspect],
     alive: Survivors,
-    said: Judged,
+    scores: Judged,
     logs: Float[np.ndarray, "samples faults_and_other"],
     span: _Span,
     probabilities: Float[np.ndarray, " answers"],
@@ -365,7 +365,7 @@ def _cause(
     explained: dict[int, Explanation] = {}
     for place, number in enumerate(alive.numbers.tolist()):
         if number not in explained:
-            times = _onset(said, span.best, number, int(alive.onset[place]), time)
+            times = _onset(scores, span.best, number, int(alive.onset[place]), time)
             suspect, size = several[number], alive.size(place)
             explained[number] = Explanation(
                 suspect.name,
@@ -375,8 +375,8 @@ def _cause(
                 suspect.unit,
                 *times,
             )
-    first = int(np.asarray(said.onset)[span.best, other])
-    times = _onset(said, span.best, other, first, time)
+    first = int(np.asarray(scores.onset)[span.best, other])
+    times = _onset(scores, span.best, other, first, time)
     unknown = math.nan, math.nan, math.nan
     none = Explanation(NONE_OF_THESE, float(probabilities[other]), *unknown, math.nan, "", *times)
     order = sorted([*explained.values(), none], key=lambda explanation: -explanation.probability)
@@ -390,12 +390,12 @@ def _cause(
 
 
 def _onset(
-    said: Judged, at: int, number: int, first: int, time: Float[np.ndarray, " samples"]
+    scores: Judged, at: int, number: int, first: int, time: Float[np.ndarray, " samples"]
 ) -> tuple[float, float, float]:
     """The time of an onset with its band, for the number of the first sample that shows it: it was
     after the sample before."""
-    earliest = min(int(np.asarray(said.earliest)[at, number]), first)
-    latest = max(int(np.asarray(said.latest)[at, number]), first)
+    earliest = min(int(np.asarray(scores.earliest)[at, number]), first)
+    latest = max(int(np.asarray(scores.latest)[at, number]), first)
     return float(time[first] + time[first - 1]) / 2, float(time[earliest - 1]), float(time[latest])
 
 

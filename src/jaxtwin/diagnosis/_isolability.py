@@ -237,18 +237,18 @@ def _separators(
     recording: Experiment,
     noise: ProcessNoise | None,
     onset: float,
-    found: Isolability,
+    isolability: Isolability,
     others: Sequence[str],
 ) -> dict[tuple[str, str], tuple[str, float]]:
     """The channel that tells each tied pair apart soonest."""
     best: dict[tuple[str, str], tuple[str, float]] = {}
-    if not found.ties:
+    if not isolability.ties:
         return best
     for channel in others:
-        more = (*found.channels, channel)
-        times = _separation(*_grams(fit, recording, more, noise, found.suspects, onset))
-        for pair in found.ties:
-            i, j = (found.names.index(name) for name in pair)
+        more = (*isolability.channels, channel)
+        times = _separation(*_grams(fit, recording, more, noise, isolability.suspects, onset))
+        for pair in isolability.ties:
+            i, j = (isolability.names.index(name) for name in pair)
             time = float(min(times[i, j], times[j, i]))
             if time < best.get(pair, ("", math.inf))[1]:
                 best[pair] = (channel, time)

@@ -207,14 +207,14 @@ def advance(
 
 
 def whitening_of(
-    kalman: ExtendedKalmanFilter, found: GaussianUpdate
+    kalman: ExtendedKalmanFilter, update: GaussianUpdate
 ) -> Float[Array, "readings channels"]:
     """The derivatives of the whitened readings with respect to errors of the channels."""
     layout = kalman.model.layout
     if layout.channels:
-        return found.slope[:, layout.of("channels")]
+        return update.slope[:, layout.of("channels")]
     common = layout.of("common").start
-    return found.slope[:, common : common + 1]
+    return update.slope[:, common : common + 1]
 
 
 def log_ratios(prior: Prior, candidates: Candidates) -> Float[Array, "candidates faults_and_other"]:

@@ -222,21 +222,21 @@ class Fleet:
             self.step(is_all=True)
         self._tell()
 
-    def _use(self, made: WatchedTwin) -> None:
+    def _use(self, twin: WatchedTwin) -> None:
         """Gives a rig a lane, or the twin of its lane another one."""
-        name = made.member.name
-        before, structure = self.rigs.pop(name, None), structure_of(made.watcher)
+        name = twin.member.name
+        before, structure = self.rigs.pop(name, None), structure_of(twin.watcher)
         if before is not None:
             self._release(before)
         free = self._free.setdefault(structure, [])
         if not free:
-            block = Lanes(made.watcher)
-            look_ahead(made.watcher[0], block.kalman(0), block.none().duty[0])  # compiles
+            block = Lanes(twin.watcher)
+            look_ahead(twin.watcher[0], block.kalman(0), block.none().duty[0])  # compiles
             self._blocks.append(block)
             free += [(block, lane) for lane in reversed(range(LANES))]
         block, lane = free.pop()
-        block.put(lane, made.watcher)
-        rig = WatchedRig(made, block, lane, self.file.silence, self._found)
+        block.put(lane, twin.watcher)
+        rig = WatchedRig(twin, block, lane, self.file.silence, self._found)
         if before is not None:
             rig.lines.extend(before.lines)
             rig.history = before.history if rig.group == before.group else rig.history
@@ -439,15 +439,15 @@ class Fleet:
             if member is None:
                 continue
             try:
-                made = future.result()
+                twin = future.result()
             except JaxtwinError as problem:
                 self._refused[name] = (member, member.files), f"{name}: {problem}"
                 continue
             self._refused.pop(name, None)
             before = self.rigs.get(name)
-            self._use(made)
+            self._use(twin)
             if before is not None:
-                self._say(self.rigs[name], f"the twin is {made.label} from now on")
+                self._say(self.rigs[name], f"the twin is {twin.label} from now on")
             elif (stored := self._journal.state(name)) is not None:
                 self.rigs[name].resume(stored)
         if ready:

@@ -158,5 +158,9 @@ def _evaluate(
     )
 
 
-def _step(number: int, found: _Evaluated, vector: Float[np.ndarray, " unknowns"]) -> DescentStep:
-    return DescentStep(number, float(found.mean_square), float(found.gradient), True, vector)
+def _step(
+    number: int, evaluated: _Evaluated, vector: Float[np.ndarray, " unknowns"]
+) -> DescentStep:
+    return DescentStep(
+        number, float(evaluated.mean_square), float(evaluated.gradient), True, vector
+    )

@@ -81,8 +81,8 @@ def monitored(
         calibration = _calibration(fit, observed)
     check_calibration(calibration, observed)
     response = response_of(observed.observer)
-    made = Monitor(observed.observer, calibration, response, seconds)
-    return Monitored(observed, made, calibration, seconds, evidences_of(made, observed))
+    monitor = Monitor(observed.observer, calibration, response, seconds)
+    return Monitored(observed, monitor, calibration, seconds, evidences_of(monitor, observed))
 
 
 def check_calibration(calibration: MonitorCalibration, observed: Observed) -> None:

@@ -142,12 +142,12 @@ def _status(gain: float, values: int, readings: int, iterations: int) -> str:
     of_all = f"of {readings} readings rises by {gain:.1f}"
     by_chance = float(chi2.ppf(0.95, max(values, 1))) / 2
     if gain > by_chance:
-        said = f"more than the {by_chance:.1f} of chance"
+        verdict = f"more than the {by_chance:.1f} of chance"
     else:
-        said = f"nothing is gained: {by_chance:.1f} may be chance"
+        verdict = f"nothing is gained: {by_chance:.1f} may be chance"
     return (
         f"match of innovations, {iterations} iterations: the log-likelihood {of_all} from the "
-        f"values of the match, {said}"
+        f"values of the match, {verdict}"
     )
 
 

@@ -391,9 +391,9 @@ class Observed:
         name = self.experiment.name
         return Forecast(name, lead, time, self.channels, mean, spread, recorded)
 
-    def _estimates(self, kind: str, found: Moments) -> Estimates:
+    def _estimates(self, kind: str, result: Moments) -> Estimates:
         model = self.observer.model
-        at_samples = jax.tree.map(self._at_samples, found)
+        at_samples = jax.tree.map(self._at_samples, result)
         return Estimates(
             kind=kind,
             time=self.time,

@@ -63,13 +63,15 @@ class EstimatedSession(NamedTuple):
     has_converged: bool
 
 
-def session_of(found: Fit | Observed) -> EstimatedSession:
+def session_of(session: Fit | Observed) -> EstimatedSession:
     """What a match, or an observer, found in a session."""
-    if isinstance(found, Observed):
-        rig = found.observer.model.twin.rig
-        return EstimatedSession(rig, tuple(found.estimates.parameters), _observed(found, rig), True)
-    free = (n for n, row in found.parameters.items() if row.free and row.scope != "recording")
-    return EstimatedSession(found.twin.rig, tuple(free), _matched(found), found.converged)
+    if isinstance(session, Observed):
+        rig = session.observer.model.twin.rig
+        return EstimatedSession(
+            rig, tuple(session.estimates.parameters), _observed(session, rig), True
+        )
+    free = (n for n, row in session.parameters.items() if row.free and row.scope != "recording")
+    return EstimatedSession(session.twin.rig, tuple(free), _matched(session), session.converged)
 
 
 def _matched(fit: Fit) -> dict[str, SessionEstimate]:
@@ -90,15 +92,15 @@ def _matched(fit: Fit) -> dict[str, SessionEstimate]:
     return result
 
 
-def _observed(found: Observed, rig: Rig) -> dict[str, SessionEstimate]:
+def _observed(observed: Observed, rig: Rig) -> dict[str, SessionEstimate]:
     """What the readings say of the uncertain values of an observer at the end of the recording."""
-    directions = found.estimates.directions
+    directions = observed.estimates.directions
     if directions is None:
         return {}
     with own_settings():
-        spreads = np.asarray(directions.spreads(found.noise))
+        spreads = np.asarray(directions.spreads(observed.noise))
     priors = np.linalg.norm(np.asarray(directions.matrix) * spreads, axis=1)
-    moments, estimates = found.estimates.moments.values, {}
+    moments, estimates = observed.estimates.moments.values, {}
     for number, name in enumerate(directions.names):
         change, spread = (float(part[-1, number]) for part in moments)
         estimate = _without_prior(change, spread**2, spread**2, 0.0, float(priors[number]))
@@ -290,11 +292,11 @@ def _by_change(rows: Sequence[ParameterHealth]) -> list[ParameterHealth]:
 def _sessions(
     given: TwinStore | Mapping[str, Fit | Observed] | Sequence[Fit | Observed],
 ) -> _Sessions:
-    made = None
+    dates = None
     if isinstance(given, TwinStore):
         versions = _line(given)
         several: dict[str, Fit | Observed] = {f"version {v.number}": v.fit() for v in versions}
-        made = tuple(datetime.fromisoformat(version.made) for version in versions)
+        dates = tuple(datetime.fromisoformat(version.made) for version in versions)
     elif isinstance(given, Mapping):
         several = dict(given)
     else:
@@ -316,7 +318,7 @@ def _sessions(
     rigs = dict.fromkeys(session.rig.name for session in result.values())
     if len(rigs) > 1:
         raise MatchError(f"health: sessions: expected those of one rig, got {', '.join(rigs)}")
-    return _Sessions(result, made)
+    return _Sessions(result, dates)
 
 
 def _named(several: Sequence[Fit | Observed]) -> dict[str, Fit | Observed]:

@@ -9,7 +9,7 @@ TAG = "refit"
 
 
 def keep_refit(
-    store: TwinStore, champion: TwinVersion, recording: Experiment, found: Refit
+    store: TwinStore, champion: TwinVersion, recording: Experiment, result: Refit
 ) -> TwinVersion:
     """Writes down what was decided: a promoted twin becomes the champion, and one of which a person
     is asked the challenger. The champion so far gets a tag that says what was decided.
@@ -23,18 +23,20 @@ def keep_refit(
     **Returns:** the champion from now on.
     """
     store.set_tag(
-        champion.number, f"{TAG} {recording.fingerprint[:12]}", f"{found.decision}: {found.reason}"
+        champion.number,
+        f"{TAG} {recording.fingerprint[:12]}",
+        f"{result.decision}: {result.reason}",
     )
-    if found.fit is None or found.decision not in ("promoted", "ask"):
+    if result.fit is None or result.decision not in ("promoted", "ask"):
         return champion
     added = store.add(
-        found.fit,
-        reason=found.reason,
+        result.fit,
+        reason=result.reason,
         parent=champion.number,
         noise=champion.noise,
         aliases=["challenger"],
         controller=champion.controller_text,  # which goes on until it is tuned again
     )
-    if found.decision == "ask":
+    if result.decision == "ask":
         return champion
-    return store.promote(added.number, reason=found.reason)
+    return store.promote(added.number, reason=result.reason)

@@ -237,9 +237,9 @@ def _descents(
     return descend_each(problems, match.noise_model, start, ITERATIONS)
 
 
-def _costs(found: Sequence[DescentResult]) -> list[float]:
+def _costs(results: Sequence[DescentResult]) -> list[float]:
     """The costs of descents, infinite where there are no finite temperatures."""
-    return [each.cost if np.isfinite(each.cost) else np.inf for each in found]
+    return [each.cost if np.isfinite(each.cost) else np.inf for each in results]
 
 
 def _rivals(

@@ -135,19 +135,19 @@ def simulate_published(twin: Twin, source: Source) -> tuple[Section, list[Run], 
     numbers["hottest_node_degC"] = float(hottest.states.max())
     node = hottest.nodes[int(hottest.states.max(axis=0).argmax())]
     if source.real:
-        said = (
+        verdict = (
             f"The mean fit of {numbers['mean_fit_percent']:.1f} % is the “average accuracy of "
             f"70 %” that the paper reports ({REPORTED_FIT_PERCENT} % by an independent "
             "implementation)."
         )
     else:
-        said = "The values were published for another rig's recordings, and fit these badly."
+        verdict = "The values were published for another rig's recordings, and fit these badly."
     section = Section(
         "The published twin",
         (
             Text(
                 "The circuit with the final values of the paper's Table 4, ambient and start at "
-                f"15 °C, driven as the rig was. {said} The same values put the plate side of a "
+                f"15 °C, driven as the rig was. {verdict} The same values put the plate side of a "
                 f"cell at {numbers['hottest_node_degC']:.0f} °C: they fit the plate without "
                 "describing the cells."
             ),

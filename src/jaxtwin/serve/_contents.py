@@ -109,7 +109,7 @@ def sample_content(
 
 
 def outlook_content(
-    found: Outlook,
+    outlook: Outlook,
     elements: int,
     time: float,
     times: Sequence[float],
@@ -126,11 +126,11 @@ def outlook_content(
     - `energy`: what the cells have drawn since the server began, J.
     - `parameters`: the uncertain parameters of the twin, in the units of the rig's table.
     """
-    now, later = found.now, found.later
+    now, later = outlook.now, outlook.later
     heats, heats_band = _both(now.heats)
     room, room_band = _both(now.room)
     nodes, nodes_band = _both(now.nodes)
-    forecast, forecast_band = _both(found.readings)
+    forecast, forecast_band = _both(outlook.readings)
     nodes_later = rounded(later.nodes.mean)
     return {
         "t": round(time, DIGITS),
@@ -148,7 +148,7 @@ def outlook_content(
         "room_band": room_band[0],
         "heats": heats,
         "heats_band": heats_band,
-        "power": rounded(found.power),
+        "power": rounded(outlook.power),
         "energy": round(energy, 1),
         "parameter": significant(parameters.mean),
         "parameter_lower": significant(parameters.lower),

@@ -184,15 +184,15 @@ class Page:
         self._lines.append({"t": time.time() if at is None else at, "level": level, "text": text})
         self.ring.append("log", list(self._lines))
 
-    def show_diagnosis(self, found: dict[str, Any]) -> None:
+    def show_diagnosis(self, diagnosis: dict[str, Any]) -> None:
         """Shows a diagnosis, as `LiveDiagnosis` gives it."""
-        self.ring.append("diagnosis", found)
-        self._is_awaited = found["state"] in ("awaited", "running")
-        if found["state"] != "done":
+        self.ring.append("diagnosis", diagnosis)
+        self._is_awaited = diagnosis["state"] in ("awaited", "running")
+        if diagnosis["state"] != "done":
             return
         self.cause = None
-        if found["causes"]:
-            cause = found["causes"][-1]
+        if diagnosis["causes"]:
+            cause = diagnosis["causes"][-1]
             best = cause["explanations"][0]
             until = None if cause["until_s"] is None else cause["until"]
             self.cause = Reason(best["phrase"], best["probability"], best["onset"], until)
@@ -200,8 +200,8 @@ class Page:
 
     def acknowledge(self) -> None:
         """Takes what was found until now as known: it leaves the first answer when it is over."""
-        found = [finding.found or 0 for finding in self._beside.monitor.findings]
-        self._acknowledged = int(max(found, default=0))
+        times = [finding.found or 0 for finding in self._beside.monitor.findings]
+        self._acknowledged = int(max(times, default=0))
         self.say("notice", "what was found until now is acknowledged")
 
     def on_finding(self, finding: Finding) -> None:

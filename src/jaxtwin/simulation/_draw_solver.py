@@ -248,7 +248,7 @@ class DrawSolver:
 
     def _native_reduced(
         self,
-        found: dict[str, np.ndarray],
+        chunk: dict[str, np.ndarray],
         read: Float[np.ndarray, "chunk rows channels"] | None,
     ) -> dict[str, np.ndarray]:
         """The reductions of what `NativeRun.solve` found and read of a chunk."""
@@ -257,8 +257,8 @@ class DrawSolver:
         reductions = dict(self.reductions or {})
         for name in NATIVE.intersection(reductions):
             del reductions[name]
-            results[name] = found.pop(name).astype(dtype)
-        plate = found.pop("plate_end").astype(dtype) if "plate_end" in found else None
+            results[name] = chunk.pop(name).astype(dtype)
+        plate = chunk.pop("plate_end").astype(dtype) if "plate_end" in chunk else None
         end = None if read is None else read[:, -1]
         with own_settings(float64=self.precision == "float64"):
             reduced = reduce_readings(reductions, BatchReadings(read, None, end, plate), None)

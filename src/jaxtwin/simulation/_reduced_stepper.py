@@ -89,7 +89,7 @@ def in_modes(where: str, stepper: Stepper, modes: Modes) -> Stepper:
     result = steps_in_modes(stepper.system, modes, size, stepper.sizes)
     check_stable(where, float(size), result.stability)
     return eqx.tree_at(
-        lambda made: (made.factors, made.field, made.losses, made.half_decay, made.half),
+        lambda s: (s.factors, s.field, s.losses, s.half_decay, s.half),
         stepper,
         result[:-1],
         is_leaf=lambda leaf: leaf is None,

@@ -123,18 +123,18 @@ class Rodas5P(diffrax.AbstractAdaptiveSolver):
         )
 
         # A loop, because compilers take minutes for eight copies of an unrolled solution.
-        def stage(number: Int[Array, ""], found: Float[Array, "8 n"]) -> Float[Array, "8 n"]:
-            slope = field(t0 + nodes[number] * size, start + states[number] @ found)
-            right = slope + slopes[number] @ found / size + times[number] * size * time_slope
-            return found.at[number].set(solve(right))
+        def stage(number: Int[Array, ""], stages: Float[Array, "8 n"]) -> Float[Array, "8 n"]:
+            slope = field(t0 + nodes[number] * size, start + states[number] @ stages)
+            right = slope + slopes[number] @ stages / size + times[number] * size * time_slope
+            return stages.at[number].set(solve(right))
 
-        found = jax.lax.fori_loop(
+        stages = jax.lax.fori_loop(
             0, len(NODES), stage, jnp.zeros((len(NODES), start.size), start.dtype)
         )
-        last = start + states[-1] @ found
-        error = found[-1]
+        last = start + states[-1] @ stages
+        error = stages[-1]
         end = last + error
-        polynomials = jax.vmap(unravel)(jnp.asarray(DENSE, start.dtype) @ found)
+        polynomials = jax.vmap(unravel)(jnp.asarray(DENSE, start.dtype) @ stages)
         dense = {"y0": y0, "y1": unravel(end), "polynomials": polynomials}
         return unravel(end), unravel(error), dense, None, diffrax.RESULTS.successful
 

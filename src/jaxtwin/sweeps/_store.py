@@ -209,26 +209,26 @@ def _create(folder: Path, plan: Plan) -> None:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _refuse_other(folder: Path, found: dict[str, Any], asked: dict[str, Any]) -> None:
-    for key in (*asked, *found):
-        if found.get(key) != asked.get(key):
-            before, now = _difference(found.get(key), asked.get(key))
+def _refuse_other(folder: Path, stored: dict[str, Any], asked: dict[str, Any]) -> None:
+    for key in (*asked, *stored):
+        if stored.get(key) != asked.get(key):
+            before, now = _difference(stored.get(key), asked.get(key))
             raise SimulationError(
                 f"{folder}: holds another sweep: {key}: expected {before}, as the sweep began, "
                 f"got {now}; ask for the same or use another folder"
             )
 
 
-def _difference(found: object, asked: object) -> tuple[str, str]:
+def _difference(stored: object, asked: object) -> tuple[str, str]:
     """Two different values as short text; for lists and tables, the first entries that differ."""
-    if isinstance(found, list) and isinstance(asked, list) and len(found) == len(asked):
+    if isinstance(stored, list) and isinstance(asked, list) and len(stored) == len(asked):
         return _difference(
-            *next((old, new) for old, new in zip(found, asked, strict=True) if old != new)
+            *next((old, new) for old, new in zip(stored, asked, strict=True) if old != new)
         )
-    if isinstance(found, dict) and isinstance(asked, dict):
-        name = next(name for name in (*asked, *found) if found.get(name) != asked.get(name))
-        return f"{name} = {found.get(name)}", f"{name} = {asked.get(name)}"
-    return str(found), str(asked)
+    if isinstance(stored, dict) and isinstance(asked, dict):
+        name = next(name for name in (*asked, *stored) if stored.get(name) != asked.get(name))
+        return f"{name} = {stored.get(name)}", f"{name} = {asked.get(name)}"
+    return str(stored), str(asked)
 
 
 def open_sweep(folder: str | os.PathLike[str]) -> "xarray.Dataset":

@@ -73,7 +73,7 @@ class FileContents(NamedTuple):
         return [channel.name for channel in self.rig.channels]
 
 
-def quantity(found: object, name: str, kind: Kind, refuse: Refuse, *, is_list: bool = True) -> Any:
+def quantity(value: object, name: str, kind: Kind, refuse: Refuse, *, is_list: bool = True) -> Any:
     """Reads a number with its unit, or a list of such numbers, in SI units.
 
     **Arguments:**
@@ -84,36 +84,36 @@ def quantity(found: object, name: str, kind: Kind, refuse: Refuse, *, is_list: b
     - `refuse`: raises the error.
     - `is_list`: whether a list, with an entry for each cell or output, is allowed.
     """
-    if is_list and isinstance(found, list) and found:
-        parts = enumerate(found)
+    if is_list and isinstance(value, list) and value:
+        parts = enumerate(value)
         return np.array(
             [quantity(p, f"{name}[{n}]", kind, refuse, is_list=False) for n, p in parts]
         )
-    if not isinstance(found, str):
-        refuse(name, f"expected {kind}, got {found!r}")
+    if not isinstance(value, str):
+        refuse(name, f"expected {kind}, got {value!r}")
     try:
-        number = parse_quantity(found, kind)
+        number = parse_quantity(value, kind)
     except ValueError as problem:
-        refuse(name, f"expected {kind}, got {found!r}, {problem}")
+        refuse(name, f"expected {kind}, got {value!r}, {problem}")
     problem = range_problem(number, kind)
     if problem:
-        refuse(name, f"expected {problem}, got {found!r}")
+        refuse(name, f"expected {problem}, got {value!r}")
     return number
 
 
-def numbers(found: Any, name: str, refuse: Refuse) -> list[float]:
+def numbers(value: Any, name: str, refuse: Refuse) -> list[float]:
     """Reads a list of numbers without units."""
-    is_list = isinstance(found, list)
-    if not is_list or any(isinstance(n, bool) or not isinstance(n, int | float) for n in found):
-        refuse(name, f"expected a list of numbers, got {found!r}")
+    is_list = isinstance(value, list)
+    if not is_list or any(isinstance(n, bool) or not isinstance(n, int | float) for n in value):
+        refuse(name, f"expected a list of numbers, got {value!r}")
     try:
-        return [float(number) for number in found]
+        return [float(number) for number in value]
     except OverflowError:
-        refuse(name, f"expected a list of numbers, got {found!r}")
+        refuse(name, f"expected a list of numbers, got {value!r}")
 
 
 def matrix(
-    found: object, name: str, kind: Kind, shape: tuple[int | None, int | None], refuse: Refuse
+    value: object, name: str, kind: Kind, shape: tuple[int | None, int | None], refuse: Refuse
 ) -> Float[np.ndarray, "rows columns"]:
     """Reads a matrix: a list of rows, or a table of `unit` and `rows` if the numbers have a unit.
 
@@ -122,18 +122,18 @@ def matrix(
     - `kind`: the quantity of the numbers; a matrix of the unit "" is a list of rows.
     - `shape`: the required numbers of rows and columns; None for any number.
     """
-    scale, rows = 1.0, found
+    scale, rows = 1.0, value
     if kind.unit:
         example = f'{{ unit = "{kind.unit}", rows = [[1.0, 2.0]] }}'
-        if not isinstance(found, dict) or set(found) != {"unit", "rows"}:
-            refuse(name, f"expected unit and rows, such as {example}, got {found!r}")
+        if not isinstance(value, dict) or set(value) != {"unit", "rows"}:
+            refuse(name, f"expected unit and rows, such as {example}, got {value!r}")
         try:
-            scale, _ = unit_scale(str(found["unit"]), kind)
+            scale, _ = unit_scale(str(value["unit"]), kind)
         except ValueError as problem:
             refuse(
-                f"{name}.unit", f"expected {kind.unit} or alike, got {found['unit']!r}, {problem}"
+                f"{name}.unit", f"expected {kind.unit} or alike, got {value['unit']!r}, {problem}"
             )
-        rows = found["rows"]
+        rows = value["rows"]
     rows = rows if isinstance(rows, list) else [rows]
     lists = [numbers(row, name, refuse) for row in rows]
     lengths = sorted({len(row) for row in lists})
@@ -147,17 +147,17 @@ def matrix(
     return array
 
 
-def channel_groups(found: object, refuse: Refuse) -> list[Any]:
+def channel_groups(value: object, refuse: Refuse) -> list[Any]:
     """Reads the outputs of a controller: a list of channels, or of lists of channels."""
 
     def is_names(part: object) -> bool:
         return isinstance(part, list) and bool(part) and all(isinstance(n, str) for n in part)
 
     if not (
-        isinstance(found, list) and found and all(isinstance(p, str) or is_names(p) for p in found)
+        isinstance(value, list) and value and all(isinstance(p, str) or is_names(p) for p in value)
     ):
-        refuse("measured", f"expected channels, or lists of channels, got {found!r}")
-    return found
+        refuse("measured", f"expected channels, or lists of channels, got {value!r}")
+    return value
 
 
 def as_quantity(value: Any, kind: Kind) -> str:

@@ -275,15 +275,15 @@ def controller_file(
     return content
 
 
-def _limits(found: Any, refuse: Refuse) -> list[float | list[float]]:
+def _limits(value: Any, refuse: Refuse) -> list[float | list[float]]:
     """Reads the lowest and the highest duty, each a number or a list of them."""
-    if not isinstance(found, list) or not any(isinstance(bound, list) for bound in found):
-        return [*numbers(found, "limits", refuse)]
+    if not isinstance(value, list) or not any(isinstance(bound, list) for bound in value):
+        return [*numbers(value, "limits", refuse)]
     return [
         numbers(bound, "limits", refuse)
         if isinstance(bound, list)
         else numbers([bound], "limits", refuse)[0]
-        for bound in found
+        for bound in value
     ]
 
 

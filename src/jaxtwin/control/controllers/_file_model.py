@@ -225,11 +225,11 @@ def _file_model(contents: FileContents, outputs: int, evenness: FileEvenness) ->
     return FileModel(plant, L, np.array(gains))
 
 
-def gain_of_error(found: object, name: str, refuse: Refuse) -> float:
+def gain_of_error(value: object, name: str, refuse: Refuse) -> float:
     """Reads the gain of the filter of a single error, with which the error goes to 0."""
-    if isinstance(found, bool) or not isinstance(found, int | float) or not 0 < found < 2:
-        refuse(name, f"expected a number above 0 and below 2, got {found!r}")
-    return float(found)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 2:
+        refuse(name, f"expected a number above 0 and below 2, got {value!r}")
+    return float(value)
 
 
 def check_stable(transition: np.ndarray, field: str, expected: str, refuse: Refuse) -> None:
@@ -240,43 +240,43 @@ def check_stable(transition: np.ndarray, field: str, expected: str, refuse: Refu
 
 
 def read_table(
-    found: object,
+    value: object,
     name: str,
     refuse: Refuse,
     fields: Sequence[str] | Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Reads a table. If `fields` are given, it must have all of them and no other."""
-    if not isinstance(found, dict):
-        refuse(name, f"expected a table, got {found!r}")
-    known = found if fields is None else fields
-    for key in found:
+    if not isinstance(value, dict):
+        refuse(name, f"expected a table, got {value!r}")
+    known = value if fields is None else fields
+    for key in value:
         if key not in known:
             refuse(f"{name}.{key}", unknown_name("field", key, known))
     for key in known:
-        if key not in found:
+        if key not in value:
             refuse(f"{name}.{key}", "expected this field, got none")
-    return found
+    return value
 
 
-def temperatures_of(found: object, name: str, count: int, refuse: Refuse) -> list[float]:
+def temperatures_of(value: object, name: str, count: int, refuse: Refuse) -> list[float]:
     """Reads a list of so many temperatures, degC."""
-    if not isinstance(found, list) or len(found) != count:
-        refuse(name, f'expected {count} temperatures such as "40 degC", got {found!r}')
-    return [_degrees_of(part, f"{name}[{n}]", refuse) for n, part in enumerate(found)]
+    if not isinstance(value, list) or len(value) != count:
+        refuse(name, f'expected {count} temperatures such as "40 degC", got {value!r}')
+    return [_degrees_of(part, f"{name}[{n}]", refuse) for n, part in enumerate(value)]
 
 
 def _celsius(row: Mapping[str, Any], channel: str, key: str, refuse: Refuse) -> float:
     return _degrees_of(row[key], f"temperature_limits.{channel}.{key}", refuse)
 
 
-def _degrees_of(found: object, name: str, refuse: Refuse) -> float:
+def _degrees_of(value: object, name: str, refuse: Refuse) -> float:
     """Converts a temperature to degC with the digits of the file: 313.15 - 273.15 is not 40."""
-    if isinstance(found, str) and found.endswith(" degC"):
+    if isinstance(value, str) and value.endswith(" degC"):
         try:
-            number = float(found.removesuffix(" degC"))
+            number = float(value.removesuffix(" degC"))
         except ValueError:
             number = np.nan
         if -ZERO_CELSIUS < number < 1e4:
             return number
-    kelvin = quantity(found if isinstance(found, str) else None, name, TEMPERATURE, refuse)
+    kelvin = quantity(value if isinstance(value, str) else None, name, TEMPERATURE, refuse)
     return float(kelvin) - ZERO_CELSIUS

@@ -60,7 +60,7 @@ class Law(NamedTuple):
 def bundled_law(file: str) -> str:
     """Reads the C of a law of this package, with the files that it includes."""
     text = (LAWS / file).read_text(encoding="ascii")
-    return re.sub(r'#include "(.*)"\n', lambda found: bundled_law(found[1]), text)
+    return re.sub(r'#include "(.*)"\n', lambda match: bundled_law(match[1]), text)
 
 
 def of_cells(name: str, value: object, cells: int) -> Float[np.ndarray, " cells"]:

@@ -268,8 +268,8 @@ class LQI(AbstractDutyLimitedController):
             name: matrix(result[name], f"gains.{name}", unit, shape, contents.refuse)
             for (name, unit), shape in zip(GAINS.items(), shapes, strict=True)
         }
-        made = with_values(designed(cls, model, settings, contents.refuse), gains)
-        lqi = eqx.tree_at(lambda made: made.weights, made, None)
+        lqi = with_values(designed(cls, model, settings, contents.refuse), gains)
+        lqi = eqx.tree_at(lambda lqi: lqi.weights, lqi, None)
         loop = lqi._loop_of(model.plant)
         expected = "gains with which the loop on the model is stable"
         check_stable(loop, "gains", expected, contents.refuse)

@@ -333,7 +333,7 @@ class MPC(AbstractPredictiveController):
         """Returns the controller that the same model gives with other deviations and noises."""
         point = np.asarray(self.duty, float), np.asarray(self.outputs, float)
         watched = Temperatures(np.asarray(self.watched.C), np.asarray(self.watched.at))
-        made = MPC(
+        mpc = MPC(
             plant_of_filter(
                 "MPC", self.kalman, point, watched, self.sample_time_s, self.designed_for
             ),
@@ -347,8 +347,8 @@ class MPC(AbstractPredictiveController):
             preview=self.preview,
             **{**self.design_weights(), **weights},
         )
-        object.__setattr__(made, "counts", self.counts)
-        return made
+        object.__setattr__(mpc, "counts", self.counts)
+        return mpc
 
     @property
     def estimator(self) -> AbstractEstimator:
@@ -371,8 +371,8 @@ class MPC(AbstractPredictiveController):
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
         model, settings = mpc_contents(cls, contents)
-        made = designed(cls, model, settings, contents.refuse)
-        return eqx.tree_at(lambda made: made.noises, made, None)
+        mpc = designed(cls, model, settings, contents.refuse)
+        return eqx.tree_at(lambda mpc: mpc.noises, mpc, None)
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the deviations, the limits, and the model."""

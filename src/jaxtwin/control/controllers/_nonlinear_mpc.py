@@ -359,17 +359,17 @@ class NonlinearMPC(AbstractPredictiveController):
     def _program(
         self,
         stepper: Stepper,
-        found: CondensedPath,
+        path: CondensedPath,
         references: Float[Array, "horizon outputs"],
         seen: NonlinearMPCState,
     ) -> QuadraticProgram:
         """The program whose minimum is the duty of the control horizon, in a row."""
         dtype, cells = references.dtype, len(seen.duty)
-        outputs, size = len(self.output_deviation), found.by_moves.shape[-1]
+        outputs, size = len(self.output_deviation), path.by_moves.shape[-1]
         modes = stepper.field.modes.shapes.shape[1]
         rows = jnp.asarray(self.readings, dtype) @ stepper.field.modes.shapes
-        by_moves = jnp.einsum("rm,kmv->krv", rows, found.by_moves[:, :modes])
-        still = found.still[:, :modes] @ rows.T + self._read(stepper, jnp.zeros(len(self.nodes)))
+        by_moves = jnp.einsum("rm,kmv->krv", rows, path.by_moves[:, :modes])
+        still = path.still[:, :modes] @ rows.T + self._read(stepper, jnp.zeros(len(self.nodes)))
         accepted = jnp.asarray(self.output_deviation, dtype)
         slope = (by_moves[:, :outputs] / accepted[:, None]).reshape(-1, size)
         off = ((still[:, :outputs] - references) / accepted).reshape(-1)

@@ -60,9 +60,9 @@ def filter_gain(
     return np.linalg.solve(C @ P @ C.T + reading, C @ P).T
 
 
-def _message(where: str, found: str) -> str:
+def _message(where: str, reason: str) -> str:
     return (
         f"{where}: expected a model that its inputs can make stable and its outputs show, and "
-        f"weights that are not too far apart, got none that has a stable design ({found}); look at "
-        "the model's poles, its gain at rest and the deviations"
+        f"weights that are not too far apart, got none that has a stable design ({reason}); look "
+        "at the model's poles, its gain at rest and the deviations"
     )

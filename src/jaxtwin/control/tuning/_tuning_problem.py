@@ -361,7 +361,7 @@ class TuningProblem(NamedTuple):
     def _loop(
         self,
         parameters: Any,
-        found: CandidateEvaluation,
+        evaluation: CandidateEvaluation,
         measures: Float[np.ndarray, "draws measures"],
     ) -> TunedLoop:
         sensitivity = np.zeros((len(measures), 0))
@@ -369,8 +369,8 @@ class TuningProblem(NamedTuple):
         if self.linear is not None and self.limit is not None:
             with own_settings():
                 sensitivity = self.linear.sensitivity(parameters)
-            peak = self.limit * math.exp(found.c)
-        return TunedLoop(np.asarray(parameters), found.f, peak, measures, sensitivity)
+            peak = self.limit * math.exp(evaluation.c)
+        return TunedLoop(np.asarray(parameters), evaluation.f, peak, measures, sensitivity)
 
 
 def _checked_limit(where: str, limit: object) -> float | None:

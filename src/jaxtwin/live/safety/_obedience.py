@@ -57,7 +57,7 @@ class Obedience(AbstractInterlock):
             self._sent.popleft()
         return None
 
-    def _contradiction(self, record: Sample, made: int) -> Finding | None:
+    def _contradiction(self, record: Sample, made_at: int) -> Finding | None:
         if record.relay == "off":
             return Finding("device-trip", "the relay in the supply has been opened")
         if not record.pwm:
@@ -67,15 +67,15 @@ class Obedience(AbstractInterlock):
         if record.owner not in ("", self._owner):
             return Finding("commander", f"another host, {record.owner}, commands the cells")
         return (
-            self._disobedience(record, made)
+            self._disobedience(record, made_at)
             or self._unsent(record)
-            or self._unacknowledged(record, made)
+            or self._unacknowledged(record, made_at)
         )
 
-    def _disobedience(self, sample: Sample, made: int) -> Finding | None:
+    def _disobedience(self, sample: Sample, made_at: int) -> Finding | None:
         earlier, within = self._off, []
         for sent in self._sent:
-            if sent.time <= made - self._delay:
+            if sent.time <= made_at - self._delay:
                 earlier = sent.pwm
             elif sent.time <= sample.arrival:
                 within.append(sent.pwm)
@@ -103,11 +103,11 @@ class Obedience(AbstractInterlock):
             f"the device acknowledges command {sample.number}; the last one sent was {last}",
         )
 
-    def _unacknowledged(self, sample: Sample, made: int) -> Finding | None:
-        old = [sent for sent in self._sent if sent.time <= made - self._delay]
+    def _unacknowledged(self, sample: Sample, made_at: int) -> Finding | None:
+        old = [sent for sent in self._sent if sent.time <= made_at - self._delay]
         if not old:
             return None
         if sample.number is None or (sample.number - old[-1].number) % 2**32 >= 2**31:
-            waited = (made - old[-1].time) * 1e-9
+            waited = (made_at - old[-1].time) * 1e-9
             return Finding("unacknowledged", f"no command was acknowledged for {waited:.1f} s")
         return None

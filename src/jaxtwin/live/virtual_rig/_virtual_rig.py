@@ -299,7 +299,7 @@ class VirtualRig:
         sent, self._answer = [self._answer], b""
         while True:
             # Multiples of the period: sums of it would drift.
-            due = {name: made * self._periods[name] for name, made in self._made.items()}
+            due = {name: count * self._periods[name] for name, count in self._made.items()}
             stream = min(due, key=lambda name: due[name])
             time = due[stream]
             if time > until:
