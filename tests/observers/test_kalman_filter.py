@@ -18,7 +18,13 @@ from jaxtwin import Experiment, Twin, simulate
 from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, ProcessNoise, live_observer
 from jaxtwin.observers._augmented_model import DRIVEN
 from jaxtwin.observers._commands import Commands
-from jaxtwin.observers._filter_run import Filtered, FilterSamples, filtered, samples_of
+from jaxtwin.observers._filter_run import (
+    Filtered,
+    FilterSamples,
+    filtered,
+    following,
+    samples_of,
+)
 from jaxtwin.observers._observe import filter_for
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -277,7 +283,7 @@ def test_the_likelihood_has_the_derivative_of_differences(
             tuple(jnp.exp(logarithms)),
         )
         start = changed.init(26.0, jnp.zeros(2))
-        return filtered(changed, start, few).states.log_likelihood.sum()
+        return following(changed, start, few)[0].states.log_likelihood.sum()
 
     at, step = jnp.log(jnp.array([NOISE.reading, NOISE.heat])), 1e-4
     derivative = jax.grad(log_likelihood)(at)

@@ -20,8 +20,8 @@ def evidences_of(monitor: Monitor, observed: Observed) -> Evidences:
     readings = np.asarray(experiment.temperatures)
     ambient = np.asarray(observed.samples.ambient)[is_sample]
     dt = np.diff(observed.time, prepend=observed.time[0])
-    samples = seen(states, expected, readings, ambient, dt)
     with own_settings():
+        samples = seen(states, expected, readings, ambient, dt)
         return first_rows(_monitored(monitor, padded_rows(samples)), len(dt))
 
 
