@@ -26,8 +26,8 @@ from .._arguments import finite_number, of_kind
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from .._kinds import add_kind
+from .._padded_rows import padded
 from ..errors import MatchError
-from ..simulation._padding import padded
 
 # The smallest weight of an outlier. The derivatives of a sample without any weight would be lost,
 # and with them its part of the uncertainty.

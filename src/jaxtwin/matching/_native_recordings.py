@@ -20,11 +20,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
+from .._padded_rows import padded
 from ..io import Experiment
 from ..simulation._delay import draws_change_delay
 from ..simulation._initial import CheckedInitial, checked_initial
 from ..simulation._native_chunk import NativeRun, native_run
-from ..simulation._padding import padded, padded_time_grid
+from ..simulation._padding import padded_time_grid
 from ..simulation._simulate import _run_exponential
 from ..simulation._workers import is_accelerated
 from ._objective import MatchObjective

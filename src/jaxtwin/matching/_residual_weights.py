@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..simulation._padding import padded
+from .._padded_rows import padded
 
 AnyArray = np.ndarray | Array
 Tree = TypeVar("Tree")

@@ -5,8 +5,8 @@ import numpy as np
 
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
+from .._padded_rows import first_rows, padded_rows
 from ..observers import Observed
-from ..observers._filter_run import first_rows, padded_rows
 from ._evidence import Evidences, Seen, seen
 from ._monitor import Monitor, MonitorState
 

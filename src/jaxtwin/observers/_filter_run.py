@@ -1,7 +1,7 @@
 """Runs a filter over the samples of a recording."""
 
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
+from .._padded_rows import first_rows, padded, padded_rows
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
-from ..simulation._padding import padded
 from ._augmented_model import Transition
 from ._estimates import Moments, moments
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
@@ -23,9 +23,6 @@ MIN_SAMPLES = 64
 
 # A time between two samples that is longer than this many longest steps is a gap.
 GAP_STEPS = 1.5
-
-
-Rows = TypeVar("Rows")
 
 
 class FilterSamples(NamedTuple):
@@ -146,16 +143,6 @@ def estimated(
     return first_rows(_estimated(estimator, reading, duty, samples.padded()), len(samples.dt))
 
 
-def padded_rows(rows: Rows) -> Rows:
-    """States of samples with further ones, as `FilterSamples.padded`."""
-    return jax.tree.map(lambda of_each: padded(np.asarray(of_each), least=MIN_SAMPLES), rows)
-
-
-def first_rows(of_padded: Rows, count: int) -> Rows:
-    """The rows of the samples themselves, in NumPy."""
-    return jax.tree.map(lambda rows: np.asarray(rows)[:count], of_padded)
-
-
 @persistent_jit
 def _filtered(kalman: ExtendedKalmanFilter, start: KalmanState, samples: FilterSamples) -> Filtered:
     return following(kalman, start, samples)[0]
@@ -205,7 +192,7 @@ def samples_between(
 
 def moments_of(kalman: ExtendedKalmanFilter, states: KalmanState) -> Moments:
     """The moments of each state."""
-    return first_rows(_moments_of(kalman, padded_rows(states)), len(states.mean))
+    return first_rows(_moments_of(kalman, padded_rows(states, MIN_SAMPLES)), len(states.mean))
 
 
 @persistent_jit_unoptimised

@@ -14,10 +14,10 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._display import html_table, picture
 from .._jax_settings import own_settings
 from .._normal_distribution import QUANTILE_975
-from ..simulation._padding import padded_count
+from .._padded_rows import first_rows, padded_count
 from ._augmented_model import Transition
 from ._estimates import Moment
-from ._filter_run import FilterSamples, first_rows, samples_between
+from ._filter_run import FilterSamples, samples_between
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 
 if TYPE_CHECKING:

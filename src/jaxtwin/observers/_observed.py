@@ -14,16 +14,16 @@ from .._arguments import finite_number
 from .._compilation import persistent_jit
 from .._display import html_table, picture
 from .._jax_settings import own_settings
+from .._padded_rows import first_rows, padded_rows
 from ..errors import ObserverError
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
 from ._estimates import Estimates, Moments, moments
 from ._filter_run import (
+    MIN_SAMPLES,
     Filtered,
     FilterSamples,
-    first_rows,
     moments_of,
-    padded_rows,
     samples_between,
 )
 from ._forecast import Forecast, expected_ahead, expected_from, starts_of
@@ -63,7 +63,8 @@ def smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: FilterS
 
     - `states`: the filter's states after each sample.
     """
-    return first_rows(_smoothed(kalman, padded_rows(states), samples.padded()), len(samples.dt))
+    rows = padded_rows(states, MIN_SAMPLES)
+    return first_rows(_smoothed(kalman, rows, samples.padded()), len(samples.dt))
 
 
 @persistent_jit
@@ -338,8 +339,8 @@ class Observed:
     def _repr_html_(self) -> str:
         end = self.estimates
         rows = [
-            (name, f"{forecast.mean[-1]:.2f}", f"{forecast.upper[-1] - forecast.mean[-1]:.2f}")
-            for name, forecast in (
+            (name, f"{band.mean[-1]:.2f}", f"{band.upper[-1] - band.mean[-1]:.2f}")
+            for name, band in (
                 *((f"{node}, °C", end.node(node)) for node in end.nodes),
                 ("room, °C", end.room),
                 *((f"heat at {cell}, W", end.heat(cell)) for cell in end.cells),

@@ -229,7 +229,7 @@ class ProcessNoise(eqx.Module):
                     )
             elif name != "names":
                 raise ObserverError(f"{source}: {name}: expected levels of noise, got {entry!r}")
-            elif not (isinstance(entry, list) and all(isinstance(name, str) for name in entry)):
+            elif not (isinstance(entry, list) and all(isinstance(each, str) for each in entry)):
                 raise ObserverError(
                     f"{source}: names: expected a list of parameters, got {entry!r}"
                 )

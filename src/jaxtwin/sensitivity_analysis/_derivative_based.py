@@ -19,11 +19,12 @@ from jaxtyping import Array, Float, Int
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
+from .._padded_rows import padded
 from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ..simulation import Reductions, TimeGrid
-from ..simulation._padding import padded, padded_time_grid
+from ..simulation._padding import padded_time_grid
 from ..simulation._power import power_of_states
 from ..simulation._reductions import Reduction, ReductionChoice, checked_reductions
 from ..simulation._refinement import needs_shorter_steps

@@ -15,8 +15,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._padded_rows import padded
 from ._interpolation import POWERS
-from ._padding import padded
 from ._time_grid import TimeGrid
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
+from .._padded_rows import padded
 from ..io import Experiment
 from ..physics import Twin
 from ._chunk_programs import (
@@ -36,7 +37,7 @@ from ._native_chunk import (
     native_run,
 )
 from ._numbered_chunk import numbered_chunk_size, numbered_grid, prepare_numbered, step_numbered
-from ._padding import padded, padded_time_grid
+from ._padding import padded_time_grid
 from ._reductions import BatchReadings, Reduction, reduce_readings
 from ._refinement import Results, needs_shorter_steps
 from ._time_grid import TimeGrid

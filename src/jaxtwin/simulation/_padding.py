@@ -1,7 +1,6 @@
 """Pads time grids to a few sizes, so that different recordings use the same compiled programs.
 
-A program is compiled for given numbers of steps, samples and step sizes. Steps and samples are
-padded to the next of eight sizes in each octave, by an eighth at most. Added steps have no length
+A program is compiled for given numbers of steps, samples and step sizes. Added steps have no length
 and do not change temperatures. Added samples repeat the last sample, or are marked as missing if
 samples are summed.
 """
@@ -10,15 +9,13 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Float
 
+from .._padded_rows import padded
 from ..io import Experiment
 from ..physics import System, Twin
 from ._interpolation import CONSTANT_POLYNOMIALS
 from ._time_grid import GridOptions, TimeGrid, build_time_grid, twin_steps
-
-# The number of sizes in each octave, and the smallest size.
-SIZES_PER_OCTAVE = 8
 
 # The smallest number of steps. The first minute of a recording has 40 to 91 steps, which take some
 # milliseconds.
@@ -27,21 +24,6 @@ MIN_STEPS = 96
 # The number of step sizes is padded to a multiple of this. A drive that changes at every sample has
 # one step size, a drive that is held for long has 11 to 16; padding adds the size 0.
 SIZES = 20
-
-
-def padded_count(count: int, least_part: int = SIZES_PER_OCTAVE) -> int:
-    """The number of rows after padding, a multiple of at least `least_part`."""
-    part = max(least_part, 2 ** (count.bit_length() - 1) // SIZES_PER_OCTAVE)
-    return -(-count // part) * part
-
-
-def padded(
-    rows: Shaped[np.ndarray, "rows *columns"], fill: object = None, least: int = 0
-) -> Shaped[np.ndarray, "filled *columns"]:
-    """Pads rows with a value, or with the last row if it is None, to at least `least` rows."""
-    missing = padded_count(max(len(rows), least)) - len(rows)
-    last = rows[-1:] if fill is None else np.full_like(rows[:1], fill)
-    return np.concatenate([rows, np.repeat(last, missing, axis=0)])
 
 
 def padded_time_grid(
