@@ -51,7 +51,7 @@ MIN_SIZE_MULTIPLE = 0.05
 class Survivors:
     """Faults with what their filters say.
 
-    - `numbers`: of the suspects; the same may be there several times. `made`: the suspects of the
+    - `numbers`: of the suspects; the same may be there several times. `sized`: the suspects of the
       sizes for which their filters were made.
     - `first`: the number of the first sample that they followed. `onset`: that of the first sample
       with each fault.
@@ -66,7 +66,7 @@ class Survivors:
     """
 
     numbers: Int[np.ndarray, " survivors"]
-    made: tuple[Suspect, ...]
+    sized: tuple[Suspect, ...]
     first: int
     onset: Int[np.ndarray, " survivors"]
     evidence: Float[np.ndarray, "survivors samples"]
@@ -78,7 +78,7 @@ class Survivors:
 
     def size(self, place: int) -> tuple[float, float, float]:
         """The size of a fault, and its 95 % band."""
-        suspect, middle = self.made[place], float(self.multiple[place])
+        suspect, middle = self.sized[place], float(self.multiple[place])
         half = QUANTILE_975 * float(self.spread[place])
         one_end, other = suspect.size_of(middle - half), suspect.size_of(middle + half)
         return suspect.size_of(middle), min(one_end, other), max(one_end, other)
@@ -98,7 +98,7 @@ def survivors(
 
     **Arguments:**
 
-    - `said`: the likelihood ratios. `logs`: the logarithms of the odds that follow from them.
+    - `scores`: the likelihood ratios. `logs`: the logarithms of the odds that follow from them.
     - `at`: the sample at which these are largest. `last`: the last one that is followed.
     - `is_over`: whether the fault ended before that.
     """
@@ -111,7 +111,10 @@ def survivors(
     inflation = np.asarray(prior.inflation)[numbers]
     suspects = [several[int(number)] for number in numbers]
     multiples = np.asarray(scores.multiple)[at, numbers]
-    made = [_of_multiple(suspect, float(m)) for suspect, m in zip(suspects, multiples, strict=True)]
+    sized = [
+        _of_multiple(suspect, float(multiple))
+        for suspect, multiple in zip(suspects, multiples, strict=True)
+    ]
     turn = 0
     while True:
         turn += 1
@@ -119,12 +122,13 @@ def survivors(
         # The ratio, which is linear in the fault, sees a large one a sample late.
         begins = np.concatenate([onset, onset - 1])
         effects = [
-            abs(suspect.multiple_of(now.size)) for suspect, now in zip(suspects, made, strict=True)
+            abs(suspect.multiple_of(now.size)) for suspect, now in zip(suspects, sized, strict=True)
         ]
         spread = np.tile(np.asarray(prior.spread)[numbers] / effects, 2)
-        candidates = _follow(observed, 2 * made, spread, begins, rows)
+        candidates = _follow(observed, 2 * sized, spread, begins, rows)
         each = (
-            _evidence(observed, 2 * made, candidates, begins, rows) / np.tile(inflation, 2)[:, None]
+            _evidence(observed, 2 * sized, candidates, begins, rows)
+            / np.tile(inflation, 2)[:, None]
         )
         # Most is known when the fault ends: what comes after it speaks against it.
         most = int(each.max(axis=0).argmax()) if is_over else each.shape[1] - 1
@@ -136,9 +140,9 @@ def survivors(
         is_done = (np.abs(of_each.multiple - 1) < REFILTER_FRACTION) & ~is_earlier
         if turn == MAX_ROUNDS or (is_done | ~is_alive).all():
             break
-        made = [
-            _of_multiple(suspect, float(m)) if is_one else suspect
-            for suspect, m, is_one in zip(made, of_each.multiple, is_alive, strict=True)
+        sized = [
+            _of_multiple(suspect, float(multiple)) if is_kept else suspect
+            for suspect, multiple, is_kept in zip(sized, of_each.multiple, is_alive, strict=True)
         ]
     best = int(evidence[:, -1].argmax())
     excess = max(1.0, float(of_each.misfit[best] / inflation[best]))
@@ -147,7 +151,7 @@ def survivors(
     )
     left = (excess - 1) / max(variance - 1, excess - 1, 1e-9)
     return Survivors(
-        numbers, tuple(made), rows.start, onset, evidence, of_each.multiple,
+        numbers, tuple(sized), rows.start, onset, evidence, of_each.multiple,
         of_each.spread * np.sqrt(inflation * excess), excess, left, scatter,
     )  # fmt: skip
 
@@ -184,7 +188,7 @@ def _stuck(observed: Observed, several: Sequence[Suspect], at: int) -> dict[int,
 
 def _follow(
     observed: Observed,
-    made: Sequence[Suspect],
+    sized: Sequence[Suspect],
     spread: Float[np.ndarray, " survivors"],
     onset: Int[np.ndarray, " survivors"],
     rows: slice,
@@ -194,12 +198,12 @@ def _follow(
     with own_settings():
         readings = np.nan_to_num(np.asarray(model.from_degC(observed.samples.readings)))
     hypotheses = Hypotheses(
-        suspected(model, made),
+        suspected(model, sized),
         onset,
         readings[onset],
         spread,
-        np.array([0.0 if suspect.is_one_sided else -MAX_SIZE_MULTIPLE for suspect in made]),
-        np.array([min(suspect.largest, MAX_SIZE_MULTIPLE) for suspect in made]),
+        np.array([0.0 if suspect.is_one_sided else -MAX_SIZE_MULTIPLE for suspect in sized]),
+        np.array([min(suspect.largest, MAX_SIZE_MULTIPLE) for suspect in sized]),
     )
     length = 2 ** max(7, math.ceil(math.log2(rows.stop - rows.start)))
     befores, samples = filled_up(observed, rows.start, length)
@@ -211,7 +215,7 @@ def _follow(
 
 def _evidence(
     observed: Observed,
-    made: Sequence[Suspect],
+    sized: Sequence[Suspect],
     of_each: Tracked,
     onset: Int[np.ndarray, " survivors"],
     rows: slice,
@@ -222,7 +226,7 @@ def _evidence(
     place = np.arange(len(without)) + rows.start
     since = np.where(place >= onset[:, None], without, 0.0).cumsum(axis=1)
     gained = of_each.log_likelihood - since
-    one_sided = np.array([suspect.is_one_sided for suspect in made])[:, None]
+    one_sided = np.array([suspect.is_one_sided for suspect in sized])[:, None]
     above = log_ndtr(of_each.multiple / of_each.spread) + math.log(2.0)
     gained = gained + np.where(one_sided, above, 0.0)
     return np.where(place >= onset[:, None], gained, 0.0)

@@ -109,7 +109,7 @@ def trends(rigs: Mapping[str, WatchedRig]) -> list[dict[str, Any]]:
         for (group, what, is_cause), names in seen.items()
         if len(names) >= max(MIN_RIGS, MIN_FRACTION * sizes[group])
     ]
-    return sorted(common, key=lambda cause: -len(cause["rigs"]))
+    return sorted(common, key=lambda trend: -len(trend["rigs"]))
 
 
 def metrics_of(rig: WatchedRig) -> list[Metric]:

@@ -427,7 +427,7 @@ class Fleet:
             self._release(self.rigs[name])
         self.rigs = {name: rig for name, rig in self.rigs.items() if name not in gone}
         self._refused = {
-            name: problem for name, problem in self._refused.items() if name in file.members
+            name: entry for name, entry in self._refused.items() if name in file.members
         }
         self._listen()
 

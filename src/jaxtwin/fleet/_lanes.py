@@ -116,9 +116,9 @@ class Lanes:
         with own_settings():
             start = self._begin(np.where(which, first, 0.0), duty)
 
-        def choose(new: Any, other: Any) -> np.ndarray:
-            new, other = np.asarray(new), np.asarray(other)
-            return np.where(which.reshape(-1, *[1] * (new.ndim - 1)), new, other)
+        def choose(new: Any, old: Any) -> np.ndarray:
+            new, old = np.asarray(new), np.asarray(old)
+            return np.where(which.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
         self._states = jax.tree.map(choose, start, self._states)
 
@@ -236,7 +236,7 @@ def _stepped(watcher: Watcher, state: LaneState, step: LaneSteps) -> tuple[LaneS
 
 def _chosen(which: Bool[Array | np.ndarray, ""], first: Tree, other: Tree) -> Tree:
     """One of two trees."""
-    return jax.tree.map(lambda new, two: jnp.where(which, new, two), first, other)
+    return jax.tree.map(lambda new, old: jnp.where(which, new, old), first, other)
 
 
 def _leaves(watcher: Watcher) -> list[Any]:

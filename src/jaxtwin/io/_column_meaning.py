@@ -102,22 +102,22 @@ class Choices:
             raise RecordingError(f"ignore: expected a list of titles, got {self.ignore!r}")
 
     @property
-    def own(self) -> dict[str, str]:
+    def rig_titles(self) -> dict[str, str]:
         """The titles of columns to which a rig gives a meaning: its inputs by their names, and the
         duty and counts of its cells and heaters, or their `power`, `voltage` or `current` if the
         rig says what that is at full duty."""
         if self.rig is None:
             return {}
-        own = {rig_input.name: f"input_{rig_input.name}" for rig_input in self.rig.inputs}
+        titles = {rig_input.name: f"input_{rig_input.name}" for rig_input in self.rig.inputs}
         numbers = [f"P{number}" for number in range(1, len(self.rig.driven) + 1)]
         for called in (*self.rig.driven, *numbers):
             name = self.rig.driven_called(called)
             if name is not None:
-                own |= {f"{kind}_{called}": f"{kind}_{name}" for kind in ("duty", "pwm")}
+                titles |= {f"{kind}_{called}": f"{kind}_{name}" for kind in ("duty", "pwm")}
                 if name in self.rig.full_scales:
                     quantity = UNITS[self.rig.full_scales[name][1]].quantity
-                    own[f"{quantity}_{called}"] = f"duty_{name}"
-        return own
+                    titles[f"{quantity}_{called}"] = f"duty_{name}"
+        return titles
 
     def full_scale(self, name: str) -> tuple[float, Unit] | None:
         """What a column has at full duty, by the rig; None for a rig that does not say it."""
@@ -131,15 +131,15 @@ class Choices:
     @property
     def scales(self) -> dict[str, str]:
         """`scale` by the names that columns are read as."""
-        own = self.own
-        return {own.get(name, name): text for name, text in self.scale.items()}
+        titles = self.rig_titles
+        return {titles.get(name, name): text for name, text in self.scale.items()}
 
     def is_of_rig(self, meaning: Meaning) -> bool:
         """Whether a column is one of the rig's, which is True of any without a rig."""
         if self.rig is None or meaning.kind in ("time", "own time"):
             return True
         if meaning.kind in ("duty", "pwm"):
-            return meaning.name in self.own.values()
+            return meaning.name in self.rig_titles.values()
         if meaning.kind == "input":
             return meaning.name.removeprefix("input_") in [
                 rig_input.name for rig_input in self.rig.inputs
@@ -157,7 +157,7 @@ class Choices:
 def _kind(name: str, choices: Choices) -> Kind:
     """The kind of a column of a name without its unit, unless it is a temperature."""
     drive = CELL.fullmatch(name)
-    if drive is None and name in choices.own.values():
+    if drive is None and name in choices.rig_titles.values():
         drive = DRIVE.fullmatch(name)
     if drive is not None:
         return "duty" if drive[1] == "duty" else "pwm"
@@ -172,13 +172,13 @@ def meaning_of_title(title: str, choices: Choices) -> Meaning:
     """What a title without a name is read as."""
     if written := _WRITTEN.fullmatch(title):  # whatever the channel is called
         return _scaled(Meaning(title, "temperature", written[1], UNITS[written[2]]), choices)
-    whole = choices.own.get(title, title)
+    whole = choices.rig_titles.get(title, title)
     if (kind := _kind(whole, choices)) in ("time", "own time"):
         return Meaning(title, kind, "time" if kind == "time" else title)
     if kind != "temperature":  # the last letter of `input_a` is no unit
         return meaning_of_name(title, whole, choices, TitleUnit(title))
     parts = unit_of_title(title)
-    stem = choices.own.get(parts.stem, parts.stem)
+    stem = choices.rig_titles.get(parts.stem, parts.stem)
     kind, unit = _kind(stem, choices), parts.unit
     if kind == "temperature" and (drive := _drive_without_rig(title, parts, choices)):
         return meaning_of_name(title, drive, choices, parts if drive != title else TitleUnit(title))
@@ -198,7 +198,7 @@ def meaning_of_name(
     """What a column is read as that has a name."""
     if not isinstance(given, str) or not given:
         raise RecordingError(f"columns: expected a name for {title!r}, got {given!r}")
-    called, given = given, choices.own.get(given, given)
+    called, given = given, choices.rig_titles.get(given, given)
     name, stated = _name_and_unit(given, choices)
     kind = _kind(name, choices)
     if kind == "temperature" and (drive := _drive_without_rig(name, TitleUnit(name), choices)):
@@ -256,7 +256,7 @@ def _name_and_unit(given: str, choices: Choices) -> tuple[str, Unit | None]:
     """A name that a reader has given without its unit, and the unit, if it states one."""
     channels = [] if choices.rig is None else [channel.name for channel in choices.rig.channels]
     parts = unit_of_title(given)
-    unit, stem = parts.unit, choices.own.get(parts.stem, parts.stem)
+    unit, stem = parts.unit, choices.rig_titles.get(parts.stem, parts.stem)
     if given in channels or _kind(given, choices) != "temperature" or unit is None:
         return given, None
     drive = _drive_without_rig(given, parts, choices)

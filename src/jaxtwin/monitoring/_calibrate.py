@@ -187,7 +187,7 @@ def tail_of(
         passing: Tail(*_tail(blocks, passing), source, len(blocks) * BLOCK_SECONDS / 3600)
         for passing in (TAIL_FRACTION, min(TAIL_FRACTION, PEAKS / len(blocks)))
     }
-    passing = max(tails, key=lambda tail: tails[tail].threshold(seconds))
+    passing = max(tails, key=lambda fraction: tails[fraction].threshold(seconds))
     at = tails[passing].threshold(seconds)
     random = np.random.default_rng(0)
     logs = []

@@ -209,8 +209,8 @@ def health(
     if ahead < 0:
         raise MatchError(f"health: within: expected a time of 0 or more, got {ahead:g}")
     bounds = _limits(limits, rig)
-    estimates = [fit.estimates for fit in known.found.values()]
-    free = dict.fromkeys(name for fit in known.found.values() for name in fit.free)
+    estimates = [session.estimates for session in known.found.values()]
+    free = dict.fromkeys(name for session in known.found.values() for name in session.free)
     wanted = list(free) if names is None else list(names_of("health: names", names, MatchError))
     for name in (*wanted, *bounds):
         if name not in rows:
@@ -238,7 +238,7 @@ def health(
         sessions=tuple(known.found),
         times=when,
         time_unit=unit,
-        converged=tuple(fit.has_converged for fit in known.found.values()),
+        converged=tuple(session.has_converged for session in known.found.values()),
         parameters={row.name: row for row in _by_change(result)},
         undetermined=tuple(undetermined),
         within=ahead,

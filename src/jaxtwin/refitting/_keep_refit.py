@@ -18,7 +18,7 @@ def keep_refit(
 
     - `store`: the store. `champion`: the version that was refitted.
     - `recording`: the recording to which it was refitted.
-    - `found`: the refit.
+    - `result`: the refit.
 
     **Returns:** the champion from now on.
     """

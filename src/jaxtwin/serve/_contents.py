@@ -120,7 +120,7 @@ def outlook_content(
 
     **Arguments:**
 
-    - `found`: the estimates and the forecast.
+    - `outlook`: the estimates and the forecast.
     - `elements`: the number of nodes that are elements of the plate, which are the first ones.
     - `time`, `times`: now, and the times of the forecast, s since 1970.
     - `energy`: what the cells have drawn since the server began, J.

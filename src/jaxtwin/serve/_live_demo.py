@@ -133,7 +133,8 @@ class DemoScript:
 
     def on_time(self, state: RigState, now: int) -> None:
         """Leaves the orders that are due."""
-        if self._first is None or self._is_stopped():
+        run = self._page.ring.newest_of("run")
+        if self._first is None or run["text"].startswith(STOPPED_BY_HAND):
             return
         if self._time >= STEP_SECONDS * self._steps:
             self._steps += 1
@@ -145,7 +146,7 @@ class DemoScript:
             self._desk.ask(DriveOrder(tuple(duty.tolist()), HELD_SECONDS, reset=self._steps > 1))
         if self._time >= LOOSE_AT:
             self._tell("the contact of the cell comes loose now; see who notices")
-        was_idle, self._is_idle = self._is_idle, self._page.ring.newest_of("run")["state"] == "idle"
+        was_idle, self._is_idle = self._is_idle, run["state"] == "idle"
         if self._is_unsure or (self._is_idle and not was_idle):
             # Nothing was heard when the duty changed, or an interlock has ended the run: the duty
             # is not known well enough. The time to which the twin is refitted begins anew.
@@ -170,6 +171,3 @@ class DemoScript:
         self._told.add(text)
         self._page.say("notice", f"demo: {text}")
         return True
-
-    def _is_stopped(self) -> bool:
-        return self._page.ring.newest_of("run")["text"].startswith(STOPPED_BY_HAND)

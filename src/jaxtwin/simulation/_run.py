@@ -15,13 +15,13 @@ from .._display import html_table, picture
 from .._goodness_of_fit import fit_percent, fit_text, rmse
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean, unknown_name
+from .._padded_rows import padded
 from .._whole_file import check_ending
 from ..errors import RecordingError, SimulationError
 from ..io import Experiment
 from ..physics import Twin
 from ._exceeded_limits import exceeded_limits
 from ._input_levels import input_levels
-from ._padding import padded
 from ._power import SupplyPower, power_of_states
 
 if TYPE_CHECKING:
@@ -365,7 +365,8 @@ class Run:
             channels=self.channels,
             temperatures=self.temperatures + random.normal(0.0, sd, self.temperatures.shape),
             ambient=self.experiment.ambient,
-            inputs={part.name: part.value for part in known} | dict(self.experiment.inputs),
+            inputs={rig_input.name: rig_input.value for rig_input in known}
+            | dict(self.experiment.inputs),
             name=name or self.experiment.name,
             group=self.experiment.group,
         )

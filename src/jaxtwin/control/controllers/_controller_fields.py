@@ -78,7 +78,7 @@ def quantity(value: object, name: str, kind: Kind, refuse: Refuse, *, is_list: b
 
     **Arguments:**
 
-    - `found`: the value in the file.
+    - `value`: the value in the file.
     - `name`: the name of the field, for messages.
     - `kind`: the quantity that is allowed.
     - `refuse`: raises the error.
