@@ -13,10 +13,23 @@ from jaxtwin.cli import run
 from jaxtwin.control import PID, LiveLoop, control
 from jaxtwin.errors import SafetyStop
 from jaxtwin.io import Experiment
-from jaxtwin.live import Finding, Guard, OperatingLimits, Plant, Reading, Sample, VirtualRig, drive
+from jaxtwin.live import (
+    Finding,
+    Guard,
+    OperatingLimits,
+    Plant,
+    Reading,
+    RigState,
+    Sample,
+    VirtualRig,
+    drive,
+)
+from jaxtwin.live.safety._duty_response import DutyResponse
+from jaxtwin.live.safety._twin_ensemble import TwinEnsemble
 from jaxtwin.live.safety._twin_watch import TwinWatch
 from jaxtwin.physics import Twin
-from jaxtwin.rig import Rig, Sensors
+from jaxtwin.rig import Rig, Sensors, load_rig
+from jaxtwin.simulation import simulate
 
 ROOM, LIMIT = 20.0, 55.0
 
@@ -81,6 +94,60 @@ def test_a_part_that_is_too_hot_by_its_duty_is_named_with_its_probability(
     alone, later = stopped(low, 0.95, 600, None)
     assert alone is not None
     assert hottest < later
+
+
+def test_the_stop_is_early_enough_for_the_heat_that_the_cells_still_hold(rig: Rig) -> None:
+    """Full duty warms the plate so fast that it goes on to warm by 5 K after a stop."""
+    assert rig.limits is not None
+    limits = replace(rig.limits, temperature=ROOM + 15.0 + 273.15)
+    low = Twin(replace(rig, camera=None, sensors=Sensors(0.1), limits=limits))
+    lock, plant = Watched(TwinWatch(low, OperatingLimits.of(low), ROOM)), Plant(low)
+    plant.start(0.0, ROOM, ROOM)
+    trip, at_stop, hottest = None, 0.0, 0.0
+    for second in range(60):
+        now = START + second * 10**9
+        if trip is None:
+            at_stop = float(plant.nodes[:24].max())
+            read = Reading("l", "b", now, second * 10**6, 0, plant.temperatures, False, None)
+            trip = lock.on_record(read)
+            trip = trip or lock.on_record(
+                Sample("l", "b", now, second * 10**6, 0, (255, 255), ROOM)
+            )
+        plant.drive(np.full(2, float(trip is None)))
+        plant.advance(second + 1.0)
+        hottest = max(hottest, float(plant.nodes[:24].max()))
+    assert trip is not None
+    assert trip.kind == "predicted-temperature"
+    assert "now or soon after a stop" in trip.detail
+    assert hottest > at_stop + 4.0
+    assert ROOM + 12.0 < hottest < ROOM + 16.0, "neither too late nor much too early"
+
+
+@pytest.mark.parametrize(("name", "rise"), [("dual-cell", 5.0), ("oven", 10.0), ("tclab", 2.0)])
+def test_what_a_stop_leaves_is_foreseen(name: str, rise: float) -> None:
+    """As `simulate` has it, with the driver's delay and lag: seconds on the plate of the two cells,
+    minutes in the oven."""
+    twin = Twin(load_rig(name))
+    ensemble, response, state = TwinEnsemble(twin), DutyResponse(twin, ROOM), RigState()
+    counts = (twin.rig.driver.counts,) * len(twin.rig.driven)
+    duration = float(ensemble.after_stop.time[-1])
+    heated = max(10.0, duration / 2)
+    cold = np.full(len(twin.channels), ROOM)
+    for time in np.arange(0, heated + 0.5, 0.5):
+        now, device_us = START + round(time * 1e9), round(time * 1e6)
+        reading = Reading("l", "b", now, device_us, 0, cold, False, None)
+        sample = Sample("l", "b", now, device_us, 0, counts, ROOM)
+        for record in (reading, sample):
+            state = state.after(record)
+            response.update(record, state)
+            ensemble.follow(response)
+    stopped = ensemble.after_stop.readings[:, 0]
+    time = np.arange(0, heated + duration + 0.5, 0.5)
+    duty = np.repeat((time < heated)[:, None].astype(float), len(counts), axis=1)
+    run = simulate(twin, Experiment(time=time, duty=duty, ambient=ROOM), initial=ROOM)
+    expected = run.temperatures[time >= heated].max(axis=0)
+    np.testing.assert_allclose(stopped.max(axis=0), expected, atol=0.05)
+    assert (stopped.max(axis=0) - stopped[0]).max() > rise
 
 
 def test_sensors_that_together_show_too_little_are_a_finding(

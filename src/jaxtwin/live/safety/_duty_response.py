@@ -60,9 +60,7 @@ class DutyResponse:
         self._time = 0  # host time up to which the twins have been stepped, ns
         system = self._observer.stepper.system
         self._first = self._began = np.zeros(0)
-        seen = np.any(np.asarray(system.channel_weights) != 0, axis=0)
-        seen[: twin.wiring.elements] = True
-        self._seen = seen
+        self._seen = seen_nodes(system)
         # This also compiles the steps before the first data arrive.
         self._set([self._file_room] * 3)
 
@@ -198,6 +196,13 @@ class DutyResponse:
         # The states are kept as NumPy arrays, because they are read between two steps.
         self.states = jax.tree.map(np.asarray, states)
         self._readings = np.asarray(readings)
+
+
+def seen_nodes(system: System) -> Bool[np.ndarray, " nodes"]:
+    """The nodes that a channel sees, and all elements of the plate."""
+    seen = np.any(np.asarray(system.channel_weights) != 0, axis=0)
+    seen[: system.wiring.elements] = True
+    return seen
 
 
 @persistent_jit

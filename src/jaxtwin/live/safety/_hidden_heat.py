@@ -102,7 +102,8 @@ class HiddenHeat:
     draws of the twin therefore run beside the rig in open loop:
 
     - *predicted-temperature*: with a probability of at least `MAX_PROBABILITY`, an element of the
-      plate, a body that a channel sees, or a channel, is above the limit.
+      plate, a body that a channel sees, or a channel, is above the limit, or would be if the cells
+      went off now: the heat in them still reaches the plate.
     - *gain*: the readings together show another part of the change by the duty than the draws
       allow. The gain of the readings $y$ on the change $d$ that the twin predicts,
       $g = \sum w y d / \sum w d^2$ over all channels and the last minute, has an expectation and a
@@ -160,16 +161,18 @@ class HiddenHeat:
         self._ensemble.follow(response)
 
     def too_hot(self, response: DutyResponse) -> Finding | None:
-        """Whether a part is above the limit with a probability that is too high."""
+        """Whether a part is above the limit, or would be after a stop, with a probability that is
+        too high."""
         seen = response.is_seen
-        draws = np.concatenate([self._ensemble.nodes[:, seen], self._ensemble.readings], axis=1)
-        hottest = _hottest(draws, self._parts_of(seen), self._limits.hottest, response.elapsed)
+        run = self._ensemble.after_stop
+        draws = np.concatenate([run.nodes[:, :, seen], run.readings], axis=2)
+        hottest = _hottest(draws.max(axis=0), self._parts_of(seen), self._limits.hottest)
         if not hottest.is_too_probable:
             return None
         return Finding(
             "predicted-temperature",
-            f"by its duty, the twin has {hottest}, whatever the sensors read; the rig's limit is "
-            f"{hottest.limit:g}",
+            f"by its duty, the twin has {hottest}, now or soon after a stop, whatever the sensors "
+            f"read; the rig's limit is {hottest.limit:g}",
             hottest.name,
             severity="critical",
             probability=hottest.probability,

@@ -2,22 +2,28 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..._compilation import persistent_jit
 from ...io import Experiment
 from ...observers import OpenLoop, OpenLoopState
 from ...physics import Twin
-from ._duty_response import DutyResponse, step_and_read
+from ...simulation import StepperState
+from ...simulation._stepper import assembled
+from ._duty_response import DutyResponse, seen_nodes, step_and_read
 
 # The step of the twins, s of the rig, within which no plate becomes much hotter.
 STEP_SECONDS = 0.5
+
+# The steps in which twins are followed after a stop.
+STOP_STEPS = 16
 
 # The step of the twins in a plan, s: 0.02 K from shorter ones on the bundled rigs.
 PLAN_STEP_SECONDS = 10.0
@@ -32,10 +38,10 @@ DRIVEN, IDLE = range(2)
 Draws = Mapping[str, Float[np.ndarray, " draws"]]
 
 
-class PlannedRun(NamedTuple):
-    """What draws of a twin do in a plan.
+class EnsembleRun(NamedTuple):
+    """What draws of a twin do in a plan, or after a stop.
 
-    - `time`: the times since the start, s.
+    - `time`: the times since the start or the stop, s.
     - `nodes`, `readings`: the temperatures of the nodes and of the channels, degC.
     """
 
@@ -68,12 +74,22 @@ class TwinEnsemble:
         self._count = count
         self._template, stacked = _stacked(self._twins, STEP_SECONDS)
         self._step_all = _stepped.bind(stacked)
+        # A power of two, so that other values of the parameters need no other program.
+        longer = _seconds_to_cool(twin) / (STOP_STEPS * STEP_SECONDS)
+        step = STEP_SECONDS * 2.0 ** max(0, round(math.log2(longer)))
+        observer, stacked_with_long_steps = _stacked(self._twins, step)
+        self._stop_all = _stopped.bind(stacked_with_long_steps)
+        self._stop_time = step * np.arange(STOP_STEPS + 1)
+        # The same commands are on their way through the driver's delay, one for each long step.
+        arrivals = round(step / STEP_SECONDS) * np.arange(observer.stepper.queue)
+        self._arrivals = np.minimum(arrivals, max(self._template.stepper.queue - 1, 0))
         self._duty = np.zeros((2, len(twin.rig.driven)))
         self._heat, self._last = np.zeros((2, len(twin.rig.driven)))  # duty times time; duty
         self._stepped: float | None = None  # the time of the last step, s of the rig
         self._seen = 0.0
-        self._set(np.full(len(twin.netlist.nodes), 20.0))  # this compiles the steps
+        self._set(np.full(len(twin.netlist.nodes), 20.0))
         self._step(0.0, 20.0)
+        _ = self.after_stop  # both programs are compiled before the first data arrive
 
     @property
     def count(self) -> int:
@@ -111,7 +127,7 @@ class TwinEnsemble:
             self._step(waited, response.room)
             self._stepped, self._heat = now, np.zeros_like(self._heat)
 
-    def run(self, plan: Experiment, initial: float | None) -> PlannedRun:
+    def run(self, plan: Experiment, initial: float | None) -> EnsembleRun:
         """The draws with the duty and the room of a plan, which no rig has to wait for.
 
         **Arguments:**
@@ -131,7 +147,18 @@ class TwinEnsemble:
         with jax.enable_x64(True):
             start = np.asarray(template.init(initial, self._duty[IDLE]).twin.nodes)
             nodes, readings = run(start, mean_duty(plan, edges), rooms, np.float64(dt))
-        return PlannedRun(edges[1:], np.asarray(nodes), np.asarray(readings))
+        return EnsembleRun(edges[1:], np.asarray(nodes), np.asarray(readings))
+
+    @property
+    def after_stop(self) -> EnsembleRun:
+        """The draws if the duty had ended at the last step: from the temperatures of that time,
+        which are the first row, until those that can be seen fall again."""
+        if self._after_stop is None:
+            driven = jax.tree.map(lambda leaf: leaf[:, DRIVEN], self._states.twin)
+            with jax.enable_x64(True):
+                nodes, readings = self._stop_all(driven, self._arrivals, np.float64(self._room))
+            self._after_stop = EnsembleRun(self._stop_time, np.asarray(nodes), np.asarray(readings))
+        return self._after_stop
 
     @cached_property
     def _of_plans(self) -> tuple[OpenLoop, Callable[..., Any]]:
@@ -154,6 +181,7 @@ class TwinEnsemble:
         # The states are kept as NumPy arrays, because they are read between two steps.
         self._states = jax.tree.map(np.asarray, states)
         self._readings = np.asarray(readings)
+        self._room, self._after_stop = room, None
 
 
 def mean_duty(
@@ -165,6 +193,31 @@ def mean_duty(
     since = plan.time - plan.time[0]
     at_edges = np.stack([np.interp(edges, since, column) for column in heat.T], axis=1)
     return np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
+
+
+def _seconds_to_cool(twin: Twin) -> float:
+    r"""The time after the end of the duty from which a rig certainly cools, s: the driver's delay,
+    two of its lags, and twice the time after which a pulse of heat into one side of a cell, or into
+    a heater, has warmed the part that it warms the most.
+
+    The response of a network without cells to a pulse is
+    $C^{-1/2} V e^{-\Lambda t} V^T C^{-1/2}$, with the eigenvectors $V$ of $C^{-1/2} G C^{-1/2}$.
+    """
+    with jax.enable_x64(True):
+        system = assembled(twin)
+    scale = 1 / np.sqrt(np.asarray(system.capacitance))
+    rates, vectors = np.linalg.eigh(scale[:, None] * np.asarray(system.conductance) * scale)
+    shapes = scale[:, None] * vectors
+    seen = shapes[seen_nodes(system)]
+    times = np.geomspace(0.1, 1e6, 200)
+    decay = np.exp(-rates[:, None] * times)
+    to_peak = 0.0
+    for sides in zip(system.wiring.cold, system.wiring.hot, strict=True):
+        # Of the two sides of a cell, the one that is nearer to what is seen warms it more.
+        responses = np.concatenate([seen @ (shapes[side][:, None] * decay) for side in sides])
+        most = responses[np.argmax(responses.max(axis=1))]
+        to_peak = max(to_peak, float(times[np.argmax(most)]))
+    return 2 * to_peak + float(system.delay or 0.0) + 2 * float(system.lag or 0.0)
 
 
 def _stacked(twins: Sequence[Twin], step_size: float) -> tuple[OpenLoop, OpenLoop]:
@@ -215,3 +268,26 @@ def _stepped(
     """The twins of all draws after a time, and their readings."""
     of_draw = jax.vmap(step_and_read, in_axes=(None, 0, 0, None, None))
     return jax.vmap(of_draw, in_axes=(0, 0, None, None, None))(observers, states, duty, room, dt)
+
+
+@persistent_jit
+def _stopped(
+    observers: OpenLoop,
+    states: StepperState,
+    arrivals: Int[Array, " long_steps"],
+    room: Float[Array, ""],
+) -> tuple[Float[Array, "rows draws nodes"], Float[Array, "rows draws channels"]]:
+    """The temperatures of nodes and channels of all draws now and after each step without duty,
+    degC."""
+
+    def of_draw(observer: OpenLoop, state: StepperState) -> tuple[Array, Array]:
+        stepper = observer.stepper
+        state = replace(state, commands=state.commands[arrivals])
+
+        def take(state: StepperState, _: None) -> tuple[StepperState, Any]:
+            seen = state.nodes, stepper.channels(state, room)
+            return stepper.step(state, jnp.zeros_like(state.duty), room), seen
+
+        return jax.lax.scan(take, state, length=STOP_STEPS + 1)[1]
+
+    return jax.vmap(of_draw, out_axes=1)(observers, states)
