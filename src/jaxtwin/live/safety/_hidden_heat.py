@@ -164,9 +164,9 @@ class HiddenHeat:
         """Whether a part is above the limit, or would be after a stop, with a probability that is
         too high."""
         seen = response.is_seen
-        run = self._ensemble.after_stop
-        draws = np.concatenate([run.nodes[:, :, seen], run.readings], axis=2)
-        hottest = _hottest(draws.max(axis=0), self._parts_of(seen), self._limits.hottest)
+        nodes, readings = self._ensemble.after_stop
+        draws = np.concatenate([nodes[:, seen], readings], axis=1)
+        hottest = _hottest(draws, self._parts_of(seen), self._limits.hottest)
         if not hottest.is_too_probable:
             return None
         return Finding(

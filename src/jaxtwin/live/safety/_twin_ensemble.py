@@ -9,13 +9,13 @@ from typing import Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..._compilation import persistent_jit
 from ...io import Experiment
 from ...observers import OpenLoop, OpenLoopState
 from ...physics import Twin
-from ...simulation import StepperState
+from ...simulation import Stepper, StepperState
 from ...simulation._stepper import assembled
 from ._duty_response import DutyResponse, seen_nodes, step_and_read
 
@@ -38,11 +38,12 @@ DRIVEN, IDLE = range(2)
 Draws = Mapping[str, Float[np.ndarray, " draws"]]
 
 
-class EnsembleRun(NamedTuple):
-    """What draws of a twin do in a plan, or after a stop.
+class PlannedRun(NamedTuple):
+    """What draws of a twin do in a plan.
 
-    - `time`: the times since the start or the stop, s.
-    - `nodes`, `readings`: the temperatures of the nodes and of the channels, degC.
+    - `time`: the times since the start, s.
+    - `nodes`, `readings`: the temperatures of the nodes and of the channels, degC; in the hottest
+      rows the highest ones after that time if the duty ended then.
     """
 
     time: Float[np.ndarray, " rows"]
@@ -77,12 +78,12 @@ class TwinEnsemble:
         # A power of two, so that other values of the parameters need no other program.
         longer = _seconds_to_cool(twin) / (STOP_STEPS * STEP_SECONDS)
         step = STEP_SECONDS * 2.0 ** max(0, round(math.log2(longer)))
-        observer, stacked_with_long_steps = _stacked(self._twins, step)
-        self._stop_all = _stopped.bind(stacked_with_long_steps)
-        self._stop_time = step * np.arange(STOP_STEPS + 1)
+        stopping, all_stopping = _stacked(self._twins, step)
+        self._all_stopping = all_stopping.stepper
+        self._stop_all = _stopped.bind(self._all_stopping)
         # The same commands are on their way through the driver's delay, one for each long step.
-        arrivals = round(step / STEP_SECONDS) * np.arange(observer.stepper.queue)
-        self._arrivals = np.minimum(arrivals, max(self._template.stepper.queue - 1, 0))
+        transit = round(step / STEP_SECONDS) * np.arange(stopping.stepper.queue)
+        self._transit = np.minimum(transit, max(self._template.stepper.queue - 1, 0))
         self._duty = np.zeros((2, len(twin.rig.driven)))
         self._heat, self._last = np.zeros((2, len(twin.rig.driven)))  # duty times time; duty
         self._stepped: float | None = None  # the time of the last step, s of the rig
@@ -111,6 +112,19 @@ class TwinEnsemble:
         """The change of the readings by the duty since the start, K."""
         return self._readings[:, DRIVEN] - self._readings[:, IDLE]
 
+    @property
+    def after_stop(
+        self,
+    ) -> tuple[Float[np.ndarray, "draws nodes"], Float[np.ndarray, "draws channels"]]:
+        """The highest temperatures of nodes and channels now and, if the duty ended now, after it,
+        degC."""
+        if self._after_stop is None:
+            driven = jax.tree.map(lambda leaf: leaf[:, DRIVEN], self._states.twin)
+            with jax.enable_x64(True):
+                hottest = self._stop_all(driven, self._transit, np.float64(self._room))
+            self._after_stop = np.asarray(hottest[0]), np.asarray(hottest[1])
+        return self._after_stop
+
     def follow(self, response: DutyResponse) -> None:
         """Goes on to the time of the twins of a `DutyResponse`, with the duty until then."""
         now = response.elapsed
@@ -127,7 +141,7 @@ class TwinEnsemble:
             self._step(waited, response.room)
             self._stepped, self._heat = now, np.zeros_like(self._heat)
 
-    def run(self, plan: Experiment, initial: float | None) -> EnsembleRun:
+    def run(self, plan: Experiment, initial: float | None) -> PlannedRun:
         """The draws with the duty and the room of a plan, which no rig has to wait for.
 
         **Arguments:**
@@ -146,25 +160,15 @@ class TwinEnsemble:
         template, run = self._of_plans
         with jax.enable_x64(True):
             start = np.asarray(template.init(initial, self._duty[IDLE]).twin.nodes)
-            nodes, readings = run(start, mean_duty(plan, edges), rooms, np.float64(dt))
-        return EnsembleRun(edges[1:], np.asarray(nodes), np.asarray(readings))
-
-    @property
-    def after_stop(self) -> EnsembleRun:
-        """The draws if the duty had ended at the last step: from the temperatures of that time,
-        which are the first row, until those that can be seen fall again."""
-        if self._after_stop is None:
-            driven = jax.tree.map(lambda leaf: leaf[:, DRIVEN], self._states.twin)
-            with jax.enable_x64(True):
-                nodes, readings = self._stop_all(driven, self._arrivals, np.float64(self._room))
-            self._after_stop = EnsembleRun(self._stop_time, np.asarray(nodes), np.asarray(readings))
-        return self._after_stop
+            seen = seen_nodes(template.stepper.system)
+            nodes, readings = run(start, mean_duty(plan, edges), rooms, np.float64(dt), seen)
+        return PlannedRun(edges[1:], np.asarray(nodes), np.asarray(readings))
 
     @cached_property
     def _of_plans(self) -> tuple[OpenLoop, Callable[..., Any]]:
         """An observer with the step of plans, and the program that follows a plan."""
         template, stacked = _stacked(self._twins, PLAN_STEP_SECONDS)
-        return template, _followed.bind(stacked)
+        return template, _followed.bind((stacked, self._all_stopping))
 
     def _set(self, nodes: Float[np.ndarray, " nodes"]) -> None:
         with jax.enable_x64(True):
@@ -236,25 +240,58 @@ def _stacked(twins: Sequence[Twin], step_size: float) -> tuple[OpenLoop, OpenLoo
     return observers[0], jax.tree.unflatten(jax.tree.structure(observers[0]), stacked)
 
 
+def _hottest(
+    stepper: Stepper, state: StepperState, room: Float[Array, ""]
+) -> tuple[Float[Array, " nodes"], Float[Array, " channels"]]:
+    """The highest temperatures of nodes and channels from a state on without duty, degC."""
+
+    def seen(state: StepperState) -> tuple[Array, Array]:
+        return jnp.asarray(state.nodes), stepper.channels(state, room)
+
+    def take(carry: tuple[StepperState, Any], _: None) -> tuple[tuple[StepperState, Any], None]:
+        state, hottest = carry
+        state = stepper.step(state, jnp.zeros_like(state.duty), room)
+        return (state, jax.tree.map(jnp.maximum, hottest, seen(state))), None
+
+    return jax.lax.scan(take, (state, seen(state)), length=STOP_STEPS)[0][1]
+
+
 @persistent_jit
 def _followed(
-    observers: OpenLoop,
+    twins: tuple[OpenLoop, Stepper],
     start: Float[Array, " nodes"],
     duty: Float[Array, "rows cells"],
     rooms: Float[Array, " rows"],
     dt: Float[Array, ""],
+    seen: Bool[Array, " nodes"],
 ) -> tuple[Float[Array, "rows draws nodes"], Float[Array, "rows draws channels"]]:
-    """The temperatures of nodes and channels of all draws after each row of a plan, degC."""
+    """The temperatures of nodes and channels of all draws after each row of a plan, degC. The rows
+    that are hottest, if the last change goes on, hold the highest ones from there on without duty:
+    an interlock that follows a stop would meet its limit there."""
 
-    def of_draw(observer: OpenLoop) -> tuple[Array, Array]:
+    def of_draw(observer: OpenLoop) -> tuple[Array, Array, Array]:
         def take(state: OpenLoopState, row: tuple[Array, Array]) -> tuple[OpenLoopState, Any]:
             state, readings = step_and_read(observer, state, *row, dt)
-            return state, (observer.nodes(state), readings)
+            return state, (observer.nodes(state), readings, state.twin.duty)
 
         begun = observer.init(start, jnp.zeros_like(duty[0]))
         return jax.lax.scan(take, begun, (duty, rooms))[1]
 
-    return jax.vmap(of_draw, out_axes=1)(observers)
+    def stopped(
+        stepper: Stepper, nodes: Array, lagged: Array, command: Array, room: Array
+    ) -> tuple[Array, Array]:
+        room = jnp.where(jnp.isnan(room), stepper.ambient, room)  # one that nobody measures
+        transit = jnp.broadcast_to(command, (stepper.queue, *command.shape))
+        return _hottest(stepper, StepperState(nodes, lagged, transit), room)
+
+    observers, stopping = twins
+    nodes, readings, lagged = jax.vmap(of_draw, out_axes=1)(observers)
+    mean = nodes.mean(axis=1)
+    ahead = mean + jnp.maximum(jnp.diff(mean, axis=0, prepend=mean[:1]), 0.0)
+    _, rows = jax.lax.top_k(jnp.where(seen, ahead, -jnp.inf).max(axis=1), MIN_PLAN_STEPS)
+    of_rows = jax.vmap(jax.vmap(stopped, (0, 0, 0, None, None)), (None, 0, 0, 0, 0))
+    hottest = of_rows(stopping, nodes[rows], lagged[rows], duty[rows], rooms[rows])
+    return nodes.at[rows].set(hottest[0]), readings.at[rows].set(hottest[1])
 
 
 @persistent_jit
@@ -272,22 +309,14 @@ def _stepped(
 
 @persistent_jit
 def _stopped(
-    observers: OpenLoop,
+    stopping: Stepper,
     states: StepperState,
-    arrivals: Int[Array, " long_steps"],
+    transit: Int[Array, " long_steps"],
     room: Float[Array, ""],
-) -> tuple[Float[Array, "rows draws nodes"], Float[Array, "rows draws channels"]]:
-    """The temperatures of nodes and channels of all draws now and after each step without duty,
-    degC."""
+) -> tuple[Float[Array, "draws nodes"], Float[Array, "draws channels"]]:
+    """As `_hottest`, of all draws."""
 
-    def of_draw(observer: OpenLoop, state: StepperState) -> tuple[Array, Array]:
-        stepper = observer.stepper
-        state = replace(state, commands=state.commands[arrivals])
+    def of_draw(stepper: Stepper, state: StepperState) -> tuple[Array, Array]:
+        return _hottest(stepper, replace(state, commands=state.commands[transit]), room)
 
-        def take(state: StepperState, _: None) -> tuple[StepperState, Any]:
-            seen = state.nodes, stepper.channels(state, room)
-            return stepper.step(state, jnp.zeros_like(state.duty), room), seen
-
-        return jax.lax.scan(take, state, length=STOP_STEPS + 1)[1]
-
-    return jax.vmap(of_draw, out_axes=1)(observers, states)
+    return jax.vmap(of_draw)(stopping, states)
