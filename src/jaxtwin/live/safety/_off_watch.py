@@ -38,8 +38,9 @@ NOISE_SIGMAS = 3.0
 MEMORY_SECONDS = 3.0
 
 # The relative error of the change that the twin predicts for a rig that is off: contacts differ
-# between days.
-COOLING_ERROR = 0.3
+# between days. To be called hot, a rig must be so with a larger one: where contacts are better than
+# the twin's, more of the heat that is still on its way reaches the plate.
+COOLING_ERROR, HEATS_COOLING_ERROR = 0.3, 0.4
 
 # The least rise above the room from which the gain of a reading is told, K.
 MIN_RISE_KELVIN = 5.0
@@ -165,11 +166,15 @@ class OffWatch:
             return
         part = products / squares
         unknown = (NOISE_SIGMAS * noise + COOLING_ERROR * cooling) / squares
+        unknown_if_hot = (NOISE_SIGMAS * noise + HEATS_COOLING_ERROR * cooling) / squares
         after = seconds(reading.arrival - self._begin)
         if abs(part[1]) - unknown[1] > MAX_PART:
             self.verdict = "unknown"
             self.detail = f"the readings change faster than full duty could, {after:.0f} s after it"
-        elif part[1] < MAX_PART and (part - unknown > (HEATS - CLEARANCE) * self._levels).any():
+        elif (
+            part[1] < MAX_PART
+            and (part - unknown_if_hot > (HEATS - CLEARANCE) * self._levels).any()
+        ):
             self.verdict = "heats"
             self.detail = (
                 f"after {after:.0f} s the readings change as if {100 * part[0]:.0f} % of the last "
