@@ -130,6 +130,11 @@ class HiddenHeat:
         self._last: int | None = None
 
     @property
+    def ensemble(self) -> TwinEnsemble:
+        """The draws of the twin beside the rig."""
+        return self._ensemble
+
+    @property
     def settings(self) -> Mapping[str, Any]:
         """What is recorded of it."""
         return {"draws": self._ensemble.count, "max_probability": MAX_PROBABILITY}

@@ -12,6 +12,7 @@ from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
 from ._duty_response import DRIVEN, DutyResponse
 from ._operating_limits import OperatingLimits
+from ._twin_ensemble import TwinEnsemble
 
 # The longest time for which the readings are watched after the end, s of the host.
 WATCHED_SECONDS = 60.0
@@ -37,10 +38,11 @@ NOISE_SIGMAS = 3.0
 # and the last readings say most.
 MEMORY_SECONDS = 3.0
 
-# The relative error of the change that the twin predicts for a rig that is off: contacts differ
-# between days. To be called hot, a rig must be so with a larger one: where contacts are better than
-# the twin's, more of the heat that is still on its way reaches the plate.
-COOLING_ERROR, HEATS_COOLING_ERROR = 0.3, 0.4
+# The distance in standard deviations of the draws of the twin that a verdict needs.
+DRAW_SIGMAS = 3.0
+
+# For a twin without draws: the relative error of the change that it predicts for a rig that is off.
+COOLING_ERROR = 0.3
 
 # The least rise above the room from which the gain of a reading is told, K.
 MIN_RISE_KELVIN = 5.0
@@ -70,6 +72,8 @@ class OffWatch:
 
     $$f = \frac{\sum (y - y_0 - g (o - o_0)) \, g (h - o)}{\sum g^2 (h - o)^2}.$$
 
+    It is estimated with each draw of what the match of the twin has left open, whose spread is a
+    part of its error: contacts, and the lag of the driver, say how much heat is still on its way.
     A rig is off if $f$ with its error, by noise and by the twin, is below three quarters of the
     last duty, and heats if it is above a quarter: after 10 to 45 s on the bundled rigs, later on a
     slow one. The twins must be `MIN_CHANGE_KELVIN` apart, and nothing is called off before
@@ -79,13 +83,15 @@ class OffWatch:
 
     **Arguments:**
 
-    - `response`: the twins beside the rig, up to the end of the run.
+    - `response`, `ensemble`: the twins beside the rig, up to the end of the run.
     - `limits`: the limits of the rig.
     - `now`: host time, ns.
     """
 
-    def __init__(self, response: DutyResponse, limits: OperatingLimits, now: int):
-        self._time = response.time
+    def __init__(
+        self, response: DutyResponse, ensemble: TwinEnsemble, limits: OperatingLimits, now: int
+    ):
+        self._time, self._ensemble = response.time, ensemble
         self._predict, self._room = response.predict, response.room
         held = response.last_heat
         level = max(float(np.abs(held).max()), MIN_LEVEL)
@@ -93,7 +99,7 @@ class OffWatch:
         self._duty = np.array([np.zeros_like(held), held, np.ones_like(held)])
         self._levels = np.array([1.0, level])  # of the held duty, and of full duty
         self._sigma = limits.jump / 6
-        self._gain: Float[np.ndarray, " channels"] | None = None
+        self._gain: Float[np.ndarray, "draws channels"] | None = None
         self._begin_anew(jax.tree.map(lambda leaf: leaf[DRIVEN], response.states), now)
 
     def again(self, now: int) -> None:
@@ -125,13 +131,16 @@ class OffWatch:
         self._begin, self._has_begun = now, False
         self._watched = 0.0  # s of the rig
         self._states = jax.tree.map(lambda leaf: np.repeat(leaf[None], 3, axis=0), twin)
-        self._sums = np.zeros((4, 2))  # of e d, d^2, sigma |d|, and the cooling times |d|
+        self._ensemble.branch(np.zeros_like(self._duty[0]))
+        # Of e d, d^2, sigma |d|, and the cooling times |d|, for the held and for full duty.
+        self._sums = np.zeros((4, 2, self._ensemble.count))
 
     def _start(self, temperatures: Float[np.ndarray, " channels"], passed: float) -> None:
         """Begins at the first readings that were made after the stop. Those before it may be old:
         a host or a link that stood still may have caused the stop."""
         self._has_begun, self._first = True, temperatures.copy()
         self._before = self._advance(passed, np.zeros_like(self._duty))[0]
+        self._ensemble.branch(self._duty[HELD_TWIN])
         self._has_moved = np.zeros(len(self._first), bool)
         if self._gain is None:  # known by what the rig did before, not by what it does from here on
             rise = self._before - self._room
@@ -148,33 +157,35 @@ class OffWatch:
             self._start(state.temperatures, passed)
             return
         assert self._gain is not None
-        off, held, full = self._advance(passed, self._duty)
+        off, *heated = self._advance(passed, self._duty)
         self._watched += passed
         cooled = self._gain * (off - self._before)
         error = reading.temperatures - self._first - cooled
-        apart = self._gain * (np.array([held, full]) - off)
+        apart = self._gain * (np.array(heated) - off)
         # A working sensor never reads the same for long.
         self._has_moved |= reading.temperatures != self._first
-        valid = np.isfinite(error) & self._has_moved
-        error, cooled, apart = error[valid], cooled[valid], apart[:, valid]
+        valid = np.isfinite(reading.temperatures) & self._has_moved
+        error, cooled, apart = error[:, valid], cooled[:, valid], apart[:, :, valid]
         sizes = np.abs(apart)
-        noise, cooling = self._sigma * sizes.sum(axis=1), sizes @ np.abs(cooled)
+        terms = [apart * error, apart**2, self._sigma * sizes, sizes * np.abs(cooled)]
         self._sums *= np.exp(-passed / MEMORY_SECONDS)
-        self._sums += np.array([apart @ error, (apart**2).sum(axis=1), noise, cooling])
+        self._sums += np.array([term.sum(axis=2) for term in terms])
         products, squares, noise, cooling = self._sums
-        if (sizes.max(axis=1, initial=0.0) < MIN_CHANGE_KELVIN).any():
+        if (sizes.mean(axis=1).max(axis=1, initial=0.0) < MIN_CHANGE_KELVIN).any():
             return
-        part = products / squares
-        unknown = (NOISE_SIGMAS * noise + COOLING_ERROR * cooling) / squares
-        unknown_if_hot = (NOISE_SIGMAS * noise + HEATS_COOLING_ERROR * cooling) / squares
+        of_draws = products / squares
+        part = of_draws.mean(axis=1)
+        known = (
+            DRAW_SIGMAS * of_draws.std(axis=1)
+            if self._ensemble.count > 1
+            else COOLING_ERROR * (cooling / squares)[:, 0]
+        )
+        unknown = NOISE_SIGMAS * (noise / squares).mean(axis=1) + known
         after = seconds(reading.arrival - self._begin)
         if abs(part[1]) - unknown[1] > MAX_PART:
             self.verdict = "unknown"
             self.detail = f"the readings change faster than full duty could, {after:.0f} s after it"
-        elif (
-            part[1] < MAX_PART
-            and (part - unknown_if_hot > (HEATS - CLEARANCE) * self._levels).any()
-        ):
+        elif part[1] < MAX_PART and (part - unknown > (HEATS - CLEARANCE) * self._levels).any():
             self.verdict = "heats"
             self.detail = (
                 f"after {after:.0f} s the readings change as if {100 * part[0]:.0f} % of the last "
@@ -188,13 +199,20 @@ class OffWatch:
 
     def _advance(
         self, dt: float, duty: Float[np.ndarray, "3 cells"]
-    ) -> Float[np.ndarray, "3 channels"]:
+    ) -> tuple[Float[np.ndarray, "draws channels"], ...]:
+        """The readings of the twins that are off, have the last duty, and full duty."""
         with jax.enable_x64(True):
             states, readings = self._predict(
                 self._states, duty, np.full(3, self._room), np.float64(dt)
             )
         self._states = jax.tree.map(np.asarray, states)
-        return np.asarray(readings)
+        off, held, full = np.asarray(readings)[:, None]
+        if self._ensemble.count == 1:
+            return off, held, full
+        self._ensemble.step(dt, self._room)
+        # What full duty adds is that of the twin itself: only its size counts.
+        idle = self._ensemble.idle_readings
+        return idle, self._ensemble.readings, idle + full - off
 
 
 def _is_cut(state: RigState) -> bool:

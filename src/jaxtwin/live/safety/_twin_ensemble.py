@@ -89,7 +89,7 @@ class TwinEnsemble:
         self._stepped: float | None = None  # the time of the last step, s of the rig
         self._seen = 0.0
         self._set(np.full(len(twin.netlist.nodes), 20.0))
-        self._step(0.0, 20.0)
+        self.step(0.0, 20.0)
         _ = self.after_stop  # both programs are compiled before the first data arrive
 
     @property
@@ -108,9 +108,14 @@ class TwinEnsemble:
         return self._readings[:, DRIVEN]
 
     @property
+    def idle_readings(self) -> Float[np.ndarray, "draws channels"]:
+        """The readings without any duty, degC."""
+        return self._readings[:, IDLE]
+
+    @property
     def by_duty(self) -> Float[np.ndarray, "draws channels"]:
         """The change of the readings by the duty since the start, K."""
-        return self._readings[:, DRIVEN] - self._readings[:, IDLE]
+        return self.readings - self.idle_readings
 
     @property
     def after_stop(
@@ -138,8 +143,27 @@ class TwinEnsemble:
         waited = now - self._stepped
         if waited >= STEP_SECONDS:
             self._duty[DRIVEN] = self._heat / waited
-            self._step(waited, response.room)
+            self.step(waited, response.room)
             self._stepped, self._heat = now, np.zeros_like(self._heat)
+
+    def step(self, dt: float, room: float) -> None:
+        """Steps all twins by `dt` s of the rig in a room of `room` degC."""
+        with jax.enable_x64(True):
+            states, readings = self._step_all(
+                self._states, self._duty, np.float64(room), np.float64(dt)
+            )
+        # The states are kept as NumPy arrays, because they are read between two steps.
+        self._states = jax.tree.map(np.asarray, states)
+        self._readings = np.asarray(readings)
+        self._room, self._after_stop = room, None
+
+    def branch(self, duty: Float[np.ndarray, " cells"]) -> None:
+        """Lets both twins of each draw go on from where the driven one is: that one with a held
+        `duty`, the other without any."""
+        self._duty = np.array([duty, np.zeros_like(duty)])
+        self._states = jax.tree.map(
+            lambda leaf: np.repeat(leaf[:, [DRIVEN]], 2, axis=1), self._states
+        )
 
     def run(self, plan: Experiment, initial: float | None) -> PlannedRun:
         """The draws with the duty and the room of a plan, which no rig has to wait for.
@@ -176,16 +200,6 @@ class TwinEnsemble:
         self._states: OpenLoopState = jax.tree.map(
             lambda leaf: np.broadcast_to(np.asarray(leaf), (self._count, 2, *np.shape(leaf))), start
         )
-
-    def _step(self, dt: float, room: float) -> None:
-        with jax.enable_x64(True):
-            states, readings = self._step_all(
-                self._states, self._duty, np.float64(room), np.float64(dt)
-            )
-        # The states are kept as NumPy arrays, because they are read between two steps.
-        self._states = jax.tree.map(np.asarray, states)
-        self._readings = np.asarray(readings)
-        self._room, self._after_stop = room, None
 
 
 def mean_duty(

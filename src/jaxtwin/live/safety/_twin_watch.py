@@ -130,7 +130,7 @@ class TwinWatch(AbstractInterlock):
         not been heated."""
         if not self._response.has_begun or not self._response.last_heat.any():
             return None
-        return OffWatch(self._response, self._limits, now)
+        return OffWatch(self._response, self._hidden.ensemble, self._limits, now)
 
     def _cell_too_hot(self) -> Finding | None:
         hottest = self._response.nodes[self._sides].max(axis=0)
