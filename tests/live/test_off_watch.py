@@ -48,12 +48,20 @@ def welded(device: VirtualRig) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("seed", "is_matched"), [(1, False), (2, True)])
 @pytest.mark.parametrize("case", AFTER_STOP, ids=lambda case: case.name)
 def test_the_readings_show_what_the_device_does_not_report(
-    twin: Twin, case: AfterStop, seed: int
+    twin: Twin, case: AfterStop, seed: int, is_matched: bool
 ) -> None:
-    seen = run_after_stop(case, (twin, twin), seed)
+    """Also where a match has left contacts and the lag of the driver open, and the rig is one that
+    it has not excluded."""
+    random, draws = np.random.default_rng(seed), None
+    if is_matched:
+        names = ["t_lag", *(name for name in twin.values if name.startswith("R_pc"))]
+        draws = {name: twin.values[name] * np.exp(0.5 * random.normal(size=17)) for name in names}
+    truth = {name: float(column[16]) for name, column in (draws or {}).items()}
+    known = draws and {name: column[:16] for name, column in draws.items()}
+    seen = run_after_stop(case, (twin, twin), seed, truth, known)
     assert seen.verdict in case.verdicts, seen.said
     assert seen.after < 61
 

@@ -20,6 +20,10 @@ WATCHED_SECONDS = 60.0
 # The shortest time for which a rig that is off is watched, s of the rig.
 MIN_SECONDS = 10.0
 
+# For how long the readings of a rig that heats must show it, s of the rig: where the driver follows
+# its command more slowly than the twin's, it heats for some seconds more, and then cools.
+HOT_SECONDS = 4.0
+
 # The least difference between a rig that is off and one that heats with which readings are judged,
 # K. What the first second after a stop does is known least: heat is still on its way to the plate.
 MIN_CHANGE_KELVIN = 2.0
@@ -75,7 +79,7 @@ class OffWatch:
     It is estimated with each draw of what the match of the twin has left open, whose spread is a
     part of its error: contacts, and the lag of the driver, say how much heat is still on its way.
     A rig is off if $f$ with its error, by noise and by the twin, is below three quarters of the
-    last duty, and heats if it is above a quarter: after 10 to 45 s on the bundled rigs, later on a
+    last duty, and heats if it is above a quarter: after 10 to 56 s on the bundled rigs, later on a
     slow one. The twins must be `MIN_CHANGE_KELVIN` apart, and nothing is called off before
     `MIN_SECONDS`, because a device may begin anew. Readings that stand still, or change faster than
     full duty could make them, are those of a sensor that has failed, and show nothing. A report of
@@ -129,7 +133,7 @@ class OffWatch:
         self.detail = ""
         """What was seen, as the end of a sentence."""
         self._begin, self._has_begun = now, False
-        self._watched = 0.0  # s of the rig
+        self._watched = self._hot = 0.0  # s of the rig
         self._states = jax.tree.map(lambda leaf: np.repeat(leaf[None], 3, axis=0), twin)
         self._ensemble.branch(np.zeros_like(self._duty[0]))
         # Of e d, d^2, sigma |d|, and the cooling times |d|, for the held and for full duty.
@@ -185,7 +189,10 @@ class OffWatch:
         if abs(part[1]) - unknown[1] > MAX_PART:
             self.verdict = "unknown"
             self.detail = f"the readings change faster than full duty could, {after:.0f} s after it"
-        elif part[1] < MAX_PART and (part - unknown > (HEATS - CLEARANCE) * self._levels).any():
+            return
+        is_hot = part[1] < MAX_PART and (part - unknown > (HEATS - CLEARANCE) * self._levels).any()
+        self._hot = self._hot + passed if is_hot else 0.0
+        if self._hot > HOT_SECONDS:
             self.verdict = "heats"
             self.detail = (
                 f"after {after:.0f} s the readings change as if {100 * part[0]:.0f} % of the last "
