@@ -58,7 +58,9 @@ def test_the_readings_show_what_the_device_does_not_report(
     random, draws = np.random.default_rng(seed), None
     if is_matched:
         names = ["t_lag", *(name for name in twin.values if name.startswith("R_pc"))]
-        draws = {name: twin.values[name] * np.exp(0.5 * random.normal(size=17)) for name in names}
+        draws = {
+            name: float(twin.values[name]) * np.exp(0.5 * random.normal(size=17)) for name in names
+        }
     truth = {name: float(column[16]) for name, column in (draws or {}).items()}
     known = draws and {name: column[:16] for name, column in draws.items()}
     seen = run_after_stop(case, (twin, twin), seed, truth, known)
