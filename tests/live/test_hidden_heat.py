@@ -193,6 +193,16 @@ def test_references_that_must_exceed_the_limit_are_refused(
     )
 
 
+def test_a_day_at_one_reference_is_simulated_until_the_loop_rests(low: Twin, pid: PID) -> None:
+    def plan_of(controller: PID, duration: float) -> Experiment:
+        loop = LiveLoop(low, controller, 30.0, duration=duration, ambient=ROOM)
+        return loop.simulated_plan()
+
+    assert plan_of(pid, 86_400).duration < 20_000
+    slow = PID(0.01, 1e-6, limits=(0.0, 1.0), measured=[list(low.channels)])
+    assert plan_of(slow, 20_000).duration >= 20_000, "it creeps on"
+
+
 @pytest.mark.parametrize(("reference", "near"), [(30.0, False), (41.0, True)])
 def test_a_plan_says_whether_a_healthy_rig_may_be_stopped(
     low: Twin, pid: PID, draws: dict[str, np.ndarray], reference: float, near: bool

@@ -1,5 +1,6 @@
 """A controller on a live rig, behind all interlocks."""
 
+import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, final
@@ -19,14 +20,14 @@ from ...live import Document, Ending, Finding, Guard, Moment, RecordConsumer, Ri
 from ...matching import Fit
 from ...matching._nominal_twin import nominal_twin
 from ...physics import Twin
-from ...simulation import Stepper
+from ...simulation import Run, Stepper
 from ...simulation._check_values import check_values
 from ...simulation._stepper import assembled
 from ..controllers._controller import AbstractController, is_same
 from ..controllers._function_controller import ControlFunction, as_controller
 from ._closed_loop import run_loop
 from ._closed_loop_run import ClosedLoopRun
-from ._loop_checks import check_cells, check_reach, check_sample_time
+from ._loop_checks import check_cells, check_reach, check_sample_time, slowest_time_constant
 from ._loop_margins import LoopMargins, check_stability, loop_margins
 from ._references import reference_samples, references_ahead, sample_times
 from ._scenario import scenario
@@ -100,6 +101,10 @@ SAMPLE_TOLERANCE = 1e-6
 
 # The least number of samples for which a loop with constant references is simulated.
 MIN_PLAN_SAMPLES = 1024
+
+# The time after which a loop with constant references has usually come to rest, in slowest time
+# constants of the rig; and the change of a reading in the last eighth of it with which it has, K.
+SETTLED_TIME_CONSTANTS, SETTLED_KELVIN = 8.0, 0.05
 
 
 class Decision(NamedTuple):
@@ -282,10 +287,26 @@ class LiveLoop:
         """The duty with which the controller holds the references on the twin, which begins at the
         temperature of the room; with `Guard.check_plan`, what the rig would reach."""
         references = self._references
-        if (references == references[0]).all():
-            # Few lengths, because each is compiled: it is simulated for longer than it lasts.
-            samples = max(2 ** (len(references) - 1).bit_length(), MIN_PLAN_SAMPLES)
-            references = np.repeat(references[:1], samples, axis=0)
+        if not (references == references[0]).all():
+            return self._simulated(references).experiment
+        # A loop that has come to rest stays there: a day at one reference is seen in some hours.
+        with own_settings():
+            tau = float(slowest_time_constant(assembled(self._twin)))
+        settled = math.ceil(SETTLED_TIME_CONSTANTS * tau / self._controller.sample_time_s)
+        run = self._held(min(settled, len(references)))
+        part = len(run.time) // 8
+        earlier, later = run.temperatures[-2 * part : -part], run.temperatures[-part:]
+        drift = np.abs(later.mean(axis=0) - earlier.mean(axis=0)).max()
+        if settled < len(references) and drift > SETTLED_KELVIN:
+            run = self._held(len(references))
+        return run.experiment
+
+    def _held(self, samples: int) -> Run:
+        # Few lengths, because each is compiled: it is simulated for longer than it lasts.
+        samples = max(2 ** (samples - 1).bit_length(), MIN_PLAN_SAMPLES)
+        return self._simulated(np.repeat(self._references[:1], samples, axis=0))
+
+    def _simulated(self, references: Float[np.ndarray, "samples outputs"]) -> Run:
         return simulate_closed_loop(
             self._twin,
             self._controller,
@@ -294,7 +315,7 @@ class LiveLoop:
             initial=self._ambient,
             ambient=self._ambient,
             noise=False,
-        ).run.experiment
+        ).run
 
     def margins(self) -> LoopMargins | None:
         """Computes the margins of the loop at the last references; None for a controller that is

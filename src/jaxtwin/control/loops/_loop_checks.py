@@ -151,7 +151,7 @@ def check_sample_time(system: System, sample_time_s: float) -> None:
     """
     if sample_time_s <= float(_lumped_time_constant(system)):
         return
-    slowest = float(_slowest_time_constant(system))
+    slowest = float(slowest_time_constant(system))
     if sample_time_s > slowest:
         raise ControlError(
             f"sample_time_s: expected at most the rig's longest time constant, {slowest:.0f} s (a "
@@ -234,5 +234,6 @@ def _lumped_time_constant(system: System) -> Float[Array, ""]:
 
 
 @persistent_jit_unoptimised
-def _slowest_time_constant(system: System) -> Float[Array, ""]:
+def slowest_time_constant(system: System) -> Float[Array, ""]:
+    """Computes the slowest time constant of the rig, s."""
     return 1 / network_modes(system, None, jnp.asarray(system.ambient_temperature)).rates[0]
