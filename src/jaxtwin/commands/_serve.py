@@ -105,6 +105,14 @@ def serve(
             "passes waits for somebody (propose), or takes over at rest (apply).",
         ),
     ] = None,
+    mqtt_orders: Annotated[
+        bool,
+        typer.Option(
+            "--mqtt-orders",
+            help="Take orders to the store from the broker of --publish, such as to promote a "
+            "version; who may publish there is the broker's to say.",
+        ),
+    ] = False,
     token_file: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the token there, for its owner alone to read."),
@@ -133,6 +141,8 @@ def serve(
         raise typer.BadParameter("--controller needs --allow-control")
     if self_optimise is not None and (store is None or controller is None):
         raise typer.BadParameter("--self-optimise needs --store and --controller")
+    if mqtt_orders and not (publish is not None and allow_control and store is not None):
+        raise typer.BadParameter("--mqtt-orders needs --publish, --allow-control and --store")
     if faults and not virtual:
         raise typer.BadParameter("--faults are those of a rig with --virtual")
     check_output(out, ".db")
@@ -255,6 +265,7 @@ def serve(
             about={"operator": getpass.getuser()},
             raised=raised,
             publisher=publisher,
+            takes_mqtt_orders=mqtt_orders,
         )
         with server:
             announce(address, access.token, token_file)

@@ -28,6 +28,7 @@ from ._desk import Desk
 from ._frame_ring import FrameRing
 from ._live_diagnosis import LiveDiagnosis
 from ._live_refit import LiveRefit
+from ._mqtt_orders import MqttOrders
 from ._page import Page
 from ._recent_samples import RecentSamples
 from ._rig_loop import RigLoop
@@ -60,6 +61,7 @@ class PageServer:
     - `about`: what a recording keeps of each run.
     - `raised`: called with each new finding.
     - `publisher`: sends readings, estimates and findings to a broker; None: nobody does.
+    - `takes_mqtt_orders`: whether orders to the store are taken from that broker (`MqttOrders`).
     """
 
     def __init__(
@@ -81,6 +83,7 @@ class PageServer:
         about: Mapping[str, Any] | None = None,
         raised: Callable[[Finding], object] = lambda _: None,
         publisher: Publisher | None = None,
+        takes_mqtt_orders: bool = False,
     ):
         is_live = isinstance(source, RigConnection)
         outputs = () if controller is None else controller.output_names(beside.twin.channels)
@@ -106,16 +109,18 @@ class PageServer:
         self._diagnosis = LiveDiagnosis(beside.twin, recent, self.page.show_diagnosis, beside.noise)
         self._refit = None
         if champion is not None:
-            say = partial(self.page.say, "notice")
+            say = partial(self._say, "notice")
             self._refit = LiveRefit(champion.store, recent, say)
         self._optimiser = None
         if policy is not None and champion is not None and controller and design:
             from ._self_optimiser import SelfOptimiser
 
             self._optimiser = SelfOptimiser(
-                champion.store, rig, controller, design, policy, self.page.say
+                champion.store, rig, controller, design, policy, self._say
             )
         self.desk = Desk(stop)
+        if publisher is not None and takes_mqtt_orders:
+            MqttOrders(publisher, self.desk)
         watching: list[RecordConsumer] = [recent, *consumers(self.page, self.desk)]
         if is_live:
             limit = rig.maximum_temperature
@@ -161,6 +166,12 @@ class PageServer:
         where: TracebackType | None,
     ) -> None:
         self._stack.close()
+
+    def _say(self, level: str, text: str) -> None:
+        """Says something of the store, also to the subscribers of the broker."""
+        self.page.say(level, text)
+        if self._publisher is not None:
+            self._publisher.send_log(level, text)
 
     def _on_finding(self, finding: Finding) -> None:
         self._diagnosis.on_finding(finding)
