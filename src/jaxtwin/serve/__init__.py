@@ -14,10 +14,11 @@ A run is commanded by a held duty or by a controller at held references (`_comma
 the loop goes back to the one before if the new one is worse on the rig than in its trial.
 
 The web server (`_web_server`) runs in a second thread. It reads the ring and the history, and
-leaves orders (`_orders`) at a desk (`_desk`), which the loop takes, as those to the store from an
-MQTT broker (`_mqtt_orders`): a run is commanded by `jaxtwin.live.operate`, behind all interlocks. `_access` says who may ask for what, `_metrics` is
-the text for Prometheus, `_app` the application with the streams of its clients. `assets/` holds the
-page: `view.js` draws it from frames, wherever they come from.
+leaves orders (`_orders`) at a desk (`_desk`), which the loop takes: a run is commanded by
+`jaxtwin.live.operate`, behind all interlocks. Orders to the store also come from an MQTT broker
+(`_mqtt_orders`). `_access` says who may ask for what, `_metrics` is the text for Prometheus, `_app`
+the application with the streams of its clients. `assets/` holds the page: `view.js` draws it from
+frames, wherever they come from.
 
 The web server needs the extra `serve`; it is imported when one is made.
 """

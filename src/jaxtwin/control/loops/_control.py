@@ -291,9 +291,12 @@ class LiveLoop:
             return self._simulated(references).experiment
         # A loop that has come to rest stays there: a day at one reference is seen in some hours.
         with own_settings():
-            tau = float(slowest_time_constant(assembled(self._twin)))
-        settled = math.ceil(SETTLED_TIME_CONSTANTS * tau / self._controller.sample_time_s)
-        run = self._held(min(settled, len(references)))
+            tau = abs(float(slowest_time_constant(assembled(self._twin))))
+        # A rig that loses no heat has none: it is simulated to the end.
+        settled = min(
+            SETTLED_TIME_CONSTANTS * tau / self._controller.sample_time_s, len(references)
+        )
+        run = self._held(math.ceil(settled))
         part = len(run.time) // 8
         earlier, later = run.temperatures[-2 * part : -part], run.temperatures[-part:]
         drift = np.abs(later.mean(axis=0) - earlier.mean(axis=0)).max()
@@ -302,6 +305,7 @@ class LiveLoop:
         return run.experiment
 
     def _held(self, samples: int) -> Run:
+        """A run at the first references."""
         # Few lengths, because each is compiled: it is simulated for longer than it lasts.
         samples = max(2 ** (samples - 1).bit_length(), MIN_PLAN_SAMPLES)
         return self._simulated(np.repeat(self._references[:1], samples, axis=0))
