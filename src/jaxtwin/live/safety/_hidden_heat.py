@@ -44,8 +44,8 @@ MIN_CHANGE = 1.0
 TOO_PROBABLE_SIGMAS = 1.2816
 
 
-# The distance from being too probable within which a healthy rig may be stopped: one in four was,
-# and none of 560 simulated hours beyond it.
+# The distance from being too probable within which a healthy rig may be stopped: one in five was,
+# and none of 298 simulated hours beyond it.
 NEAR_SIGMAS = 4.0
 
 
