@@ -46,7 +46,8 @@ class Announcer:
 def link() -> Iterator[str]:
     """The address of a virtual rig."""
     server, stop = TcpServer("127.0.0.1:0"), threading.Event()
-    device = VirtualRig(bench())
+    # Four times as fast: after a run the readings are watched for half a minute of the rig.
+    device = VirtualRig(bench(), speed=4)
     thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
     thread.start()
     yield server.url
@@ -99,8 +100,8 @@ def test_findings_are_raised_on_the_links_that_alarms_have(
     monkeypatch.setattr(MonitorOptions, "monitor", made)
     words = {
         "record": ["--monitor", "--duration", "4"],
-        "drive": ["--duty", "0:0.1", "--duration", "4", *([] if stops else ["--monitor"])],
-        "control": ["--controller", "pid.toml", "--reference", "0:25", "--duration", "4"],
+        "drive": ["--duty", "0:0.1", "--duration", "16", *([] if stops else ["--monitor"])],
+        "control": ["--controller", "pid.toml", "--reference", "0:25", "--duration", "16"],
     }
     hook = ["--alarm", "echo $JAXTWIN_ALARM >> said"]
     with caplog.at_level(logging.WARNING, "jaxtwin.live"):

@@ -240,9 +240,10 @@ def test_how_a_drive_ended_shows_in_its_exit_code_and_in_the_recording(
 @pytest.mark.slow
 def test_a_plan_from_a_file_is_driven_to_its_end(twin: Twin, tmp_path: Path) -> None:
     """The duty of a .csv file, as `jaxtwin design` writes it; the recording says which file."""
-    device, server, stop = VirtualRig(twin), TcpServer("127.0.0.1:0"), threading.Event()
+    device, server = VirtualRig(twin, speed=4), TcpServer("127.0.0.1:0")
+    stop = threading.Event()
     plan, out = tmp_path / "plan.csv", tmp_path / "session.db"
-    plan.write_text("time_s,duty_P1,duty_P2\n0,0.4,0.2\n1,0.4,0.2\n2,0,0\n")
+    plan.write_text("time_s,duty_P1,duty_P2\n0,0.4,0.2\n4,0.4,0.2\n8,0,0\n")
     thread = threading.Thread(target=serve, args=(device, server, SystemClock(), stop))
     thread.start()
     command = ["drive", "dual-cell", "--link", server.url, "--plan", str(plan), "--out", str(out)]
@@ -253,7 +254,7 @@ def test_a_plan_from_a_file_is_driven_to_its_end(twin: Twin, tmp_path: Path) -> 
         thread.join()
         server.close()
     (_, start), (_, end) = documents_in(out)
-    assert start["plan"] == {"file": str(plan), "duration_s": 2.0}
+    assert start["plan"] == {"file": str(plan), "duration_s": 8.0}
     assert (end["status"], end["off"]) == ("completed", True)
     with Session(out) as session:
         driven = session.experiment().duty
