@@ -33,6 +33,7 @@ def make_rig() -> Rig:
     return cell_and_heater("on-off")
 
 
+@pytest.mark.slow
 @given(
     st.integers(2, 12),
     st.floats(0, 1),

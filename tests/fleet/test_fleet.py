@@ -56,6 +56,7 @@ def fleets():
         one.close()
 
 
+@pytest.mark.slow
 def test_what_is_found_survives_a_process_that_ends_at_any_time(tmp_path, fleets):
     told: list[tuple] = []
 

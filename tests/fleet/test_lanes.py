@@ -95,6 +95,7 @@ def cases():
     ]
 
 
+@pytest.mark.slow
 def test_rigs_side_by_side_have_the_findings_that_each_has_alone():
     given = cases()
     several = together(given)

@@ -30,6 +30,7 @@ def identified():
     return jt.identify(recording().between(None, 2600.0))
 
 
+@pytest.mark.slow
 def test_what_follows_is_predicted(identified):
     whole = recording()
     band = identified.predict(whole)
@@ -78,6 +79,7 @@ def test_the_result_says_what_it_is(identified):
     assert identified.plot().axes
 
 
+@pytest.mark.slow
 def test_the_next_recording_separates_the_rivals_within_a_limit(identified):
     plan = identified.next_recording(1800, highest=60)
     assert plan.duration == pytest.approx(1800)
@@ -131,6 +133,7 @@ def test_logs_from_which_nothing_can_be_learnt_are_refused():
         jt.identify([])
 
 
+@pytest.mark.slow
 def test_a_glitch_is_left_out_and_named():
     whole = recording()
     assert whole.temperatures is not None
@@ -165,6 +168,7 @@ def test_a_thermoelectric_cell_is_found_and_its_other_session_predicted():
     ].mean() > 0.9
 
 
+@pytest.mark.slow
 def test_actuators_keep_the_names_of_the_log_s_columns():
     named = replace(recording(), cells=("immersion",))
     identified = jt.identify(named)

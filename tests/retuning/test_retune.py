@@ -38,6 +38,7 @@ def accepted() -> Retuned:
     return jt.retune(fit(), pid(), REFERENCES, duration=LENGTH, scenarios=[STEPS, HALF], draws=4)
 
 
+@pytest.mark.slow
 def test_a_sluggish_controller_is_replaced_and_the_trial_says_why():
     found = accepted()
     assert found.decision == "accepted", found.summary()
