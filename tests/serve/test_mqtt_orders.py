@@ -1,6 +1,7 @@
 """Orders to a store from a broker: each is taken as that of the page, and answered."""
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,6 +20,9 @@ from jaxtwin.serve._desk import Answer, Asked, PromoteOrder
 from jaxtwin.serve._mqtt_orders import MqttOrders
 
 pytestmark = pytest.mark.mosquitto
+
+# How long a message is waited for: one that is lost must fail a test, not hang it.
+PATIENCE_SECONDS = 30.0
 
 
 class Client:
@@ -40,8 +44,8 @@ class Client:
         self._orders[kind].write(body)
 
     def answer(self) -> dict[str, Any]:
-        content = b""
-        while b"}" not in content:
+        content, end = b"", time.monotonic() + PATIENCE_SECONDS
+        while b"}" not in content and time.monotonic() < end:
             content += self._answers.read()
         return json.loads(content)
 
@@ -72,8 +76,10 @@ def client(broker: str) -> Iterator[Client]:
 
 def taken(desk: Desk) -> Asked:
     """The next order at the desk."""
-    while (asked := desk.next()) is None:
-        pass
+    end = time.monotonic() + PATIENCE_SECONDS
+    while (asked := desk.next()) is None and time.monotonic() < end:
+        time.sleep(0.01)
+    assert asked is not None, "no order has come"
     return asked
 
 

@@ -292,7 +292,8 @@ class LiveLoop:
         # A loop that has come to rest stays there: a day at one reference is seen in some hours.
         with own_settings():
             tau = abs(float(slowest_time_constant(assembled(self._twin))))
-        # A rig that loses no heat has none: it is simulated to the end.
+        # A rig that loses no heat never settles, and its slowest rate is a rounding error of either
+        # sign: it is simulated to the end.
         settled = min(
             SETTLED_TIME_CONSTANTS * tau / self._controller.sample_time_s, len(references)
         )

@@ -168,7 +168,7 @@ class OffWatch:
         apart = self._gain * (np.array(heated) - off)
         # A working sensor never reads the same for long.
         self._has_moved |= reading.temperatures != self._first
-        valid = np.isfinite(reading.temperatures) & self._has_moved
+        valid = np.isfinite(error).all(axis=0) & self._has_moved
         error, cooled, apart = error[:, valid], cooled[:, valid], apart[:, :, valid]
         sizes = np.abs(apart)
         terms = [apart * error, apart**2, self._sigma * sizes, sizes * np.abs(cooled)]
@@ -179,12 +179,12 @@ class OffWatch:
             return
         of_draws = products / squares
         part = of_draws.mean(axis=1)
-        known = (
+        by_twin = (
             DRAW_SIGMAS * of_draws.std(axis=1)
             if self._ensemble.count > 1
             else COOLING_ERROR * (cooling / squares)[:, 0]
         )
-        unknown = NOISE_SIGMAS * (noise / squares).mean(axis=1) + known
+        unknown = NOISE_SIGMAS * (noise / squares).mean(axis=1) + by_twin
         after = seconds(reading.arrival - self._begin)
         if abs(part[1]) - unknown[1] > MAX_PART:
             self.verdict = "unknown"
