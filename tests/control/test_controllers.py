@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxtwin._jax_settings import in_precision
 from jaxtwin.control import (
     PID,
     AbstractController,
@@ -237,3 +238,20 @@ def test_a_singular_or_misshapen_decoupling_is_refused():
         decoupling_of([[1.0, 1.0], [1.0, 1.0]])
     with pytest.raises(ControlError, match="expected a square matrix"):
         decoupling_of([1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        PID(0.1, 0.002, measured=GROUPS),
+        DecoupledPI(0.1, 0.002, 0.1, 0.002, measured=GROUPS, decoupling=np.eye(2)),
+    ],
+)
+def test_a_controller_computes_in_the_precision_of_its_numbers(controller: AbstractController):
+    """Also where JAX is set to float64, as in loops that are simulated in float32."""
+    with jax.enable_x64(True):
+        controller = in_precision(controller, jnp.float32)
+        outputs = jnp.full(2, 30, jnp.float32)
+        state = controller.init(jnp.zeros(2, jnp.float32), outputs)
+        for leaf in jax.tree.leaves(controller.step(state, outputs + 5, outputs)):
+            assert leaf.dtype == jnp.float32

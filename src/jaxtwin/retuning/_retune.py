@@ -3,17 +3,20 @@
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number, of_kind, whole_number
+from .._jax_settings import own_settings
 from .._waiting import announced
 from ..control.controllers._controller import AbstractController
 from ..control.linear._margins import USUAL_PEAK
-from ..control.loops._loop_margins import loop_margins
+from ..control.loops._loop_margins import sampled_loops
 from ..control.loops._measures import Measure
 from ..control.loops._references import reference_samples, sample_times
+from ..control.loops._sampled_loop import ROUNDING, SampledLoops
 from ..control.tuning._objective import checked_objective
 from ..control.tuning._tuning import Tuning
 from ..control.tuning._tuning_problem import PEAK_TOLERANCE, tuning_problem
@@ -115,8 +118,15 @@ def retune(
 
     levels = _levels(references, duration, present, twin)
 
+    @cache
+    def plants() -> list[SampledLoops]:
+        weights = np.asarray(present.output_weights(twin.channels), float)
+        drawn = dict(trial.draws)
+        with own_settings():
+            return [sampled_loops(twin, drawn, present, weights, level) for level in levels]
+
     def peak_of(tried: AbstractController) -> float:
-        return _peak(twin, tried, levels, trial.draws)
+        return _peak(plants(), tried.averaged) if tried.averaged.is_linear else math.nan
 
     tuning, peak, trials, band = None, math.nan, (), None
     try:
@@ -235,17 +245,10 @@ def _levels(
     return [rows[number] for number in {int(np.argmin(mean)), int(np.argmax(mean))}]
 
 
-def _peak(
-    twin: Twin,
-    controller: AbstractController,
-    levels: Iterable[Float[np.ndarray, " outputs"]],
-    draws: Mapping[str, Float[np.ndarray, " draws"]],
-) -> float:
-    """The sensitivity peak that 95 % of the draws do not exceed; infinite if one is not stable, NaN
-    if the controller is not linear."""
-    if not controller.averaged.is_linear:
-        return math.nan
-    margins = [loop_margins(twin, controller, level, draws=dict(draws)) for level in levels]
-    if not all(each.is_stable for each in margins):
-        return math.inf
-    return max(float(np.quantile(each.sensitivity_peaks, PEAKS_WITHIN)) for each in margins)
+def _peak(plants: Iterable[SampledLoops], controller: AbstractController) -> float:
+    """The sensitivity peak that 95 % of the draws do not exceed; infinite if one is not stable."""
+    with own_settings():
+        loops = [plant.with_controller(controller) for plant in plants]
+        if not all(loop.growth() < 1 + ROUNDING for loop in loops):
+            return math.inf
+        return max(float(np.quantile(loop.peaks(), PEAKS_WITHIN)) for loop in loops)

@@ -80,8 +80,7 @@ def fill_in_chunks(
     """
     _keep_freed_memory()
     count = len(next(iter(draws.values())))
-    # Draws that are solved again come in any number: few sizes, few compilations.
-    size = min(chunk_size, _power_of_four(total or count))
+    size = _chunk_size(total or count, chunk_size)
     result: dict[str, np.ndarray] = {}
     one_at_a_time = threading.Lock()
 
@@ -122,9 +121,14 @@ def is_accelerated() -> bool:
     return jax.default_backend() != "cpu"
 
 
-def _power_of_four(least: int) -> int:
-    bits = (least - 1).bit_length()
-    return 1 << (bits + bits % 2)
+def _chunk_size(count: int, largest: int) -> int:
+    """The number of draws in a chunk: a power of four, or `largest`, because draws that are solved
+    again come in any number, and few sizes need few compilations."""
+    bits = (count - 1).bit_length()
+    size = min(1 << (bits + bits % 2), largest)
+    # Two chunks of a quarter have half as many copies, and may be computed by two cores. Below
+    # `CHUNK_CPU` draws the cost of a call counts more.
+    return size // 4 if size >= 4 * CHUNK_CPU and count <= size // 2 else size
 
 
 def _cores() -> int:

@@ -334,7 +334,7 @@ class PID(AbstractDutyLimitedController):
         lift = Kp * (jnp.asarray(self.setpoint_weight) - 1)
         back = tracking_share(Kp, Ki, self.tracking_time_s, self.sample_time_s)
         if outputs == cells:
-            return _Split(jnp.ones(()), lift, Ki, back)
+            return _Split(jnp.ones((), Kp.dtype), lift, Ki, back)
         rate = Ki.max()
         share = jnp.where(rate > 0, Ki / jnp.where(rate > 0, rate, 1.0), 1.0)
         share, lift = (jnp.broadcast_to(part, (cells,)) for part in (share, lift))

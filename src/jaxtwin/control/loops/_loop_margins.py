@@ -162,10 +162,8 @@ def loop_margins(
     drawn = {name: np.asarray(values, float) for name, values in (draws or {}).items()}
     with own_settings():
         check_cells(where, controller, plant.rig, len(weights))
-        loops = _loops(plant, {}, controller, weights, outputs)
-        of_draws = _loops(plant, drawn, controller, weights, outputs) if drawn else loops
-        distance = np.eye(len(weights)) + of_draws.loop(of_draws.omega)
-        peaks = 1 / np.linalg.svd(distance, compute_uv=False)[..., -1].min(axis=1)
+        loops = sampled_loops(plant, {}, controller, weights, outputs)
+        of_draws = sampled_loops(plant, drawn, controller, weights, outputs) if drawn else loops
         growth = of_draws.growth()
 
         def loop(omega: Float[np.ndarray, " frequency"]) -> Response:
@@ -182,19 +180,21 @@ def loop_margins(
             *sensitivity_peak(inverse, omega=omega),
             disk=disk_margin(loop, omega=omega),
             channel=margins(loop, omega=omega) if len(weights) == 1 else None,
-            sensitivity_peaks=peaks,
+            sensitivity_peaks=of_draws.peaks(),
             omega=drawn_at,
             response=loop(drawn_at),
         )
 
 
-def _loops(
+def sampled_loops(
     twin: Twin,
     draws: dict[str, Float[np.ndarray, " draws"]],
     controller: AbstractController,
     weights: Float[np.ndarray, "outputs channels"],
     outputs: Float[np.ndarray, " outputs"],
 ) -> SampledLoops:
+    """Makes the loops of a controller with a plant, or with draws of it, that rests where the
+    outputs have some values, degC."""
     return SampledLoops(
         twin_at_medians(twin, draws),
         draws,

@@ -12,6 +12,7 @@ minus. What a controller only watches keeps its value of the steady state. The d
 is that of the singular value at the frequency and in the draw where it is largest.
 """
 
+import copy
 from collections.abc import Mapping
 from typing import Any, NamedTuple, final
 
@@ -80,7 +81,6 @@ class SampledLoops:
         longest_delay: float,
         sensor_delay: float,
     ):
-        self._vector = vector
         interval = vector.controller.sample_time_s
         cells = len(twin.netlist.cells)
         directions = np.eye(cells) if len(outputs) >= cells else np.ones((cells, 1))
@@ -91,14 +91,29 @@ class SampledLoops:
         target = Target(weights, outputs, directions, twin.wiring.lowest_duty)
         result = _sampled_plants(twin, draws, target, jnp.asarray(interval), shifts)
         matrices, duty, channels = jax.tree.map(np.asarray, result)
-        watched = vector.controller.reading_weights(twin.channels)[len(outputs) :]
-        self._at = SteadyReadings(outputs, watched @ np.median(channels, axis=0))
         self._plants: Matrices = matrices
+        self._outputs, self._names = outputs, twin.channels
+        self._at_rest = np.median(duty, axis=0), np.median(channels, axis=0)
         self.omega = frequencies(interval)
         self._interval, self._sensor_delay = interval, sensor_delay
         self._z = np.exp(1j * self.omega * interval)
         self._response = self._plant_response(self.omega)
-        self._duty = inside(np.median(duty, axis=0), vector.controller.limits)
+        self._close(vector)
+
+    def _close(self, vector: ControllerVector | DesignVector) -> None:
+        """Linearises the controller where the plants rest."""
+        duty, channels = self._at_rest
+        watched = vector.controller.reading_weights(self._names)[len(self._outputs) :]
+        self._vector = vector
+        self._at = SteadyReadings(self._outputs, watched @ channels)
+        self._duty = inside(duty, vector.controller.limits)
+
+    def with_controller(self, controller: AbstractController) -> "SampledLoops":
+        """Returns the loops of another controller, of the same outputs and sample time, with the
+        same plants, which take nearly all of the time."""
+        loops = copy.copy(self)
+        loops._close(ControllerVector(controller, ()))
+        return loops
 
     def sensitivity(
         self, values: Float[np.ndarray, " parameters"]
@@ -163,6 +178,11 @@ class SampledLoops:
     def _is_stable(self, controller: Matrices) -> bool:
         """Whether all poles of the closed loops are inside the unit circle."""
         return bool(self._radius(controller) < 1 + ROUNDING)
+
+    def peaks(self) -> Float[np.ndarray, " draws"]:
+        """Computes the sensitivity peak of each draw, with the controller as it is."""
+        distance = np.eye(len(self._outputs)) + self.loop(self.omega)
+        return 1 / np.linalg.svd(distance, compute_uv=False)[..., -1].min(axis=1)
 
     def growth(self) -> float:
         """Computes the factor by which deviations from the steady state grow in a sample: the
