@@ -8,7 +8,8 @@ were chosen on others.
 
 - changes: a contact of three times the resistance; a cell whose resistance is 1/0.7 times what it
   was, so that it draws 30 % less; a fouled sink of three times the resistance to air; a supply of
-  10.2 V in place of 12 V, which the twin does not know as a parameter.
+  10.2 V in place of 12 V, which the twin does not know as a parameter; and the contact of a cell of
+  `dual-cell`.
 - poisoned: a channel that is frozen, another rig, an open lid (`heated-box`), as in
   `benchmarks.refit`; and objectives and references that ask for the impossible.
 - delayed: the accepted controller on a rig that reads later than its twin by 1.5 to 3 times the
@@ -38,13 +39,29 @@ from jaxtwin.control import PID, AbstractController, Decision, loop_margins
 from jaxtwin.errors import JaxtwinError
 from jaxtwin.retuning import LoopWatch, Retuned
 
-RIG = "single-cell"
+LENGTH = 900.0
+"""The time of the steps for which the controller is designed, s."""
 
-REFERENCES, LENGTH = "0:30,300:45,600:30", 900.0
-"""The steps for which the controller is designed, degC, and their time, s."""
 
-FIRST = PID(Kp=0.05, Ki=0.0005, limits=(-1, 1))
-"""The controller from which the search of the healthy rig begins."""
+class Bench(NamedTuple):
+    """A rig, the steps for which its controller is designed, degC, and the controller from which
+    the search begins on the healthy rig."""
+
+    rig: str
+    references: str
+    first: AbstractController
+
+    def retuned(self, fit: jt.Fit, present: AbstractController) -> Retuned:
+        return jt.retune(fit, present, self.references, duration=LENGTH)
+
+
+ONE_CELL = Bench("single-cell", "0:30,300:45,600:30", PID(Kp=0.05, Ki=0.0005, limits=(-1, 1)))
+HALVES = [["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]]
+TWO_CELLS = Bench(
+    "dual-cell",
+    "0:30,300:40,600:30",
+    PID(Kp=0.02, Ki=0.0002, limits=(-1, 1), measured=HALVES),
+)
 
 WITHIN = 1.1
 """A cost is as good as the optimum up to this multiple of it."""
@@ -62,10 +79,15 @@ class Loop(NamedTuple):
     hottest: float
 
 
+def bench_of(kind: str) -> Bench:
+    return TWO_CELLS if kind == "contact of two" else ONE_CELL
+
+
 @cache
-def healthy_controller() -> AbstractController:
+def healthy_controller(rig: str) -> AbstractController:
     """The controller before the change, designed on the healthy twin."""
-    retuned = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    bench = ONE_CELL if rig == ONE_CELL.rig else TWO_CELLS
+    retuned = bench.retuned(last_fit(bench.rig), bench.first)
     assert retuned.decision == "accepted", retuned.summary()
     return retuned.controller
 
@@ -73,7 +95,7 @@ def healthy_controller() -> AbstractController:
 @cache
 def weak_rig() -> jt.Rig:
     """The rig with a supply of 85 % of its voltage."""
-    text = jt.load_rig(RIG).text
+    text = jt.load_rig(ONE_CELL.rig).text
     assert text is not None
     file = Path(tempfile.mkdtemp()) / "single-cell.toml"
     file.write_text(text.replace('supply_voltage = "12 V"', 'supply_voltage = "10.2 V"'))
@@ -83,8 +105,9 @@ def weak_rig() -> jt.Rig:
 def changed_rig(kind: str, seed: int) -> tuple[jt.Twin, jt.Experiment]:
     """A rig that has changed, and a session of it."""
     random = np.random.default_rng([31, seed, sum(map(ord, kind))])
-    twin = drifted(jt.Twin(RIG), random)
+    twin = drifted(jt.Twin(bench_of(kind).rig), random)
     factors = {
+        "contact of two": {f"R_pc{1 + seed % 2}_{row}": 3.0 for row in ("row1", "row2", "end")},
         "contact": {("R_pc", "R_ph")[seed % 2]: 3.0},
         "heater": {"R_E": 1 / 0.7},
         "sink": {"R_sink": 3.0},
@@ -98,10 +121,8 @@ def changed_rig(kind: str, seed: int) -> tuple[jt.Twin, jt.Experiment]:
     return twin, recorded(twin, schedule(twin, random, {}), random, kind)
 
 
-def on_rig(twin: jt.Twin, controller: AbstractController, seed: int, delay: float = 0.0) -> Loop:
-    run = jt.simulate_closed_loop(
-        twin, controller, REFERENCES, duration=LENGTH, seed=seed, sensor_delay=delay
-    )
+def on_rig(bench: Bench, twin: jt.Twin, controller: AbstractController, seed: int) -> Loop:
+    run = jt.simulate_closed_loop(twin, controller, bench.references, duration=LENGTH, seed=seed)
     table = run.measures()["value"]
     return Loop(
         float(table["integral_absolute_error"]),
@@ -116,9 +137,10 @@ def limit_of(twin: jt.Twin) -> float:
     return twin.rig.limits.temperature - 273.15
 
 
-def optimum(twin: jt.Twin) -> AbstractController:
+def optimum(bench: Bench, twin: jt.Twin) -> AbstractController:
     """The controller that is designed on the true rig."""
-    return jt.tune(twin, healthy_controller(), REFERENCES, duration=LENGTH).controller
+    present = healthy_controller(bench.rig)
+    return jt.tune(twin, present, bench.references, duration=LENGTH).controller
 
 
 class Outcome(NamedTuple):
@@ -137,24 +159,27 @@ class Outcome(NamedTuple):
 @cache
 def refitted(kind: str, seed: int) -> tuple[jt.Twin, jt.refitting.Refit, float]:
     """A changed rig, the refit to a session of it, and the cost of the optimum on it."""
+    bench = bench_of(kind)
     twin, recording = changed_rig(kind, seed)
-    return twin, jt.refit(last_fit(RIG), recording), on_rig(twin, optimum(twin), seed).cost
+    best = on_rig(bench, twin, optimum(bench, twin), seed).cost
+    return twin, jt.refit(last_fit(bench.rig), recording), best
 
 
-def controller_before(which: str) -> AbstractController:
-    return healthy_controller() if which == "designed" else FIRST
+def controller_before(bench: Bench, which: str) -> AbstractController:
+    return healthy_controller(bench.rig) if which == "designed" else bench.first
 
 
 @cache
 def outcome(kind: str, seed: int, which: str) -> Outcome:
     """As the loop of `serve` does: a retuning follows a refit that passed its gate."""
+    bench = bench_of(kind)
     twin, refit, best = refitted(kind, seed)
-    present = controller_before(which)
+    present = controller_before(bench, which)
     word, seconds, after = "none", np.nan, present
     if refit.decision == "promoted":
-        retuned = jt.retune(refit.twin, present, REFERENCES, duration=LENGTH)
+        retuned = bench.retuned(refit.twin, present)
         word, seconds, after = retuned.decision, retuned.wall_time, retuned.controller
-    old, new = on_rig(twin, present, seed), on_rig(twin, after, seed)
+    old, new = on_rig(bench, twin, present, seed), on_rig(bench, twin, after, seed)
     is_hot = new.hottest > limit_of(twin)
     return Outcome(refit.decision, word, seconds, best, old.cost, new.cost, is_hot)
 
@@ -183,7 +208,7 @@ def changes(kind: str, which: str, seeds: range) -> str:
 def impossible(seed: int) -> str:
     """A retuning that asks for the impossible, and what became of it."""
     random = np.random.default_rng([32, seed])
-    asked: dict[str, object] = {"objective": "integral_absolute_error", "references": REFERENCES}
+    asked: dict[str, object] = {"references": ONE_CELL.references}
     match seed % 4:
         case 0:  # nothing but little energy: a controller that does nothing
             asked["objective"] = {"energy": float(random.uniform(0.1, 10))}
@@ -194,7 +219,7 @@ def impossible(seed: int) -> str:
         case _:
             asked["objective"] = {"total_variation": float(random.uniform(0.1, 10))}
     try:
-        retuned = jt.retune(last_fit(RIG), FIRST, duration=LENGTH, **asked)  # pyright: ignore
+        retuned = jt.retune(last_fit(ONE_CELL.rig), ONE_CELL.first, duration=LENGTH, **asked)  # pyright: ignore
     except JaxtwinError:
         return "refused"
     return retuned.decision
@@ -214,7 +239,7 @@ def poisoned(kind: str, seeds: range) -> str:
             refit = jt.refit(*makes[kind](seed))
             word = f"refit {refit.decision}"
             if refit.decision == "promoted":
-                retuned = jt.retune(refit.twin, FIRST, REFERENCES, duration=LENGTH)
+                retuned = ONE_CELL.retuned(refit.twin, ONE_CELL.first)
                 word = retuned.decision
         words[word] += 1
         print(f"{kind} {seed}: {word}", flush=True)
@@ -227,7 +252,7 @@ def watched(
 ) -> float:
     """The time after which the loop is worse than its trial, s; infinite if it never is."""
     run = jt.simulate_closed_loop(
-        twin, controller, REFERENCES, duration=LENGTH, seed=seed, sensor_delay=delay
+        twin, controller, ONE_CELL.references, duration=LENGTH, seed=seed, sensor_delay=delay
     )
     assert retuned.band is not None
     watch = LoopWatch(retuned.band)
@@ -237,11 +262,11 @@ def watched(
 
 def delayed(seeds: range) -> str:
     """Rigs with a hidden delay, and the same ones without."""
-    retuned = jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    retuned = ONE_CELL.retuned(last_fit(ONE_CELL.rig), ONE_CELL.first)
     late, false = [], 0
     for seed in seeds:
         random = np.random.default_rng([33, seed])
-        twin = drifted(jt.Twin(RIG), random)
+        twin = drifted(jt.Twin(ONE_CELL.rig), random)
         channel = loop_margins(twin, retuned.controller, 40.0).channel
         assert channel is not None
         tolerated = np.deg2rad(channel.pm) / channel.wcp
@@ -272,11 +297,13 @@ def beside(kind: str, seeds: range) -> list[str]:
             if tried and min(loop.cost for loop in tried) <= WITHIN * best:
                 return min(loop.cost for loop in tried)  # it may stop: it is as good
             gains = np.exp(np.clip(point, -12, 3))
-            loop = on_rig(twin, PID(Kp=gains[0], Ki=gains[1], limits=(-1, 1)), len(tried))
+            loop = on_rig(ONE_CELL, twin, PID(Kp=gains[0], Ki=gains[1], limits=(-1, 1)), len(tried))
             tried.append(loop)
             return loop.cost
 
-        start = np.log([float(np.ravel(gain)[0]) for gain in (FIRST.Kp, FIRST.Ki)])
+        first = ONE_CELL.first
+        assert isinstance(first, PID)
+        start = np.log([float(np.ravel(gain)[0]) for gain in (first.Kp, first.Ki)])
         minimize(cost, start, method="Nelder-Mead", options={"maxfev": EVALUATIONS})
         best = min(loop.cost for loop in tried)
         rows.append(
@@ -302,7 +329,7 @@ def beside(kind: str, seeds: range) -> list[str]:
     ]
 
 
-CHANGES = ("contact", "heater", "sink", "supply")
+CHANGES = ("contact", "heater", "sink", "supply", "contact of two")
 POISONED = ("frozen", "another rig", "lid", "impossible")
 
 
@@ -315,7 +342,7 @@ def main() -> None:
     seeds = range(chosen.first, chosen.first + chosen.seeds)
     print(f"{processor()}, seeds {seeds.start} to {seeds.stop - 1}")
     began = time.perf_counter()
-    jt.retune(last_fit(RIG), FIRST, REFERENCES, duration=LENGTH)
+    ONE_CELL.retuned(last_fit(ONE_CELL.rig), ONE_CELL.first)
     print(f"fit and first retuning: {time.perf_counter() - began:.1f} s")
     rows = []
     for kind in chosen.kinds:
