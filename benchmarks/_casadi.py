@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from jaxtwin.rig._plate import FILM_REFERENCE
 
-from ._equations import CALM, STEFAN_BOLTZMANN, Equations, equations, stretches
+from ._equations import CALM, STEFAN_BOLTZMANN, Equations, equations, rooms, stretches
 from ._task import Task
 
 HAS_COMPILER = shutil.which("cc") is not None
@@ -105,28 +105,33 @@ def _built(
     numbers = np.stack([numbers_of(network) for network in networks], axis=1)
     p, x, t = ca.SX.sym("p", len(numbers)), ca.SX.sym("x", first.nodes), ca.SX.sym("t")
     before, command = ca.SX.sym("before", len(first.cold)), ca.SX.sym("u", len(first.cold))
-    since = ca.SX.sym("since")
-    duty = command
+    room, duty = ca.SX.sym("room"), command
     if first.lag:
-        duty = command + (before - command) * ca.exp((since - t) / p[-1])
+        duty = command + (before - command) * ca.exp(-t / p[-1])
     problem = {
         "x": x,
         "t": t,
-        "p": ca.vertcat(p, before, command, since),
-        "ode": rate_of(first, x, p, duty),
+        "p": ca.vertcat(p, before, command, room),
+        "ode": rate_of(first, x, p, duty, room),
     }
+    # The time of each stretch begins at 0, so that those of a length share an integrator.
+    integrators: dict[float, ca.Function] = {}
     x0, of_draw = ca.MX.sym("x0", x.shape[0]), ca.MX.sym("numbers", p.shape[0])
     gain, ambient = ca.MX.sym("gain", len(first.gain)), ca.MX.sym("ambient")
     states, now = [x0], ca.MX.zeros(len(first.cold))
-    for start, end, drive in stretches(task.experiment, first.delay):
-        times = np.arange(start + 1, end + 0.5).tolist()
-        integrator = ca.integrator("stretch", "cvodes", problem, start, times, options)
-        inputs = ca.vertcat(of_draw, now, ca.DM(drive), start)
-        states.append(integrator(x0=states[-1][:, -1], p=inputs)["xf"])
+    for start, end, held in stretches(task.experiment, first):
+        length, drive = end - start, held[:-1]
+        if length not in integrators:
+            times = np.arange(1, length + 0.5).tolist()
+            integrators[length] = ca.integrator("stretch", "cvodes", problem, 0, times, options)
+        inputs = ca.vertcat(of_draw, now, ca.DM(held))
+        states.append(integrators[length](x0=states[-1][:, -1], p=inputs)["xf"])
         if first.lag:
-            now = drive + (now - drive) * ca.exp((start - end) / of_draw[-1])
-    rises = ca.DM(first.weights) @ ca.horzcat(*states)[: first.nodes, :]
-    readings = ca.densify(ca.repmat(gain, 1, rises.shape[1]) * rises + ambient)
+            now = drive + (now - drive) * ca.exp(-length / of_draw[-1])
+    at_samples = ca.DM(rooms(task.experiment, first)).T
+    rises = ca.horzcat(*states)[: first.nodes, :] - ca.repmat(at_samples, first.nodes, 1)
+    read = ca.repmat(gain, 1, rises.shape[1]) * (ca.DM(first.weights) @ rises) + ambient
+    readings = ca.densify(read + ca.repmat(at_samples, len(first.gain), 1))
     result = ca.sumsqr(readings - ca.DM(task.experiment.temperatures.T)) if cost else readings
     run_one = ca.Function("run", [x0, of_draw, gain, ambient], [result])
     run_all = run_one.map(count, "thread", os.cpu_count() or 1)
@@ -158,7 +163,7 @@ def _parts(network: Equations) -> list[Float[np.ndarray, " part"]]:
         1 / braked,
         1 / (braked + loop),
         losses,
-        np.array([network.ambient, network.exponent / 2, network.lag]),
+        np.array([network.ambient, network.exponent.max() / 2, network.lag]),
     ]
 
 
@@ -166,14 +171,14 @@ def numbers_of(network: Equations) -> Float[np.ndarray, " numbers"]:
     return np.concatenate(_parts(network))
 
 
-def rate_of(network: Equations, x: ca.SX, numbers: ca.SX, duty: ca.SX) -> ca.SX:
+def rate_of(network: Equations, x: ca.SX, numbers: ca.SX, duty: ca.SX, room: ca.SX) -> ca.SX:
     """The equations once more, symbolically, for duty cycles that are never negative."""
     sizes = [0, *(len(part) for part in _parts(network))]
     between, air, per_C, alpha, R, per_loop, per_on, losses, others = ca.vertsplit(
         numbers, np.cumsum(sizes).tolist()
     )
     nodes, ambient = network.nodes, others[0]
-    heat = [-air[node] * x[node] for node in range(nodes)]
+    heat = [air[node] * (room - x[node]) for node in range(nodes)]
     for number, (a, b) in enumerate(_pairs(network)):
         flow = between[number] * (x[a] - x[b])
         heat[a] -= flow
@@ -181,11 +186,11 @@ def rate_of(network: Equations, x: ca.SX, numbers: ca.SX, duty: ca.SX) -> ca.SX:
     if not network.linear_losses:
         elements = len(network.film)
         for node in range(elements):
-            rise = x[node]
+            rise, around = x[node] - room, ambient + room
             square = (rise**2 + CALM**2) / (FILM_REFERENCE**2 + CALM**2)
             heat[node] -= losses[node] * (ca.exp(others[1] * ca.log(square)) - 1) * rise
-            hot = ambient + rise
-            radiated = rise * (hot + ambient) * (hot**2 + ambient**2)
+            hot = around + rise
+            radiated = rise * (hot + around) * (hot**2 + around**2)
             heat[node] -= losses[elements + node] * radiated
     for cell in range(len(network.cold)):
         cold, hot = int(network.cold[cell]), int(network.hot[cell])

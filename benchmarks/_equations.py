@@ -3,7 +3,9 @@ r"""A twin's equations written again in numpy, with an analytic Jacobian: for so
 $C \dot x = -G x - l(x) + q(x, u)$ with $x$ the deviation from ambient, $q$ the heat flows of the
 cells, eqs. (7)-(9) of the paper, and $l$ what a film that grows with the rise and radiation take
 beyond $G$. Where the driver lags behind its command $c$, the duty cycles are states as well:
-$\tau \dot u = c - u$. Only numbers are taken from the twin.
+$\tau \dot u = c - u$. Only numbers are taken from the twin. A
+command is the duty of each cell and, behind them, the room's deviation from the ambient temperature
+of the rig, K.
 """
 
 from collections.abc import Sequence
@@ -44,7 +46,7 @@ class Equations:
     averaging: str
     off_phase: str
     film: np.ndarray
-    exponent: float
+    exponent: np.ndarray
     radiating: np.ndarray
     lag: float
     delay: float
@@ -61,7 +63,7 @@ class Equations:
     @cached_property
     def linear_losses(self) -> bool:
         """Whether the losses are those of the network's links."""
-        return not (self.exponent or self.radiating.any())
+        return not (self.exponent.any() or self.radiating.any())
 
     @property
     def initial(self) -> Float[np.ndarray, " states"]:
@@ -69,20 +71,22 @@ class Equations:
         return np.concatenate([self.start, np.zeros(len(self.cold) if self.lag else 0)])
 
     def readings(
-        self, states: Float[np.ndarray, "times states"]
+        self, states: Float[np.ndarray, "times states"], room: Float[np.ndarray, " times"]
     ) -> Float[np.ndarray, "times channels"]:
-        """What the channels read, degC."""
-        return self.gain * (states[:, : self.nodes] @ self.weights.T) + self.ambient - 273.15
+        """What the channels read, degC, in a room that deviates from the ambient temperature."""
+        rises = states[:, : self.nodes] - room[:, None]
+        return self.gain * (rises @ self.weights.T) + self.ambient - 273.15 + room[:, None]
 
     def rate(
-        self, state: Float[np.ndarray, " states"], command: Float[np.ndarray, " cells"]
+        self, state: Float[np.ndarray, " states"], command: Float[np.ndarray, " cells_and_room"]
     ) -> Float[np.ndarray, " states"]:
         """The states' rate of change, 1/s."""
-        x = state[: self.nodes]
+        x, room = state[: self.nodes], command[-1]
+        command = command[:-1]
         duty = state[self.nodes :] if self.lag else command
-        heat = -(self.conductance @ x)
+        heat = self.conductance.sum(axis=1) * room - self.conductance @ x
         if not self.linear_losses:
-            heat[: len(self.film)] -= self._loss(x[: len(self.film)])
+            heat[: len(self.film)] -= self._loss(x[: len(self.film)] - room, self.ambient + room)
         for share, cold, hot in self._cell_heat(x, duty):
             heat[self.cold] -= share * cold
             heat[self.hot] += share * hot
@@ -90,17 +94,17 @@ class Equations:
         return np.concatenate([heat, (command - duty) / self.lag]) if self.lag else heat
 
     def jacobian(
-        self, state: Float[np.ndarray, " states"], command: Float[np.ndarray, " cells"]
+        self, state: Float[np.ndarray, " states"], command: Float[np.ndarray, " cells_and_room"]
     ) -> Float[np.ndarray, "states states"]:
         """Derivative of `rate` with respect to the states, 1/s."""
         n, c, h = self.nodes, self.cold, self.hot
-        x = state[:n]
-        duty = state[n:] if self.lag else command
+        x, room = state[:n], command[-1]
+        duty = state[n:] if self.lag else command[:-1]
         J = np.zeros((len(state), len(state)))
         J[:n, :n] = -self.conductance
         if not self.linear_losses:
             plate = np.arange(len(self.film))
-            J[plate, plate] -= self._loss_slope(x[: len(self.film)])
+            J[plate, plate] -= self._loss_slope(x[: len(self.film)] - room, self.ambient + room)
         T_c, T_h = x[c] + self.ambient, x[h] + self.ambient
         for share, current, loop in self._phases(T_h - T_c, duty):
             peltier = share * self.seebeck * current
@@ -121,16 +125,16 @@ class Equations:
         J[:n] /= self.capacitance[:, None]
         return J
 
-    def _loss(self, rise: np.ndarray) -> np.ndarray:
+    def _loss(self, rise: np.ndarray, ambient: float) -> np.ndarray:
         power = ((rise**2 + CALM**2) / (FILM_REFERENCE**2 + CALM**2)) ** (self.exponent / 2)
-        radiated = (self.ambient + rise) ** 4 - self.ambient**4
+        radiated = (ambient + rise) ** 4 - ambient**4
         return self.film * (power - 1) * rise + STEFAN_BOLTZMANN * self.radiating * radiated
 
-    def _loss_slope(self, rise: np.ndarray) -> np.ndarray:
+    def _loss_slope(self, rise: np.ndarray, ambient: float) -> np.ndarray:
         square = rise**2 + CALM**2
         power = (square / (FILM_REFERENCE**2 + CALM**2)) ** (self.exponent / 2)
         film = self.film * (power - 1 + power * self.exponent * rise**2 / square)
-        return film + 4 * STEFAN_BOLTZMANN * self.radiating * (self.ambient + rise) ** 3
+        return film + 4 * STEFAN_BOLTZMANN * self.radiating * (ambient + rise) ** 3
 
     def _cell_heat(self, x: np.ndarray, duty: np.ndarray):
         """The parts of a PWM period: share, heat out of the cold and into the hot sides."""
@@ -174,7 +178,7 @@ def equations(twin: jt.Twin) -> Equations:
         averaging=bridge.averaging,
         off_phase=bridge.off_phase,
         film=none if loss is None else loss.film,
-        exponent=0.0 if loss is None else float(loss.exponent),
+        exponent=none if loss is None else loss.exponent + none,
         radiating=none if loss is None else loss.radiating,
         lag=0.0 if system.lag is None else float(system.lag),
         delay=0.0 if system.delay is None else float(system.delay),
@@ -185,22 +189,33 @@ def equations(twin: jt.Twin) -> Equations:
     )
 
 
-Stretch = tuple[float, float, Float[np.ndarray, " cells"]]
+Stretch = tuple[float, float, Float[np.ndarray, " cells_and_room"]]
 """Start, end and what is commanded in between."""
 
 
-def stretches(experiment: jt.Experiment, delay: float) -> Sequence[Stretch]:
-    """What the cells are commanded as it reaches them, between two changes each; no step of a
-    solver should straddle one."""
-    time, duty = experiment.time, experiment.duty
-    changes = 1 + np.flatnonzero(np.any(duty[1:] != duty[:-1], axis=1))
-    begins = [time[0], *(time[changes] + delay)]
-    commands = [duty[0], *duty[changes]]
-    if delay:
-        begins = [time[0], time[0] + delay, *begins[1:]]
-        commands = [np.zeros_like(duty[0]), *commands]
-    ends = [begin for begin in begins if begin < time[-1]] + [time[-1]]
-    return [
-        (float(start), float(end), command)
-        for (start, end), command in zip(pairwise(ends), commands, strict=False)
-    ]
+def stretches(experiment: jt.Experiment, network: Equations) -> Sequence[Stretch]:
+    """What the cells are commanded as it reaches them, and the room, between two changes each; no
+    step of a solver should straddle one."""
+    time, delay = experiment.time, network.delay
+    duty, room = (
+        np.vstack([np.zeros(experiment.n_cells), experiment.duty]),
+        rooms(experiment, network),
+    )
+    changes = 1 + np.flatnonzero(np.any(np.diff(experiment.duty, axis=0) != 0, axis=1))
+    warmer = 1 + np.flatnonzero(np.diff(room) != 0)
+    begins = np.unique([time[0], time[0] + delay, *(time[changes] + delay), *time[warmer]])
+    begins = begins[begins < time[-1]]
+
+    def held(begin: float) -> Float[np.ndarray, " cells_and_room"]:
+        commanded = np.searchsorted(time, begin - delay + 1e-9, side="right")
+        return np.append(duty[commanded], room[np.searchsorted(time, begin, side="right") - 1])
+
+    ends = [*begins.tolist(), float(time[-1])]
+    return [(start, end, held(start)) for start, end in pairwise(ends)]
+
+
+def rooms(experiment: jt.Experiment, network: Equations) -> Float[np.ndarray, " times"]:
+    """The room at each sample, as a deviation from the ambient temperature of the rig, K."""
+    if experiment.ambient is None:
+        return np.zeros(len(experiment.time))
+    return experiment.ambient + 273.15 - network.ambient

@@ -47,7 +47,7 @@ def diffsol(
     ode.rtol, ode.atol = setting.reltol, setting.abstol
     numbers = [_numbers(draw) for draw in draws]
     time = task.experiment.time
-    parts = stretches(task.experiment, one.delay)
+    parts = stretches(task.experiment, one)
     channels, nodes = len(one.gain), one.nodes
     out = np.empty((count, len(time), channels))
 
@@ -84,12 +84,17 @@ def _names(one: Equations) -> list[str]:
     counts += [("al", len(one.cold)), ("re", len(one.cold))]
     names = [f"{kind}{k}" for kind, count in counts for k in range(count)]
     names += ["vs", "rs", "ron", "amb", *(f"k{k}" for k in range(len(one.gain)))]
-    return [*names, *(f"s{k}" for k in range(one.nodes)), *(f"d{k}" for k in range(len(one.cold)))]
+    return [
+        *names,
+        *(f"s{k}" for k in range(one.nodes)),
+        *(f"d{k}" for k in range(len(one.cold))),
+        "room",
+    ]
 
 
 def _source(one: Equations) -> str:
     """The equations in DiffSL."""
-    heat: list[list[str]] = [[f"-a{i} * x{i}"] for i in range(one.nodes)]
+    heat: list[list[str]] = [[f"-a{i} * (x{i} - room)"] for i in range(one.nodes)]
     for k, (i, j) in enumerate(_links(one)):
         heat[i].append(f"g{k} * (x{j} - x{i})")
         heat[j].append(f"g{k} * (x{i} - x{j})")
@@ -102,8 +107,10 @@ def _source(one: Equations) -> str:
         heat[h].append(f"(al{k} * i{k} * (x{h} + amb) + {joule})")
     readings = [
         f"k{row} * ("
-        + " + ".join(f"{weight!r} * x{node}" for node, weight in enumerate(weights) if weight)
-        + ") + amb - 273.15"
+        + " + ".join(
+            f"{weight!r} * (x{node} - room)" for node, weight in enumerate(weights) if weight
+        )
+        + ") + amb + room - 273.15"
         for row, weights in enumerate(one.weights.tolist())
     ]
     return "\n".join([

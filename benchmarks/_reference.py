@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import jaxtwin as jt
 
-from ._equations import Equations, equations, stretches
+from ._equations import Equations, equations, rooms, stretches
 
 TOLERANCE = 1e-10
 TRIES = 3
@@ -49,7 +49,7 @@ def _readings(
     time = experiment.time
     states = np.empty((len(time), len(network.initial)))
     states[0] = last = network.initial
-    for start, end, command in stretches(experiment, network.delay):
+    for start, end, command in stretches(experiment, network):
         solution = solve_ivp(
             _limited(lambda _, x, command=command: network.rate(x, command), limit),
             (start, end),
@@ -66,7 +66,7 @@ def _readings(
         if inside.any():  # not behind a short delay
             states[inside] = solution.sol(time[inside]).T
         last = solution.y[:, -1]
-    return network.readings(states)
+    return network.readings(states, rooms(experiment, network))
 
 
 def _limited(call: Callable[..., Any], limit: int | None) -> Callable[..., Any]:

@@ -6,14 +6,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import odeint
 
-from ._equations import Equations, equations, stretches
+from ._equations import Equations, equations, rooms, stretches
 from ._task import Task
 
 
 def lsoda(task: Task, count: int, tolerance: float) -> Callable[[], Float[np.ndarray, "d t c"]]:
     """With the analytic Jacobian, and a fresh start at each change of the input."""
     networks = [equations(twin) for twin in task.twins(count)]
-    parts = stretches(task.experiment, networks[0].delay)
+    parts = stretches(task.experiment, networks[0])
+    room = rooms(task.experiment, networks[0])
 
     def solve(network: Equations) -> Float[np.ndarray, "t c"]:
         states = [network.initial[None]]
@@ -29,6 +30,6 @@ def lsoda(task: Task, count: int, tolerance: float) -> Callable[[], Float[np.nda
                 mxstep=10000,
             )
             states.append(solution[1:])
-        return network.readings(np.concatenate(states))
+        return network.readings(np.concatenate(states), room)
 
     return lambda: np.stack([solve(network) for network in networks])

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ._equations import equations, stretches
+from ._equations import equations, rooms, stretches
 from ._task import Task
 
 Run = Callable[[], Float[np.ndarray, "d t c"]]
@@ -20,10 +20,11 @@ def stock_diffrax(solver: diffrax.AbstractSolver, task: Task, count: int, tolera
     A driver's lag is a state more for each cell.
     """
     time = task.experiment.time
-    parts = stretches(task.experiment, equations(task.twin).delay)
+    network = equations(task.twin)
+    parts, room = stretches(task.experiment, network), rooms(task.experiment, network)
     begins = jnp.array([start for start, _, _ in parts])
     commands = jnp.stack([jnp.asarray(command) for _, _, command in parts])
-    cells, draws = commands.shape[1], task.draws(count)
+    cells, draws = commands.shape[1] - 1, task.draws(count)
 
     def solve(values: dict[str, jax.Array]) -> jax.Array:
         system = task.twin.with_values(values).system()
@@ -31,10 +32,11 @@ def stock_diffrax(solver: diffrax.AbstractSolver, task: Task, count: int, tolera
 
         def field(t, state, system):
             command = commands[jnp.searchsorted(begins, t, side="right") - 1]
+            command, room = command[:-1], command[-1]
             if system.lag is None:
-                return system.heat_into_nodes(state, command, reference) / system.capacitance
+                return system.heat_into_nodes(state, command, reference, room) / system.capacitance
             x, duty = state[:-cells], state[-cells:]
-            slope = system.heat_into_nodes(x, duty, reference) / system.capacitance
+            slope = system.heat_into_nodes(x, duty, reference, room) / system.capacitance
             return jnp.concatenate([slope, (command - duty) / system.lag])
 
         rest = jnp.zeros(0 if system.lag is None else cells)
@@ -56,7 +58,7 @@ def stock_diffrax(solver: diffrax.AbstractSolver, task: Task, count: int, tolera
         )
         assert solution.ys is not None
         rises = solution.ys[:, : system.capacitance.size]
-        return system.channel_temperatures(rises) + reference - 273.15
+        return system.channel_temperatures(rises, room[:, None]) + reference - 273.15
 
     compiled = jax.jit(jax.vmap(solve))
 

@@ -6,14 +6,15 @@ import numpy as np
 from jaxtyping import Float
 from sksundae.cvode import CVODE
 
-from ._equations import Equations, equations, stretches
+from ._equations import Equations, equations, rooms, stretches
 from ._task import Task
 
 
 def cvode(task: Task, count: int, tolerance: float) -> Callable[[], Float[np.ndarray, "d t c"]]:
     """With the analytic Jacobian, dense, and a fresh start at each change of the input."""
     networks = [equations(twin) for twin in task.twins(count)]
-    parts = stretches(task.experiment, networks[0].delay)
+    parts = stretches(task.experiment, networks[0])
+    room = rooms(task.experiment, networks[0])
 
     def solve(network: Equations) -> Float[np.ndarray, "t c"]:
         def rate(_: float, x: np.ndarray, rates: np.ndarray, held: tuple[np.ndarray]) -> None:
@@ -34,8 +35,10 @@ def cvode(task: Task, count: int, tolerance: float) -> Callable[[], Float[np.nda
                 atol=tolerance,
                 max_num_steps=10_000,
             )
-            solution = solver.solve(np.arange(start, end + 0.5), states[-1][-1])
-            states.append(solution.y[1:])
-        return network.readings(np.concatenate(states))
+            times = np.arange(start, end + 0.5)
+            solution = solver.solve(times, states[-1][-1])
+            # With two times it gives all its steps between them.
+            states.append(solution.y[1:] if len(times) > 2 else solution.y[-1:])
+        return network.readings(np.concatenate(states), room)
 
     return lambda: np.stack([solve(network) for network in networks])

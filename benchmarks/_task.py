@@ -33,7 +33,8 @@ class Task:
     @property
     def name(self) -> str:
         """For tables."""
-        return self.rig if self.parameter_set is None else f"{self.rig}, {self.parameter_set}"
+        named = (self.rig, self.parameter_set, None if self.inputs == "steps" else self.inputs)
+        return ", ".join(part for part in named if part is not None)
 
     @cached_property
     def twin(self) -> jt.Twin:
@@ -71,7 +72,8 @@ class Task:
 
 def drives(cells: int, samples: int = 1001) -> Mapping[str, jt.Experiment]:
     """The drive of the recordings, and inputs that change at every sample: a duty as a PI
-    controller commands it, in counts and with the noise of its readings; one that is drawn anew;
+    controller commands it, in counts and with the noise of its readings; one that is drawn anew, at
+    every sample or, of two levels, every ten seconds;
     and rooms that drift, with noise of 0.1 K, with a resolution of 0.1 K, and with an open door."""
     steps, random = drive_of_the_recordings(cells, samples), np.random.default_rng(0)
     time = steps.time
@@ -80,10 +82,12 @@ def drives(cells: int, samples: int = 1001) -> Mapping[str, jt.Experiment]:
     loop = np.round(255 * (settling[:, None] + noise)) / 255
     slow = 22 + 2 * np.sin(2 * np.pi * time / 5000)
     noisy = slow + random.normal(0, 0.1, samples)
+    levels = np.random.default_rng(1).choice([0.3, 0.7], (samples // 10 + 1, cells))
     is_open = (time > 0.4 * time[-1]) & (time < 0.6 * time[-1])
     return {
         "steps": steps,
         "closed loop": jt.Experiment(time, loop),
+        "two levels": jt.Experiment(time, levels[np.arange(samples) // 10]),
         "random duty": jt.Experiment(time, random.uniform(-0.6, 0.8, (samples, cells))),
         "slow room": replace(steps, ambient=slow),
         "noisy room": replace(steps, ambient=noisy),

@@ -102,8 +102,11 @@ def measure(folder: Path, port: int, options: argparse.Namespace) -> None:
     count = fleet._journal._all("SELECT count(*) FROM messages WHERE kind = 'readings'")[0][0]
     counts = sum((rig.queue.counts for rig in fleet.rigs.values()), start=Counter())
     half = rss[len(rss) // 2]
-    alone = findings_alone(fleet)
-    together = [key(one) for one in fleet.rigs[FAULTY]._findings.findings]
+    alone = sorted(findings_alone(fleet))
+    together = sorted(  # of the journal, as a rig keeps only its last findings in memory
+        (row["kind"], row["channel"], round(1e3 * row["since"]), round(1e3 * row["found"]))
+        for row in fleet.findings(FAULTY, 10**6)
+    )
     size = (folder / "fleet.db").stat().st_size
     print(
         json.dumps(
