@@ -55,7 +55,7 @@ WatchedLinkOption = Annotated[
     list[str] | None, typer.Option("--link", metavar="URL", help="As for record.")
 ]
 ReplaySpeedOption = Annotated[
-    float, typer.Option(min=0.001, help="Of a recording: so many of its seconds in one.")
+    float, typer.Option(min=0.001, help="The seconds of a recording that are replayed in one.")
 ]
 DurationOption = Annotated[
     float | None, typer.Option(min=0, metavar="S", help="Until then, not until Ctrl-C.")

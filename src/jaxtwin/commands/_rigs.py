@@ -32,7 +32,7 @@ def check(
         typer.Option(
             metavar="K",
             help="Refine the grid of the plate until readings hardly change, and say which "
-            "resolution keeps them to so many kelvins.",
+            "resolution keeps them to this number of kelvins.",
         ),
     ] = None,
     duty: Annotated[

@@ -26,7 +26,8 @@ from ._suspects import Faults, Suspect, chosen
 # The standard deviation of the size of a fault beforehand, in multiples of its usual effect.
 SPREAD = 1.5
 
-# In healthy recordings every so many samples begin a candidate, so that some become old.
+# The number of samples after which the next candidate begins in a healthy recording, so that some
+# become old.
 STRIDE = 12
 
 

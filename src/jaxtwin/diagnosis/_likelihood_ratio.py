@@ -36,13 +36,13 @@ from ._signatures import Suspected, is_held, of_readings, of_step
 # The number of onsets that are considered at a time.
 CANDIDATES = 28
 
-# A candidate is kept for so many samples in any case.
+# The number of samples for which a candidate is kept in any case.
 YOUNG = 10
 
 # The standard deviation of the shifts of whitened innovations by a fault that no model knows.
 SHIFT_SIGMAS = 1.0
 
-# Statistics of healthy recordings are those of candidates of so many samples and more.
+# The age in samples from which candidates count in the statistics of healthy recordings.
 MATURE = 30
 
 
@@ -53,7 +53,7 @@ class Prior(NamedTuple):
     - `is_one_sided`: whether it is above 0.
     - `inflation`: the variance of the standardised statistic of each fault in healthy recordings, 1
       if the innovations are as expected; last that of a fault that no model knows.
-    - `patience`: a candidate that is older than so many samples goes, unless the logarithm of one
+    - `patience`: the age in samples at which a candidate goes, unless the logarithm of one
       of its ratios is above `enough`. No twin is so exact that hours of innovations may be added
       up: in the end they show that the rig has other losses than its twin.
     """

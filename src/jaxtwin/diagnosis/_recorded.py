@@ -10,7 +10,7 @@ from ..observers import KalmanState, Observed
 from ..observers._filter_run import FilterSamples
 from ._likelihood_ratio import RatioInputs
 
-# Recordings are filled up to multiples of so many samples, so that they share programs.
+# Recordings are filled up to multiples of this number of samples, so that they share programs.
 SAMPLE_BLOCK = 256
 
 

@@ -20,7 +20,8 @@ from ..rig import ZoneSensor
 from ..rig._plate import AMBIENT
 from ..simulation._stepper import assembled
 
-# Pairs of so many channels at most may be swapped; more would be more suspects than are useful.
+# The largest number of channels of which pairs may be swapped; more would give more suspects than
+# are useful.
 PAIRS = 4
 
 # A usual rate at which a room drifts, K/s.

@@ -34,8 +34,8 @@ from ._watched_rig import WatchedRig, WatchedTwin, watched_twin
 # The time between two turns of all lanes, s.
 TICK_SECONDS = 1.0
 
-# In a turn the lanes of a block take steps while a quarter of them have samples, and then so many
-# for those that are left: a rig alone delays no other.
+# In a turn the lanes of a block take steps while this part of them has samples, and then a few for
+# those that are left: a rig alone delays no other.
 BUSY_FRACTION = 0.25
 MAX_LATE_STEPS = 4
 

@@ -94,7 +94,7 @@ class Journal:
         return [Message(first + place, *message) for place, message in enumerate(messages)]
 
     def after(self, rig: str, number: int, count: int) -> list[Message]:
-        """The next messages of a rig after one, at most so many."""
+        """The next messages of a rig after one, at most `count`."""
         query = (
             "SELECT number, kind, payload FROM messages WHERE rig = ? AND number > ? "
             "ORDER BY number LIMIT ?"
@@ -103,7 +103,7 @@ class Journal:
         return [Message(row[0], rig, *row[1:]) for row in rows]
 
     def last(self, rig: str, count: int) -> list[Message]:
-        """The last messages of a rig, at most so many."""
+        """The last messages of a rig, at most `count`."""
         query = "SELECT number, kind, payload FROM messages WHERE rig = ? ORDER BY number DESC"
         rows = self._all(f"{query} LIMIT ?", self._id(rig), count)
         return [Message(row[0], rig, *row[1:]) for row in reversed(rows)]

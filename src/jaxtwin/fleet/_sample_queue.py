@@ -1,4 +1,4 @@
-"""The samples of a rig that wait to be used: checked, in their order, at most so many."""
+"""The samples of a rig that wait to be used: checked, in their order, and limited in number."""
 
 import json
 import math

@@ -56,7 +56,7 @@ MAX_FORECAST_AGE = 30.0
 LIMIT_95 = 1.96
 
 # The length of the recording that is diagnosed or refitted to, s, and the number of messages in
-# which it is sought: a rig that sends ten times a second has so many.
+# which it is sought, enough for a rig that sends ten times a second.
 RECENT_SECONDS = 1500.0
 RECENT_MESSAGES = 30_000
 

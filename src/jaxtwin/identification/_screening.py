@@ -20,7 +20,8 @@ from ..simulation import simulate_batch
 from ._log import ScreenedLog, screened_log
 from ._network import ROOM, Family
 
-# The errors of a structure are correlated for long: so many readings of each channel count.
+# The number of readings of each channel that count as independent, because the errors of a
+# structure are correlated for long.
 EFFECTIVE_SAMPLES = 60
 
 # The step of a difference quotient, in logarithms or K.

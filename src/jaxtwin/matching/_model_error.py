@@ -29,8 +29,8 @@ from ._residual_weights import RecordingErrors
 # The origins of the predictions, as fractions of a recording.
 ORIGINS = (0.5, 0.65, 0.8)
 
-# An error that has grown without limit would be useless: it stays below so many standard deviations
-# of the readings.
+# The largest error of the model, in standard deviations of the readings: one that grows without
+# limit would be useless.
 MAX_SPREAD = 2.0
 
 

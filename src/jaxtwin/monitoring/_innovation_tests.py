@@ -39,11 +39,12 @@ MASK_SECONDS_AFTER_JUMP = 10.0
 MIN_SECONDS_BETWEEN_MASKS = 60.0
 
 # A jump lasts if the innovations in the second half of this time are unlike noise: if the sum of
-# their squared means, as a chi-squared variable, is so many standard deviations above its mean.
+# their squared means, a chi-squared variable, is above its mean by this number of standard
+# deviations.
 PERSISTENCE_SIGMAS = 5.0
 
-# At so many times its threshold a likelihood ratio begins again, and a sum grows no more: how soon
-# a finding clears.
+# At this multiple of its threshold a likelihood ratio begins again, and a sum grows no more. It
+# decides how soon a finding clears.
 RESET_SCORE = 1.5
 
 

@@ -24,10 +24,10 @@ COUNT = 600
 # How near to the room a reading must be, as a part of what full duty reaches.
 NEAR_ROOM_FRACTION = 0.1
 
-# A rise of so many times that nearness is clear.
+# A rise that is larger than the threshold of nearness by this factor is clear.
 CLEAR_RISE_MULTIPLE = 3.0
 
-# A healthy rig takes at most so many times as long as its twin.
+# A healthy rig takes at most this multiple of its twin's time.
 SLOWER = 2.0
 
 

@@ -40,7 +40,7 @@ class Tail(NamedTuple):
     spread: float = math.nan
 
     def threshold(self, seconds: float | int) -> float:
-        """The level that is passed once in so many seconds."""
+        """The level that is passed once in `seconds`."""
         return self.level + self.scale * math.log(max(self.rate * seconds, 1.0))
 
     def seconds(self, threshold: float) -> float:
@@ -154,8 +154,7 @@ class MonitorCalibration:
         )
 
     def for_seconds(self, seconds: float | int) -> dict[str, float]:
-        """Family -> threshold, if all families together raise a false alarm once in so many
-        seconds."""
+        """Family -> threshold, if all families together raise a false alarm once in `seconds`."""
         return {family: self.threshold(family, seconds * len(FAMILIES)) for family in FAMILIES}
 
     def with_tails(self, tails: Mapping[str, tuple[Tail, ...]]) -> "MonitorCalibration":

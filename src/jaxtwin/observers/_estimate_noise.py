@@ -73,7 +73,7 @@ MAX_STRETCHES = 4
 # Lengths of stretches are multiples of this, so that recordings share compiled programs.
 LENGTH_MULTIPLE = 128
 
-# A forecast that is wrong by more than so many standard deviations counts less: a supply that is
+# The number of standard deviations beyond which a wrong forecast counts less: a supply that is
 # switched on late must not decide what the noise is.
 HUBER_SIGMAS = 2.5
 

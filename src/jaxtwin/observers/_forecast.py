@@ -82,8 +82,8 @@ def expected_ahead(
 def starts_of(
     samples: FilterSamples, is_sample: Bool[np.ndarray, " samples"], seconds: float
 ) -> tuple[Int[np.ndarray, " forecasts"], Int[np.ndarray, " forecasts"]]:
-    """The samples of which something was expected so many seconds before, and the number of steps
-    from the last state that was known then."""
+    """The samples that were forecast at the given time before them, and the number of steps from
+    the last state that was known then."""
     time = np.cumsum(samples.dt)
     start = np.searchsorted(time, time - seconds + TIME_TOLERANCE_SECONDS, side="right") - 1
     ends = np.flatnonzero((start >= 0) & is_sample)

@@ -134,7 +134,7 @@ def match_innovations(fit: Fit, noise: ProcessNoise, *, max_iterations: int = 50
 
 
 def _status(gain: float, values: int, readings: int, iterations: int) -> str:
-    """What was gained, in a sentence. Twice the logarithm of the likelihood's maximum over so many
+    """What was gained, in a sentence. Twice the logarithm of the likelihood's maximum over the
     values is above that of the true ones by a number whose distribution is chi square (S. S. Wilks,
     Ann. Math. Statist. 9 (1938) 60-62)."""
     from scipy.stats import chi2

@@ -47,7 +47,7 @@ MAX_LOG_CHANGE = 0.3
 # The largest change of another value, in standard deviations.
 MAX_CHANGE_SIGMAS = 5.0
 
-# A logarithm that the fit hardly knows has its limit at so many standard deviations.
+# The limit of a logarithm that the fit hardly knows, in its standard deviations.
 LOG_LIMIT_SIGMAS = 3.0
 
 # The power of the smooth limit.

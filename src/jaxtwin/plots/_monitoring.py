@@ -230,7 +230,7 @@ def plot_isolability(isolability: Isolability) -> Figure:
     left.set_xticks([0], ["found"], rotation=90, fontsize=size)
     right.set_xticks(range(count), names, rotation=90, fontsize=size)
     title = f"{isolability.rig}, {len(isolability.channels)} channels"
-    figure.suptitle(f"{title}: found, and told apart, after so many seconds")
+    figure.suptitle(f"{title}: time until found, and until told apart, s")
     assert image is not None
     bar = figure.colorbar(image, ax=right, fraction=0.03, pad=0.01)
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]

@@ -124,7 +124,7 @@ class ParameterHealth:
         )
 
     def _change(self, errors: float) -> float:
-        """`change` with a slope that is so many standard errors higher."""
+        """`change` with a slope that is `errors` standard errors higher."""
         slope = self.trend.slope + errors * self.trend.slope_error
         difference = slope * (self.span[1] - self.span[0])
         return float(np.expm1(difference)) if self.is_logarithmic else difference

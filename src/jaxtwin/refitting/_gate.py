@@ -46,8 +46,8 @@ WORSE = 1.05
 # The part of the readings that bands of 95 % contain, at least, if those of the last twin do.
 MIN_COVERAGE = 0.7
 
-# A new twin is worth a promotion if what was held out is so many times as probable with it. It is
-# the factor by which one explanation is better than another everywhere else in the gate.
+# A new twin is worth a promotion if what was held out is more probable with it by this factor, by
+# which one explanation is better than another everywhere else in the gate.
 WORTH = 20.0
 
 Verdict = Literal["reject", "ask", "keep"]

@@ -24,7 +24,8 @@ MIN_HELD_OUT_SECONDS = 60.0
 # about a twin.
 READINGS = 30
 
-# A recording is judged in so many parts of equal length, so that no part hides behind others.
+# The number of parts of equal length in which a recording is judged, so that no part hides behind
+# others.
 BLOCKS = 12
 
 
@@ -50,7 +51,7 @@ class HeldOutReplay(NamedTuple):
     - `forecast`: what was expected some time ahead, in the part that the twin has not seen.
     - `log_likelihood`: of that part. `readings`: the number of its readings.
     - `correlation`: the integrated autocorrelation time of the innovations there, in samples, 1 if
-      they are white: so many readings say as much as a single independent one.
+      they are white: this number of readings says as much as one independent reading.
     """
 
     observed: Observed

@@ -180,7 +180,7 @@ def refit(
     - `fit`: the last fit; its recordings are not needed.
     - `recordings`: recordings of one session or several, in the order of time, all of one group.
       Their `Experiment.glitches` are left out.
-    - `window`: only the last so many seconds of the recordings count.
+    - `window`: the time at the end of the recordings that counts, s; None for all of it.
     - `forgetting`: the step between sessions, in standard deviations between the recordings of the
       fit: 1 is what these say, 0 forgets nothing.
     - `changes`: the number of values that may have changed at once, beyond drift. After work on the
@@ -293,7 +293,7 @@ def _decided(last: Fit, match: SessionMatch | None, checks: list[GateCheck]) -> 
 
 
 def _in_window(recordings: Sequence[Experiment], window: float | int | None) -> list[Experiment]:
-    """The end of the recordings: their last so many seconds, all of them together."""
+    """The last `window` seconds of the recordings, all of them together."""
     if window is None:
         return list(recordings)
     left = finite_number("refit: window", window, MatchError)

@@ -41,7 +41,7 @@ from ..matching._problem import LinearPrior, MatchProblem, make_match_problem
 from ..matching._unknowns import Unknowns
 from ._forgetting import MIN_DRIFT, SessionPrior, rows_with_priors, with_spread_of
 
-# A session is explained by an error of at most so many times that of the last fit.
+# A session is explained by an error of at most this multiple of that of the last fit.
 MAX_ERROR_RATIO = 1.5
 
 # The probability of a distance from the last fit that still counts as drift.

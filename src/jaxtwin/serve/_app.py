@@ -48,7 +48,7 @@ async def stream(
 
     - `ring`: the ring.
     - `last_id`: the id of the last frame that the client has; `""` if it has none.
-    - `wait`: waits so many seconds.
+    - `wait`: waits for a number of seconds.
     - `is_closing`: whether the server ends.
     """
     yield b"retry: 1000\n\n"
@@ -112,7 +112,7 @@ def web_app(page: Page, desk: Desk, access: Access, wait: Wait = asyncio.sleep) 
     - `page`: the page.
     - `desk`: where commands are left.
     - `access`: who may ask for what.
-    - `wait`: waits so many seconds; tests pass their own.
+    - `wait`: waits for a number of seconds; tests pass their own.
     """
     web = _Web(page, desk, access, wait)
     routes = [

@@ -231,7 +231,7 @@ MUCH_MEMORY = 2**35
 def numbered_grid(
     twin: Twin, experiment: Experiment, draws: int, *, steady_start: bool
 ) -> TimeGrid | None:
-    """The padded steps of Rodas5P for so many draws; None where the modes of the default solver are
+    """The padded steps of Rodas5P for `count` draws; None where the modes of the default solver are
     as good."""
     wiring = twin.wiring
     if wiring.inputs or len(wiring.netlist.nodes) > MAX_NODES or draws < MIN_DRAWS:

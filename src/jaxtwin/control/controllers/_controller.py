@@ -169,8 +169,8 @@ class AbstractController(eqx.Module):
 
     @classmethod
     def fits_outputs(cls, outputs: int, cells: int) -> bool:
-        """Whether a controller of this class can have so many outputs on a rig with so many cells.
-        By default it can."""
+        """Whether a controller of this class can have this number of outputs on a rig with this
+        number of cells. By default it can."""
         return True
 
     @classmethod
@@ -222,7 +222,7 @@ class AbstractController(eqx.Module):
         )
 
     def law(self, cells: int) -> Law:
-        """Returns the controller's law in C for a rig with so many cells. By default there is none.
+        """Returns the controller's law in C for a rig with `cells` cells. By default there is none.
 
         **Raises:** `ControlError` if there is no law, or the controller does not fit the cells.
         """

@@ -259,7 +259,7 @@ def read_table(
 
 
 def temperatures_of(value: object, name: str, count: int, refuse: Refuse) -> list[float]:
-    """Reads a list of so many temperatures, degC."""
+    """Reads a list of `count` temperatures, degC."""
     if not isinstance(value, list) or len(value) != count:
         refuse(name, f'expected {count} temperatures such as "40 degC", got {value!r}')
     return [_degrees_of(part, f"{name}[{n}]", refuse) for n, part in enumerate(value)]

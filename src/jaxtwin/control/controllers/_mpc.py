@@ -139,8 +139,8 @@ class MPC(AbstractPredictiveController):
     - `duty_deviation`: the accepted deviation of the duty from the one that holds the reference at
       rest. A larger value is faster, and overshoots more if the plate differs from the model.
     - `duty_change_deviation`: the accepted change of the duty from sample to sample.
-    - `horizon`: the number of samples that are planned. `control_horizon`: after so many of them
-      the planned duty is held; None for all of them. A shorter one costs less time.
+    - `horizon`: the number of samples that are planned. `control_horizon`: the number of them
+      after which the planned duty is held; None for all of them. A shorter one costs less time.
     - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none. On a rig the
       change in a sample is a whole number of the driver's counts, so that rounding keeps the limit.
     - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC, or with an

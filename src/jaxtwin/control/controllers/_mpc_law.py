@@ -214,7 +214,7 @@ def _scale(hessian: np.ndarray) -> float:
 
 
 def mpc_law(mpc: "MPC", cells: int) -> Law:
-    """Returns the law for a rig with so many cells.
+    """Returns the law for a rig with `cells` cells.
 
     **Raises:** `ControlError` if the controller is one of another number of cells.
     """

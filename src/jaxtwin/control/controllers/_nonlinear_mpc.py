@@ -113,7 +113,7 @@ class NonlinearMPC(AbstractPredictiveController):
     - `measured`, `preview`, `limits`, `rate_limit`, `temperature_limits`, `excess_deviation`,
       `drift`, `reading_noise`: as in `MPC`.
     - `sample_time_s`: the sample time, s. `horizon`: the number of samples that are planned.
-      `control_horizon`: after so many of them the planned duty is held; None for all of them.
+      `control_horizon`: the number after which the planned duty is held; None for all of them.
     - `output_deviation`: the accepted deviation of the outputs from their references.
     - `duty_change_deviation`: the accepted change of the duty from sample to sample. A smaller
       value is more cautious.

@@ -126,7 +126,7 @@ OF_PLATE = ("plate_range_at_rest", "largest_plate_range")
 
 
 def measures_of(elements: int) -> dict[str, tuple[Measure, str]]:
-    """Those of `MEASURES` that a rig has whose plate has so many elements."""
+    """Those of `MEASURES` that apply to a rig whose plate has `elements` elements."""
     return {name: row for name, row in MEASURES.items() if elements or name not in OF_PLATE}
 
 

@@ -87,8 +87,8 @@ def design_rig(
     - `objective`: `"range"`, the difference between the hottest and the coldest element of the
       plate; or `"standard deviation"`, that of the elements, weighted by their areas.
     - `moving`: the names of the cells and heaters that move; None for all that can.
-    - `further_cells`: so many copies of the first cell with a place are added; with `moving=[]`
-      the others stay where they are.
+    - `further_cells`: the number of copies of the first cell with a place that are added; with
+      `moving=[]` the others stay where they are.
     - `bounds`: name -> left, right, top and bottom of the part of the plate on which its face lies,
       m; the whole plate for those that are not named. A further cell has the name of the cell that
       it is a copy of, with the next free number.
