@@ -1,5 +1,6 @@
 """Limits of schedules that are compared: the last value that is allowed, and the next one."""
 
+import math
 from functools import partial
 
 import pytest
@@ -7,6 +8,7 @@ from limits import Limit, check_limit
 
 from jaxtwin import Twin
 from jaxtwin.experiment_design._schedules import make_schedules
+from jaxtwin.experiment_design._search import Hottest
 
 DESIGN = partial(make_schedules, Twin("single-cell"), levels=3, interval=1.0)
 
@@ -35,3 +37,8 @@ LIMITS: list[Limit] = [
 @pytest.mark.parametrize(("make", "allowed", "refused"), LIMITS)
 def test_the_limit_is_allowed_and_what_is_beyond_is_refused(make, allowed, refused):
     check_limit(make, allowed, refused)
+
+
+def test_only_cells_have_a_side_that_may_not_be_hotter_than_solder():
+    assert Hottest.of(Twin("single-cell"), 5.0).side == pytest.approx(133.0)
+    assert Hottest.of(Twin("tclab"), 5.0).side == math.inf

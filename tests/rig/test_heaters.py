@@ -1,6 +1,7 @@
 """Heaters and rigs without a plate in rig files."""
 # ruff: noqa: E501  (a table of cases reads best with one case a line)
 
+import math
 import tomllib
 
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from jaxtwin.data import data_folder
 from jaxtwin.errors import RigError
 from jaxtwin.physics import build_netlist
-from jaxtwin.rig import Heater, Rig, Value, json_schema, rig_from_tables
+from jaxtwin.rig import Heater, Rig, Value, json_schema, load_rig, rig_from_tables
 
 LIST = 'contacts = ["air"]'
 TABLE = 'contacts = { air = "0.8 K/W", ambient = "20 K/W" }'
@@ -210,3 +211,8 @@ def test_rigs_that_differ_in_a_heater_differ():
     assert first.fingerprint != second.fingerprint
     assert first == heated_box()
     assert hash(first) == hash(heated_box())
+
+
+def test_a_heater_has_no_solder_that_melts():
+    assert load_rig("tclab").maximum_side_temperatures == (math.inf, math.inf)
+    assert load_rig("single-cell").maximum_side_temperatures == (138 + 273.15,)

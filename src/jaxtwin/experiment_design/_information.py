@@ -331,7 +331,7 @@ def _evaluate(
             normal = normal + _product(part, part)
             meat = meat + jnp.asarray(problem.variance)[number] * _product(part, correlated)
         readings, sides = _temperatures(problem, grid)
-        return normal, meat, readings.max(), sides.max()
+        return normal, meat, readings.max(), sides.max(initial=-jnp.inf)
 
     return jax.vmap(of_schedule)(jnp.asarray(duty))
 
@@ -356,11 +356,12 @@ def _apply_autocorrelation(
 
 
 def _temperatures(problem: DesignProblem, grid: TimeGrid) -> tuple[Array, Array]:
-    """The readings, and the temperatures of the cells' sides, at the samples, degC."""
+    """The readings, and the temperatures of the sides that have a limit, at the samples, degC."""
     values = problem.layout.local_values(jnp.asarray(problem.vector))
     system = problem.twin.with_values(values).system(lumped=True)
     channels = jnp.asarray(system.channel_weights)
-    sides = jnp.eye(system.capacitance.size)[side_nodes(system)]
+    limited = np.isfinite(np.tile(problem.twin.rig.maximum_side_temperatures, 2))
+    sides = jnp.eye(system.capacitance.size)[side_nodes(system)[limited]]
     readout = jnp.concatenate([channels, sides])
     drive, rise = solve_network(system, grid, system.initial_temperature, readout)
     ambient = jnp.asarray(drive.ambient_at_samples(), rise.dtype)

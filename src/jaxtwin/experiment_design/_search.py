@@ -19,7 +19,6 @@ from .._celsius import ZERO_CELSIUS
 from .._waiting import advanced
 from ..errors import MatchError
 from ..physics import Twin
-from ..rig._instruments import SOLDER
 from ._diagnosis_design import (
     MIN_LOG_ODDS,
     DiagnosisDesign,
@@ -42,12 +41,11 @@ class Hottest(NamedTuple):
     @classmethod
     def of(cls, twin: Twin, margin: float) -> "Hottest":
         """The limits of a rig less a margin, K."""
-        limits = twin.rig.limits
-        if limits is None:
+        reading = twin.rig.maximum_temperature
+        if reading is None:
             return cls(math.inf, math.inf)
-        side = limits.cell_temperature
-        of_cells = SOLDER if side is None else side - ZERO_CELSIUS
-        return cls(limits.temperature - ZERO_CELSIUS - margin, of_cells - margin)
+        side = min(twin.rig.maximum_side_temperatures, default=math.inf)
+        return cls(reading - ZERO_CELSIUS - margin, side - ZERO_CELSIUS - margin)
 
     def allows(self, reading: float, side: float) -> bool:
         """Whether temperatures are below; those that are not finite are not."""

@@ -18,12 +18,11 @@ from ..control.controllers._controller import AbstractController
 from ..control.loops._loop_checks import OutOfReachError
 from ..control.loops._loop_signals import ClosedLoop
 from ..control.loops._many_loops import longest_delay, simulate_many_loops, twin_at_medians
-from ..control.loops._measures import MEASURES, REST_FRACTION, SETTLING_BAND
+from ..control.loops._measures import REST_FRACTION, SETTLING_BAND
 from ..control.loops._scenario import Scenario, scenario
 from ..control.tuning._objective import TuningObjective
 from ..errors import ControlError
 from ..physics import Twin
-from ..rig._instruments import SOLDER
 from ._loop_band import LoopBand
 from ._scenarios import TrialScenario
 
@@ -163,7 +162,7 @@ class Trial(NamedTuple):
         measures = {
             **{name: self.objective.measures[name] for name in names},
             "_hottest": hottest_reading,
-            "_cell": MEASURES["hottest_cell_side"][0],
+            "_sides": hottest_of_sides,
             "_error": absolute_error,
         }
         with own_settings():
@@ -182,8 +181,8 @@ class Trial(NamedTuple):
         cost = np.stack([results[name] for name in names], axis=1) @ self.objective.weights[weighs]
         hottest, errors = np.asarray(results["_hottest"]), np.asarray(results["_error"])
         # NaN is no temperature that keeps a limit.
-        of_readings, of_cells = _limits(self.twin)
-        kept = (hottest <= of_readings) & (np.asarray(results["_cell"]) <= of_cells)
+        of_readings, of_sides = _limits(self.twin)
+        kept = (hottest <= of_readings) & (results["_sides"] <= of_sides).all(axis=1)
         rest = errors[:, -max(1, round(REST_FRACTION * errors.shape[1])) :]
         is_finite = bool(np.isfinite(cost).all())
         result = LoopTrial(
@@ -235,6 +234,11 @@ def hottest_reading(loop: ClosedLoop) -> Float[Array, ""]:
     return jnp.asarray(loop.temperatures).max()
 
 
+def hottest_of_sides(loop: ClosedLoop) -> Float[Array, " sides"]:
+    """The highest temperature of each side of a cell, degC."""
+    return jnp.asarray(loop.cell_sides).max(axis=0)
+
+
 def absolute_error(loop: ClosedLoop) -> Float[Array, " times"]:
     """The absolute error by the readings, in the mean over the outputs, K."""
     reference = jnp.asarray(loop.reference)
@@ -254,13 +258,8 @@ def check_limit(twin: Twin) -> None:
         )
 
 
-def _limits(twin: Twin) -> tuple[float, float]:
-    """The limits of readings and of the sides of cells, degC."""
-    limits = twin.rig.limits
-    assert limits is not None
-    inside = limits.cell_temperature
-    cell = math.inf if not twin.rig.cells else SOLDER
-    return (
-        limits.temperature - ZERO_CELSIUS,
-        cell if inside is None else inside - ZERO_CELSIUS,
-    )
+def _limits(twin: Twin) -> tuple[float, Float[np.ndarray, " sides"]]:
+    """The limit of readings, and those of all cold and all hot sides, degC."""
+    assert twin.rig.maximum_temperature is not None
+    sides = np.tile(twin.rig.maximum_side_temperatures, 2)
+    return twin.rig.maximum_temperature - ZERO_CELSIUS, sides - ZERO_CELSIUS

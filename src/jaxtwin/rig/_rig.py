@@ -2,16 +2,18 @@
 
 import hashlib
 import html
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import final
 
+from .._celsius import ZERO_CELSIUS
 from ._bodies import Body, Circuit, CircuitLink, NonlinearLink
 from ._cell import Cell
 from ._heater import Heater, RelayWindow
-from ._instruments import Camera, Channel, CommonError, Driver, Limits, Sensors
+from ._instruments import SOLDER, Camera, Channel, CommonError, Driver, Limits, Sensors
 from ._placement import Placement
 from ._plate import Plate
 from ._value import Input, Parameter, Value, nominal_inputs
@@ -146,6 +148,16 @@ class Rig:
     def maximum_temperature(self) -> float | None:
         """Highest allowed temperature of a channel, K; `None` if the file states no limits."""
         return None if self.limits is None else self.limits.temperature
+
+    @property
+    def maximum_side_temperatures(self) -> tuple[float, ...]:
+        """Highest allowed temperature of the sides of each cell and heater, K: that of the file; or
+        else the melting point of solder for a cell, and infinite for a heater, which has none."""
+        stated = None if self.limits is None else self.limits.cell_temperature
+        if stated is not None:
+            return (stated,) * len(self.driven)
+        solder = SOLDER + ZERO_CELSIUS
+        return (solder,) * len(self.cells) + (math.inf,) * len(self.heaters)
 
     @cached_property
     def fingerprint(self) -> str:

@@ -8,7 +8,6 @@ from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
 from ..rig import Rig
-from ..rig._instruments import SOLDER
 
 if TYPE_CHECKING:
     from ._run import Run
@@ -27,7 +26,7 @@ def exceeded_limits(run: "Run", rig: Rig, recorded: float = -math.inf) -> tuple[
         if limit >= recorded:
             result += _beyond(run, run.channels, run.temperatures, limit, "the limit of channels")
     given = None if rig.limits is None else rig.limits.cell_temperature
-    limit = SOLDER if given is None else given - ZERO_CELSIUS
+    limit = min(rig.maximum_side_temperatures, default=math.inf) - ZERO_CELSIUS
     if limit < recorded:
         return tuple(result)
     sides = [f"{cell.name}.{side}" for cell in rig.cells for side in ("TC", "TH")]

@@ -13,7 +13,6 @@ from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit_unoptimised
 from ...errors import JaxtwinError
 from ...physics import Twin
-from ...rig._instruments import SOLDER
 from ...simulation import Stepper, StepperState
 
 # The lowest temperature that a module of a single stage reaches, degC.
@@ -82,14 +81,13 @@ class OperatingLimits:
             )
         room = float(rig.ambient_temperature.evaluate(twin.numbers_si)) - ZERO_CELSIUS
         lowest = _lowest(twin, room) if given.lowest is None else given.lowest - ZERO_CELSIUS
-        inside = given.cell_temperature
         # A reading without any noise may stay the same.
         frozen = _FROZEN_CAMERA if rig.camera is not None else _FROZEN_SENSOR
         frozen = frozen if rig.noise > 0 else math.inf
         return cls(
             hottest=given.temperature - ZERO_CELSIUS,
             lowest=lowest,
-            cell=inside - ZERO_CELSIUS if inside is not None else SOLDER if rig.cells else math.inf,
+            cell=min(rig.maximum_side_temperatures, default=math.inf) - ZERO_CELSIUS,
             rate=_rate(twin) if given.rate is None else given.rate,
             jump=6 * rig.noise + (0.0 if rig.camera is None else _CAMERA_JUMP),
             frozen=frozen if given.frozen is None else given.frozen,

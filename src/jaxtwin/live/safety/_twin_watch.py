@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import compress
 from typing import Any, final
 
 import numpy as np
@@ -58,13 +59,10 @@ class TwinWatch(AbstractInterlock):
         self._hidden = HiddenHeat(twin, limits, draws)
         self._limits = limits
         self._given = ambient
-        given, watched = twin.rig.limits, twin.rig.driven
-        if twin.rig.cells and (given is None or given.cell_temperature is None):
-            # Heaters have no solder that melts, as cells do.
-            watched = watched[: len(twin.rig.cells)]
-        self._cells = watched
+        limited = np.isfinite(twin.rig.maximum_side_temperatures)
+        self._cells = tuple(compress(twin.rig.driven, limited))
         self._channels = twin.channels
-        self._sides = np.array([twin.wiring.cold, twin.wiring.hot])[:, : len(watched)]
+        self._sides = np.array([twin.wiring.cold, twin.wiring.hot])[:, limited]
         self._following = Responsiveness(len(self._channels), limits)
 
     @property
@@ -133,6 +131,8 @@ class TwinWatch(AbstractInterlock):
         return OffWatch(self._response, self._hidden.ensemble, self._limits, now)
 
     def _cell_too_hot(self) -> Finding | None:
+        if not self._cells:
+            return None
         hottest = self._response.nodes[self._sides].max(axis=0)
         worst = int(np.argmax(hottest))
         is_above = hottest[worst] > self._limits.cell
