@@ -1,4 +1,4 @@
-"""Reduced models: Hankel singular values by hand, the bound of the error, the gain at rest."""
+"""Reduced models: Hankel singular values by hand, the bound of the error, the DC gain."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ def test_hankel_singular_values_of_first_orders_by_hand():
 @pytest.mark.slycot
 @pytest.mark.parametrize("order", [2, 4, 6])
 def test_reduced_models_are_those_of_slycot(order: int):
-    """SLICOT's routines, through python-control's `balred` that matches the gain at rest."""
+    """SLICOT's routines, through python-control's `balred` that matches the DC gain."""
     import control
 
     model = linearize(Twin("dual-cell"), duty=[0.4, 0.4])

@@ -22,7 +22,7 @@ from jaxtwin.control.controllers._twin_estimator import TwinEstimator
 from jaxtwin.errors import ControlError
 from jaxtwin.live import Moment
 from jaxtwin.observers import ExtendedKalmanFilter, MovingHorizonEstimator, live_observer
-from jaxtwin.observers._gaussian import Gaussian, gaussian_predict, gaussian_update
+from jaxtwin.observers._gaussian import Gaussian, measurement_update, time_update
 
 OUTPUTS = ["TAM", "TCM"]
 
@@ -84,15 +84,13 @@ def test_the_gain_of_a_controllers_filter_is_that_of_an_observer_at_rest(model: 
         at, both, variance = jnp.zeros(len(A)), jnp.ones(2, bool), jnp.asarray(noise**2)
 
         def seen(covariance: jax.Array, innovation: jax.Array) -> Gaussian:
-            return gaussian_update(
+            return measurement_update(
                 Gaussian(at, covariance), innovation, C, variance, both, slice(0)
             )[0]
 
         def sample(_: int, covariance: jax.Array) -> jax.Array:
             after = seen(covariance, jnp.zeros(2))
-            return gaussian_predict(
-                after, after.mean, A, jnp.zeros(0), jnp.asarray(process)
-            ).covariance
+            return time_update(after, after.mean, A, jnp.zeros(0), jnp.asarray(process)).covariance
 
         rest = jax.lax.fori_loop(0, 20_000, sample, jnp.eye(len(A)))
         gain = [seen(rest, innovation).mean for innovation in jnp.eye(2)]

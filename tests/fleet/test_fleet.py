@@ -173,7 +173,7 @@ def test_what_several_rigs_have_in_common_and_an_alarm_for_all_of_them(tmp_path,
     fleet = fleets(path, lambda alarm, rig: told.append((alarm, rig)))
     for rig in fleet.rigs.values():
         rig._since = time.monotonic() - 2.0
-        rig.look("")
+        rig.update_alarms("")
     fleet._tell()
     ((alarm, rig),) = told
     assert (alarm.kind, rig) == ("silent", "")
@@ -186,7 +186,7 @@ def test_a_broker_that_is_gone_is_no_silence_of_its_rigs(tmp_path, fleets):
     fleet = fleets(fleet_file(tmp_path, silence_s=1.0))
     rig = fleet.rigs["a"]
     rig._since = time.monotonic() - 2.0
-    rig.look("the broker is gone")
+    rig.update_alarms("the broker is gone")
     assert rig.findings == ()
 
 

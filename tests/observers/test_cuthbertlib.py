@@ -51,7 +51,7 @@ def test_means_covariances_and_likelihood_are_those_of_cuthbertlib():
         return found, steps, slopes, before, ahead, measured, jax.vmap(kalman.expected)(ahead.mean)
 
     found, steps, slopes, before, ahead, measured, expected = jax.tree.map(np.asarray, run())
-    assert not measured.opened.any()
+    assert not measured.added_variance.any()
     assert np.abs(found.states.whitened).max() < CAUTION_SIGMAS
     to_next, corrected = jax.jit(predict), jax.jit(update)
     mean, root = np.asarray(start.mean), root_of(np.asarray(start.covariance))

@@ -10,8 +10,8 @@ from jaxtwin.observers._gaussian import (
     CAUTION_SIGMAS,
     Gaussian,
     GaussianUpdate,
-    gaussian_predict,
-    gaussian_update,
+    measurement_update,
+    time_update,
 )
 
 pytestmark = pytest.mark.usefixtures("float64")
@@ -36,7 +36,7 @@ class Example:
         return Gaussian(jnp.asarray(self.mean), jnp.asarray(self.covariance))
 
     def updated(self, mask: np.ndarray | None = None, cautious: slice = slice(0)) -> GaussianUpdate:
-        return gaussian_update(
+        return measurement_update(
             self.gaussian,
             jnp.asarray(self.innovation),
             jnp.asarray(self.slope),
@@ -114,7 +114,7 @@ def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise(driven: int
     decay = random.uniform(size=STATES - driven)
     noise = np.diag(random.uniform(size=STATES))
     mean = random.normal(size=STATES)
-    found = gaussian_predict(
+    found = time_update(
         example.gaussian,
         jnp.asarray(mean),
         jnp.asarray(slope),
@@ -175,4 +175,4 @@ def test_accurate_readings_leave_a_symmetric_and_positive_covariance():
 def _after_accurate_reading(state: Gaussian, row: jax.Array) -> Gaussian:
     all_of_it = jnp.ones(1, bool)
     variance = jnp.full(1, 1e-6)
-    return gaussian_update(state, jnp.zeros(1), row[None], variance, all_of_it, slice(0)).state
+    return measurement_update(state, jnp.zeros(1), row[None], variance, all_of_it, slice(0)).state

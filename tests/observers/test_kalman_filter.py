@@ -210,7 +210,7 @@ def test_a_transition_has_the_derivatives_of_a_step_of_any_twin(duty: list[float
     state = jax.jit(lambda: kalman.predict(kalman.init(25.0, np.zeros(2)), warm, np.nan, 60.0))()
     given = jnp.asarray(duty), jnp.asarray(1.0)
     wanted = jax.jit(
-        jax.jacfwd(lambda mean: kalman.step_of_mean(replace(state, mean=mean), *given).mean)
+        jax.jacfwd(lambda mean: kalman.predict_mean(replace(state, mean=mean), *given).mean)
     )(state.mean)
     transition = jax.jit(lambda state: kalman.linearised_step(state, *given)[1])(state)
     layout = kalman.model.layout
@@ -227,7 +227,7 @@ def test_a_step_of_the_mean_alone_is_the_step(kalman: ExtendedKalmanFilter):
     state = kalman.init(START, np.zeros(2))
     given = jnp.array([0.5, 0.1]), jnp.asarray(0.9)
     whole = eqx.filter_jit(kalman.step)(state, *given)
-    alone = eqx.filter_jit(kalman.step_of_mean)(state, *given)
+    alone = eqx.filter_jit(kalman.predict_mean)(state, *given)
     np.testing.assert_allclose(alone.mean, whole.mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(alone.slope, whole.slope, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(alone.covariance, state.covariance)
@@ -363,7 +363,7 @@ def predicted(
     def take(state: KalmanState, sample: tuple[jax.Array, jax.Array]) -> tuple[KalmanState, Any]:
         dt, command = sample
         state = jax.lax.fori_loop(
-            0, parts, lambda _, s: kalman.step_of_mean(s, command, dt / parts), state
+            0, parts, lambda _, s: kalman.predict_mean(s, command, dt / parts), state
         )
         return state, kalman.readings(state, jnp.asarray(np.nan))
 

@@ -78,7 +78,7 @@ class Problem:
 
         def take(before: Array, at: tuple[Step, Array, Array]) -> tuple[Array, Array]:
             step, root, noise = at
-            end, _ = self.model.step_of_mean(before, step.reached, *step[1:4])
+            end, _ = self.model.predict_mean(before, step.reached, *step[1:4])
             return end + root @ noise, end + root @ noise
 
         first = self.window.start.mean + self.first @ start

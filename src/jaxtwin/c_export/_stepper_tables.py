@@ -48,14 +48,14 @@ def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
     module = system.module
     rates, h = np.asarray(modes.rates, float), np.asarray(stepper.sizes, float)
     factors = {
-        "half": "by the force at the start, half a step",
-        "half_start": "the second try",
-        "half_middle": "and by the force in the middle",
-        "whole_start": "by the force at the start, the whole step",
-        "whole_middle": "and by that in the middle",
-        "first": "by the force at the start, in the end",
-        "middle": "those in the middle",
-        "last": "and that at the end",
+        "half": "stage 2, by the force at the start",
+        "half_start": "stage 3, by the force at the start",
+        "half_middle": "stage 3, by that of stage 2",
+        "whole_start": "stage 4, by the force at the start",
+        "whole_middle": "stage 4, by that of stage 3",
+        "first": "result, by the force at the start",
+        "middle": "result, by those of stages 2 and 3",
+        "last": "result, by that of stage 4",
     }
     tables = {
         "shape": (shapes, "temperatures of the nodes by the modes, K"),

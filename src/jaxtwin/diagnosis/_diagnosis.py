@@ -69,7 +69,7 @@ HEALTHY = "healthy"
 # The names of the two answers that are no suspects.
 NONE_OF_THESE = "none of these"
 
-# What is not less likely than the likeliest by more than this factor is tied with it.
+# Explanations are tied with the likeliest if they are less likely by at most this factor.
 TIE = 20.0
 
 
@@ -131,7 +131,7 @@ class Cause:
     """Why something changed.
 
     - `explanations`: the faults that may explain it, the likeliest first.
-    - `found`: when it was more likely than not to 95 % that something had changed, s. `until`: when
+    - `found`: when the probability that something had changed passed 95 %, s. `until`: when
       it was over, s; None if it was there at the end.
     - `misfit`: the mean square of the innovations that the best suspect leaves, as a multiple of
       that in healthy recordings, 1 at least. It is 1 if the suspect explains all.

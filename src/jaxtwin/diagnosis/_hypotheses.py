@@ -19,7 +19,7 @@ from ..observers._augmented_model import ExpectedReading
 from ..observers._commands import Commands
 from ..observers._expected_correction import expected_jump
 from ..observers._filter_run import FilterSamples
-from ..observers._gaussian import Gaussian, gaussian_update, symmetric
+from ..observers._gaussian import Gaussian, measurement_update, symmetric
 from ._signatures import Suspected, is_held, of_readings, of_step
 
 
@@ -204,12 +204,14 @@ def _corrected(
     expected = ExpectedReading(healthy.mean + multiple * effect, slope)
     variance = jnp.asarray(noise.reading) ** 2 + (noise.reading_time * state.slope) ** 2
     innovation = measured - expected.mean
-    opened, of_camera = kalman.opened(state.known, expected, innovation, variance, used)
+    added_variance, of_camera = kalman.added_variance(
+        state.known, expected, innovation, variance, used
+    )
     place = layout.of("room").start
     room = model.from_degC(jnp.asarray(sample.ambient, mean.dtype)) - mean[place]
     of_room = jnp.zeros(size + 1, mean.dtype).at[place].set(1.0)
-    result = gaussian_update(
-        Gaussian(state.known.mean, state.known.covariance + jnp.diag(opened)),
+    result = measurement_update(
+        Gaussian(state.known.mean, state.known.covariance + jnp.diag(added_variance)),
         jnp.concatenate([room[None], innovation]),
         jnp.concatenate([of_room[None], slope]),
         jnp.concatenate([jnp.reshape(noise.ambient**2, 1), variance]),

@@ -159,7 +159,7 @@ def signature(
     predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
     commands = before.commands.given(jnp.asarray(sample.duty), kalman.spacing)
     used = jnp.isfinite(jnp.asarray(sample.readings))
-    result = kalman.gaussian_update(predicted, sample.readings, used, sample.ambient)
+    result = kalman.measurement_update(predicted, sample.readings, used, sample.ambient)
     added = of_step(
         model, faults, before.mean, before.duty, commands, jnp.asarray(sample.dt), sample.levels
     )

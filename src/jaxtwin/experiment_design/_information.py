@@ -319,8 +319,7 @@ def _evaluate(
         slopes = reading_jacobian(vector, problem.twin, problem.layout, grid, columns)
         counted = jnp.arange(slopes.shape[1]) < problem.samples
         slopes = jnp.where(counted[:, None], slopes, 0.0)
-        weigh = jax.vmap(lambda slope: problem.weights.weigh(problem.weights.split(slope)))
-        weighted = weigh(slopes)
+        weighted = jax.vmap(problem.weights.weighted)(slopes)
         of_channels, common_mode = jnp.asarray(weighted.channel), jnp.asarray(weighted.common_mode)
         sizes = jnp.asarray(weighted.sizes)
         normal = meat = sizes @ sizes.T

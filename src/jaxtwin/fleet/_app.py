@@ -137,7 +137,7 @@ def metrics_of(rig: WatchedRig) -> list[Metric]:
         single("expectation_error_kelvin",
                "Readings minus expected readings, root mean square of a minute.", rig.error),
         single("surprise_ratio", "The mean normalised innovation squared of a minute.",
-               rig.surprise),
+               rig.nis),
         gauge("temperature_celsius", "What a channel reads.", rig.measured),
         gauge("expected_celsius", "What the twin expected of a channel.",
               None if rig.measured is None else rig.expected),

@@ -284,7 +284,7 @@ class Fleet:
         now, rigs = time.monotonic(), self.rigs
         self._turn += 1
         for rig in rigs.values():
-            rig.look(self._inbox.problem)
+            rig.update_alarms(self._inbox.problem)
             if rig.due and rig.queue.time >= rig.due[0] * 1e9:
                 self._diagnose(rig)
         self._tell()

@@ -208,7 +208,7 @@ def ahead_of_lanes(
         observer, _ = watcher
 
         def move(state: KalmanState, dt: Array) -> tuple[KalmanState, None]:
-            return observer.step_of_mean(state, duty, dt), None
+            return observer.predict_mean(state, duty, dt), None
 
         later, _ = jax.lax.scan(move, state, steps)
         spread = jnp.sqrt(jnp.diag(observer.reading_covariance(state)))

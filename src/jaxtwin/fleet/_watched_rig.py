@@ -158,10 +158,10 @@ class WatchedRig:
         self._alarms: dict[str, tuple[Finding, float]] = {}  # kind -> alarm, when it was there last
         self._since = self._heard = 0.0  # s of the monotonic clock
         self._observed, self._problem = 0.0, ""
-        self.error = self.surprise = 0.0
+        self.error = self.nis = 0.0
         """The root mean square of readings minus expected readings in the last minutes, K, and the
         mean normalised innovation squared."""
-        self.within = 1.0
+        self.coverage = 1.0
         """The share of the readings of the last minutes in the 95 % band of what was expected."""
 
     @property
@@ -190,10 +190,10 @@ class WatchedRig:
         if valid.any():
             weight = 1.0 - np.exp(-step.elapsed / COMPARED_SECONDS)
             share = float(np.mean(np.abs(white[valid]) <= LIMIT_95))
-            self.within += weight * (share - self.within)
+            self.coverage += weight * (share - self.coverage)
             square = float(np.mean((step.readings - expected)[valid] ** 2))
             self.error = float(np.sqrt(self.error**2 + weight * (square - self.error**2)))
-            self.surprise += weight * (float(np.mean(white[valid] ** 2)) - self.surprise)
+            self.nis += weight * (float(np.mean(white[valid] ** 2)) - self.nis)
         # Without a score from a half on there is nothing to be begun, nor to go on.
         if self._findings.is_any_present or (evidence.score >= 0.5).any():
             self._findings.take(self.queue.time, evidence)
@@ -205,9 +205,9 @@ class WatchedRig:
         self.queue.counts["diverged"] += 1
         self.queue.restart()
 
-    def look(self, problem: str) -> None:
-        """Raises and ends alarms; `problem` is what explains all silence, such as a broker that is
-        gone."""
+    def update_alarms(self, problem: str) -> None:
+        """Raises and ends the alarms of silence, temperature and channels. With a `problem` of the
+        connection, such as a broker that is gone, no rig is called silent."""
         self._since = self._since or time.monotonic()
         self._problem = problem
         age = time.monotonic() - (self._heard or self._since)
@@ -249,9 +249,9 @@ class WatchedRig:
             problem="",
             ended=False,
             observed=self._observed,
-            within=self.within,
+            within=self.coverage,
             # Whitened readings have a deviation of 1 where the observer is right.
-            band=LIMIT_95 * self.error / np.sqrt(max(self.surprise, 1e-12)),
+            band=LIMIT_95 * self.error / np.sqrt(max(self.nis, 1e-12)),
             compared=min(self._observed, COMPARED_SECONDS),
             later=self._fresh_forecast,
         )  # fmt: skip
@@ -319,7 +319,12 @@ class WatchedRig:
             "findings": self._findings.to_dict(),
             "cause": self.cause,
             "fault": self.fault,
-            "averages": [self._observed, self.error, self.surprise, self.within],
+            "averages": [
+                self._observed,
+                self.error,
+                self.nis,
+                self.coverage,
+            ],
         }
         return StoredState(self.made.key, content, self.lanes.packed(self.lane))
 
@@ -332,7 +337,7 @@ class WatchedRig:
         self._findings.resume(content["findings"])
         self.cause = content["cause"] and Reason(*content["cause"])
         self.fault = content["fault"]
-        self._observed, self.error, self.surprise, self.within = content["averages"]
+        self._observed, self.error, self.nis, self.coverage = content["averages"]
         return True
 
     def _set(self, kind: str, is_there: bool, detail: str) -> None:

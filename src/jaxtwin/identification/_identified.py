@@ -10,6 +10,7 @@ import numpy as np
 from .._arguments import finite_number, whole_number
 from .._display import html_table
 from .._json_values import json_value
+from .._normal_distribution import QUANTILE_975
 from .._toml_text import toml_inline, toml_key
 from ..errors import MatchError
 from ..io import Experiment
@@ -50,9 +51,6 @@ def _rounded(value: Any) -> Any:
         return [_rounded(entry) for entry in value]
     return float(f"{value:.6g}") if isinstance(value, float) else value
 
-
-# The normal quantile of a band of 95 %.
-QUANTILE_95 = 1.96
 
 # The number of schedules of which a next recording is one.
 SCHEDULES = 80
@@ -134,9 +132,9 @@ class Identified:
         ]
         name = self.fit.recordings[begun[0]] if begun else None
         band = prediction_band(self.fit, name, experiment=experiment)
-        half = (band.upper - band.middle) / QUANTILE_95
+        half = (band.upper - band.middle) / QUANTILE_975
         disagreement = self._rivals.disagreement(experiment, begun[0] if begun else 0)
-        wide = QUANTILE_95 * np.hypot(half, disagreement)
+        wide = QUANTILE_975 * np.hypot(half, disagreement)
         return Band(band.run, band.middle - wide, band.middle + wide, band.level)
 
     def next_recording(

@@ -30,18 +30,19 @@ MIN_SAMPLES = 60
 MAX_CHANNELS = 8
 # Two inputs of a larger correlation cannot be told apart.
 MAX_CORRELATION = 0.999
-# A channel moves if its readings do so by this part of the largest step between two of them.
+# A channel moves if the range of its readings is above this multiple of the median absolute change
+# from sample to sample.
 MIN_RANGE = 4.0
 # Structures matched in one batch, and structures that are judged on held-out blocks.
 BATCH, JUDGED = 16, 24
 # The number of the best, and of the simplest, structures that are also tried with a drift of the
 # room, and with a delay.
 VARIED = 8
-# They stay if the logarithm of their probability gains at least this.
+# A drift or a delay is kept if the logarithm of the probability gains at least this.
 MIN_GAIN = 2.0
 # The first and the last origin of a held-out block, as fractions of the recording, and how many.
 FIRST_ORIGIN, LAST_ORIGIN, ORIGINS = 0.35, 0.8, 4
-# After the first change of the last input an origin leaves this fraction to learn from.
+# The smallest fraction of the recording between the first change of the last input and an origin.
 EXCITED = 0.15
 # Errors below these do not count: a part of the range of the readings, and K.
 RELATIVE_FLOOR, FLOOR = 0.005, 0.02
@@ -49,7 +50,7 @@ RELATIVE_FLOOR, FLOOR = 0.005, 0.02
 # that are alike inside differ by so much outside.
 EXTRAPOLATION_ERROR = 0.25
 
-# So many standard deviations of its prior from what was expected is far.
+# A value that is farther from the mean of its prior, in standard deviations, is reported.
 FAR = 3.0
 
 

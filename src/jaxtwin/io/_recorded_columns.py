@@ -1,5 +1,5 @@
-"""Named columns as an experiment: what is missing is held or counted, codes of sensors are missing,
-counts are duty cycles."""
+"""Makes an experiment of named columns: holds missing duties and inputs at their last value, takes
+the fault codes of sensors as missing readings, and converts PWM counts to duty cycles."""
 
 import re
 from collections import Counter
@@ -31,7 +31,7 @@ STAMP = 1e6
 
 # Where a recording of a rig in a room begins, and how far from there at most: degC, K. Readings
 # that begin there in kelvin, and never fall below what a room can be, are probably in kelvin.
-ROOM, NEAR_ROOM = 20.0, 20.0
+TYPICAL_START, START_MARGIN = 20.0, 20.0
 
 
 @final
@@ -105,8 +105,9 @@ def experiment_of_columns(columns: list[Column], name: str, drive: RecordedDrive
 
 
 def held(columns: Sequence[Column]) -> tuple[list[Column], list[str]]:
-    """The columns, in which a duty or an input that is not there is the last one, as loggers write
-    it that log only changes, without the samples before the first one; and what was done."""
+    """Holds missing duties and inputs at their last value, because many loggers write only changes,
+    and leaves out the samples before the first one. Returns the columns, and notes of what was
+    done."""
     first, notes = 0, []
     full = [*columns]
     for place, column in enumerate(columns):
@@ -269,8 +270,8 @@ def _check_celsius(temperatures: dict[str, Column]) -> None:
         if not there.size:
             continue
         lowest, first = float(there.min()), float(np.median(there[:5]))
-        is_near = abs(first - ZERO_CELSIUS - ROOM) < NEAR_ROOM
-        if is_near and lowest > ZERO_CELSIUS - NEAR_ROOM:
+        is_near = abs(first - ZERO_CELSIUS - TYPICAL_START) < START_MARGIN
+        if is_near and lowest > ZERO_CELSIUS - START_MARGIN:
             raise RecordingError(
                 f"column {column.title}: expected degC, got {first:.4g} at the start and nothing "
                 f"below {lowest:.4g}; in K, that is {first - ZERO_CELSIUS:.4g} degC: a column of "

@@ -58,7 +58,7 @@ class Alarms:
         self._channels, self._hottest, self._silence = channels, hottest, silence
         self._on_alarm = on_alarm
         self._folder = file.absolute().parent
-        # When what is now known of the rig was made, host time in ns; the start before that.
+        # The host time of the newest sample and reading, ns; at first that of the start.
         self._made: dict[str, int] = {"controller sample": now, "temperature": now}
         self._causes: dict[_Key, str] = {}  # those since the last turn
         self._looked = 0

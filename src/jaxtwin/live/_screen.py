@@ -51,8 +51,8 @@ class Screen:
     - `twin`: the twin that predicts the readings.
     - `observer`: an observer of the rig, whose estimates and forecasts are shown; None: the twin in
       open loop.
-    - `follower`: one that another consumer, which gets each record before, moves on with this
-      observer, such as that of a monitor; None: its own.
+    - `follower`: a follower of this observer that an earlier consumer, such as a monitor, has
+      already advanced by each record; None: one of its own.
     """
 
     def __init__(

@@ -83,8 +83,9 @@ class ResidualSeries:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Mixture:
-    r"""Noise of one kind: the variances $\theta$ and the $\rho$ of its parts, 0 for white noise."""
+class AutocorrelatedNoise:
+    r"""White noise plus first-order autoregressive noise: the variances $\theta$ and the $\rho$ of
+    its parts, 0 for the white one."""
 
     variances: Float[np.ndarray, " parts"]
     rho: Float[np.ndarray, " parts"]
@@ -100,7 +101,7 @@ def fit_noise(
     all_series: Sequence[ResidualSeries],
     inverse: Float[np.ndarray, "unknowns unknowns"],
     known: Float[np.ndarray, "unknowns unknowns"],
-) -> tuple[tuple[Mixture, ...], Float[np.ndarray, "unknowns unknowns"]]:
+) -> tuple[tuple[AutocorrelatedNoise, ...], Float[np.ndarray, "unknowns unknowns"]]:
     r"""Estimates the noise of each kind, and computes $\sum J^T \Gamma J$ over all residuals.
 
     **Arguments:**
@@ -133,11 +134,13 @@ def fit_noise(
         np.concatenate(counts),
     )
     meat = np.tensordot(theta, flat, 1)
-    return tuple(Mixture(variances, rho) for variances in theta.reshape(kinds, -1)), meat
+    return tuple(
+        AutocorrelatedNoise(variances, rho) for variances in theta.reshape(kinds, -1)
+    ), meat
 
 
 def noise_in_unknowns(
-    series: ResidualSeries, noise: Mixture
+    series: ResidualSeries, noise: AutocorrelatedNoise
 ) -> Float[np.ndarray, "entries entries"]:
     r"""$J^T \Gamma J$ of one series, for the unknowns on which it depends."""
     total = np.zeros((len(series.entries), len(series.entries)))

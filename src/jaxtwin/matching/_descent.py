@@ -380,7 +380,7 @@ def _factorise(
             )
             for row, position in enumerate(batch.positions):
                 weights = batch.weights_of(row)
-                parts = weights.weigh(weights.split(rows[row]))
+                parts = weights.weighted(rows[row])
                 columns = np.concatenate([part.reshape(len(rows[row]), -1) for part in parts], 1)
                 reduced = _triangle(columns)
                 table = np.zeros((len(reduced), size + 1))

@@ -76,7 +76,7 @@ def weighted_jacobian(
     for batch, jacobian in zip(objective.same_shape_batches, jacobians, strict=True):
 
         def of_recording(jacobian: AnyArray, weights: ResidualWeights) -> SplitErrors:
-            return weights.weigh(weights.split(jacobian))
+            return weights.weighted(jacobian)
 
         entries = objective.layout.entry_indices()[list(batch.positions)]
         recording = np.arange(len(entries))[:, None]

@@ -164,7 +164,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         `propose`, `accepts` and `update` are the parts of `step`, for callers that evaluate the
         residuals of several descents at once.
         """
-        held = _held(vector, space, state.factors)
+        held = _active_bounds(vector, space, state.factors)
         move = _damped_step(state, held)
         return space.clip(vector + jnp.where(state.is_first, 0.0, move))
 
@@ -189,7 +189,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver[PyTree, PyTree, 
         new_vector, new_cost = chosen(trial.vector, vector), chosen(cost, state.cost)
         factors = jax.tree.map(chosen, trial.factors, state.factors)
         lengths = jnp.linalg.norm(factors.triangle, axis=0)
-        held = _held(new_vector, space, factors)
+        held = _active_bounds(new_vector, space, factors)
         cosine = jnp.abs(factors.gradient) / (
             jnp.maximum(lengths, _tiny(vector)) * jnp.maximum(jnp.sqrt(2 * new_cost), _tiny(vector))
         )
@@ -274,7 +274,9 @@ def factorise(
     return Factors(triangle[:-1, :-1], triangle[:-1, -1])
 
 
-def _held(vector: Vector, space: SearchSpace, factors: Factors) -> Bool[Array, " unknowns"]:
+def _active_bounds(
+    vector: Vector, space: SearchSpace, factors: Factors
+) -> Bool[Array, " unknowns"]:
     """The unknowns that are at a bound with a gradient that points outwards."""
     below = (vector <= space.lower) & (factors.gradient > 0)
     return below | ((vector >= space.upper) & (factors.gradient < 0))

@@ -158,7 +158,7 @@ def _recordings(
             local[indices[position]] = np.asarray(jacobians[row])
             local = local[inside]
             weights = batch.weights_of(row)
-            slopes = weights.weigh(weights.split(local))
+            slopes = weights.weighted(local)
             common_mode = weights.common_mode[times] * of_recording.common_mode
             channel = weights.channel[times] * of_recording.channel
             yield _Recording(

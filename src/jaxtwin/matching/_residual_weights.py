@@ -65,6 +65,10 @@ class ResidualWeights(eqx.Module):
         sizes = mean @ self.solve.T
         return SplitErrors(errors - mean[..., None], mean - sizes @ self.shapes.T, sizes)
 
+    def weighted(self, errors: Float[AnyArray, "*entries times channels"]) -> SplitErrors:
+        """The output errors of one recording, or their derivatives, as residuals in parts."""
+        return self.weigh(self.split(errors))
+
     def weigh(self, parts: SplitErrors) -> SplitErrors:
         """The parts as residuals, in units of their standard deviations."""
         return SplitErrors(

@@ -24,8 +24,8 @@ from jaxtyping import Array, Float, Int
 from .._celsius import ZERO_CELSIUS
 from ..physics import System
 from ..simulation import Drive, TimeGrid, solve_network
-from ..simulation._few_modes import few_modes
 from ..simulation._modes import Modes, run_modes
+from ._few_modes import few_modes
 from ._objective import MatchObjective, SameShapeBatch
 from ._residual_weights import AnyArray, ResidualWeights, SplitErrors, of_each_recording
 from ._start import OF_THE_RIG, RunStart

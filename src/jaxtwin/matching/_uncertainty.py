@@ -20,7 +20,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ._autocovariance import Mixture, ResidualSeries, fit_noise, noise_in_unknowns
+from ._autocovariance import AutocorrelatedNoise, ResidualSeries, fit_noise, noise_in_unknowns
 from ._between_recordings import RecordingScore, estimate_heterogeneity
 from ._descent_result import MatchEstimate
 from ._loss import influence_variance
@@ -411,7 +411,7 @@ def _ratio(
 
 def _between_recordings(
     all_series: list[ResidualSeries],
-    mixtures: tuple[Mixture, ...],
+    mixtures: tuple[AutocorrelatedNoise, ...],
     prior: Float[np.ndarray, "all_unknowns all_unknowns"],
     pull: Float[np.ndarray, " all_unknowns"],
     unknowns: Unknowns,

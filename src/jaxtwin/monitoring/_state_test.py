@@ -13,7 +13,7 @@ from ..observers._augmented_model import AugmentedModel
 from ._evidence import Evidence, Seen
 
 # A room that is measured has this multiple of the noise of its thermometer as its spread.
-ROOM = 5.0
+ROOM_SIGMAS = 5.0
 
 
 # The error of a channel is compared with its average over this time, s.
@@ -65,7 +65,7 @@ class StateTest(eqx.Module):
         room, measured = mean[layout.of("room")], jnp.asarray(seen.ambient)
         is_measured = jnp.isfinite(measured)
         away = jnp.where(is_measured, room - jnp.reshape(model.from_degC(measured), 1), room)
-        spread = jnp.where(is_measured, ROOM * noise.ambient, model.room_spread)
+        spread = jnp.where(is_measured, ROOM_SIGMAS * noise.ambient, model.room_spread)
         scores = [away / spread, heats / noise.disturbance]
         sizes = [away, heats]
         if model.directions is not None:

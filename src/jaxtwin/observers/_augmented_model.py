@@ -301,7 +301,7 @@ class AugmentedModel(eqx.Module):
         dt: Float[Array, ""],
         levels: Float[ArrayLike, " inputs"] | None,
     ) -> tuple[Transition, Float[Array, " cells"]]:
-        """The same with the derivatives of all stages of the step, those of `step_of_mean`: for an
+        """The same with the derivatives of all stages of the step, those of `predict_mean`: for an
         optimum that is to be that of the step itself."""
         driven = self.layout.driven
 
@@ -316,7 +316,7 @@ class AugmentedModel(eqx.Module):
         noise = self._noise(Evolution(after[: self.layout.evolved], slope, *roots), dt)
         return Transition(after, slope, self.decay(dt)[driven:], noise), path[-1]
 
-    def step_of_mean(
+    def predict_mean(
         self,
         mean: Float[Array, " state"],
         reached: Float[Array, " cells"],

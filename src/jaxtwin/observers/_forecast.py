@@ -128,7 +128,7 @@ def _block(
             state, of_jumps = carry
             row = jnp.minimum(end - count + number, len(taken.decay) - 1)
             sample = jax.tree.map(lambda leaf: leaf[row], following)
-            after = kalman.step_of_mean(state, sample.duty, sample.dt, sample.levels)
+            after = kalman.predict_mean(state, sample.duty, sample.dt, sample.levels)
             jump = kalman.expected_jump(state, sample.dt)
             later = after, of_jumps * model.decay(sample.dt) ** 2 + jump.variance
             return jax.tree.map(partial(jnp.where, number < count), later, carry), None

@@ -51,7 +51,7 @@ class GaussianUpdate(NamedTuple):
     log_densities: Float[Array, " readings"]
 
 
-def gaussian_predict(
+def time_update(
     state: Gaussian,
     mean: Float[Array, " state"],
     slope: Float[Array, "driven driven"],
@@ -63,8 +63,8 @@ def gaussian_predict(
     **Arguments:**
 
     - `mean`: the mean after the step.
-    - `slope`: the derivatives of the first entries, which depend on each other.
-    - `decay`: the factors of the others.
+    - `slope`: the Jacobian of the transition of the first entries, which are coupled.
+    - `decay`: the factors of the others, which decay by themselves.
     - `noise`: the covariance of the noise that the step adds.
     """
     before, driven = state.covariance, len(slope)
@@ -75,20 +75,19 @@ def gaussian_predict(
     return Gaussian(mean, symmetric(covariance + noise))
 
 
-def gaussian_update(
+def measurement_update(
     state: Gaussian,
     innovation: Float[Array, " readings"],
     slope: Float[Array, "readings state"],
     variance: Float[Array, " readings"],
     mask: Bool[Array, " readings"],
-    cautious: slice,
+    parameter_entries: slice,
 ) -> GaussianUpdate:
     """The distribution after readings.
 
     A reading that is more than `CAUTION_SIGMAS` standard deviations from what was expected has a
-    cause
-    that the model does not know. It moves the entries of `cautious` no farther than one of that
-    many standard deviations, with a gain that is smaller than the optimal one.
+    cause that the model does not know. It moves the parameters no farther than a reading at that
+    distance would, with a gain that is smaller than the optimal one.
 
     **Arguments:**
 
@@ -96,7 +95,7 @@ def gaussian_update(
     - `slope`: the derivatives of the readings with respect to the state.
     - `variance`: the variance of the noise of each reading.
     - `mask`: the readings that count.
-    - `cautious`: the entries that say how the rig is made, not what it is doing.
+    - `parameter_entries`: the entries of the state that are parameters of the rig.
     """
     innovation = jnp.where(mask, innovation, 0.0)
     slope = jnp.where(mask[:, None], slope, 0.0)
@@ -109,10 +108,10 @@ def gaussian_update(
     columns = whiten(jnp.concatenate([cross, innovation[:, None]], axis=1))
     optimal, whitened = columns[:, :-1].T, columns[:, -1]
     caution = CAUTION_SIGMAS / jnp.maximum(jnp.abs(whitened), CAUTION_SIGMAS)
-    gain = optimal.at[cautious].multiply(caution)
-    missed = (gain - optimal)[cautious]  # the other rows are 0
+    gain = optimal.at[parameter_entries].multiply(caution)
+    missed = (gain - optimal)[parameter_entries]  # the other rows are 0
     covariance = state.covariance - optimal @ optimal.T
-    covariance = covariance.at[cautious, cautious].add(missed @ missed.T)
+    covariance = covariance.at[parameter_entries, parameter_entries].add(missed @ missed.T)
     spreads = jnp.diagonal(root)
     density = -0.5 * (whitened**2 + LOG_TWO_PI) - jnp.log(spreads)
     return GaussianUpdate(

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ._augmented_model import AugmentedModel, ExpectedReading, Transition
 from ._commands import Commands
 from ._expected_correction import Jump, expected_jump
-from ._gaussian import LOG_TWO_PI, Gaussian, GaussianUpdate, gaussian_predict, gaussian_update
+from ._gaussian import LOG_TWO_PI, Gaussian, GaussianUpdate, measurement_update, time_update
 from ._observer import AbstractObserver
 from ._start import start_of
 
@@ -79,7 +79,8 @@ class Measured(NamedTuple):
     - `mask`: those that count.
     - `far`: those that are outside of the gate. `rejected`: those that therefore do not count.
     - `log_density`: what the density of the rejected ones counts as: that of the gate.
-    - `opened`: the variance that the state has in addition, because the camera corrected itself.
+    - `added_variance`: what is added to the variance of the state, because the camera corrected
+      itself.
     - `is_certain`: whether it certainly did.
     """
 
@@ -89,7 +90,7 @@ class Measured(NamedTuple):
     far: Bool[Array, " readings"]
     rejected: Bool[Array, " readings"]
     log_density: Float[Array, ""]
-    opened: Float[Array, " state"]
+    added_variance: Float[Array, " state"]
     is_certain: Bool[Array, ""]
 
 
@@ -208,20 +209,20 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
     ) -> Gaussian:
         """The distribution after a step, with the correction of the camera that is expected in
         it."""
-        after, jump = gaussian_predict(state.gaussian, *transition), self.expected_jump(state, dt)
+        after, jump = time_update(state.gaussian, *transition), self.expected_jump(state, dt)
         return Gaussian(after.mean + jump.mean, after.covariance + jnp.diag(jump.variance))
 
-    def step_of_mean(
+    def predict_mean(
         self,
         state: KalmanState,
         command: Float[ArrayLike, " cells"],
         dt: Float[ArrayLike, ""],
         levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> KalmanState:
-        """The state after a single step with the covariance left as it was, which is what most of
-        the time goes into."""
+        """The time update of the mean alone. The covariance, which takes most of the time, stays as
+        it was."""
         commands, dt = self.commands(state, command, dt)
-        mean, duty = self.model.step_of_mean(state.mean, state.duty, commands, dt, levels)
+        mean, duty = self.model.predict_mean(state.mean, state.duty, commands, dt, levels)
         mean = mean + self.expected_jump(state, dt).mean
         return self.stepped(state, Gaussian(mean, state.covariance), duty, commands, dt)
 
@@ -229,8 +230,10 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         """What a correction of the camera that is expected within a step adds to the state."""
         return expected_jump(self.model, state.since_correction, dt)
 
-    def in_room(self, state: KalmanState, ambient: Float[ArrayLike, ""]) -> KalmanState:
-        """The state in a room of this temperature, without doubt; NaN for the room of the state."""
+    def with_room_temperature(
+        self, state: KalmanState, ambient: Float[ArrayLike, ""]
+    ) -> KalmanState:
+        """The state with this mean of the room, degC; NaN leaves it. The covariance stays."""
         place, room = self.model.layout.of("room").start, self.model.from_degC(jnp.asarray(ambient))
         known = jnp.where(jnp.isfinite(room), room, state.mean[place])
         return replace(state, mean=state.mean.at[place].set(known))
@@ -268,8 +271,8 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         mask: Bool[ArrayLike, " channels"],
         ambient: Float[ArrayLike, ""],
     ) -> KalmanState:
-        """The state that readings and a measured ambient temperature (NaN if there is none)
-        leave."""
+        """The measurement update with readings, and with a measured ambient temperature (NaN if
+        there is none)."""
         return self.update_expected(state, self.model.read(state.mean), readings, mask, ambient)
 
     def update_expected(
@@ -280,10 +283,9 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         mask: Bool[ArrayLike, " channels"],
         ambient: Float[ArrayLike, ""],
     ) -> KalmanState:
-        """The same for readings that are expected, with their derivative, by other means than the
-        model."""
+        """The same with expected readings, and their derivatives, that the caller has computed."""
         measured = self.measured(state, expected, readings, mask, ambient)
-        result = self._gaussian_update(state, expected, measured)
+        result = self._measurement_update(state, expected, measured)
         return self.updated(state, result.state.mean, result, measured)
 
     def updated(
@@ -293,7 +295,8 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         by: GaussianUpdate,
         measured: Measured,
     ) -> KalmanState:
-        """The state with a mean, and what else a correction by what was measured leaves."""
+        """The state after a measurement update: the given mean, the covariance, the counts of
+        rejected readings, and the log likelihood."""
         duty, since = self.model.layout.of("duty"), state.since_correction
         used, far, rejected = (
             rows[1:] for rows in (measured.mask, measured.far, measured.rejected)
@@ -314,24 +317,24 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             log_likelihood=by.log_densities[1:].sum() + measured.log_density,
         )
 
-    def gaussian_update(
+    def measurement_update(
         self,
         state: KalmanState,
         readings: Float[ArrayLike, " channels"],
         mask: Bool[ArrayLike, " channels"],
         ambient: Float[ArrayLike, ""],
     ) -> GaussianUpdate:
-        """What the room, which is first, and the readings say."""
+        """The measurement update with its gain; the room is the first reading."""
         expected = self.model.read(state.mean)
         measured = self.measured(state, expected, readings, mask, ambient)
-        return self._gaussian_update(state, expected, measured)
+        return self._measurement_update(state, expected, measured)
 
-    def _gaussian_update(
+    def _measurement_update(
         self, state: KalmanState, expected: ExpectedReading, measured: Measured
     ) -> GaussianUpdate:
         with_room = self._with_room(state.mean, expected)
-        return gaussian_update(
-            Gaussian(state.mean, state.covariance + jnp.diag(measured.opened)),
+        return measurement_update(
+            Gaussian(state.mean, state.covariance + jnp.diag(measured.added_variance)),
             measured.values - with_room.mean,
             with_room.slope,
             measured.variance,
@@ -354,8 +357,10 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         used = jnp.asarray(mask) & jnp.isfinite(values)
         variance = self.reading_variance(state)
         innovation = values - expected.mean
-        opened, is_certain = self.opened(state.gaussian, expected, innovation, variance, used)
-        predicted = state.covariance + jnp.diag(opened)
+        added_variance, is_certain = self.added_variance(
+            state.gaussian, expected, innovation, variance, used
+        )
+        predicted = state.covariance + jnp.diag(added_variance)
         of_innovation = variance + ((expected.slope @ predicted) * expected.slope).sum(axis=1)
         gate = jnp.maximum(GATE_SIGMAS**2 * of_innovation, MIN_GATE_KELVIN**2)
         far = used & (innovation**2 > gate)
@@ -372,7 +377,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
             far=jnp.concatenate([no, far]),
             rejected=jnp.concatenate([no, rejected]),
             log_density=jnp.where(rejected, densities, 0.0).sum(),
-            opened=jnp.where(is_read, opened, 0.0),
+            added_variance=jnp.where(is_read, added_variance, 0.0),
             is_certain=is_certain & is_read,
         )
 
@@ -395,7 +400,7 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         noise = self.model.noise
         return jnp.asarray(noise.reading) ** 2 + (noise.reading_time * state.slope) ** 2
 
-    def opened(
+    def added_variance(
         self,
         state: Gaussian,
         expected: ExpectedReading,
@@ -415,9 +420,11 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         spread = row @ state.covariance @ row + weights**2 @ variance
         common = weights @ jnp.where(used, innovation, 0.0)
         # As much as it takes to explain the jump.
-        opened = jnp.clip(common**2 - CORRECTION_SIGMAS**2 * spread, 0.0, self.model.noise.jump**2)
+        added_variance = jnp.clip(
+            common**2 - CORRECTION_SIGMAS**2 * spread, 0.0, self.model.noise.jump**2
+        )
         is_certain = common**2 > CERTAIN_CORRECTION_SIGMAS**2 * spread
-        return none.at[self.model.layout.fading].set(opened), is_certain
+        return none.at[self.model.layout.fading].set(added_variance), is_certain
 
     def readings(
         self, state: KalmanState, ambient: Float[ArrayLike, ""]

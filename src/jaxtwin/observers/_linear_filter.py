@@ -3,8 +3,8 @@ r"""A filter whose equations are linearised once, along the states of a run.
 Levels of noise change how far a filter follows its readings, by tenths of a kelvin; what the
 equations of the rig do to such a change is all but linear. With the state before a step and the
 expected readings written as deviations from those of the run, a pass with other levels needs no
-simulation: it is a product with the matrices of the run. Decay and noise, which the levels set, are
-those of the levels.
+simulation: it is a product with the matrices of the run. The factors of decay and the covariance
+of the process noise are computed for the levels.
 
 The forecast of a reading from the state $m$ samples before differs from the one that the filter had
 one sample before by what the updates $\delta_j$ between have told it:

@@ -27,11 +27,19 @@ from .._arguments import of_kind, whole_number
 from .._quadratic_program import QuadraticProgram, minimised
 from ..errors import ObserverError
 from ._augmented_model import AugmentedModel, ExpectedReading, Transition
-from ._gaussian import Gaussian, GaussianUpdate, gaussian_predict, gaussian_update, symmetric
+from ._gaussian import Gaussian, GaussianUpdate, measurement_update, symmetric, time_update
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState, Measured
 from ._observer import AbstractObserver
 from ._state_bounds import BoundRows, StateBounds, bound_rows
-from ._window import LinearisedWindow, SmoothingWindow, Step, begun, later, linearised, read
+from ._window import (
+    LinearisedWindow,
+    SmoothingWindow,
+    Step,
+    initial_window,
+    linearised,
+    read,
+    shifted_window,
+)
 
 # The most likely states of a window, within bounds.
 #
@@ -86,7 +94,7 @@ def predicted_by(state: Gaussian, before: Float[Array, " state"], step: Transiti
     """The state after a step that is linearised at another state."""
     driven, away = len(step.driven), state.mean - before
     by_away = jnp.concatenate([step.driven @ away[:driven], step.decay * away[driven:]])
-    return gaussian_predict(state, step.mean + by_away, step.driven, step.decay, step.noise)
+    return time_update(state, step.mean + by_away, step.driven, step.decay, step.noise)
 
 
 def updated_by(
@@ -94,9 +102,9 @@ def updated_by(
 ) -> GaussianUpdate:
     """The state after readings that are linearised at another state."""
     innovation = measured.values - seen.mean - seen.slope @ (state.mean - after)
-    opened = Gaussian(state.mean, state.covariance + jnp.diag(measured.opened))
-    return gaussian_update(
-        opened, innovation, seen.slope, measured.variance, measured.mask, slice(0)
+    prior = Gaussian(state.mean, state.covariance + jnp.diag(measured.added_variance))
+    return measurement_update(
+        prior, innovation, seen.slope, measured.variance, measured.mask, slice(0)
     )
 
 
@@ -272,7 +280,9 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         dt = jnp.zeros_like(latest.mean[0])
         jump = self.kalman.expected_jump(latest, dt)
         step = Step(latest.duty, latest.commands, dt, self._levels(), jump)
-        return MovingHorizonState(latest, begun(self.kalman, latest.gaussian, step, self.horizon))
+        return MovingHorizonState(
+            latest, initial_window(self.kalman, latest.gaussian, step, self.horizon)
+        )
 
     def predict(
         self,
@@ -316,10 +326,10 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         expected = predicted_by(latest.gaussian, latest.mean, last.step)
         return MovingHorizonState(
             self.kalman.stepped(latest, expected, duty[1], commands, dt),
-            later(window, start, taken, expected.mean),
+            shifted_window(window, start, taken, expected.mean),
         )
 
-    def step_of_mean(
+    def predict_mean(
         self,
         state: MovingHorizonState,
         command: Float[ArrayLike, " cells"],
@@ -327,13 +337,13 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         levels: Float[ArrayLike, " inputs"] | None = None,
     ) -> MovingHorizonState:
         """The latest state after a single step, with covariance and window left as they were."""
-        return state._replace(latest=self.kalman.step_of_mean(state.latest, command, dt, levels))
+        return state._replace(latest=self.kalman.predict_mean(state.latest, command, dt, levels))
 
-    def in_room(
+    def with_room_temperature(
         self, state: MovingHorizonState, ambient: Float[ArrayLike, ""]
     ) -> MovingHorizonState:
         """The latest state in a room of this temperature, without doubt; NaN for its own room."""
-        return state._replace(latest=self.kalman.in_room(state.latest, ambient))
+        return state._replace(latest=self.kalman.with_room_temperature(state.latest, ambient))
 
     def update(
         self,

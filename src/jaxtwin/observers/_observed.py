@@ -78,7 +78,7 @@ def _smoothed(kalman: ExtendedKalmanFilter, states: KalmanState, samples: Filter
         covariance = after.covariance - after.covariance @ matrix @ after.covariance
         result = moments(kalman.model, mean, covariance)
         predicted, step = kalman.linearised_step(before, sample.duty, sample.dt, sample.levels)
-        correction = kalman.gaussian_update(
+        correction = kalman.measurement_update(
             predicted, sample.readings, jnp.isfinite(sample.readings), sample.ambient
         )
         vector, matrix = _before_readings(later, correction)

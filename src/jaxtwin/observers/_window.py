@@ -32,7 +32,7 @@ class Step(NamedTuple):
 
 
 class SmoothingWindow(NamedTuple):
-    """A number of steps with the samples at their ends, before the first of which is another.
+    """A horizon of steps, with a sample before the first and one after each.
 
     - `start`: the state at the first sample, given its readings and all before: the arrival cost.
     - `steps`: the steps. `measured`: the readings after each of them.
@@ -56,7 +56,7 @@ class LinearisedWindow(NamedTuple):
     read: ExpectedReading
 
 
-def begun(
+def initial_window(
     kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: int
 ) -> SmoothingWindow:
     """A window in which nothing has happened yet."""
@@ -69,7 +69,7 @@ def begun(
         far=jnp.zeros(readings, bool),
         rejected=jnp.zeros(readings, bool),
         log_density=jnp.zeros((), dtype),
-        opened=jnp.zeros(size, dtype),
+        added_variance=jnp.zeros(size, dtype),
         is_certain=jnp.zeros((), bool),
     )
     steps, measured = _repeated((step, measured), horizon)
@@ -98,10 +98,10 @@ def linearised(
     return jax.vmap(one)(step, before, after)
 
 
-def later(
+def shifted_window(
     window: SmoothingWindow, start: Gaussian, step: Step, expected: Float[Array, " state"]
 ) -> SmoothingWindow:
-    """The window a step later: its first sample is left out, and a new one expected.
+    """The window a step shifted_window: its first sample is left out, and a new one expected.
 
     **Arguments:**
 
@@ -127,7 +127,7 @@ def read(window: SmoothingWindow, measured: Measured) -> SmoothingWindow:
         far=measured.far | old.far,
         rejected=measured.rejected | old.rejected,
         log_density=measured.log_density + old.log_density,
-        opened=measured.opened + old.opened,
+        added_variance=measured.added_variance + old.added_variance,
         is_certain=measured.is_certain | old.is_certain,
     )
     return window._replace(

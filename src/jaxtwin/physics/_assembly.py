@@ -8,7 +8,7 @@ from .._name_suggestions import unknown_name
 from ..errors import RigError
 from ..rig import Heater, NonlinearLink, Rig, Value
 from ..rig._plate import AMBIENT
-from ._heat_loss import RADIATION_AT_ROOM, STEFAN_BOLTZMANN
+from ._heat_loss import RADIATION_AT_REFERENCE, STEFAN_BOLTZMANN
 from ._netlist import (
     OWN_VOLTAGE,
     Link,
@@ -119,7 +119,7 @@ def _loss_path(link: NonlinearLink, a: str, b: str) -> LossPath:
 
 def _linear_parts(path: LossPath) -> list[Link]:
     """What the network contains of a path, so that all that is stiff is in it."""
-    by_area = Value(STEFAN_BOLTZMANN * RADIATION_AT_ROOM)
+    by_area = Value(STEFAN_BOLTZMANN * RADIATION_AT_REFERENCE)
     parts: list[tuple[LinkRole, Value]] = [
         ("convection", path.convection),
         ("radiation", by_area * path.radiating),

@@ -3,8 +3,8 @@ and links by natural convection and radiation.
 
 Natural convection takes away heat as $\Delta T^{1 + n}$ ($n = 1/4$ for a plate in laminar flow,
 Churchill and Chu 1975), radiation as $T^4 - T_a^4$. The conductance matrix of the network contains
-the film at the reference rise, and the radiation of links at `ROOM`. The remainder is a small heat
-flow that is not stiff.
+the film at the reference rise, and the radiation of links at `REFERENCE_TEMPERATURE`. The rest is a
+small heat flow that is not stiff.
 """
 
 from typing import final
@@ -25,11 +25,11 @@ CALM = 1.0
 fractional power has no derivative at zero."""
 
 # The temperature at which the radiation of a link is a part of the conductance matrix, K.
-ROOM = 293.15
+REFERENCE_TEMPERATURE = 293.15
 
 # The conductance there of a link that radiates, divided by its area, its emissivity and the
 # constant, K^3.
-RADIATION_AT_ROOM = 4 * ROOM**3
+RADIATION_AT_REFERENCE = 4 * REFERENCE_TEMPERATURE**3
 
 
 @final
@@ -47,7 +47,7 @@ class NonlinearLoss(eqx.Module):
     - `exponent`: $n$.
     - `radiating`: $\varepsilon A$ of each path, m^2.
     - `linear`: $b$, what the conductance matrix contains of the radiation: 0 for the plate,
-      `RADIATION_AT_ROOM` for links, K^3; None for paths of the plate alone.
+      `RADIATION_AT_REFERENCE` for links, K^3; None for paths of the plate alone.
     """
 
     film: Float[Array, "*elements"]
@@ -111,7 +111,7 @@ class LossPaths:
     ):
         self.near, self.far, self.elements = near, far, elements
         self.is_of_plate = len(near) == elements
-        self.linear = np.where(np.arange(len(near)) < elements, 0.0, RADIATION_AT_ROOM)
+        self.linear = np.where(np.arange(len(near)) < elements, 0.0, RADIATION_AT_REFERENCE)
         # The paths that end at nodes. An index of 64 bits is another one where 64 bits are off.
         self.between = np.flatnonzero(far >= 0).astype(np.int32)
 

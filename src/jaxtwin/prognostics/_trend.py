@@ -79,8 +79,8 @@ class Trend:
         return np.asarray(np.hypot(self.level_error, self.slope_error * away))
 
     def session_error(self, times: ArrayLike | float | int) -> Float[np.ndarray, "..."]:
-        """The standard error of the value of a session, of which nothing is known: that of the line
-        and the spread between sessions."""
+        """The standard error of the prediction for a new session: that of the line and the spread
+        between sessions."""
         return np.asarray(np.hypot(self.line_error(times), self.spread))
 
     def distance(self, time: float, value: float, error: float) -> tuple[float, float]:

@@ -260,8 +260,8 @@ def refit(
 
 def _decided(last: Fit, match: SessionMatch | None, checks: list[GateCheck]) -> Refit:
     """The decision that follows from the checks: a rejection if one of them rejects, otherwise that
-    of the first one that is not passed. What a mistake of the recording explains as well is asked
-    about before it is known whether the new twin is worth a promotion."""
+    of the first one that is not passed. A change that a mistake of the recording explains equally
+    well is asked about first, before the checks that the new twin is worth a promotion."""
     new = None if match is None else match.fit
     changed = () if match is None else match.changed
     failed = [check for check in checks if not check.passed]

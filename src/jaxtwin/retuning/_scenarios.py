@@ -19,7 +19,7 @@ from ..simulation import simulate
 from ..simulation._stepper import assembled
 
 # How much warmer or colder than in the rig file the room is, K.
-ROOM = 8.0
+ROOM_CHANGE = 8.0
 
 # The increase of the film coefficient in the draught of an open door, W/(m^2 K).
 DOOR = 20.0
@@ -106,7 +106,7 @@ def usual_scenarios(
                 f"a room of {room + change:.0f} degC",
                 {"ambient": room + change, "initial": room + change},
             )
-            for word, change in (("warm", ROOM), ("cold", -ROOM))
+            for word, change in (("warm", ROOM_CHANGE), ("cold", -ROOM_CHANGE))
         ),
         *_disturbed(twin, middle, duration),
         TrialScenario(

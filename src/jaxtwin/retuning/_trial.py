@@ -26,11 +26,12 @@ from ..physics import Twin
 from ._loop_band import LoopBand
 from ._scenarios import TrialScenario
 
-# The share of the draws in which the limits of temperature are kept.
-KEPT = 0.99
+# The share of the draws in which the limits of temperature are kept, at least.
+MIN_SHARE_WITHIN_LIMITS = 0.99
 
-# What counts as nothing: a part of the cost of the present controller in the first scenario.
-NEGLIGIBLE = 0.01
+# The difference of cost that does not count, as a part of the cost of the present controller in the
+# first scenario.
+COST_TOLERANCE = 0.01
 
 
 @final
@@ -122,9 +123,9 @@ class Trial(NamedTuple):
                 (before, _), (after, errors) = runs
             if number == 0:
                 band = self._band(conditions, errors)
-            negligible = NEGLIGIBLE * (trials[0].present.cost if trials else before.cost)
+            tolerance = COST_TOLERANCE * (trials[0].present.cost if trials else before.cost)
             is_off = conditions.switched_off is not None
-            trials.append(self._judged(case, before, after, negligible, is_off=is_off))
+            trials.append(self._judged(case, before, after, tolerance, is_off=is_off))
         assert band is not None
         return tuple(trials), band
 
@@ -198,18 +199,21 @@ class Trial(NamedTuple):
         case: TrialScenario,
         present: LoopTrial,
         candidate: LoopTrial,
-        negligible: float,
+        tolerance: float,
         *,
         is_off: bool,
     ) -> ScenarioTrial:
         """Judges a candidate. Where the cells are switched off, what they leave behind says nothing
         of a controller, and only the limits count."""
-        most = (1 + self.allowance) * present.cost + negligible
+        most = (1 + self.allowance) * present.cost + tolerance
         cost = f"a cost of {candidate.cost:.4g}, with the present controller {present.cost:.4g}"
         kept = f"the limits of temperature are kept in {100 * candidate.kept:.3g} % of the draws"
         rest = f"an error at rest of {candidate.error_at_rest:.2g} K, with the present controller"
         checks = [
-            (candidate.kept >= KEPT, f"{kept}, up to {candidate.hottest:.1f} degC"),
+            (
+                candidate.kept >= MIN_SHARE_WITHIN_LIMITS,
+                f"{kept}, up to {candidate.hottest:.1f} degC",
+            ),
             (candidate.cost <= most, f"{cost}, and at most {most:.4g} is allowed"),
             (
                 candidate.error_at_rest <= present.error_at_rest + SETTLING_BAND,

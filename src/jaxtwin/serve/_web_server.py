@@ -45,12 +45,12 @@ class WebServer:
     def __init__(self, app: "Starlette", opened: socket.socket):
         import uvicorn
 
-        from ._prompt_protocol import PromptProtocol
+        from ._request_timeout_protocol import RequestTimeoutProtocol
 
         self._app, self._socket = app, opened
         config = uvicorn.Config(
             app,
-            http=PromptProtocol,
+            http=RequestTimeoutProtocol,
             ws="none",
             lifespan="off",
             log_config=None,

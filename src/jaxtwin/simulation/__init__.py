@@ -11,8 +11,8 @@ what:
   enough?)
 - inputs besides the duty: `_input_levels`, `_input_rates` (how fast a rig answers to each),
   `_held_inputs` (steps that contain several changes)
-- large plates: `_reduced_modes`, the few modes that the drive reaches; `_few_modes`, those that a
-  match takes; `_grid_convergence`, the grid by the accuracy wanted
+- large plates: `_reduced_modes`, the few modes that the drive reaches; `_grid_convergence`, the
+  grid by the accuracy wanted
 - one run: `_simulate`, `_run` (its result), `_power`, `_exceeded_limits`
 - many draws: `_simulate_batch`, `_draw_solver`,
   `_chunk_programs`, `_compressed`, `_reductions` (what is kept), `_draw_units` and `_workers`

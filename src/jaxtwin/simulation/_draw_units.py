@@ -28,14 +28,14 @@ UNIT = 4096
 # The largest size of the result of a unit with trajectories, bytes.
 MAX_RESULT = 64 << 20
 
-# The way to solve: the number of halvings for the default solver, or a method of diffrax.
-Way: TypeAlias = "int | DiffraxMethod"
+# The number of halvings of the steps for the default solver, or a method of diffrax.
+SolverChoice: TypeAlias = "int | DiffraxMethod"
 
 
 def solve_draws(
     solver: DrawSolver,
     draws: Draws,
-    way: Way,
+    choice: SolverChoice,
     executor: Executor | None,
     on_progress: Callable[[int], None] | None = None,
     least: int = 0,
@@ -50,12 +50,17 @@ def solve_draws(
     total = len(next(iter(draws.values())))
     chunked_as = max(total, least)
     if executor is None:
-        return _solve(solver, draws, way, on_progress, chunked_as, out)
+        return _solve(solver, draws, choice, on_progress, chunked_as, out)
     size = _unit_size(solver)
     alone = replace(solver, workers=solver.workers or 1)
     parts = [slice(first, min(first + size, total)) for first in range(0, total, size)]
     units = [
-        (alone, {name: values[part] for name, values in draws.items()}, way, min(size, chunked_as))
+        (
+            alone,
+            {name: values[part] for name, values in draws.items()},
+            choice,
+            min(size, chunked_as),
+        )
         for part in parts
     ]
     results: Results = {}
@@ -71,21 +76,21 @@ def solve_draws(
     return results
 
 
-def _solve_unit(solver: DrawSolver, draws: Draws, way: Way, total: int) -> Results:
-    return _solve(solver, draws, way, None, total)
+def _solve_unit(solver: DrawSolver, draws: Draws, choice: SolverChoice, total: int) -> Results:
+    return _solve(solver, draws, choice, None, total)
 
 
 def _solve(
     solver: DrawSolver,
     draws: Draws,
-    way: Way,
+    choice: SolverChoice,
     on_progress: Callable[[int], None] | None,
     total: int,
     out: Float[np.ndarray, "draws times channels"] | None = None,
 ) -> Results:
-    if isinstance(way, int):
-        return solver.solve(draws, way, on_progress, total, out)
-    return solver.solve_with_diffrax(draws, way, on_progress, total)
+    if isinstance(choice, int):
+        return solver.solve(draws, choice, on_progress, total, out)
+    return solver.solve_with_diffrax(draws, choice, on_progress, total)
 
 
 def _unit_size(solver: DrawSolver) -> int:

@@ -19,9 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._elimination import eliminate
 from .._lapack import eigh, solve, solve_definite
 from ..physics import System
+from ._elimination import eliminate
 from ._resolution import MAX_SPAN, network_span
 from ._time_grid import InputSummary, reference_temperature
 

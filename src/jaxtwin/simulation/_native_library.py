@@ -19,12 +19,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .._compilation._fingerprint import processor
-from .._compilation._store import cache_folder, load, save
+from .._compilation._store import OFF, cache_folder, load, save
 
 logger = logging.getLogger("jaxtwin")
 
 VARIABLE = "JAXTWIN_NATIVE"
-OFF = ("off", "0", "no", "false")
 
 SOURCE = Path(__file__).with_name("rodas5p.c")
 

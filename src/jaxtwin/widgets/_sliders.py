@@ -102,7 +102,7 @@ class Sliders(NotebookWidget):
     `RecordingError` if experiment and rig do not match; `JaxtwinError` without anywidget.
     """
 
-    _newest: NewestRequest[SliderRequest] | None = None  # of those that are refused
+    _newest: NewestRequest[SliderRequest] | None = None  # None: the constructor has raised
     about = traitlets.Dict().tag(sync=True)
     values = traitlets.Dict().tag(sync=True)
     duty = traitlets.List().tag(sync=True)

@@ -164,7 +164,7 @@ def rest_cost(
     accepted: Float[Array | np.ndarray, " outputs"],
     unseen_costs: bool = True,
 ) -> tuple[Float[Array | np.ndarray, "outputs cells"], Float[Array | np.ndarray, "cells cells"]]:
-    """Computes the gain at rest in units of the accepted deviations, and the Hessian of the cost of
+    """Computes the DC gain in units of the accepted deviations, and the Hessian of the cost of
     a duty at rest, in NumPy or JAX as the arrays are. What no output sees costs as much as what
     they see on average, or nothing."""
     scaled = gain / accepted[:, None]

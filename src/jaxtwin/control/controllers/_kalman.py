@@ -9,7 +9,7 @@ agrees with the readings at rest, whatever its error:
 
 $$x_{k+1} = A x_k + B (u_k + G^+ d_k), \quad d_{k+1} = d_k + w_k, \quad y_k = C x_k + v_k$$
 
-with $G$ the gain at rest. Of more readings than cells, the disturbances explain what the cells
+with $G$ the DC gain. Of more readings than cells, the disturbances explain what the cells
 could have done, and the rest stays unexplained (Pannocchia and Rawlings, AIChE J. 49, 2003, on
 disturbance models without offset).
 """

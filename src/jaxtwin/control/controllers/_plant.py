@@ -13,7 +13,7 @@ from ...rig import Rig
 from ..linear._discrete_model import DiscreteModel, check_at_rest
 from ._controller import means_of
 
-# A larger condition number of the gain at rest means that all cells move the outputs alike.
+# A larger condition number of the DC gain means that all cells move the outputs alike.
 MAX_CONDITION = 1e6
 
 

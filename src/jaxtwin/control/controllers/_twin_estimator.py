@@ -153,8 +153,8 @@ class TwinEstimator(AbstractEstimator):
         return jax.lax.fori_loop(
             0,
             self.parts,
-            lambda _, s: self.observer.step_of_mean(s, command, step),
-            self.observer.in_room(twin, room),
+            lambda _, s: self.observer.predict_mean(s, command, step),
+            self.observer.with_room_temperature(twin, room),
         )
 
 

@@ -2,9 +2,9 @@ r"""Balanced truncation: reduces a model to the states that matter most between 
 
 With the Gramians $A P + P A^T + B B^T = 0$ and $A^T Q + Q A + C^T C = 0$, a model is balanced if
 both are the same diagonal matrix, of the Hankel singular values $\sigma_i$. The states that are
-left out are assumed to be always at rest (singular perturbation), which preserves the gain at rest.
+left out are assumed to be always at rest (singular perturbation), which preserves the DC gain.
 The error of the frequency response is at most $2 (\sigma_{r + 1} + ... + \sigma_n)$ (Liu and
-Anderson, Int. J. Control 50, 1989). Plain truncation has the same bound but another gain at rest.
+Anderson, Int. J. Control 50, 1989). Plain truncation has the same bound but another DC gain.
 """
 
 from typing import NamedTuple

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True)
 class Directions:
-    r"""The singular value decomposition of the gain at rest, $G = U \Sigma V^T$.
+    r"""The singular value decomposition of the DC gain, $G = U \Sigma V^T$.
 
     A duty along a column of `inputs` moves the channels along the same column of `outputs`, by
     `gains` kelvins (root of the sum of squares) per unit of duty.

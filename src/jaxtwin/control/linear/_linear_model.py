@@ -118,7 +118,7 @@ class LinearModel(eqx.Module):
 
     @property
     def dcgain(self) -> Float[Array | np.ndarray, "output input"]:
-        """The gain at rest: the steady change of the outputs, K per unit of duty."""
+        """The DC gain: the steady change of the outputs, K per unit of duty."""
         with settings_for(self):
             return to_numpy(self.D - self.C @ solve(jnp.asarray(self.A), jnp.asarray(self.B)))
 
@@ -264,7 +264,7 @@ class LinearModel(eqx.Module):
 
     @property
     def relative_gain_array(self) -> Float[np.ndarray, "output input"]:
-        r"""$G \circ (G^+)^T$ of the gain at rest (Bristol 1966). It shows by which channel each
+        r"""$G \circ (G^+)^T$ of the DC gain (Bristol 1966). It shows by which channel each
         cell is best controlled, if each has its own loop. The rows sum to 1, or with more channels
         than cells the columns."""
         gain = np.asarray(self.dcgain)
@@ -292,7 +292,7 @@ class LinearModel(eqx.Module):
         return 2 * float(self.hankel_singular_values[order:].sum())
 
     def reduce(self, order: int) -> "LinearModel":
-        """Reduces the model by balanced truncation, with the same gain at rest.
+        """Reduces the model by balanced truncation, with the same DC gain.
 
         The states that matter least are assumed to be always at rest; their contribution becomes
         part of `D`. Delay, lag and operating point do not change.
@@ -378,7 +378,7 @@ class LinearModel(eqx.Module):
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The gain at rest as a table, K per unit of duty: a row for each output, a column for each
+        """The DC gain as a table, K per unit of duty: a row for each output, a column for each
         input."""
         import pandas
 
@@ -430,7 +430,7 @@ class LinearModel(eqx.Module):
             (name, *(f"{gain:.4g}" for gain in gains))
             for name, gains in zip(self.output_names, np.asarray(self.dcgain), strict=True)
         ]
-        head = ("gain at rest, K per unit of duty", *self.input_names)
+        head = ("DC gain, K per unit of duty", *self.input_names)
         return html_table(repr(self), head, rows)
 
 

@@ -137,7 +137,7 @@ def linearize(
 
     The heat flows of a cell have a kink at a duty of 0, because heating and cooling both add Joule
     heat. Exactly at 0, the model has the mean of the two slopes, the initial response to a small
-    signal of both signs. The slopes can differ much: on `dual-cell` the gain at rest is 49 K per
+    signal of both signs. The slopes can differ much: on `dual-cell` the DC gain is 49 K per
     unit of duty for heating and about 0 for cooling. At a small duty of either sign, the model has
     the slope of that side.
 

@@ -64,5 +64,5 @@ def _message(where: str, reason: str) -> str:
     return (
         f"{where}: expected a model that its inputs can make stable and its outputs show, and "
         f"weights that are not too far apart, got none that has a stable design ({reason}); look "
-        "at the model's poles, its gain at rest and the deviations"
+        "at the model's poles, its DC gain and the deviations"
     )

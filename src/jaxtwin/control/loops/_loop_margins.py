@@ -76,7 +76,7 @@ def check_stability(
 Response: TypeAlias = Complex[np.ndarray, "frequency outputs outputs"]
 
 # The number of frequencies of a Nyquist plot.
-DRAWN = 1000
+PLOT_FREQUENCIES = 1000
 
 
 class LoopMargins(NamedTuple):
@@ -173,7 +173,7 @@ def loop_margins(
             return np.linalg.inv(loop(omega))  # T = (I + L^-1)^-1
 
         omega = loops.omega
-        drawn_at = np.geomspace(omega[0], omega[-1], DRAWN)
+        plot_omega = np.geomspace(omega[0], omega[-1], PLOT_FREQUENCIES)
         return LoopMargins(
             growth < 1 + ROUNDING,
             *sensitivity_peak(loop, omega=omega),
@@ -181,8 +181,8 @@ def loop_margins(
             disk=disk_margin(loop, omega=omega),
             channel=margins(loop, omega=omega) if len(weights) == 1 else None,
             sensitivity_peaks=of_draws.peaks(),
-            omega=drawn_at,
-            response=loop(drawn_at),
+            omega=plot_omega,
+            response=loop(plot_omega),
         )
 
 

@@ -296,7 +296,8 @@ class TuningProblem(NamedTuple):
     def _evaluated(
         self, controllers: Sequence[Float[np.ndarray, " parameters"]]
     ) -> list[tuple[CandidateEvaluation, Float[np.ndarray, "draws measures"]]]:
-        """Evaluates objective and constraint at points of the unit box, and the measures."""
+        """Evaluates objective, constraint and measures of controllers by their parameters; the
+        gradients are those with respect to the unit box."""
         with own_settings():
             loops = self.loops([self.vector.line(values) for values in controllers], self.starts)
             peaks = [None if self.linear is None else self.linear.peak(v) for v in controllers]

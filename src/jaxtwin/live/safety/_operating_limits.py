@@ -28,7 +28,7 @@ PROBES_PER_SECOND = 10
 # Time for which the twin is driven to find its fastest change, s.
 PROBE_SECONDS = 120
 
-_ROOM = 20.0  # how much colder than in the rig file a room may be, K
+_ROOM_MARGIN = 20.0  # how much colder than in the rig file a room may be, K
 _CAMERA_JUMP = 4.0  # K; a recalibration moves all of an uncooled camera's readings by up to 2 K
 _COMMAND_DELAY = 1.0
 _DEVIATION = 10.0
@@ -103,7 +103,7 @@ def _lowest(twin: Twin, room: float) -> float:
 
     A rig of heaters does not cool: the result is the temperature of the room.
     """
-    hot = room - _ROOM + ZERO_CELSIUS
+    hot = room - _ROOM_MARGIN + ZERO_CELSIUS
     coldest = hot - ZERO_CELSIUS
     for cell in twin.rig.cells:
         module = twin.module(cell.name)

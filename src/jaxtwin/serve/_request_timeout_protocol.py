@@ -12,7 +12,7 @@ HEAD_SECONDS = 10.0
 
 
 @final
-class PromptProtocol(H11Protocol):
+class RequestTimeoutProtocol(H11Protocol):
     """The protocol of uvicorn, which closes a connection that does not complete the head of its
     request: uvicorn alone waits for ever for the rest of one that has begun. A stream is the answer
     to a complete request, and lasts."""
