@@ -145,7 +145,7 @@ class Page:
             self._before = self._before[-LINES:]
         self._beside = beside
         self._follower = beside.monitor.follower
-        self._observed = self._error = self._surprise = self._time = 0.0
+        self._observed = self._error = self._nis = self._time = 0.0
         # Of the last minutes: time of the rig, readings, those in their band, sum of its widths.
         self._compared: deque[tuple[float, int, int, float]] = deque()
         self._outlook: Outlook | None = None
@@ -289,7 +289,7 @@ class Page:
             single("expectation_error_kelvin", "gauge",
                    "Readings minus expected readings, root mean square of a minute.", self._error),
             single("surprise_ratio", "gauge",
-                   "The mean normalised innovation squared of a minute.", self._surprise),
+                   "The mean normalised innovation squared of a minute.", self._nis),
             single("alarms", "gauge", "The alarms of the monitor that are there.", alarms),
             single("tripped", "gauge", "Whether the device has switched off.", bool(state.trip)),
             single("records_total", "counter", "The records since the start.", self.records),
@@ -332,7 +332,7 @@ class Page:
             while self._observed - self._compared[0][0] > COMPARED_SECONDS:
                 self._compared.popleft()
             whitened = float(np.mean(np.asarray(follower.device_state.whitened)[valid] ** 2))
-            self._surprise += weight * (whitened - self._surprise)
+            self._nis += weight * (whitened - self._nis)
         if self._outlook is not None:
             self._energy += float(np.sum(self._outlook.power)) * step
         values = reading.temperatures, follower.predicted, self._band(), follower.duty
