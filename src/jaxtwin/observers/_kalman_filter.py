@@ -270,20 +270,12 @@ class ExtendedKalmanFilter(AbstractObserver[KalmanState]):
         readings: Float[ArrayLike, " channels"],
         mask: Bool[ArrayLike, " channels"],
         ambient: Float[ArrayLike, ""],
+        expected: ExpectedReading | None = None,
     ) -> KalmanState:
         """The measurement update with readings, and with a measured ambient temperature (NaN if
-        there is none)."""
-        return self.update_expected(state, self.model.read(state.mean), readings, mask, ambient)
-
-    def update_expected(
-        self,
-        state: KalmanState,
-        expected: ExpectedReading,
-        readings: Float[ArrayLike, " channels"],
-        mask: Bool[ArrayLike, " channels"],
-        ambient: Float[ArrayLike, ""],
-    ) -> KalmanState:
-        """The same with expected readings, and their derivatives, that the caller has computed."""
+        there is none). `expected` are the expected readings and their derivatives, if the caller
+        has computed them."""
+        expected = self.model.read(state.mean) if expected is None else expected
         measured = self.measured(state, expected, readings, mask, ambient)
         result = self._measurement_update(state, expected, measured)
         return self.updated(state, result.state.mean, result, measured)

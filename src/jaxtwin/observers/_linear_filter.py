@@ -122,12 +122,12 @@ def filter_path(
             slope=row.rate,
         )
         expected = row.expected.mean + row.expected.slope @ (after.mean - row.after)
-        updated = kalman.update_expected(
+        updated = kalman.update(
             predicted,
-            ExpectedReading(expected, row.expected.slope),
             row.readings,
             jnp.isfinite(row.readings),
             row.ambient,
+            ExpectedReading(expected, row.expected.slope),
         )
         return updated, LinearRun(updated, expected, updated.mean - after.mean, since)
 
