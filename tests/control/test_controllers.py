@@ -198,6 +198,7 @@ def test_groups_of_channels_are_means():
             {"Kp": 1.0, "anti_windup": "clamping", "tracking_time_s": 3.0},
             "PID: tracking_time_s: expected None with clamping",
         ),
+        ({"Kp": 1.0, "tracking_time_s": [0.0, 1.0]}, "PID: tracking_time_s: expected a time above"),
     ],
 )
 def test_invalid_parameters_of_a_controller_are_refused(arguments: dict, message: str):

@@ -220,6 +220,11 @@ def test_the_old_order_of_arguments_is_taken_with_a_warning(twin):
         pytest.raises(ControlError, match="tune: starts"),
     ):
         jt.tune(START, twin, 24, duration=150, starts=0)  # pyright: ignore[reportArgumentType]
+    with (
+        pytest.warns(DeprecationWarning, match=r"now tune\(twin, controller, \.\.\.\)"),
+        pytest.raises(ControlError, match="tune: starts"),
+    ):
+        jt.tune(START, twin=twin, references=24, duration=150, starts=0)  # pyright: ignore
 
 
 @pytest.fixture(scope="module")

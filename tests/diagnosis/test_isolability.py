@@ -9,6 +9,7 @@ from faulty_runs import bench, clean, recording
 
 import jaxtwin as jt
 from jaxtwin.diagnosis import Isolability
+from jaxtwin.diagnosis._isolability import _planned
 from jaxtwin.errors import ObserverError
 
 NAMES = ("age H1", "weaken H1", "gain T1", "leak H1", "load H1", "loosen H1")
@@ -74,3 +75,9 @@ def test_what_cannot_be_said_is_refused_in_a_sentence(arguments: dict[str, objec
     short = jt.Experiment(np.arange(100.0), np.zeros((100, 2)), channels=bench().channels)
     with pytest.raises(ObserverError, match="goes on after the onset"):
         jt.isolability(bench(), duty=short)
+
+
+def test_an_experiment_is_looked_at_until_the_end_of_the_duration():
+    plan = jt.Experiment.schedule("0:0.5", duration=1000.0, cells=len(bench().rig.driven))
+    assert _planned(bench(), plan, 400.0).duration == 400.0
+    assert _planned(bench(), plan, 2000.0).duration == 1000.0

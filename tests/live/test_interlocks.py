@@ -438,8 +438,8 @@ def test_a_reading_of_a_plate_as_warm_as_the_room_may_deviate_by_the_limit(
 def test_limits_that_a_rig_file_leaves_out_follow_from_the_physics(twin: Twin, rig: Rig) -> None:
     found = OperatingLimits.of(twin)
     assert (found.hottest, found.cell) == (pytest.approx(90.0), pytest.approx(125.0))
-    # T_h - Z T_c^2 / 2 of a TEC1-12706 at -4 degC: 63 K below it.
-    assert found.lowest == pytest.approx(-60, abs=3)
+    # T_h - Z T_c^2 / 2 of a TEC1-12706 at -14 degC: 52 K below it.
+    assert found.lowest == pytest.approx(-66, abs=3)
     # The twin's channels rise by less than 1 K/s.
     assert 0.5 < found.rate < 6.0
     assert rig.limits is not None
@@ -456,11 +456,11 @@ def test_limits_that_a_rig_file_leaves_out_follow_from_the_physics(twin: Twin, r
     assert numbers == pytest.approx((90.0, -10.0, 100.0, 1.5, 4.6, 5.0, 7.0, 2.0, 16.0))
 
 
-def test_a_resistive_heater_cools_nothing_below_a_cold_room() -> None:
+def test_a_resistive_heater_cools_nothing_below_the_coldest_room_that_is_accepted() -> None:
     bed = load_rig("printer-bed")
     assert bed.limits is not None
     stated = replace(bed, limits=replace(bed.limits, rate=1.0))
-    assert OperatingLimits.of(Twin(stated)).lowest == pytest.approx(22 - 20)
+    assert OperatingLimits.of(Twin(stated)).lowest == pytest.approx(22 - 30)
 
 
 @pytest.mark.slow

@@ -81,6 +81,18 @@ def test_the_onset_and_the_size_of_a_step_are_found():
     assert float(size[0]) == pytest.approx(0.15)
 
 
+def test_the_time_since_an_onset_goes_on_without_readings():
+    """A channel that gives every third reading; a step from 1.5 on, 30 s ago."""
+    window = LikelihoodWindow.zero(1)
+    for second, value in enumerate(np.repeat([0.0, 1.5], [60, 30])):
+        window = window.after(
+            jnp.full(1, value), jnp.full(1, value), jnp.array([second % 3 == 0]), jnp.asarray(1.0)
+        )
+    _, age, size = window.ratio()
+    assert float(age[0]) == pytest.approx(30.0, abs=3.0)
+    assert float(size[0]) == pytest.approx(1.5)
+
+
 @pytest.mark.slow
 def test_the_joint_ratio_is_as_unlikely_as_that_of_one_channel():
     # A chi-squared variable of C degrees of freedom against a normal one: Wilson and Hilferty.

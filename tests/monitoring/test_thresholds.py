@@ -73,6 +73,11 @@ def test_a_damaged_file_is_read_or_refused_with_its_name(place: int, text: str):
     [
         ("sample_time_s = 1.0", "", "sample_time_s: expected a number above 0, got None"),
         ('"T1" = 1.0', '"T1" = true', "scales.T1: expected a number above 0, got True"),
+        (
+            '[memory]\n"T1" = 0.0',
+            '[memory]\n"T1" = 1.5',
+            "memory.T1: expected a number above -1 and below 1, got 1.5",
+        ),
         ("[still]", "[stil]", "still: expected a table, got None"),
         ("[[tails.joint]]", "[[tails.joined]]", "tails.joint: expected tables, got None"),
         ('source = "usual"', "source = 1", "tails.sum: expected source, hours and spread"),

@@ -195,3 +195,8 @@ def test_a_longer_horizon_has_fewer_forecasts(seconds: float, horizon: float, ra
     shortest = _estimate_noise._forecasts(seconds, horizon, horizon)
     longer = _estimate_noise._forecasts(seconds, ratio * horizon, horizon)
     assert 1 <= longer <= shortest <= _estimate_noise.MAX_FORECASTS
+
+
+def test_a_level_of_0_has_no_relative_error():
+    noise = ProcessNoise(standard_errors={"jump_mean": 0.1})
+    assert re.search(r"\njump_mean +0 +K +(found|assumed)", noise.summary())

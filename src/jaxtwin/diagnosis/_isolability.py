@@ -265,6 +265,8 @@ def _planned(twin: Twin, duty: Experiment | str | None, end: float) -> Experimen
             step=1.0,
             cells=len(twin.rig.driven),
         )
+    elif plan.duration > end:
+        plan = plan.between(None, np.nextafter(plan.time[0] + end, np.inf))
     return simulate(twin, plan).to_recording(noise=0.0)
 
 

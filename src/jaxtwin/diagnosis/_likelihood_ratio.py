@@ -14,9 +14,9 @@ the fault is
 
 $$\frac{D^2 \sigma^2}{2 (1 + C \sigma^2)} - \frac{1}{2} \log(1 + C \sigma^2).$$
 
-Each sample begins a candidate for the onset. Of those that are no longer young only some are kept:
-one goes if it explains little, if it is close to others in time, or if it has not been found for
-long.
+Each sample begins a candidate for the onset, which takes the place of an older one: first of one
+whose ratios stay small beyond the patience of the prior, otherwise of the one with the smallest
+ratio times the number of samples it stands for.
 """
 
 from typing import NamedTuple, final
@@ -276,7 +276,7 @@ def _spans(onset: Int[Array, " candidates"]) -> Float[Array, " candidates"]:
 def _replaced(
     prior: Prior, candidates: Candidates, number: Int[Array, ""], by_age: Bool[Array, ""]
 ) -> Int[Array, ""]:
-    """The place of the candidate that goes for the next."""
+    """The index of the candidate that a new one replaces."""
     onset = candidates.onset
     ratio = log_ratios(prior, candidates).max(axis=1)
     is_late = (number - onset > prior.patience) & (ratio < prior.enough)

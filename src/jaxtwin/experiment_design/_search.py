@@ -62,10 +62,8 @@ class Hottest(NamedTuple):
         )
 
     def __str__(self) -> str:
-        return (
-            f"a schedule whose readings stay below {self.reading:g} degC and its cells below "
-            f"{self.side:g} degC"
-        )
+        cells = f" and its cells below {self.side:g} degC" if math.isfinite(self.side) else ""
+        return f"a schedule whose readings stay below {self.reading:g} degC{cells}"
 
 
 # The largest number of passes over all steps; two or three are usual.

@@ -18,7 +18,7 @@ class Variable(NamedTuple):
     """A variable of an FMU.
 
     - `reference`: its number, counted from 0 in the order of the variables.
-    - `unit`: "degC", "s", or "" for none.
+    - `unit`: such as "degC", "s", "K/s", or the unit of a parameter; "" for none.
     - `start`: the value at the start; None for a variable that is computed.
     - `is_discrete`: whether it changes only at events.
     - `state`: the number of the state whose derivative it is; None if it is not a derivative.

@@ -24,7 +24,7 @@ from ._network import ROOM, Family
 # structure are correlated for long.
 EFFECTIVE_SAMPLES = 60
 
-# The step of a difference quotient, in logarithms or K.
+# The step of a difference quotient, of a logarithm; ten times as large, in K, of a temperature.
 DIFFERENCE = 1e-3
 
 MAX_ITERATIONS = 40
@@ -226,7 +226,7 @@ class Screen:
     def _advance(
         self, search: _Search, runs: Sequence[Float[np.ndarray, "neighbours times channels"]]
     ) -> bool:
-        """Takes a step in or back; whether the search goes on."""
+        """Accepts or rejects the step that was tried; returns whether the search goes on."""
         problem, before = search.problem, search.best
         cost, residuals, weights = self._cost(problem, [run[0] for run in runs], search.vector)
         if before is None or cost < before.cost:

@@ -89,8 +89,8 @@ def _earliest(block: np.ndarray, offset: np.ndarray) -> np.ndarray:
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
-    """Median of the slopes between pairs (Theil and Sen): blocks that saw no fast arrival do not
-    count. Every pair of at most 200 knots."""
+    """The Theil-Sen slope, the median over pairs of knots: blocks without a fast arrival hardly
+    change it. Knots are thinned out to fewer than 400."""
     step = max(1, len(x) // 200)
     x, y = x[::step], y[::step]
     dx = x[:, None] - x[None, :]

@@ -85,8 +85,8 @@ def detect_events(
     counts if it exceeds `JUMP_SIGMAS` robust standard deviations of all such differences and is the
     largest within `FIT_WINDOW_SECONDS` on either side.
 
-    Cameras correct themselves at equal intervals. If three or more jumps fit such intervals, the
-    threshold between, before and after them is `FAINT` standard deviations.
+    Cameras correct themselves at equal intervals. If there are three such jumps or more, and all
+    fit one interval, the threshold at the other expected times is `FAINT` standard deviations.
 
     **Arguments:**
 

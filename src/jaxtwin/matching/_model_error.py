@@ -100,9 +100,9 @@ class _Recording(NamedTuple):
 
 
 class _Excess(NamedTuple):
-    """What the errors of a channel after an origin exceed their expected variance by.
+    """By how much the mean square error of a channel after an origin exceeds its expected variance.
 
-    - `rate`: its root over the time to the end, squared, K^2/s^2.
+    - `rate`: this excess divided by the squared time from the origin to the end, K^2/s^2.
     - `weight`: the reciprocal of the expected variance.
     """
 

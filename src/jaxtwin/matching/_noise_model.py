@@ -155,7 +155,7 @@ def update_noise_model(
 
 
 def has_settled(before: NoiseModel, after: NoiseModel) -> bool:
-    """Whether an update changed the limits of outliers little."""
+    """Whether an update changed the loss weight of no sample by more than `WEIGHT_TOLERANCE`."""
     pairs = [
         *zip(before.channel_weights, after.channel_weights, strict=True),
         *zip(before.common_mode_weights, after.common_mode_weights, strict=True),

@@ -8,7 +8,7 @@ the residuals, with its size and autocorrelation, by one factor,
 $$w(\theta) = 2 \, \frac{(A^{-1})_{\theta\theta}}{\operatorname{cov}_{\theta\theta}}
 \left(\text{cost}(\theta) - \text{cost}(\hat\theta)\right)$$
 
-with $A^{-1}$ and cov of `_uncertainty`. Its curvature at the match is then the reciprocal of the
+with $A^{-1}$ and cov of `_uncertainty`. Near the match it is the squared distance divided by the
 squared standard error that the match reports, and it follows a chi-squared distribution with one
 degree of freedom, which the plain increase does not (Kent, Biometrika 69 (1982) 19-27; for a single
 parameter beside others Pace, Salvan and Sartori, Statistica Sinica 21 (2011) 129-148; the vertical
@@ -66,8 +66,8 @@ class Profile:
     - `name`, `unit`: name and unit of the parameter.
     - `values`: the values at which the parameter was held, `(points,)`.
     - `excess`: the increase of twice the cost over that at the match, `(points,)`, in units of the
-      noise: its curvature at the match is the reciprocal of the squared standard error. In a linear
-      model it is 9 at three standard errors.
+      noise: near the match it is the squared distance in standard errors. In a linear model it is 9
+      at three standard errors.
     - `interval`: the 95 % interval, where the excess is below 3.84. Between points the square root
       of the excess is interpolated linearly, which is exact for a linear model. An end is infinite
       if the excess does not reach the limit on that side, and a bound if that was reached.

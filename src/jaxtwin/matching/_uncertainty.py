@@ -320,7 +320,7 @@ def _singular(
 
 
 def _largest(names: Sequence[str], direction: Float[np.ndarray, " values"]) -> dict[str, float]:
-    """The largest entries of a direction that together make up nine tenths of it."""
+    """The largest entries of a unit vector with nine tenths of its square, at most six."""
     order = np.argsort(-np.abs(direction))
     share = np.cumsum(direction[order] ** 2)
     count = int(np.searchsorted(share, 0.9)) + 1
@@ -336,8 +336,8 @@ def _series(
     matrix by which all of these follow from the values.
 
     The match multiplies residuals and derivatives by the square roots of the loss's weights. Here
-    the residuals have the whole weights, which makes them the influence of the residuals, and the
-    derivatives none.
+    the residuals are multiplied by the weights themselves, which makes them the influence, and the
+    derivatives are not weighted by the loss.
     """
     result, noise_model = estimate
     assert noise_model.channel_curvature is not None

@@ -332,7 +332,7 @@ def _scale_and_memory(series: Sequence[Float[np.ndarray, " samples"]]) -> tuple[
 
 
 def _longest_still(observed: Observed, channel: str) -> int:
-    """The largest number of equal readings in sequence."""
+    """The largest number of readings in sequence that each repeat the one before."""
     if channel not in observed.channels:
         return 0
     readings = np.asarray(observed.experiment.temperatures)[:, observed.channels.index(channel)]

@@ -96,10 +96,12 @@ class LikelihoodWindow(NamedTuple):
             shifted = jnp.concatenate([jnp.zeros_like(old[:1]), old[:-1]])
             return jnp.where(used, shifted + new, old)
 
+        ages = jnp.concatenate([jnp.zeros_like(self.ages[:1]), self.ages[:-1]])
         return LikelihoodWindow(
             longer(self.sums, x),
             longer(self.totals, innovation),
-            longer(self.ages, jnp.full_like(x, dt)),
+            # The time goes on without a reading, too.
+            jnp.where(used, ages, self.ages) + dt,
         )
 
     def ratio(

@@ -35,7 +35,7 @@ JUMP = 4.0
 # a jump of the command, it is forgotten; a fault lasts, and all of it counts.
 MASK_SECONDS_AFTER_JUMP = 10.0
 
-# They are held only once in this time, s: no fault hides behind them.
+# The tests are masked at most once in this time, s, so that masks cannot hide a fault.
 MIN_SECONDS_BETWEEN_MASKS = 60.0
 
 # A jump lasts if the innovations in the second half of this time are unlike noise: if the sum of
@@ -120,7 +120,7 @@ class InnovationTests(eqx.Module):
         square = (state.late**2 / jnp.maximum(state.count, 1.0)).sum()
         read = jnp.maximum((state.count > 0).sum(), 1)
         lasts = square >= read + PERSISTENCE_SIGMAS * jnp.sqrt(2.0 * read)
-        # Of readings that are rarer than half of the time, nobody knows whether it is over.
+        # Without a reading in the second half of the mask, the jump is assumed to last.
         lasts = lasts | (state.count.sum() == 0)
         ends = was_held & ~is_held & ~lasts
         now = _chosen(ends, state.before, state.statistics)

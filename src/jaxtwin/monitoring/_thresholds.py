@@ -144,7 +144,7 @@ class MonitorCalibration:
         return cls(
             sample_time=_number(source, "sample_time_s", entries.get("sample_time_s")),
             scales=_numbers(source, "scales", entries),
-            memory=_numbers(source, "memory", entries, lowest=-1.0),
+            memory=_numbers(source, "memory", entries, lowest=-1.0, highest=1.0),
             tails=_tails(source, entries),
             still=_numbers(source, "still", entries),
             references={
@@ -202,18 +202,29 @@ def _table(source: Path, name: str, entries: Mapping[str, Any]) -> dict[str, Any
     return table
 
 
-def _number(source: Path, name: str, entry: object, lowest: float = 0.0) -> float:
+def _number(
+    source: Path, name: str, entry: object, lowest: float = 0.0, highest: float = math.inf
+) -> float:
     is_number = isinstance(entry, int | float) and not isinstance(entry, bool)
-    if not (is_number and lowest < entry < math.inf):  # pyright: ignore[reportOperatorIssue]
-        raise ObserverError(f"{source}: {name}: expected a number above {lowest:g}, got {entry!r}")
+    if not (is_number and lowest < entry < highest):  # pyright: ignore[reportOperatorIssue]
+        below = f" and below {highest:g}" if highest < math.inf else ""
+        raise ObserverError(
+            f"{source}: {name}: expected a number above {lowest:g}{below}, got {entry!r}"
+        )
     return float(entry)  # pyright: ignore[reportArgumentType]
 
 
 def _numbers(
-    source: Path, name: str, entries: Mapping[str, Any], lowest: float = 0.0
+    source: Path,
+    name: str,
+    entries: Mapping[str, Any],
+    lowest: float = 0.0,
+    highest: float = math.inf,
 ) -> dict[str, float]:
-    table = _table(source, name, entries)
-    return {key: _number(source, f"{name}.{key}", value, lowest) for key, value in table.items()}
+    return {
+        key: _number(source, f"{name}.{key}", value, lowest, highest)
+        for key, value in _table(source, name, entries).items()
+    }
 
 
 def _tails(source: Path, entries: Mapping[str, Any]) -> dict[str, tuple[Tail, ...]]:

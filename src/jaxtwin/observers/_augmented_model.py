@@ -48,7 +48,7 @@ from ._uncertain_values import UncertainDirections
 # Rates whose difference times a step is smaller have the derivative in place of a quotient.
 EQUAL_RATES_TOLERANCE = 1e-4
 
-# The parts on which the first two after a step depend. They are the first; the others decay.
+# The parts on which the modes and the duty after a step depend. They come first in the state.
 DRIVEN = ("modes", "duty", "room", "heats", "values")
 
 
@@ -215,7 +215,7 @@ class AugmentedModel(eqx.Module):
         return self.stepper.field.modes.shapes
 
     def start_spreads(self) -> Float[Array, " state"]:
-        """The standard deviations at the start of what is not a temperature of a node or room."""
+        """The standard deviations at the start; 0 for modes, duty, room and fading errors."""
         layout, noise = self.layout, self.noise
         spreads = jnp.zeros(layout.size, self.stepper.reference.dtype)
         spreads = spreads.at[layout.of("heats")].set(noise.disturbance)
@@ -233,8 +233,8 @@ class AugmentedModel(eqx.Module):
         dt: Float[Array, ""],
         otherwise: Float[Array, " channels"],
     ) -> Float[Array, " channels"]:
-        """The change of the expected readings in a step, K/s, by the twin's own values; another
-        value for a step of no length."""
+        """The rate of the expected readings in a step, K/s, at the twin's own values; `otherwise`
+        for a step of length 0."""
         block = self.layout.of("modes")
         matrix, _ = self.stepper.system.output_matrices()
         change = matrix[self.columns] @ (self.shapes @ (after[block] - before[block]))
@@ -301,8 +301,8 @@ class AugmentedModel(eqx.Module):
         dt: Float[Array, ""],
         levels: Float[ArrayLike, " inputs"] | None,
     ) -> tuple[Transition, Float[Array, " cells"]]:
-        """The same with the derivatives of all stages of the step, those of `predict_mean`: for an
-        optimum that is to be that of the step itself."""
+        """As `step`, with the exact derivative of `predict_mean` through all stages of the step, so
+        that an optimiser converges to the optimum of the step itself."""
         driven = self.layout.driven
 
         def moved(first: Array) -> tuple[Array, tuple[Array, Array]]:
@@ -431,7 +431,7 @@ class AugmentedModel(eqx.Module):
         point = z, at[1], room, heats, values
         by_z, by_duty, by_room, by_heats = jax.jacfwd(forces, (0, 1, 2, 3))(*point)
         by_values = jax.jacfwd(forces, 4)(*point)
-        # The force in each stage for a change of each driven part, but that by the amplitudes then.
+        # The derivative of the force in each stage, without its dependence on that stage's modes.
         held = [by_z[0], by_duty[0] @ of_duty[1], by_room[0], by_heats[0],
                 by_values[0] + by_duty[0] @ of_values[1]]  # fmt: skip
         free = [jnp.zeros((len(at), *by_z[0].shape)), by_duty[1] @ of_duty,

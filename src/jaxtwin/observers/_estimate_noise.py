@@ -130,7 +130,9 @@ def estimate_noise(
     if start is None:
         start = usual_noise(fit, several, names)
     recordings = [_Stretches.of(fit, experiment, start, leads) for experiment in several]
-    estimated = _estimated(recordings[0].kalman, start)
+    # A level has an effect if it has one on any of the recordings, whose channels may differ.
+    effective = {name for recording in recordings for name in _estimated(recording.kalman)}
+    estimated = tuple(name for name in SPREADS if name in effective)
     levels = start.levels()
     is_signed = np.isin(estimated, SIGNED_LEVELS)
     started = np.array([levels[name] for name in estimated])
@@ -340,7 +342,7 @@ def _forecasts(seconds: float, horizon: float, shortest: float) -> int:
 
 def _stretches(samples: int, most: int, longest: int) -> Int[np.ndarray, "stretches samples"]:
     """The numbers of the samples of stretches that are evenly spread over a recording, in a shape
-    that few recordings do not share; those beyond the end of the recording are padding.
+    that most recordings share; numbers beyond the end of the recording are padding.
 
     **Arguments:**
 
@@ -355,8 +357,8 @@ def _stretches(samples: int, most: int, longest: int) -> Int[np.ndarray, "stretc
     return first[:, None] + np.arange(length)
 
 
-def _estimated(kalman: ExtendedKalmanFilter, noise: ProcessNoise) -> tuple[str, ...]:
-    """The names of the levels that have an effect."""
+def _estimated(kalman: ExtendedKalmanFilter) -> tuple[str, ...]:
+    """The names of the levels that have an effect on a filter."""
     model = kalman.model
     parts = {
         "channel": model.layout.channels,

@@ -144,7 +144,7 @@ def _multipliers(
     """The multipliers of the bounds, of normally distributed quantities."""
     dtype = mean.dtype
     spread = jnp.sqrt(jnp.maximum(jnp.diag(covariance), jnp.finfo(dtype).tiny ** 0.5))
-    # Neighbours in time are nearly the same: a bit of noise in each keeps the factors apart.
+    # Neighbours in time are almost fully correlated: a jitter keeps the matrix positive definite.
     correlation = covariance / jnp.outer(spread, spread)
     apart = jnp.finfo(dtype).eps ** 0.5 * jnp.eye(len(mean), dtype=dtype)
     root = jnp.linalg.cholesky(correlation + apart)
@@ -181,7 +181,7 @@ def _smoothed(
     whitened: Float[Array, "steps readings"],
     forces: Float[Array, "samples state"],
 ) -> Float[Array, "samples state"]:
-    """The states given all readings and forces, for those given the ones before."""
+    """Smooths filtered states backwards (Bryson and Frazier), with forces on the states."""
     result = passed.corrections
 
     def take(adjoint: Array, at: tuple[Array, GaussianUpdate, Array, Array, Array]) -> tuple:

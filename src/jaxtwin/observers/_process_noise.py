@@ -73,8 +73,9 @@ UNITS = {
 class ProcessNoise(eqx.Module):
     """The noise that an observer assumes: of the rig, beyond its twin, and of its readings.
 
-    `jaxtwin.estimate_noise` finds the levels from recordings. All are standard deviations but
-    `jump_mean`.
+    `jaxtwin.estimate_noise` finds the levels from recordings. All are standard deviations, except
+    `jump_mean`, a mean, and the correlation times `disturbance_time`, `twin_time`, `slow_time`,
+    `common_time` and `channel_time`.
 
     **The rig**
 
@@ -160,7 +161,8 @@ class ProcessNoise(eqx.Module):
             kind = "not estimated"
             if error is not None:
                 share = 1 - (error / SPREADS[name]) ** 2
-                error = error if name not in SIGNED_LEVELS else error / abs(level)
+                if name in SIGNED_LEVELS:
+                    error = error / abs(level) if level else None
                 kind = (
                     "found"
                     if share > MAX_VARIANCE_FRACTION

@@ -190,7 +190,7 @@ class Bridge(eqx.Module):
         emf: Float[Array, "*shape"],
         resistance: Float[ArrayLike, "*#shape"],
     ) -> Float[Array, "*shape"]:
-        """The power that a connected cell draws through a resistance, with the drive or less, W."""
+        """The supply power of a connected cell, W; at the current limit, at the lowered voltage."""
         if self.current_limit is None:
             return drive * (drive - emf) / resistance
         current = self._limited((drive - emf) / resistance)

@@ -130,7 +130,8 @@ class LossPaths:
     def into_nodes(
         self, lost: Float[Array, "paths *columns"], heat: Float[Array, "nodes *columns"]
     ) -> Float[Array, "nodes *columns"]:
-        """The heat of the nodes, which some of it leaves on the paths."""
+        """The heat flows into the nodes, less what leaves at the near ends of the paths, plus what
+        arrives at the far ends."""
         if self.is_of_plate:
             return heat.at[: self.elements].add(-lost)
         heat = heat.at[self.near].add(-lost)
@@ -160,8 +161,8 @@ class LossPaths:
     ) -> tuple[Float[Array, " paths"], Float[Array, "*paths"]]:
         """The rise of the near ends above the far ends, K, and the temperatures of these, K.
 
-        **Arguments:** deviations from the reference: `across` and `at_far` of the nodes, the `far`
-        ends that are none, and the `ambient`.
+        **Arguments:** all but `reference` are deviations from it: `across` and `at_far` as those
+        methods give them, `far` for the ends that are not nodes, and `ambient`.
         """
         if far is None or at_far is None:
             return across - ambient, jnp.asarray(reference + ambient)

@@ -56,7 +56,7 @@ class DCSweep:
 
     @property
     def cop(self) -> Float[np.ndarray, "differences currents"]:
-        """Coefficient of performance $Q_c / P$; NaN if no power flows."""
+        """Coefficient of performance $Q_c / P$; NaN where the power is not above 0."""
         power = np.where(self.power > 0, self.power, np.nan)
         return self.heat_flow / power
 

@@ -94,7 +94,7 @@ class Trend:
     def probability_of_passing(
         self, limit: float, now: float, within: float | int, *, is_upward: bool
     ) -> float:
-        r"""The probability that the line is beyond a limit now or at some time until then.
+        r"""The probability that the line is beyond a limit at some time within the span.
 
         A line is beyond a limit within a span if it is at one of the ends of the span. Its values
         at both have a joint Student's distribution; given the value $z$ at the first, in standard
@@ -189,6 +189,6 @@ def _variance_at(
 
     if excess(0.0) <= 0:
         return 0.0
-    # Q is at most the sum of squares about the unweighted line over the variance.
+    # Q is at most the sum of squares about the unweighted mean, divided by the variance.
     upper = float(np.var(values)) * len(values) / target
     return float(brentq(excess, 0.0, upper, xtol=1e-14 * upper))  # pyright: ignore[reportArgumentType]

@@ -56,7 +56,8 @@ class SessionPrior(NamedTuple):
         return self.drift + self._of_changes(places)
 
     def covariance_and(self, places: tuple[int, ...]) -> Float[np.ndarray, "rows rows"]:
-        """The same with what the last fit did not know."""
+        """The covariance of the last fit, with one step between sessions (without `MIN_DRIFT`) and
+        some changed values."""
         return self.covariance + self._of_changes(places)
 
     def _of_changes(self, places: tuple[int, ...]) -> Float[np.ndarray, "rows rows"]:

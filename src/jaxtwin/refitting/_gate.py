@@ -213,6 +213,8 @@ def check_plausible(match: SessionMatch, last: Fit) -> GateCheck:
         text = f"{', '.join(held)} ended at a bound"
         return GateCheck("plausible", False, abs(worst), PRIORS, text)
     text = f"{name} is {abs(worst):.1f} standard deviations from the rig file's prior"
+    if not name:
+        text = "the rig file has no prior of a free parameter"
     return GateCheck("plausible", abs(worst) <= PRIORS, abs(worst), PRIORS, text)
 
 
@@ -270,7 +272,7 @@ def check_forecast(last: HeldOutReplay, new: HeldOutReplay) -> GateCheck:
 
 
 def check_coverage(last: HeldOutReplay, new: HeldOutReplay) -> GateCheck:
-    """Whether the bands contain as many readings as they promise, or as those of the last twin."""
+    """Whether the 95 % bands contain 70 % of the readings, or as many as those of the last twin."""
     limit = min(MIN_COVERAGE, last.forecast.coverage)
     result = new.forecast.coverage
     text = f"bands of 95 % contain {100 * result:.0f} % of the held-out readings"

@@ -13,7 +13,7 @@ from ._loop_band import LoopBand
 from ._retune import retune
 from ._retuned import Retuned
 
-# Tags of a version of whose controller a candidate was not accepted.
+# The beginning of the tags of a champion whose retuned controller was not accepted.
 TAG = "retune"
 
 

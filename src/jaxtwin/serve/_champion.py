@@ -146,6 +146,6 @@ class Champion:
 
 
 def _uncertain(version: "TwinVersion") -> tuple[str, ...]:
-    """The names of the values that its observer estimates."""
+    """The names of the slowly drifting parameters in the noise of its observer."""
     noise = version.noise
     return () if noise is None else noise.names

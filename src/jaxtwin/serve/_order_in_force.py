@@ -30,7 +30,7 @@ class AfterRun:
 
     @property
     def is_watching(self) -> bool:
-        """Whether it is not known yet."""
+        """Whether the readings have not yet shown if the rig is off."""
         return self._watch is not None
 
     def begin(self, guard: Guard) -> None:

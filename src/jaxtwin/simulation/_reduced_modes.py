@@ -51,9 +51,10 @@ MODE_BLOCK = 32
 # The largest change of a temperature by the residual that is accepted, K.
 MAX_RESIDUAL = 3e-4
 
+# The largest number of runs, each in a larger space than the one before.
 ROUNDS = 4
-# The largest number of times that the space grows, and the number of steps at which the residual is
-# evaluated.
+
+# The number of steps at which the residual is evaluated.
 RESIDUAL_STEPS = 32
 
 
@@ -168,7 +169,7 @@ def _projected(
     basis = basis[:, sizes > INDEPENDENCE_TOLERANCE * sizes[0]] / root[:, None]
     rates, vectors = scipy.linalg.eigh(basis.T @ (linear @ basis))
     shapes = basis @ vectors
-    # Modes of zero shape pad the number of modes to a multiple of `BLOCK`.
+    # Modes of zero shape pad the number of modes to a multiple of `MODE_BLOCK`.
     filling = -len(rates) % MODE_BLOCK
     rates = np.pad(rates, (0, filling), mode="edge")
     shapes = np.pad(shapes, ((0, 0), (0, filling)))

@@ -52,7 +52,7 @@ def to_spice(
     - `twin`: a twin with one value for each parameter; or a fit, of which the twin of the
       experiment is used, see `Fit.twin_for`.
     - `experiment`: the experiment whose duty cycles drive the twin. A recorded ambient temperature
-      replaces that of the rig.
+      replaces that of the rig. Other inputs of the rig have the values of the rig file throughout.
     - `output`: the path of the file that ngspice will write, without blanks.
 
     **Returns:** the text, to be saved as a file for ngspice.

@@ -35,8 +35,8 @@ class RestCost(NamedTuple):
 
     - `by_duty`, `by_missing`: its Hessian, and the derivatives of its gradient with respect to the
       distance from the references.
-    - `gain`, `disturbed`: the outputs at rest, K per unit of duty, and the duty like which a
-      disturbance acts.
+    - `gain`: the steady gain of the outputs, K per unit of duty. `disturbed`: the duty that has the
+      same effect as a disturbance.
     - `of_channels`: the outputs as means of the watched channels.
     - `adaptation`: how fast the deviations of points on the way follow those at rest, by sample;
       `room_on_the_way`: how large they may be relative to those.

@@ -17,7 +17,7 @@ Cells and heaters that follow one output have one integral, of the demand, in wh
 $w_i = K_{i,i} / \max K_i$: $v_i = P_i + w_i I + D_i + o_i$. If each had its own, those that reached
 a limit first would be left with another integral, and at rest a cell would cool against a heater.
 The demand is beyond the limits only where it is beyond those of each: while the heaters wait at 0,
-the cell still cools. The mean of $(v_i - u_i) / w_i$ is taken back then, but no more than leads to
+the cell still cools. The largest $(v_i - u_i) / w_i$ is taken back then, but no more than leads to
 the limit. The offset $o_i$ with which a duty goes on where it was decays with $T_t$, and set-point
 weights act through the demand.
 """
@@ -393,8 +393,8 @@ def tracking_share(
     tracking_time_s: Parameter | None,
     sample_time_s: float,
 ) -> Float[Array, "*cells"]:
-    """The part of the clipped duty that is taken back from the integral in a sample: h / Tt, at
-    most 1.
+    """The part of the excess (the duty asked for, less the limited one) that a sample takes back
+    from the integral: h / Tt, at most 1.
 
     Without an integral gain there is no windup.
     """
@@ -412,7 +412,8 @@ def check_tracking_time(where: str, tracking_time_s: Any) -> None:
 
     **Raises:** `ControlError`.
     """
-    if isinstance(tracking_time_s, float | int | np.ndarray) and not np.all(tracking_time_s):
+    checked = isinstance(tracking_time_s, float | int | list | tuple | np.ndarray)
+    if checked and not np.all(tracking_time_s):
         raise ControlError(
             f"{where}: tracking_time_s: expected a time above 0 s, or None for Kp / Ki, got "
             f"{tracking_time_s!r}"

@@ -60,8 +60,8 @@ class LinearModel(eqx.Module):
       at rest. Frequency response, poles and margins do not depend on it.
     - `is_delayed`, `is_lagged`: whether there are any, which determines the number of states of a
       discrete model. None: yes if they are positive or traced by JAX.
-    - `projection`: the states by the temperatures of the rig's nodes, as deviations; None for a
-      model whose states are these temperatures, or are not known by them.
+    - `projection`: the matrix that gives the states for deviations of the rig's node temperatures;
+      None if the states are these deviations, or do not follow from them.
 
     **Raises:** `ControlError` if shapes or names do not agree, or if a delay or a lag is negative.
     """
@@ -174,9 +174,8 @@ class LinearModel(eqx.Module):
         )
 
     def at_rest(self) -> "LinearModel":
-        """The same model about the point where it comes to rest, by itself, under the duty of the
-        operating point: a linear model of a run there, which need not be where the twin comes to
-        rest. Its `rates` are None.
+        """The same model about its own equilibrium under the duty of the operating point, which may
+        differ from the equilibrium of the nonlinear twin. Its `rates` are None.
 
         Models for a design (`reduce`, `LQI`, `MPC`), for python-control and for `export_c` are
         about a rest.

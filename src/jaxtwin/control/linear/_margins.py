@@ -158,7 +158,8 @@ def disk_margin(
 
 
 def _peak(response: Loop, omega: np.ndarray, shift: float) -> tuple[float, float]:
-    """The largest singular value of $(I + L)^{-1}$ plus a number, and its frequency."""
+    """The peak over frequency of the largest singular value of $(I + L)^{-1}$ plus `shift` times
+    $I$, and its frequency, rad/s."""
     from scipy.optimize import minimize_scalar  # which takes a third of a second to import
 
     def sizes(frequencies: np.ndarray) -> np.ndarray:

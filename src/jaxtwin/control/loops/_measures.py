@@ -33,8 +33,8 @@ def settling_time(loop: ClosedLoop) -> Float[Array, ""]:
 
 
 def overshoot(loop: ClosedLoop) -> Float[Array, ""]:
-    """The largest excess of an output over its reference after the last change of the references,
-    in the direction of the change, K."""
+    """The largest excess of an output beyond its reference after the last change of a reference, K,
+    in the direction from the output at the change to the reference."""
     change = _last_change(loop)
     output, reference = jnp.asarray(loop.output), jnp.asarray(loop.reference)
     direction = jnp.sign(reference[change] - output[change])

@@ -316,7 +316,7 @@ class TuningProblem(NamedTuple):
 
     def _first_points(self) -> list[Float[np.ndarray, " parameters"]]:
         """Returns the points of the given controller and of random controllers whose linear loop
-        satisfies the limit."""
+        satisfies the limit, or has the lowest peak of `RANDOM_CONTROLLERS` that exceed it."""
         random = np.random.default_rng([self.seed, 1])
         points = [self.box.point(self.vector.values)]
         for _ in range(self.starts - 1):
@@ -418,7 +418,8 @@ def twin_first(function: Callable[P, T]) -> Callable[P, T]:
             name = function.__name__
             message = f"{name}(controller, twin, ...) is now {name}(twin, controller, ...)"
             warnings.warn(message, DeprecationWarning, stacklevel=2)
-            args = (args[1], args[0], *args[2:])  # pyright: ignore[reportAssignmentType]
+            twin, *rest = args[1:] or (keywords.pop("twin", None),)
+            args = (twin, args[0], *rest)  # pyright: ignore[reportAssignmentType]
         return function(*args, **keywords)
 
     return in_order

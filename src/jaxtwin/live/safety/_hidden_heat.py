@@ -56,7 +56,7 @@ class HottestPart(NamedTuple):
     - `name`: the part: a node of the network, or a channel.
     - `mean`, `spread`: the mean and the standard deviation of its temperature, degC and K.
     - `limit`: the limit of the rig, degC.
-    - `since`: when it is nearest or, if it is too near, when it comes too near, s.
+    - `since`: the first time at which passing the limit is too probable, or else the nearest, s.
     """
 
     name: str
@@ -83,8 +83,8 @@ class HottestPart(NamedTuple):
 
     @property
     def is_near(self) -> bool:
-        """Whether a healthy rig under a controller may be stopped: one that needs more duty than
-        its twin for the same readings is hotter in the eyes of the draws."""
+        """Whether a healthy rig under a controller may be stopped: if it needs more duty than its
+        twin for the same readings, the draws, which see only the duty, take it for hotter."""
         return self.spread > 0 and self.sigmas <= TOO_PROBABLE_SIGMAS + NEAR_SIGMAS
 
     def __str__(self) -> str:

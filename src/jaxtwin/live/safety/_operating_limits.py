@@ -28,12 +28,14 @@ PROBES_PER_SECOND = 10
 # Time for which the twin is driven to find its fastest change, s.
 PROBE_SECONDS = 120
 
-_ROOM_MARGIN = 20.0  # how much colder than in the rig file a room may be, K
 _CAMERA_JUMP = 4.0  # K; a recalibration moves all of an uncooled camera's readings by up to 2 K
 _COMMAND_DELAY = 1.0
 _DEVIATION = 10.0
 _FROZEN_CAMERA = 5.0  # s at full duty; a mean of many noisy pixels is never twice the same
 _FROZEN_SENSOR = 15.0  # s at full duty; a sensor's steps may be as coarse as 0.25 K
+
+# The largest difference between the room and that of the rig file, K.
+ROOM_KELVIN = 30.0
 
 
 @final
@@ -101,9 +103,9 @@ def _lowest(twin: Twin, room: float) -> float:
     r"""The lowest temperature of a cell's cold side, $T_h - \frac12 Z T_c^2$, in a room that is
     colder than the rig file says.
 
-    A rig of heaters does not cool: the result is the temperature of the room.
+    A rig of heaters alone cannot cool: the result is the temperature of that colder room.
     """
-    hot = room - _ROOM_MARGIN + ZERO_CELSIUS
+    hot = room - ROOM_KELVIN + ZERO_CELSIUS
     coldest = hot - ZERO_CELSIUS
     for cell in twin.rig.cells:
         module = twin.module(cell.name)
@@ -124,8 +126,8 @@ def _rate(twin: Twin) -> float:
 
 @persistent_jit_unoptimised
 def _fastest(stepper: Stepper) -> Float[Array, ""]:
-    """The fastest change of any reading, K/s: heated, cooled, as far as the rig can cool, and
-    heated again with full duty."""
+    """`RATE_FACTOR` times the fastest change of any reading, K/s, while the twin is heated at full
+    duty, then driven at its lowest duty, then heated again."""
     lowest = stepper.system.wiring.lowest_duty
     duties = jnp.repeat(
         jnp.array([jnp.ones_like(lowest), lowest, jnp.ones_like(lowest)]), PROBE_SECONDS, axis=0

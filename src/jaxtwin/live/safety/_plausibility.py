@@ -14,13 +14,10 @@ from ..protocol._clock import seconds
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
 from ._interlock import AbstractInterlock, Finding
-from ._operating_limits import OperatingLimits
+from ._operating_limits import ROOM_KELVIN, OperatingLimits
 
 # The time over which a rate is computed, s of the rig, so that noise does not count as a rate.
 RATE_WINDOW_SECONDS = 2.0
-
-# Largest difference between the measured ambient temperature and that of the rig file, K.
-ROOM_KELVIN = 30.0
 
 
 @final
