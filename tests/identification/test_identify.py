@@ -30,6 +30,7 @@ def identified():
     return jt.identify(recording().between(None, 2600.0))
 
 
+@pytest.mark.slow
 def test_what_follows_is_predicted(identified):
     whole = recording()
     band = identified.predict(whole)

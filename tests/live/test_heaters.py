@@ -116,7 +116,7 @@ def test_no_negative_duty_is_sent(box: Rig, box_twin: Twin, clock: HandClock):
 def test_limits_of_a_box(box_twin: Twin):
     """It never gets colder than a cold room, and there is no solder in it."""
     limits = OperatingLimits.of(box_twin)
-    assert limits.lowest == pytest.approx(0.0)
+    assert limits.lowest == pytest.approx(-10.0)
     assert 0 < limits.rate < 20
     assert limits.cell == float("inf")
 

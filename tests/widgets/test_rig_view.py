@@ -45,6 +45,7 @@ def frames_of(view: RigView) -> dict[str, Any]:
     return {one["kind"]: json.loads(one["content"]) for one in answers(view, {"kind": "hello"})}
 
 
+@pytest.mark.slow
 def test_a_replay_is_shown_with_what_the_twin_expects(recording: Path) -> None:
     view = RigView(Replay(recording, speed=20), twin())
     frames = frames_of(view)

@@ -6,7 +6,12 @@ import time
 from collections import Counter
 from typing import Any, NamedTuple, final
 
-from ..live.protocol._mqtt_transport import CONNECT_SECONDS, connect_client, mqtt_client
+from ..live.protocol._mqtt_transport import (
+    CONNECT_SECONDS,
+    close_client,
+    connect_client,
+    mqtt_client,
+)
 from ._fleet_file import FleetFile
 from ._sample_queue import Kind
 
@@ -115,8 +120,7 @@ class Inbox:
     def close(self) -> None:
         """Ends the connection. The broker keeps what comes."""
         self._client.on_disconnect = None
-        self._client.disconnect()
-        self._client.loop(0.0)
+        close_client(self._client)
 
     def _connect(self, seconds: float) -> None:
         now = time.monotonic()

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from ..live._operate import counts_of
-from ..live.protocol._mqtt_transport import connect_client, mqtt_client
+from ..live.protocol._mqtt_transport import close_client, connect_client, mqtt_client
 from ..live.virtual_rig._plant import Plant
 from ..physics import Fault, Faults, Twin
 from ..rig import Rig, load_rig
@@ -122,8 +122,7 @@ class VirtualFleet:
         """Ends the connection when the broker has everything."""
         while self._client.want_write() or self._client._out_messages:
             time.sleep(0.01)
-        self._client.disconnect()
-        self._client.loop_stop()
+        close_client(self._client)
 
     def _plant(self, name: str, names: list[str], seed: int) -> _Plant:
         rig = load_rig(name)

@@ -10,7 +10,7 @@ from ..errors import LinkError
 from ..rig import Rig
 from ._json import finding_as_json, record_as_json
 from .protocol._mqtt_address import MqttAddress, without_password
-from .protocol._mqtt_transport import CONNECT_SECONDS, connect_client, mqtt_client
+from .protocol._mqtt_transport import CONNECT_SECONDS, close_client, connect_client, mqtt_client
 from .protocol._records import Record
 from .protocol._rig_state import RigState
 from .safety._interlock import Finding
@@ -123,5 +123,4 @@ class Publisher:
 
     def close(self) -> None:
         """Ends the connection."""
-        self._client.disconnect()
-        self._client.loop_stop()
+        close_client(self._client)

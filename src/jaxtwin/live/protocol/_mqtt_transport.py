@@ -101,8 +101,7 @@ class MqttTransport:
         self._client.publish(self._writes, data, qos=1)
 
     def close(self) -> None:
-        self._client.disconnect()
-        self._client.loop_stop()
+        close_client(self._client)
 
 
 def mqtt_client(address: MqttAddress, *, reconnect: bool, session: str = "") -> Any:
@@ -135,6 +134,14 @@ def mqtt_client(address: MqttAddress, *, reconnect: bool, session: str = "") -> 
     if address.tls:
         client.tls_set(address.ca, address.cert, address.key)
     return client
+
+
+def close_client(client: Any) -> None:
+    """Ends a connection, and closes the sockets by which a client wakes itself: paho-mqtt leaves
+    them to the garbage collector, unless the client begins anew."""
+    client.disconnect()
+    client.loop_stop()
+    client.reinitialise()
 
 
 def connect_client(client: Any, address: MqttAddress, *, kept: int = 0) -> None:
