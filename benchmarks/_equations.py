@@ -3,9 +3,9 @@ r"""A twin's equations written again in numpy, with an analytic Jacobian: for so
 $C \dot x = -G x - l(x) + q(x, u)$ with $x$ the deviation from ambient, $q$ the heat flows of the
 cells, eqs. (7)-(9) of the paper, and $l$ what a film that grows with the rise and radiation take
 beyond $G$. Where the driver lags behind its command $c$, the duty cycles are states as well:
-$\tau \dot u = c - u$. Only numbers are taken from the twin. A
-command is the duty of each cell and, behind them, the room's deviation from the ambient temperature
-of the rig, K.
+$\tau \dot u = c - u$. Only numbers are taken from the twin.
+A command is the duty of each cell and, behind them, the room's deviation from the ambient
+temperature of the rig, K.
 """
 
 from collections.abc import Sequence
@@ -197,10 +197,8 @@ def stretches(experiment: jt.Experiment, network: Equations) -> Sequence[Stretch
     """What the cells are commanded as it reaches them, and the room, between two changes each; no
     step of a solver should straddle one."""
     time, delay = experiment.time, network.delay
-    duty, room = (
-        np.vstack([np.zeros(experiment.n_cells), experiment.duty]),
-        rooms(experiment, network),
-    )
+    duty = np.vstack([np.zeros(experiment.n_cells), experiment.duty])
+    room = rooms(experiment, network)
     changes = 1 + np.flatnonzero(np.any(np.diff(experiment.duty, axis=0) != 0, axis=1))
     warmer = 1 + np.flatnonzero(np.diff(room) != 0)
     begins = np.unique([time[0], time[0] + delay, *(time[changes] + delay), *time[warmer]])

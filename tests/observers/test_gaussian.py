@@ -114,7 +114,7 @@ def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise(driven: int
     decay = random.uniform(size=STATES - driven)
     noise = np.diag(random.uniform(size=STATES))
     mean = random.normal(size=STATES)
-    found = time_update(
+    predicted = time_update(
         example.gaussian,
         jnp.asarray(mean),
         jnp.asarray(slope),
@@ -124,9 +124,9 @@ def test_a_step_moves_the_covariance_by_its_slope_and_adds_its_noise(driven: int
     whole = np.diag(np.append(np.zeros(driven), decay))
     whole[:driven, :driven] = slope
     expected = whole @ example.covariance @ whole.T + noise
-    np.testing.assert_array_equal(found.mean, mean)
-    np.testing.assert_allclose(found.covariance, expected, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(found.covariance, np.asarray(found.covariance).T)
+    np.testing.assert_array_equal(predicted.mean, mean)
+    np.testing.assert_allclose(predicted.covariance, expected, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(predicted.covariance, np.asarray(predicted.covariance).T)
 
 
 def test_readings_within_four_standard_deviations_need_no_caution():

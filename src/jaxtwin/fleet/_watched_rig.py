@@ -319,12 +319,7 @@ class WatchedRig:
             "findings": self._findings.to_dict(),
             "cause": self.cause,
             "fault": self.fault,
-            "averages": [
-                self._observed,
-                self.error,
-                self.nis,
-                self.coverage,
-            ],
+            "averages": [self._observed, self.error, self.nis, self.coverage],
         }
         return StoredState(self.made.key, content, self.lanes.packed(self.lane))
 

@@ -92,16 +92,13 @@ class LikelihoodWindow(NamedTuple):
     ) -> "LikelihoodWindow":
         """The window after a sample, as for `CumulativeSums.after`."""
 
-        def longer(old: Array, new: Array) -> Array:
-            shifted = jnp.concatenate([jnp.zeros_like(old[:1]), old[:-1]])
-            return jnp.where(used, shifted + new, old)
+        def shifted(old: Array) -> Array:
+            return jnp.where(used, jnp.concatenate([jnp.zeros_like(old[:1]), old[:-1]]), old)
 
-        ages = jnp.concatenate([jnp.zeros_like(self.ages[:1]), self.ages[:-1]])
         return LikelihoodWindow(
-            longer(self.sums, x),
-            longer(self.totals, innovation),
-            # The time goes on without a reading, too.
-            jnp.where(used, ages, self.ages) + dt,
+            shifted(self.sums) + jnp.where(used, x, 0.0),
+            shifted(self.totals) + jnp.where(used, innovation, 0.0),
+            shifted(self.ages) + dt,  # which goes on without a reading, too
         )
 
     def ratio(

@@ -121,9 +121,9 @@ def retune(
     @cache
     def plants() -> list[SampledLoops]:
         weights = np.asarray(present.output_weights(twin.channels), float)
-        drawn = dict(trial.draws)
+        first, drawn = present.averaged, dict(trial.draws)
         with own_settings():
-            return [sampled_loops(twin, drawn, present, weights, level) for level in levels]
+            return [sampled_loops(twin, drawn, first, weights, level) for level in levels]
 
     def peak_of(tried: AbstractController) -> float:
         return _peak(plants(), tried.averaged) if tried.averaged.is_linear else math.nan

@@ -181,7 +181,7 @@ class SampledLoops:
 
     def peaks(self) -> Float[np.ndarray, " draws"]:
         """Computes the sensitivity peak of each draw, with the controller as it is."""
-        distance = np.eye(len(self._outputs)) + self.loop(self.omega)
+        distance = self._distance(response(self._linear(self._vector.controller), self._z))
         return 1 / np.linalg.svd(distance, compute_uv=False)[..., -1].min(axis=1)
 
     def growth(self) -> float:

@@ -35,7 +35,7 @@ _FROZEN_CAMERA = 5.0  # s at full duty; a mean of many noisy pixels is never twi
 _FROZEN_SENSOR = 15.0  # s at full duty; a sensor's steps may be as coarse as 0.25 K
 
 # The largest difference between the room and that of the rig file, K.
-ROOM_KELVIN = 30.0
+MAX_ROOM_DIFFERENCE_KELVIN = 30.0
 
 
 @final
@@ -105,7 +105,7 @@ def _lowest(twin: Twin, room: float) -> float:
 
     A rig of heaters alone cannot cool: the result is the temperature of that colder room.
     """
-    hot = room - ROOM_KELVIN + ZERO_CELSIUS
+    hot = room - MAX_ROOM_DIFFERENCE_KELVIN + ZERO_CELSIUS
     coldest = hot - ZERO_CELSIUS
     for cell in twin.rig.cells:
         module = twin.module(cell.name)

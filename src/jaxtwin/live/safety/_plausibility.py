@@ -14,7 +14,7 @@ from ..protocol._clock import seconds
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
 from ._interlock import AbstractInterlock, Finding
-from ._operating_limits import ROOM_KELVIN, OperatingLimits
+from ._operating_limits import MAX_ROOM_DIFFERENCE_KELVIN, OperatingLimits
 
 # The time over which a rate is computed, s of the rig, so that noise does not count as a rate.
 RATE_WINDOW_SECONDS = 2.0
@@ -81,12 +81,12 @@ class Plausibility(AbstractInterlock):
         """Checks the measured ambient temperature. The twin relies on it: a wrong one would hide
         cells that are too hot."""
         value, room = sample.ambient, self._limits.room
-        if value is None or abs(value - room) <= ROOM_KELVIN:
+        if value is None or abs(value - room) <= MAX_ROOM_DIFFERENCE_KELVIN:
             return None
         return Finding(
             "implausible",
             f"the ambient temperature reads {value:.1f} degC; the rig file says {room:.0f}, "
-            f"and no room is more than {ROOM_KELVIN:g} K from it",
+            f"and no room is more than {MAX_ROOM_DIFFERENCE_KELVIN:g} K from it",
         )
 
     def _out_of_range(self, reading: Reading) -> Finding | None:
@@ -152,10 +152,10 @@ def check_ambient(ambient: float | int | None, limits: OperatingLimits) -> float
     if ambient is None:
         return None
     value = finite_number("ambient", ambient, JaxtwinError)
-    if abs(value - limits.room) > ROOM_KELVIN:
+    if abs(value - limits.room) > MAX_ROOM_DIFFERENCE_KELVIN:
         raise JaxtwinError(
-            f"ambient: expected a temperature within {ROOM_KELVIN:g} K of that of the rig file, "
-            f"{limits.room:.0f} degC, got {value:g}"
+            f"ambient: expected a temperature within {MAX_ROOM_DIFFERENCE_KELVIN:g} K of that of the "
+            f"rig file, {limits.room:.0f} degC, got {value:g}"
         )
     return value
 
