@@ -154,8 +154,8 @@ def check_ambient(ambient: float | int | None, limits: OperatingLimits) -> float
     value = finite_number("ambient", ambient, JaxtwinError)
     if abs(value - limits.room) > MAX_ROOM_DIFFERENCE_KELVIN:
         raise JaxtwinError(
-            f"ambient: expected a temperature within {MAX_ROOM_DIFFERENCE_KELVIN:g} K of that of the "
-            f"rig file, {limits.room:.0f} degC, got {value:g}"
+            f"ambient: expected a temperature within {MAX_ROOM_DIFFERENCE_KELVIN:g} K of that of "
+            f"the rig file, {limits.room:.0f} degC, got {value:g}"
         )
     return value
 
