@@ -59,7 +59,7 @@ NUMBERS = [
     (
         "docs/reliability.md",
         "*implausible* beyond {} K",
-        LIVE + "safety._plausibility.ROOM_KELVIN",
+        LIVE + "safety._operating_limits.MAX_ROOM_DIFFERENCE_KELVIN",
         1,
     ),
     (
@@ -74,7 +74,12 @@ NUMBERS = [
         LIVE + "safety._operating_limits._FROZEN_SENSOR",
         1,
     ),
-    ("docs/live.md", "rig file by more than {} K;", LIVE + "safety._plausibility.ROOM_KELVIN", 1),
+    (
+        "docs/live.md",
+        "rig file by more than {} K;",
+        LIVE + "safety._operating_limits.MAX_ROOM_DIFFERENCE_KELVIN",
+        1,
+    ),
     ("docs/live.md", "less than {} GiB of free space", LIVE + "_alarms.DISK_BYTES", GIB),
     (
         "docs/live.md",
