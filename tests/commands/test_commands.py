@@ -74,7 +74,7 @@ DEFAULTS = {
     "check": {"duty": "0:0.5", "duration": 600.0},
     "conform": {"baud": 115_200},
     "control": {"duration": 1000.0, "silence": 3.0, "sample_time": 1.0, "baud": 115_200},
-    "demo": {"out": Path("report"), "draws": 10_000, "speed": 8.0, "port": 8000},
+    "demo": {"out": Path("report"), "draws": 10_000, "speed": 10.0, "port": 8000},
     "design": {
         "purpose": "match", "duration": 1200.0, "hold": 60.0, "levels": 5, "criterion": "D",
         "margin": 5.0,

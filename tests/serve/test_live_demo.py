@@ -1,47 +1,58 @@
 """The story of the demo: what its script asks for, and when."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hand_clock import START
-from small_page import SECOND, page, twin
+from small_page import SECOND, page
 
+import jaxtwin as jt
 from jaxtwin.live import Reading, RigState, Sample, StopRequest
-from jaxtwin.serve import Desk, TwinBeside
-from jaxtwin.serve._desk import DriveOrder, RefitOrder
+from jaxtwin.serve import Desk
+from jaxtwin.serve._desk import HoldOrder, RefitOrder
 from jaxtwin.serve._live_demo import (
+    HELD_SECONDS,
     LOOSE_AT,
+    REFERENCES,
+    REFIT_AT,
     REFIT_SECONDS,
     REST_SECONDS,
-    REST_STEP,
-    STEP_SECONDS,
+    ROOM,
+    ROOM_AT,
+    ROOM_SECONDS,
     DemoScript,
+    demo_controller,
     demo_faults,
     demo_rig,
+    reference_at,
 )
 
 Orders = list[tuple[int, object]]
 
 
-REFIT_AT = int(REST_STEP * STEP_SECONDS + REFIT_SECONDS)
-
-
 def told(
-    until: int, stopped_at: float = float("inf"), tripped_at: int = -1, silent_at: int = -1
+    until: int,
+    stopped_at: float = float("inf"),
+    tripped_at: int = -1,
+    silent_at: int = -1,
+    uneven: Callable[[int], float] = lambda second: 0.0,
 ) -> tuple[Orders, list[str]]:
-    """The orders of the script with their times, and the lines of its story."""
+    """The orders of the script with their times, and the lines of its story. `uneven` is the
+    difference between the halves of the plate at a second, K."""
     shown, desk = page(), Desk(StopRequest())
     shown.ring.append("run", {"state": "idle", "duty": [], "text": ""})
     script, state = DemoScript(desk, shown), RigState()
     orders: Orders = []
     for second in range(0, until, 5):
         at = START + second * SECOND
-        values = np.full(len(twin().channels), 23.0)
+        values = np.array([45.0, 45.0 + uneven(second)])
         script.on_record(
             Reading("rig", "b", at, second * 10**6, second, values, False, None), state
         )
         # The duty changes between two samples, the first of which may be lost.
         for number in (1, 2) if second != silent_at else (2,):
-            counts = ((second + number - 2) // int(STEP_SECONDS), 0)
+            counts = ((second + number - 2) // 60, 0)
             script.on_record(
                 Sample("rig", "b", at + number * SECOND // 10, 0, number, counts, None), state
             )
@@ -54,53 +65,53 @@ def told(
         script.on_time(state, at)
         while (taken := desk.next()) is not None:
             orders.append((second, taken.order))
-            if isinstance(taken.order, DriveOrder):
+            if isinstance(taken.order, HoldOrder):
                 shown.ring.append("run", {"state": "driving", "duty": [], "text": ""})
     lines = shown.ring.newest_of("log") or []
     return orders, [line["text"] for line in lines]
 
 
-def test_the_duty_steps_and_one_refit_follows_the_fault() -> None:
-    orders, lines = told(REFIT_AT + 120)
-    drives = [(at, one) for at, one in orders if isinstance(one, DriveOrder)]
-    assert [at for at, _ in drives] == [int(STEP_SECONDS) * k for k in range(len(drives))]
-    assert len({one.duty for _, one in drives}) > len(drives) / 2
-    assert [one.reset for _, one in drives[:3]] == [False, True, True]
+def test_the_references_step_and_one_refit_follows_the_fault() -> None:
+    orders, lines = told(int(REFIT_AT) + 240)
+    holds = [(at, one.references[0]) for at, one in orders if isinstance(one, HoldOrder)]
+    high, low = REFERENCES
+    assert [reference for _, reference in holds[:4]] == [high, low, high, ROOM]
+    assert [at for at, _ in holds[:3]] == [int(HELD_SECONDS) * step for step in range(3)]
+    assert all(reference == reference_at(at) for at, reference in holds)
     refits = [(at, one) for at, one in orders if isinstance(one, RefitOrder)]
-    assert refits == [(REFIT_AT, RefitOrder(REFIT_SECONDS + REST_SECONDS))]
+    assert refits == [(int(REFIT_AT), RefitOrder(REFIT_SECONDS + REST_SECONDS))]
     begin = REFIT_AT - REFIT_SECONDS - REST_SECONDS
     # A contact that comes loose meanwhile looks like another rig.
-    assert begin > LOOSE_AT + STEP_SECONDS
-    assert next(one.duty for at, one in reversed(drives) if at <= begin) == (0.0, 0.0)
-    assert ["comes loose" in line for line in lines] == [True, False]
+    assert begin > LOOSE_AT
+    # It begins at the temperature of the room, after minutes there.
+    assert reference_at(begin) == ROOM
+    assert begin - ROOM_AT > ROOM_SECONDS - 10
+    assert sum("comes loose" in line for line in lines) == 1
 
 
-@pytest.mark.parametrize("event", ["tripped_at", "silent_at"])
+def test_the_readings_say_whether_the_plate_is_even() -> None:
+    def uneven(second: int) -> float:
+        if reference_at(second) != reference_at(second - 60):
+            return 0.0  # a step, in which it proves nothing
+        return 2.0 * (LOOSE_AT <= second < REFIT_AT + 240)
+
+    _, before = told(int(REFIT_AT) + 235, uneven=uneven)
+    _, after = told(int(REFIT_AT) + 480, uneven=uneven)
+    assert [sum("is worse" in line for line in lines) for lines in (before, after)] == [1, 1]
+    assert [sum("even again" in line for line in lines) for lines in (before, after)] == [0, 1]
+    _, healthy = told(int(REFIT_AT), uneven=lambda second: 0.0)
+    assert not any("is worse" in line or "even again" in line for line in healthy)
+
+
+@pytest.mark.parametrize("event", ["trip", "silence"])
 def test_a_session_in_which_the_duty_is_not_known_begins_anew(event: str) -> None:
-    orders, _ = told(REFIT_AT + 600, **{event: REFIT_AT - 180})
-    drives = [(at, one.duty) for at, one in orders if isinstance(one, DriveOrder)]
+    at = int(REFIT_AT) - 180  # where the counts of the device change too
+    until = int(REFIT_AT) + 600
+    orders, _ = told(until, tripped_at=at) if event == "trip" else told(until, silent_at=at)
     (refit_at,) = (at for at, one in orders if isinstance(one, RefitOrder))
-    assert refit_at == REFIT_AT + 420
-    rests = [at for at, duty in drives if duty == (0.0, 0.0)]
-    assert rests == [STEP_SECONDS * (REST_STEP - 1), refit_at - REFIT_SECONDS - STEP_SECONDS]
-
-
-def test_the_story_ends_when_another_twin_is_right() -> None:
-    shown = page()
-    shown.ring.append("run", {"state": "idle", "duty": [], "text": ""})
-    script, state = DemoScript(Desk(StopRequest()), shown), RigState()
-
-    def lines(level: str) -> str:
-        shown.ring.append("story", {"twin": {"level": level}})
-        reading = Reading("rig", "b", START, 10**6, 1, np.full(2, 23.0), False, None)
-        script.on_record(reading, state)
-        script.on_time(state, START)
-        return " ".join(line["text"] for line in shown.ring.newest_of("log") or [])
-
-    assert "closed" not in lines("good")  # it is the first twin
-    shown.follow(TwinBeside(twin(), "another"))
-    assert "closed" not in lines("unknown")
-    assert "closed" in lines("good")
+    assert refit_at == at + REFIT_AT - ROOM_AT
+    rooms = [at for at, one in orders if isinstance(one, HoldOrder) and one.references == (ROOM,)]
+    assert rooms == [int(ROOM_AT), at]
 
 
 def test_who_stops_the_rig_stops_the_story() -> None:
@@ -108,7 +119,21 @@ def test_who_stops_the_rig_stops_the_story() -> None:
     assert max(at for at, _ in orders) < 100.0
 
 
-def test_the_fault_is_one_of_the_rig() -> None:
+def test_the_fault_and_the_room_are_those_of_the_rig() -> None:
     (fault,) = demo_faults().rig
-    assert (fault.model, fault.time, fault.size) == ("loosen", LOOSE_AT, 3.0)
+    assert (fault.model, fault.time, fault.size) == ("loosen", LOOSE_AT, 3.5)
     assert fault.part in demo_rig().driven
+    assert float(jt.Twin(demo_rig()).values["T_amb"]) == ROOM
+
+
+@pytest.mark.slow
+def test_the_controller_is_about_the_one_that_is_tuned_on_the_rig() -> None:
+    controller, design = demo_controller()
+    tuning = jt.tune(
+        jt.Twin(demo_rig()),
+        controller,
+        design.references,
+        duration=design.duration,
+        objective=design.objective,
+    )
+    assert tuning.after.objective > 0.9 * tuning.before.objective

@@ -18,7 +18,7 @@ from hand_clock import START, HandClock, virtual_bench
 from small_page import TOKEN, twin
 from small_results import fit
 
-from jaxtwin import Twin, TwinStore
+from jaxtwin import Experiment, Twin, TwinStore
 from jaxtwin.control import DecoupledPI
 from jaxtwin.errors import RecordingError
 from jaxtwin.live import (
@@ -627,17 +627,15 @@ def test_the_last_minutes_are_a_recording_of_a_sample_in_each_second() -> None:
     assert recent.host_time(recent.now) == pytest.approx(bench.clock.now() * 1e-9, abs=1.5)
 
 
-def test_a_duty_counts_from_when_the_device_reports_it() -> None:
-    """The duty of a sample of an experiment is held until the next one: it is the mean until
-    then. A command that came a second earlier or later in it would look like another rig. It came
-    between two samples of the device: in the middle, on average."""
+def recorded_steps(part: float) -> Experiment:
+    """Ten seconds with a reading every 1.6 s and the state of the device every 0.1 s, whose duty
+    rises by `part` at three times: at 3.35, 6.65 and 6.85 s, if in the middle between two."""
     recent, state = RecentSamples(twin()), RigState()
-    changes = (3.4, 6.7, 6.9)
-    part = round(0.3 * twin().rig.driver.counts)
+    counts = round(part * twin().rig.driver.counts)
     for tenth in range(100):
         at, now = START + tenth * 10**8, tenth / 10
-        counts = part * sum(now >= change for change in changes)
-        sample = Sample("rig", "b", at, tenth * 10**5, tenth, (counts, 0), None)
+        level = counts * sum(now >= change for change in (3.4, 6.7, 6.9))
+        sample = Sample("rig", "b", at, tenth * 10**5, tenth, (level, 0), None)
         records: list[Record] = [sample]
         if tenth % 16 == 0:
             row = np.array([30.0, 30.0])
@@ -645,12 +643,30 @@ def test_a_duty_counts_from_when_the_device_reports_it() -> None:
         for record in records:
             state = state.after(record)
             recent.on_record(record, state)
-    recorded = recent.recorded()
+    return recent.recorded()
+
+
+def test_a_duty_counts_from_when_the_device_reports_it() -> None:
+    """The duty of a sample of an experiment is held until the next one: it is the mean until
+    then. A command that came a second earlier or later in it would look like another rig. It came
+    between two samples of the device: in the middle, on average."""
+    recorded = recorded_steps(0.1)
     np.testing.assert_allclose(recorded.time, np.arange(0.0, 9.7, 1.6), atol=1e-6)
-    # From 3.2 to 4.8 s: 1.45 s of 0.3; from 6.4 to 8.0 s: 0.25 s, 0.2 s and 1.15 s.
-    third, fifth = 0.3 * 1.45 / 1.6, (0.25 * 0.3 + 0.2 * 0.6 + 1.15 * 0.9) / 1.6
+    # From 3.2 to 4.8 s: 1.45 s of 0.1; from 6.4 to 8.0 s: 0.25 s, 0.2 s and 1.15 s.
+    third, fifth = 0.1 * 1.45 / 1.6, (0.25 * 0.1 + 0.2 * 0.2 + 1.15 * 0.3) / 1.6
     duty = np.asarray(recorded.duty)[:, 0]
-    np.testing.assert_allclose(duty, [0, 0, third, 0.3, fifth, 0.9, 0.9], atol=1e-6)
+    np.testing.assert_allclose(duty, [0, 0, third, 0.1, fifth, 0.3, 0.3], atol=1e-6)
+
+
+def test_a_large_change_of_the_duty_is_not_averaged() -> None:
+    """The heat is not linear in the duty."""
+    recorded = recorded_steps(0.3)
+    assert recorded.temperatures is not None
+    is_read = ~np.isnan(recorded.temperatures).any(axis=1)
+    np.testing.assert_allclose(recorded.time[is_read], np.arange(0.0, 9.7, 1.6), atol=1e-6)
+    np.testing.assert_allclose(recorded.time[~is_read], [3.35, 6.65, 6.85], atol=1e-6)
+    expected = 0.3 * (recorded.time[:, None] >= [3.35 - 1e-6, 6.65 - 1e-6, 6.85 - 1e-6]).sum(axis=1)
+    np.testing.assert_allclose(np.asarray(recorded.duty)[:, 0], expected, atol=1e-6)
 
 
 def test_a_refit_needs_a_store_and_readings(store: TwinStore) -> None:

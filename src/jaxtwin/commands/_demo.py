@@ -34,16 +34,16 @@ def demo(
     ] = False,
     speed: Annotated[
         float, typer.Option(min=0.5, max=20, help="With --live: seconds of the rig in one.")
-    ] = 8.0,
+    ] = 10.0,
     port: Annotated[
         int, typer.Option(min=0, max=65_535, help="With --live: of the page; 0 takes a free one.")
     ] = 8000,
 ) -> None:
     """Simulate, match and analyse the paper's rig; write a report with pictures and numbers.
 
-    With --live, a browser shows a virtual rig until Ctrl-C: steps of its duty, a contact that comes
-    loose after six minutes of the rig, what the monitor finds, the diagnosis, a refit and the
-    promotion of the new twin.
+    With --live, a browser shows a virtual rig until Ctrl-C: a controller that holds a plate even, a
+    contact that comes loose, what the monitor finds, the diagnosis, a refit, the promotion of the
+    new twin, and a controller that is tuned on it, until the plate is even again.
     """
     if live:
         with stop_signals() as stop, contextlib.ExitStack() as stack:
@@ -59,8 +59,22 @@ def demo(
 def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float, port: int) -> None:
     from ..live import Guard, connect
     from ..physics import Twin
-    from ..serve import Access, Champion, PageServer, TwinBeside, VirtualLink, listening
-    from ..serve._live_demo import DemoScript, demo_faults, demo_rig, demo_store
+    from ..serve import (
+        Access,
+        Champion,
+        PageServer,
+        TwinBeside,
+        VirtualLink,
+        compile_loop,
+        listening,
+    )
+    from ..serve._live_demo import (
+        DemoScript,
+        demo_controller,
+        demo_faults,
+        demo_rig,
+        demo_store,
+    )
     from ..twin_store import TwinVersion
     from ._serve import announce, check_extra
     from ._sources import draws_of, open_twin
@@ -85,6 +99,8 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
         champion = Champion(store, made)
         beside = made(store.version("champion"))
         Guard.of(beside.twin, draws=beside.draws)  # compiles
+        controller, design = demo_controller()
+        compile_loop(beside.twin, controller)
         source = stack.enter_context(connect(rig, device.url()))
     access = Access.of("127.0.0.1", at_port, allow_control=True)
     server = PageServer(
@@ -95,6 +111,9 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
         opened,
         name="virtual rig of the demo",
         champion=champion,
+        controller=controller,
+        design=design,
+        policy="apply",
         consumers=lambda page, desk: [DemoScript(desk, page)],
     )
     with server:

@@ -17,6 +17,10 @@ from ._desk import DriveOrder, HoldOrder, RunOrder
 if TYPE_CHECKING:
     from ..control import Decision
 
+# The longest time without a reading for a controller, s of the host. To a virtual rig that is ten
+# times as fast an order takes seconds to check, and that must not look like a silence.
+MAX_SILENCE_SECONDS = 3.0
+
 Command: TypeAlias = Callable[[Moment], Sequence[float] | np.ndarray | None]
 """The duty at a moment since the order, -1 to 1; None ends the run."""
 
@@ -62,6 +66,7 @@ class HeldReferences:
     - `controller`: the controller; None: there is none.
     - `order`: the order.
     - `before`: the command until now.
+    - `rate`: the seconds of the rig in one of the host.
     - `on_decision`: called with each sample of the controller.
 
     **Raises:** `ControlError` without a controller, and for references out of reach; the errors of
@@ -75,6 +80,7 @@ class HeldReferences:
         controller: AbstractController | None,
         order: HoldOrder,
         before: Command,
+        rate: float,
         on_decision: "Callable[[Decision], None] | None" = None,
     ):
         if controller is None:
@@ -83,7 +89,10 @@ class HeldReferences:
 
         samples = max(round(order.seconds / controller.sample_time_s), 1)
         duration = samples * controller.sample_time_s
-        self._loop = LiveLoop(twin, controller, order.references, duration=duration)
+        silence = MAX_SILENCE_SECONDS * max(rate, 1.0)
+        self._loop = LiveLoop(
+            twin, controller, order.references, duration=duration, silence=silence
+        )
         if isinstance(before, HeldReferences):
             self._loop.continue_from(before._loop)
         self.order = order

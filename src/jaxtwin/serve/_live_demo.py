@@ -1,13 +1,15 @@
-"""A scripted story on a virtual rig: steps, a contact that comes loose, the finding, the diagnosis,
-the refit, the promotion, and a rig that is well again with a twin that knows it."""
+"""A scripted story on a virtual rig: a loop that holds a plate even, a contact that comes loose,
+the finding, the diagnosis, the refit, and a controller that is tuned on the new twin."""
 
 import re
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from typing import final
 
 import numpy as np
 
+from ..control import PID, ControllerDesign
 from ..io import Experiment
 from ..live import Reading, Record, RigState, Sample
 from ..live.protocol._clock import seconds
@@ -18,30 +20,45 @@ from ..rig import CellPlace, Rig, new_rig_text
 from ..rig._build import parse_rig
 from ..simulation import simulate
 from ..twin_store import TwinStore
-from ._desk import Desk, DriveOrder, RefitOrder
+from ._desk import Desk, HoldOrder, RefitOrder
 from ._page import Page
 from ._rig_loop import STOPPED_BY_HAND
 
 SESSION, SESSIONS = 900, 4
 """The length of a session from which the first twin is matched, s, and their number."""
 
-# The time between two steps of the duty, s of the rig.
-STEP_SECONDS = 60.0
+# In these sessions: the time between two steps of the duty, s, and its lowest and highest value.
+STEP_SECONDS = 60
+DUTY = (0.0, 0.5)
 
-# How long an order holds its duty, s of the rig. It is checked before it is obeyed, while the rig
-# waits: a day of a plate takes several seconds.
-HELD_SECONDS = 600.0
+# By how much each value of the rig differs from one session to the next, as a part of it: a refit
+# takes what is no more for drift.
+DRIFT = 0.01
 
-# When the contact comes loose, s of the rig.
-LOOSE_AT = 360.0
+# The two references, degC, which alternate; and the time between two steps, s of the rig.
+REFERENCES = (50.0, 45.0)
+HELD_SECONDS = 120.0
 
-# The step of the duty, from 1 on, at which the cells rest.
-REST_STEP = round(LOOSE_AT / STEP_SECONDS) + 2
+# The temperature of the room in the rig file, degC.
+ROOM = 20.0
 
-# The time from its end to which the twin is refitted, s of the rig, and how much of the rest
-# belongs to it. Only at the end of a rest do the temperatures at the start describe the rig, whose
-# cell and plate differ by several K while heat flows through the loose contact.
-REFIT_SECONDS, REST_SECONDS = 480.0, 5.0
+# When the contact comes loose, s of the rig: at rest, so that nothing else changes.
+LOOSE_AT = 200.0
+
+# When the plate is brought to the temperature of the room, and for how long. Only there is known at
+# which temperatures the time begins to which the twin is refitted: while heat flows through the
+# loose contact, cell and plate differ by several K.
+ROOM_AT, ROOM_SECONDS = 360.0, 180.0
+
+# The time to which the twin is refitted, s of the rig, and the last part of the room's time, which
+# belongs to it.
+REFIT_SECONDS, REST_SECONDS = 420.0, 5.0
+
+# When it is refitted, s of the rig.
+REFIT_AT = ROOM_AT + ROOM_SECONDS + REFIT_SECONDS
+
+# For how long an order holds a reference, s of the rig: longer than until the next.
+ORDER_SECONDS = 1200.0
 
 # The longest time between two samples in which a change of the duty has its place, s of the host.
 MAX_SILENCE_SECONDS = 0.4
@@ -49,24 +66,48 @@ MAX_SILENCE_SECONDS = 0.4
 # How late a command may reach the rig, s of the host.
 MAX_LATENESS_SECONDS = 0.1
 
-# The lowest and the highest duty of the steps.
-DUTY = (0.0, 0.5)
+# A plate is even if its halves differ by less than this in the mean of half a minute, K; uneven, if
+# they differ by more than twice as much.
+EVEN_KELVIN, EVEN_SECONDS = 0.5, 30.0
+
+# What is said when the twin is refitted.
+REFITTED = "the twin learns the loose contact; then its controller is tuned"
 
 
 def demo_rig() -> Rig:
-    """The rig of the story: a plate of two cells, as `jaxtwin new-rig` writes it."""
+    """The rig of the story: a plate of two cells, as `jaxtwin new-rig` writes it. It is held far
+    above the room in a draught, so that much heat flows through the pads between it and its
+    cells."""
     text = new_rig_text(
-        "two-cells", width="12 cm", height="4 cm", thickness="2 mm", material="aluminium",
+        "two-cells", width="12 cm", height="4 cm", thickness="3 mm", material="carbon-steel",
         module="TEC1-12706", places=[CellPlace("3 cm", "2 cm"), CellPlace("9 cm", "2 cm")],
         zones=(6, 2),
     )  # fmt: skip
-    titled = re.sub("^title = .*$", 'title = "A plate of two cells"', text, flags=re.MULTILINE)
-    return parse_rig(titled.encode(), "the rig of the demo")
+    text = re.sub("^title = .*$", 'title = "A plate of two cells"', text, flags=re.MULTILINE)
+    text = re.sub("^(h = { value =) 15.0", r"\1 60.0", text, flags=re.MULTILINE)
+    # A pad of 1 mm with 2 W/(m K) under 16 cm^2 has 0.3 K/W; each cell touches 16 elements.
+    pad = r'\1 5.0, unit = "K/W", bounds = [0.05, 500]'
+    text = re.sub(r"^(R_pc_\d = { value =) .*\[0.005, 50\]", pad, text, flags=re.MULTILINE)
+    return parse_rig(text.encode(), "the rig of the demo")
 
 
 def demo_faults() -> Faults:
-    """The fault of the story: the resistance of a cell's contact is three times what it was."""
-    return Faults.parse(f"loosen=P1@{LOOSE_AT:g}/3")
+    """The fault of the story: the resistance of a cell's contact is 3.5 times what it was."""
+    return Faults.parse(f"loosen=P1@{LOOSE_AT:g}/3.5")
+
+
+def demo_controller() -> tuple[PID, ControllerDesign]:
+    """The controller of the story, as `tune` finds it on the rig without a fault, and for what it
+    is designed: to follow the references, and to keep the plate even."""
+    both = np.ones(2)
+    low, high = sorted(REFERENCES)
+    steps = ",".join(f"{120 * step}:{(low, high)[step % 2]:g}" for step in range(4))
+    return (
+        PID(Kp=0.2 * both, Ki=0.006 * both, limits=(-0.3, 0.5)),
+        ControllerDesign(
+            steps, 480.0, {"integral_absolute_error": 1.0, "plate_range_at_rest": 20.0}
+        ),
+    )
 
 
 def demo_store(rig: Rig, folder: Path, speed: float | int, seed: int = 0) -> TwinStore:
@@ -79,12 +120,15 @@ def demo_store(rig: Rig, folder: Path, speed: float | int, seed: int = 0) -> Twi
     - `seed`: the seed of duty and noise.
     """
     twin, random = Twin(rig), np.random.default_rng(seed)
+    shared = [name for name, row in rig.parameters.items() if row.free and row.scope == "shared"]
     sessions = []
     for number in range(SESSIONS):
-        steps = random.uniform(*DUTY, (SESSION // int(STEP_SECONDS) + 1, len(twin.rig.driven)))
-        duty = np.repeat(steps, int(STEP_SECONDS), axis=0)[: SESSION + 1]
+        steps = random.uniform(*DUTY, (SESSION // STEP_SECONDS + 1, len(twin.rig.driven)))
+        duty = np.repeat(steps, STEP_SECONDS, axis=0)[: SESSION + 1]
         plan = Experiment(np.arange(SESSION + 1.0), duty, channels=twin.channels)
-        run = simulate(twin, plan)
+        drift = np.exp(DRIFT * random.standard_normal(len(shared)))
+        values = {name: twin.values[name] * part for name, part in zip(shared, drift, strict=True)}
+        run = simulate(twin.with_values(values), plan)
         sessions.append(run.to_recording(seed=seed + number, name=f"session {number + 1}"))
     store = TwinStore(folder / "demo.db")
     fit = match(twin, sessions)
@@ -98,25 +142,27 @@ def demo_store(rig: Rig, folder: Path, speed: float | int, seed: int = 0) -> Twi
 
 @final
 class DemoScript:
-    """Drives the rig by steps and has the twin refitted, at the times of the rig. It consumes the
-    records of a source. Once somebody has stopped the rig, it leaves it alone.
+    """Steps the references and has the twin refitted, at the times of the rig; what follows, the
+    page does by itself. It consumes the records of a source. Once somebody has stopped the rig, it
+    leaves it alone.
 
     **Arguments:**
 
     - `desk`: where it leaves its orders, as clients do.
     - `page`: the page, whose log tells the story.
-    - `seed`: the seed of the duty.
     """
 
-    def __init__(self, desk: Desk, page: Page, seed: int = 1):
+    def __init__(self, desk: Desk, page: Page):
         self._desk, self._page = desk, page
-        self._random = np.random.default_rng(seed)
-        self._first_twin = page.followed[1]  # which does not know the loose contact
+        columns = np.array([int(name[-1]) for name in page.twin.channels])
+        self._is_left = columns <= np.median(columns)
         self._first: int | None = None
-        self._time, self._steps = 0.0, 0
-        self._rest_step = REST_STEP
+        self._time = self._shift = 0.0
+        self._reference, self._stepped = np.nan, 0.0  # since when it is held, s of the rig
         self._is_idle, self._is_unsure = True, False
         self._sample: tuple[int, tuple[int, ...]] | None = None  # host time, ns, and counts
+        # Times of the rig, s, and the difference between the halves of the plate, K.
+        self._halves: deque[tuple[float, float]] = deque()
         self._told: set[str] = set()
 
     def on_record(self, record: Record, state: RigState) -> None:
@@ -125,6 +171,10 @@ class DemoScript:
             now = state.time_of(record)
             self._first = now if self._first is None else self._first
             self._time = seconds(now - self._first) * state.rate
+            left, right = (record.temperatures[half] for half in (self._is_left, ~self._is_left))
+            self._halves.append((self._time, float(np.nanmean(right) - np.nanmean(left))))
+            while self._time - self._halves[0][0] > EVEN_SECONDS:
+                self._halves.popleft()
         elif isinstance(record, Sample) and record.pwm:
             now, before = state.time_of(record), self._sample
             if before is not None and before[1] != record.pwm:
@@ -132,37 +182,40 @@ class DemoScript:
             self._sample = now, record.pwm
 
     def on_time(self, state: RigState, now: int) -> None:
-        """Leaves the orders that are due."""
+        """Leaves the orders that are due, and tells the story."""
         run = self._page.ring.newest_of("run")
         if self._first is None or run["text"].startswith(STOPPED_BY_HAND):
             return
-        if self._time >= STEP_SECONDS * self._steps:
-            self._steps += 1
-            cells = len(self._page.twin.rig.driven)
-            duty = np.round(self._random.uniform(*DUTY, cells), 2)
-            if self._steps == self._rest_step:
-                duty = np.zeros(cells)
-            # An interlock may have ended the run, on a machine that was busy with other things.
-            self._desk.ask(DriveOrder(tuple(duty.tolist()), HELD_SECONDS, reset=self._steps > 1))
-        if self._time >= LOOSE_AT:
-            self._tell("the contact of the cell comes loose now; see who notices")
         was_idle, self._is_idle = self._is_idle, run["state"] == "idle"
-        if self._is_unsure or (self._is_idle and not was_idle):
-            # Nothing was heard when the duty changed, or an interlock has ended the run: the duty
-            # is not known well enough. The time to which the twin is refitted begins anew.
-            self._rest_step, self._is_unsure = max(REST_STEP, self._steps + 1), False
-        is_due = self._time >= STEP_SECONDS * self._rest_step + REFIT_SECONDS
-        if is_due and self._tell("the twin learns the loose contact"):
+        has_stopped = self._is_idle and not was_idle
+        at = self._time - self._shift
+        if (has_stopped or self._is_unsure) and at >= ROOM_AT and REFITTED not in self._told:
+            # An interlock has ended the run, or the duty is not known well enough: the time to
+            # which the twin is refitted begins anew.
+            self._shift = self._time - ROOM_AT
+            at = ROOM_AT
+        self._is_unsure = False
+        reference = reference_at(at)
+        if reference != self._reference or has_stopped:
+            self._desk.ask(HoldOrder((reference,), ORDER_SECONDS, reset=True))
+            self._reference, self._stepped = reference, self._time
+        if self._time >= LOOSE_AT:
+            self._tell("the contact of P1 comes loose now; see who notices")
+        if at >= ROOM_AT:
+            self._tell("the plate is brought to the room, where a time begins that the twin knows")
+        if at >= REFIT_AT and self._tell(REFITTED):
             self._desk.ask(RefitOrder(REFIT_SECONDS + REST_SECONDS))
-        story = self._page.ring.newest_of("story")
-        if (
-            self._page.followed[1] != self._first_twin
-            and story
-            and story["twin"]["level"] == "good"
-        ):
-            self._tell(
-                "the twin has learned the loose contact and is right again: the loop is closed"
-            )
+        self._tell_evenness()
+
+    def _tell_evenness(self) -> None:
+        """Tells by the readings of a loop at rest whether the plate is uneven, and even again."""
+        if self._time - self._stepped < HELD_SECONDS - EVEN_SECONDS or not self._halves:
+            return
+        apart = abs(float(np.mean([difference for _, difference in self._halves])))
+        if apart > 2 * EVEN_KELVIN:
+            self._tell("the loop is worse: its mean is held, but one half of the plate is colder")
+        elif apart < EVEN_KELVIN and REFITTED in self._told:
+            self._tell("the plate is even again: the controller was tuned on the twin that knows")
 
     def _tell(self, text: str) -> bool:
         """Says something once. Returns whether it was said now."""
@@ -171,3 +224,11 @@ class DemoScript:
         self._told.add(text)
         self._page.say("notice", f"demo: {text}")
         return True
+
+
+def reference_at(time: float | int) -> float:
+    """The reference at a time of the story, degC."""
+    if ROOM_AT <= time < ROOM_AT + ROOM_SECONDS:
+        return ROOM
+    begun, first = (0.0, 0) if time < ROOM_AT else (ROOM_AT + ROOM_SECONDS, 1)
+    return REFERENCES[(first + int((time - begun) // HELD_SECONDS)) % len(REFERENCES)]

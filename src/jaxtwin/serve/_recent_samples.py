@@ -14,6 +14,13 @@ from ..physics import Twin
 # The time between two samples that are kept, s of the rig.
 SPACING_SECONDS = 1.0
 
+# How much earlier than that a reading may be, s, so that one in time is not taken for early.
+TIME_TOLERANCE_SECONDS = 0.01
+
+# A change of the duty by more than this gets a row of its own, without readings: the heat is not
+# linear in the duty, and the mean of 0.5 and -0.3 in a row would lose half of the Joule heat.
+MAX_AVERAGED_CHANGE = 0.1
+
 # The number of samples that are kept.
 MAX_SAMPLES = 1500
 
@@ -46,6 +53,7 @@ class RecentSamples:
         self._duty = np.zeros(len(twin.rig.driven))
         self._since, self._sum = 0.0, np.zeros(len(twin.rig.driven))
         self._heard = 0.0  # the time of the last sample, s of the rig
+        self._read = 0.0  # the time of the last row with readings, s of the rig
 
     @property
     def now(self) -> float:
@@ -56,16 +64,22 @@ class RecentSamples:
         return len(self._rows)
 
     def on_record(self, record: Record, state: RigState) -> None:
-        """Keeps readings, one in each second of the rig, with the mean duty until the next one: a
-        duty that came between two readings counts from then on."""
+        """Keeps readings, one in each second of the rig, with the mean duty until the next row. A
+        duty that came between two readings counts from then on, and begins a row if it differs
+        much."""
         if isinstance(record, Sample) and record.pwm:
             duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
             if self._rows:
                 now = self._rig_time(state.time_of(record), state.rate)
                 # A new duty came at some time since the sample before: in the middle, on average.
-                is_new = bool((duty != self._duty).any())
-                self._sum_until((self._heard + now) / 2 if is_new else now)
+                change = float(np.abs(duty - self._duty).max())
+                at = (self._heard + now) / 2 if change > 0 else now
+                self._sum_until(at)
                 self._heard = now
+                if change > MAX_AVERAGED_CHANGE and at > self._rows[-1].time:
+                    self._end_row(at)
+                    unread = np.full(len(self._twin.channels), np.nan)
+                    self._rows.append(_Row(at, duty, unread, np.nan))
             self._duty = duty
         if not isinstance(record, Reading) or record.recalibrating or state.sample is None:
             return
@@ -75,14 +89,14 @@ class RecentSamples:
         elapsed = self._rig_time(at, state.rate)
         self._last, self._rate = (max(at, self._last[0]), elapsed), state.rate
         if self._rows:
-            last = self._rows[-1]
-            if elapsed - last.time < SPACING_SECONDS:
+            is_early = elapsed - self._read < SPACING_SECONDS - TIME_TOLERANCE_SECONDS
+            if is_early or elapsed <= self._rows[-1].time:
                 return
             self._sum_until(elapsed)
-            self._rows[-1] = last._replace(duty=self._sum / (elapsed - last.time))
+            self._end_row(elapsed)
         ambient = np.nan if state.ambient is None else state.ambient
         self._rows.append(_Row(elapsed, self._duty, record.temperatures, ambient))
-        self._since, self._sum = elapsed, np.zeros_like(self._duty)
+        self._since = self._read = elapsed
 
     def on_time(self, state: RigState, now: int) -> None:
         """Does nothing: samples come with readings."""
@@ -109,6 +123,12 @@ class RecentSamples:
             ambient=ambient if np.isfinite(ambient).any() else None,
             name=f"live at {self.now:.0f} s",
         )
+
+    def _end_row(self, time: float) -> None:
+        """Gives the last row the mean duty until a time of the rig, to which it was summed up."""
+        last = self._rows[-1]
+        self._rows[-1] = last._replace(duty=self._sum / (time - last.time))
+        self._sum = np.zeros_like(self._duty)
 
     def _sum_until(self, time: float) -> None:
         """Sums the present duty up until a time of the rig."""

@@ -244,9 +244,9 @@ class RigLoop:
     def _held(self, order: HoldOrder, controller: AbstractController | None) -> HeldReferences:
         """A controller at the references of an order, which takes over from the present command."""
         assert isinstance(self._source, RigConnection)
-        twin = self._page.twin
+        twin, rate = self._page.twin, self._service.state.rate
         return HeldReferences(
-            self._source, twin, controller, order, self._command, self._on_decision
+            self._source, twin, controller, order, self._command, rate, self._on_decision
         )
 
     def _drive(self, asked: Asked, order: RunOrder) -> None:

@@ -20,8 +20,8 @@ START_SECONDS = 120.0
 # The frames of its camera in a second of the host: a page shows no more pictures.
 FRAMES_PER_SECOND = 10.0
 
-# The smallest number of them in a second of the rig, which an observer needs.
-MIN_FRAMES_PER_SECOND = 0.5
+# The smallest number of them in a second of the rig: a controller samples once in it.
+MIN_FRAMES_PER_SECOND = 2.0
 
 
 @final
