@@ -153,9 +153,15 @@ def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
     passed = result.is_enough
     text = f"{names or 'nothing'} changed beyond the drift between sessions"
     if not passed:
+        if result.error > result.limit:
+            why = (
+                f"it leaves an error of {result.error:.3g} K, at most {result.limit:.3g} K is usual"
+            )
+        else:
+            why = f"{result.next_name} would have to change too"
         text = (
-            f"{names or 'drift'} alone does not explain the session, with an error of "
-            f"{result.error:.3g} K: this looks like another rig, or one that changed meanwhile"
+            f"{names or 'drift'} alone does not explain the session, {why}: this looks like "
+            "another rig, or one that changed meanwhile"
         )
     for name in match.changed:
         row, before = match.fit[name], last[name]

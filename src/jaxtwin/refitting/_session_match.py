@@ -63,6 +63,7 @@ class SessionExplanation(NamedTuple):
       the last fit, in standard deviations.
     - `gains`, `most_gain`: by how much the cost would fall, about, if one more value had changed,
       each of them.
+    - `next_name`: the value for which it would fall most.
     """
 
     error: float
@@ -71,6 +72,7 @@ class SessionExplanation(NamedTuple):
     furthest: float
     gains: Float[np.ndarray, " rows"]
     most_gain: float
+    next_name: str
 
     @property
     def is_enough(self) -> bool:
@@ -240,14 +242,15 @@ def _explanation(
 ) -> SessionExplanation:
     from scipy.stats import chi2  # takes a while to import
 
-    values = len(prior.mean)
+    values, gains = len(prior.mean), _gains(prior, result, places)
     return SessionExplanation(
         error=float(np.sqrt(result.mean_square)),
         limit=MAX_ERROR_RATIO * fit.rmse,
         distance=_distance(result, prior, places),
         furthest=float(chi2.isf(DRIFT_PROBABILITY, values)),
-        gains=_gains(prior, result, places),
+        gains=gains,
         most_gain=0.5 * float(chi2.isf(CHANCE / values, 1)),
+        next_name=prior.rows[int(np.argmax(gains))].name,
     )
 
 
