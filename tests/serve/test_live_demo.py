@@ -105,7 +105,7 @@ def test_the_readings_say_whether_the_plate_is_even() -> None:
 
 @pytest.mark.parametrize("event", ["trip", "silence"])
 def test_a_session_in_which_the_duty_is_not_known_begins_anew(event: str) -> None:
-    at = int(REFIT_AT) - 180  # where the counts of the device change too
+    at = 60 * (int(REFIT_AT) // 60 - 2)  # where the counts of the device change too
     until = int(REFIT_AT) + 600
     orders, _ = told(until, tripped_at=at) if event == "trip" else told(until, silent_at=at)
     (refit_at,) = (at for at, one in orders if isinstance(one, RefitOrder))

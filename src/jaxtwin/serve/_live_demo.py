@@ -48,11 +48,11 @@ LOOSE_AT = 200.0
 # When the plate is brought to the temperature of the room, and for how long. Only there is known at
 # which temperatures the time begins to which the twin is refitted: while heat flows through the
 # loose contact, cell and plate differ by several K.
-ROOM_AT, ROOM_SECONDS = 360.0, 180.0
+ROOM_AT, ROOM_SECONDS = 360.0, 150.0
 
 # The time to which the twin is refitted, s of the rig, and the last part of the room's time, which
-# belongs to it.
-REFIT_SECONDS, REST_SECONDS = 420.0, 5.0
+# belongs to it. A third of both is held out, two minutes at least.
+REFIT_SECONDS, REST_SECONDS = 365.0, 5.0
 
 # When it is refitted, s of the rig.
 REFIT_AT = ROOM_AT + ROOM_SECONDS + REFIT_SECONDS
