@@ -207,7 +207,7 @@ def test_an_onset_that_shows_nothing_for_long_makes_room_first():
         number, by_age = jnp.asarray(1000 + CANDIDATES), jnp.asarray(False)
 
         def goes(patience: float, enough: float) -> int:
-            own = prior._replace(patience=np.asarray(patience), enough=np.asarray(enough))
+            own = prior._replace(patience=np.asarray(patience), forget_below=np.asarray(enough))
             return int(place(own, several_onsets, number, by_age))
 
         assert goes(patience, 20.0) == 0

@@ -23,9 +23,9 @@ def said_of(
     the last correction of a camera that corrects itself every 100 s, at the first sample."""
     tests = InnovationTests(
         scales=np.ones(z.shape[1]),
-        memory=np.full(z.shape[1], memory),
+        lag_one_correlation=np.full(z.shape[1], memory),
         thresholds=LIMITS,
-        enough=np.array(RESET_SCORE),
+        reset_score=np.array(RESET_SCORE),
         interval=100.0,
     )
     none = np.zeros(len(z))

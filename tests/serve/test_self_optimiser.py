@@ -24,7 +24,7 @@ from jaxtwin.serve._self_optimiser import (
     MAX_A_DAY,
     PAUSE_SECONDS,
     PROBATION_SECONDS,
-    TRUSTED,
+    PROBATION_TAG,
     Policy,
     retuned_champion,
 )
@@ -110,7 +110,7 @@ def test_promotions_are_few_and_far_apart(store: TwinStore):
     for _ in range(12):
         optimised = Optimised(store)
         optimised.time += timedelta(seconds=promoted * PAUSE_SECONDS)
-        store.set_tag("champion", TRUSTED, "passed")
+        store.set_tag("champion", PROBATION_TAG, "passed")
         optimised.optimiser.use(store.version("champion"))
         optimised.propose(candidate(store))
         promoted += optimised.optimiser.turn(is_at_rest=True)
@@ -159,7 +159,7 @@ def test_a_controller_that_keeps_to_its_trial_is_trusted(store: TwinStore):
     assert optimised.optimiser.is_at_rest
     assert not optimised.optimiser.worse
     assert not optimised.optimiser.is_on_probation
-    assert TRUSTED in store.version("champion").tags
+    assert PROBATION_TAG in store.version("champion").tags
     again = Optimised(store)  # after a restart
     assert not again.optimiser.is_on_probation
 
@@ -357,4 +357,4 @@ def without_readings(records: list[Any]) -> list[Any]:
 
 def test_times_are_those_of_the_documentation():
     assert (PAUSE_SECONDS, MAX_A_DAY, PROBATION_SECONDS) == (1800.0, 3, 1800.0)
-    assert module.TRUSTED == "probation"
+    assert module.PROBATION_TAG == "probation"

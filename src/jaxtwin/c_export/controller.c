@@ -67,7 +67,7 @@ void model_init(model_state *state, const model_real duty[MODEL_CELLS],
     }
 }
 
-/* A sample, with the references of so many samples. */
+/* A sample, with the references of the next `samples` samples. */
 static void model_sample(model_state *state, const model_real *references, int samples,
                          const model_real *measurement, model_real *duty)
 {

@@ -93,8 +93,9 @@ static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real c
 #ifdef MODEL_HAS_POWERS
     if (model_power[cell] > 0) {
 #ifdef MODEL_HAS_DRIVE_LAW
+        const model_real smooth = MODEL_DUTY_SMOOTHING_SQUARE;
         joule = duty * model_exp((model_real)0.5 * (model_drive_exponent[cell] - 1)
-                                 * model_log((duty * duty + MODEL_IDLE) / (1 + MODEL_IDLE)));
+                                 * model_log((duty * duty + smooth) / (1 + smooth)));
         joule *= (model_real)0.5 * model_power[cell];
 #else
         joule = (model_real)0.5 * share * model_power[cell];

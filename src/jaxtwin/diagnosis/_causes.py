@@ -16,7 +16,7 @@ from ..monitoring._thresholds import DAY
 from ..observers import Observed
 from ._diagnosis import HEALTHY, NONE_OF_THESE, Cause, Diagnosis, Explanation
 from ._hypotheses import Hypotheses, Tracked, tracked
-from ._likelihood_ratio import Judged, Prior, ratios
+from ._likelihood_ratio import LikelihoodRatios, Prior, ratios
 from ._recorded import filled_up, inputs_of
 from ._signatures import Suspected, suspected
 from ._suspects import Suspect
@@ -88,7 +88,7 @@ def survivors(
     observed: Observed,
     several: Sequence[Suspect],
     prior: Prior,
-    scores: Judged,
+    scores: LikelihoodRatios,
     logs: Float[np.ndarray, "samples faults_and_other"],
     at: int,
     last: int,
@@ -292,7 +292,7 @@ def diagnosed(
     start = int(np.searchsorted(time, time[0] + SETTLE))
     step = float(np.median(np.diff(observed.time)))
     rate = math.log(step / MEAN_SECONDS_BETWEEN_FAULTS / (len(several) + 1))
-    prior = prior._replace(patience=np.asarray(PATIENCE / step), enough=np.asarray(-rate))
+    prior = prior._replace(patience=np.asarray(PATIENCE / step), forget_below=np.asarray(-rate))
     answers = np.zeros((len(time), len(several) + 2))
     answers[:, -1] = 1.0
     causes: list[Cause] = []
@@ -335,7 +335,7 @@ def _first(logs: Float[np.ndarray, "samples faults"], start: int) -> _Span | Non
 
 def _odds(
     alive: Survivors,
-    scores: Judged,
+    scores: LikelihoodRatios,
     logs: Float[np.ndarray, "samples faults_and_other"],
     at: int,
     rate: float,
@@ -359,7 +359,7 @@ def _odds(
 def _cause(
     several: Sequence[Suspect],
     alive: Survivors,
-    scores: Judged,
+    scores: LikelihoodRatios,
     logs: Float[np.ndarray, "samples faults_and_other"],
     span: _Span,
     probabilities: Float[np.ndarray, " answers"],
@@ -394,7 +394,7 @@ def _cause(
 
 
 def _onset(
-    scores: Judged, at: int, number: int, first: int, time: Float[np.ndarray, " samples"]
+    scores: LikelihoodRatios, at: int, number: int, first: int, time: Float[np.ndarray, " samples"]
 ) -> tuple[float, float, float]:
     """The time of an onset with its band, for the number of the first sample that shows it: it was
     after the sample before."""

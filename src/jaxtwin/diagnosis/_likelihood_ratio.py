@@ -53,8 +53,8 @@ class Prior(NamedTuple):
     - `is_one_sided`: whether it is above 0.
     - `inflation`: the variance of the standardised statistic of each fault in healthy recordings, 1
       if the innovations are as expected; last that of a fault that no model knows.
-    - `patience`: the age in samples at which a candidate goes, unless the logarithm of one
-      of its ratios is above `enough`. No twin is so exact that hours of innovations may be added
+    - `patience`, `forget_below`: the age in samples at which a candidate goes, unless the logarithm
+      of one of its ratios is above that. No twin is so exact that hours of innovations may be added
       up: in the end they show that the rig has other losses than its twin.
     """
 
@@ -62,10 +62,10 @@ class Prior(NamedTuple):
     is_one_sided: Bool[np.ndarray | Array, " faults"]
     inflation: Float[np.ndarray | Array, " faults_and_other"]
     patience: Float[ArrayLike, ""]
-    enough: Float[ArrayLike, ""]
+    forget_below: Float[ArrayLike, ""]
 
 
-class Judged(NamedTuple):
+class LikelihoodRatios(NamedTuple):
     """What is said of each fault at a time.
 
     - `evidence`: the logarithm of the ratio of the likelihoods with it, from any onset on, in
@@ -236,7 +236,7 @@ def log_ratios(prior: Prior, candidates: Candidates) -> Float[Array, "candidates
     return jnp.concatenate([ratio, other.sum(axis=1, keepdims=True)], axis=1)
 
 
-def judged(prior: Prior, candidates: Candidates) -> Judged:
+def likelihood_ratios(prior: Prior, candidates: Candidates) -> LikelihoodRatios:
     """What all candidates say together."""
     each = log_ratios(prior, candidates)
     spans = _spans(candidates.onset)
@@ -251,7 +251,7 @@ def judged(prior: Prior, candidates: Candidates) -> Judged:
     shares = jnp.exp(weights - evidence)
     is_inside = jnp.where(is_likelier, shares[:, None], 0.0).sum(axis=0) < 0.95
     onsets = candidates.onset[:, None]
-    return Judged(
+    return LikelihoodRatios(
         evidence=evidence,
         ratio=each[best, jnp.arange(each.shape[1])],
         onset=candidates.onset[best],
@@ -279,7 +279,7 @@ def _replaced(
     """The index of the candidate that a new one replaces."""
     onset = candidates.onset
     ratio = log_ratios(prior, candidates).max(axis=1)
-    is_late = (number - onset > prior.patience) & (ratio < prior.enough)
+    is_late = (number - onset > prior.patience) & (ratio < prior.forget_below)
     value = jnp.where(is_late, -jnp.inf, ratio + jnp.log(_spans(onset)))
     value = jnp.where(by_age, onset, value)
     is_young = (number - onset < YOUNG) & ~by_age
@@ -301,14 +301,14 @@ class RatioInputs(NamedTuple):
 @persistent_jit
 def ratios(
     kalman: ExtendedKalmanFilter, faults: Suspected, prior: Prior, inputs: RatioInputs
-) -> Judged:
+) -> LikelihoodRatios:
     """What is said of all faults after each sample."""
 
     def take(
         candidates: Candidates, at: tuple[Int[Array, ""], RatioInputs]
-    ) -> tuple[Candidates, Judged]:
+    ) -> tuple[Candidates, LikelihoodRatios]:
         now = _taken(kalman, faults, prior, candidates, *at, jnp.asarray(False))
-        return now, judged(prior, now)
+        return now, likelihood_ratios(prior, now)
 
     none = Candidates.none(kalman.model.layout.size, len(faults.drift), len(kalman.model.columns))
     numbers = jnp.arange(len(inputs.begins))

@@ -86,7 +86,8 @@ def detect_events(
     largest within `FIT_WINDOW_SECONDS` on either side.
 
     Cameras correct themselves at equal intervals. If there are three such jumps or more, and all
-    fit one interval, the threshold at the other expected times is `FAINT` standard deviations.
+    fit one interval, the threshold at the other expected times is `FAINT_JUMP_SIGMAS` standard
+    deviations.
 
     **Arguments:**
 
@@ -117,7 +118,7 @@ def detect_events(
         near = np.abs(at - expected) <= MAX_TIMING_ERROR_SECONDS
         if near.any() and not np.any(np.abs(clear - expected) <= MAX_TIMING_ERROR_SECONDS):
             largest = int(np.argmax(np.where(near, jumps, -1.0)))
-            if jumps[largest] > FAINT * noise:
+            if jumps[largest] > FAINT_JUMP_SIGMAS * noise:
                 events.add(float(at[largest]))
     return tuple(sorted(events))
 
@@ -156,7 +157,7 @@ JUMP_SIGMAS = 4.0
 
 # A jump above this many robust standard deviations is a correction at a time at which one is
 # expected.
-FAINT = 1.5
+FAINT_JUMP_SIGMAS = 1.5
 
 # The largest distance of a correction from its expected time, s.
 MAX_TIMING_ERROR_SECONDS = 5.0

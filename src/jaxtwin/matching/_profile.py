@@ -49,7 +49,7 @@ CHI2_95 = 3.841
 
 # The weight with which an entry is held: the reciprocal of the standard deviation by which it may
 # move.
-PIN = 1e6
+PINNED_PRIOR_WEIGHT = 1e6
 
 
 # The smallest number of points: the match and one on each side.
@@ -173,7 +173,7 @@ def profile(
     objectives, starts = [], []
     for value in at:
         means, weights = np.array(objective.prior_means), np.array(objective.prior_weights)
-        means[entry], weights[entry] = value, PIN
+        means[entry], weights[entry] = value, PINNED_PRIOR_WEIGHT
         objectives.append(
             eqx.tree_at(lambda o: (o.prior_means, o.prior_weights), objective, (means, weights))
         )

@@ -46,7 +46,7 @@ from ._thresholds import (
 
 # The degrees of freedom of Student's distribution of the simulated noise of readings, whose
 # kurtosis is infinite: that of real innovations is 5 to 100.
-FREEDOM = 4.0
+STUDENT_T_DEGREES_OF_FREEDOM = 4.0
 
 # The largest multiple of a standard deviation that is drawn: the filter is linear about its twin,
 # and a rig that is farther away is not healthy.
@@ -125,8 +125,10 @@ def _drawn(
         mean = mean.at[room].set(jnp.where(jnp.isfinite(measured), measured, mean[room]))
         # A single rig is drawn: its covariance is of no use.
         after = eqx.tree_at(lambda s: (s.mean, s.covariance), after, (mean, state.covariance))
-        heavy = jax.random.t(of_reading, FREEDOM, (len(model.columns),))
-        error = heavy * jnp.sqrt((1 - 2 / FREEDOM) * kalman.reading_variance(after))
+        heavy = jax.random.t(of_reading, STUDENT_T_DEGREES_OF_FREEDOM, (len(model.columns),))
+        error = heavy * jnp.sqrt(
+            (1 - 2 / STUDENT_T_DEGREES_OF_FREEDOM) * kalman.reading_variance(after)
+        )
         return (after, since), kalman.readings(after, sample.ambient) + error
 
     # The filter does not know when the camera corrected itself last.
@@ -154,10 +156,10 @@ BLOCK_SECONDS = 60.0
 TAIL_FRACTION = 0.2
 
 # So many blocks pass the higher one: the scale is then known to a tenth.
-PEAKS = 100
+PEAK_BLOCKS = 100
 
 # How often recordings are drawn again.
-REDRAWN = 200
+BOOTSTRAP_DRAWS = 200
 
 # The smallest number of blocks from which a tail is estimated.
 MIN_BLOCKS = 25
@@ -185,13 +187,13 @@ def tail_of(
     blocks, seconds = np.concatenate(several), month * len(FAMILIES)
     tails = {
         passing: Tail(*_tail(blocks, passing), source, len(blocks) * BLOCK_SECONDS / 3600)
-        for passing in (TAIL_FRACTION, min(TAIL_FRACTION, PEAKS / len(blocks)))
+        for passing in (TAIL_FRACTION, min(TAIL_FRACTION, PEAK_BLOCKS / len(blocks)))
     }
     passing = max(tails, key=lambda fraction: tails[fraction].threshold(seconds))
     at = tails[passing].threshold(seconds)
     random = np.random.default_rng(0)
     logs = []
-    for _ in range(REDRAWN):
+    for _ in range(BOOTSTRAP_DRAWS):
         drawn = [several[n] for n in random.integers(len(several), size=len(several))]
         again = np.concatenate(
             [values[random.integers(len(values), size=len(values))] for values in drawn]

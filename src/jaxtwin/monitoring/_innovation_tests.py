@@ -78,18 +78,18 @@ class InnovationState(eqx.Module):
 class InnovationTests(eqx.Module):
     """The tests of the innovations.
 
-    - `scales`, `memory`: the usual spread of the innovations of each channel, and the correlation
-      of two that follow each other.
+    - `scales`, `lag_one_correlation`: the usual spread of the innovations of each channel, and the
+      correlation of two that follow each other.
     - `thresholds`: of the sum, the ratio, the joint ratio and the energy.
-    - `enough`: the score at which a ratio begins again, and of a sum the largest one; infinite for
-      statistics as they are.
+    - `reset_score`: the score at which a ratio begins again, and of a sum the largest one; infinite
+      for statistics as they are.
     - `interval`: the time between two corrections of the camera, s; None if it is not known.
     """
 
     scales: Float[np.ndarray | Array, " channels"]
-    memory: Float[np.ndarray | Array, " channels"]
+    lag_one_correlation: Float[np.ndarray | Array, " channels"]
     thresholds: Float[np.ndarray | Array, "4"]
-    enough: Float[np.ndarray | Array, ""]
+    reset_score: Float[np.ndarray | Array, ""]
     interval: float | None = eqx.field(static=True, default=None)
 
     def init(self) -> InnovationState:
@@ -131,8 +131,8 @@ class InnovationTests(eqx.Module):
         now = self._after(now, seen, scaled, there & settled, dt)
         result = self._evidence(now, dt, settled & ~is_held)
         # The window of a change that is found begins again: it then shows whether it is over.
-        enough = jnp.asarray(self.enough)
-        is_full = (result[1].score >= enough) | (result[2].score >= enough).any()
+        reset_score = jnp.asarray(self.reset_score)
+        is_full = (result[1].score >= reset_score) | (result[2].score >= reset_score).any()
         window = jax.tree.map(lambda leaf: jnp.where(is_full, 0.0, leaf), now.window)
         now = replace(now, window=window)
         return InnovationState(now, before, since_held, late, count), result
@@ -141,7 +141,7 @@ class InnovationTests(eqx.Module):
     def _least(self) -> Float[Array, ""]:
         """The sum of a change that is found; infinite for statistics as they are."""
         return jnp.where(
-            jnp.isfinite(jnp.asarray(self.enough)), jnp.asarray(self.thresholds)[0], jnp.inf
+            jnp.isfinite(jnp.asarray(self.reset_score)), jnp.asarray(self.thresholds)[0], jnp.inf
         )
 
     def _after(
@@ -154,13 +154,19 @@ class InnovationTests(eqx.Module):
     ) -> Statistics:
         # Clipped before they are whitened in time: a large one is not spread over those after it.
         clipped = jnp.clip(scaled, -CLIP, CLIP)
-        white = (clipped - self.memory * old.last) / jnp.sqrt(1 - self.memory**2)
+        white = (clipped - self.lag_one_correlation * old.last) / jnp.sqrt(
+            1 - self.lag_one_correlation**2
+        )
         x = jnp.clip(white, -CLIP, CLIP)
         innovation = jnp.where(used, jnp.asarray(seen.readings) - seen.expected, 0.0)
         return replace(
             old,
             sums=old.sums.after(
-                x, innovation, used, dt, jnp.asarray(self.enough) * jnp.asarray(self.thresholds)[0]
+                x,
+                innovation,
+                used,
+                dt,
+                jnp.asarray(self.reset_score) * jnp.asarray(self.thresholds)[0],
             ),
             window=old.window.after(x, innovation, used, dt),
             energy=energy_after(old.energy, x, used),

@@ -270,9 +270,9 @@ class Monitor(eqx.Module):
         limits = np.array([table.get(family, 1.0) for family in FAMILIES])
         self.innovations = InnovationTests(
             scales=np.array([calibration.scales.get(name, 1.0) for name in names]),
-            memory=np.array([calibration.memory.get(name, 0.0) for name in names]),
+            lag_one_correlation=np.array([calibration.memory.get(name, 0.0) for name in names]),
             thresholds=limits[:4],
-            enough=np.array(math.inf if seconds is None else RESET_SCORE),
+            reset_score=np.array(math.inf if seconds is None else RESET_SCORE),
             interval=model.interval,
         )
         self.states = StateTest(model, np.array(main_parameters(model), int), limits[4:])

@@ -13,19 +13,19 @@ from jaxtyping import Float
 from ._cumulative import REFERENCE
 
 # The number of states between 0 and the threshold.
-CELLS = 400
+MARKOV_STATES = 400
 
 
 def mean_run_length(threshold: float, reference: float = REFERENCE) -> float:
     """The mean number of independent normal innovations until a two-sided sum passes a threshold
     that it should not."""
-    width = 2 * threshold / (2 * CELLS - 1)
-    centres = width * np.arange(CELLS)
+    width = 2 * threshold / (2 * MARKOV_STATES - 1)
+    centres = width * np.arange(MARKOV_STATES)
     edges = np.append(-np.inf, centres + width / 2)
     steps = edges[None, :] - centres[:, None] + reference
     below = np.vectorize(lambda x: 0.5 * (1 + erf(x / sqrt(2))))(steps)
     matrix = np.diff(below, axis=1)
-    lengths = np.linalg.solve(np.eye(CELLS) - matrix, np.ones(CELLS))
+    lengths = np.linalg.solve(np.eye(MARKOV_STATES) - matrix, np.ones(MARKOV_STATES))
     return float(lengths[0] / 2)
 
 

@@ -60,7 +60,7 @@ from ._window import (
 OPEN_SIDE = 50.0
 
 
-class Passed(NamedTuple):
+class FilteredWindow(NamedTuple):
     """What a filter found, going through a window.
 
     - `start`: the state at the first sample.
@@ -78,7 +78,7 @@ def filtered_window(
     path: Float[Array, "samples state"],
     steps: LinearisedWindow,
     measured: Measured,
-) -> Passed:
+) -> FilteredWindow:
     """Goes through a window as a Kalman filter of the linearised equations."""
 
     def take(state: Gaussian, at: tuple[Array, Array, LinearisedWindow, Measured]) -> tuple:
@@ -87,7 +87,7 @@ def filtered_window(
         return result.state, result
 
     _, result = jax.lax.scan(take, start, (path[:-1], path[1:], steps, measured))
-    return Passed(start, result, jax.vmap(lambda step: step.slope)(steps.step))
+    return FilteredWindow(start, result, jax.vmap(lambda step: step.slope)(steps.step))
 
 
 def predicted_by(state: Gaussian, before: Float[Array, " state"], step: Transition) -> Gaussian:
@@ -108,12 +108,12 @@ def updated_by(
     )
 
 
-def most_likely(passed: Passed, bounds: BoundRows) -> Float[Array, "samples state"]:
+def most_likely(filtered: FilteredWindow, bounds: BoundRows) -> Float[Array, "samples state"]:
     """The most likely states of a window within the bounds."""
-    result = passed.corrections
-    means = jnp.concatenate([passed.start.mean[None], result.state.mean])
+    result = filtered.corrections
+    means = jnp.concatenate([filtered.start.mean[None], result.state.mean])
     samples, size = means.shape
-    free = _smoothed(passed, means, result.whitened, jnp.zeros_like(means))
+    free = _smoothed(filtered, means, result.whitened, jnp.zeros_like(means))
     rows = jnp.asarray(bounds.matrix, means.dtype)
     if not len(rows):
         return free
@@ -123,7 +123,7 @@ def most_likely(passed: Passed, bounds: BoundRows) -> Float[Array, "samples stat
     def within(_: None) -> Float[Array, "samples state"]:
         count = samples * len(rows)
         units = jnp.eye(count, dtype=means.dtype).reshape(count, samples, len(rows)) @ rows
-        moves = jax.vmap(lambda forces: _response(passed, forces))(units)
+        moves = jax.vmap(lambda forces: _response(filtered, forces))(units)
         covariance = symmetric((moves @ rows.T).reshape(count, count))
         mean = value.reshape(-1)
         multipliers = _multipliers(
@@ -158,10 +158,10 @@ def _multipliers(
 
 
 def _response(
-    passed: Passed, forces: Float[Array, "samples state"]
+    filtered: FilteredWindow, forces: Float[Array, "samples state"]
 ) -> Float[Array, "samples state"]:
     """How far forces on the states of the samples move the most likely ones: $\\Sigma f$."""
-    result = passed.corrections
+    result = filtered.corrections
 
     def take(change: Array, at: tuple[Array, GaussianUpdate, Array]) -> tuple:
         slope, one, force = at
@@ -170,19 +170,19 @@ def _response(
         change = change + one.gain @ whitened + one.state.covariance @ force
         return change, (change, whitened)
 
-    first = passed.start.covariance @ forces[0]
-    _, (changes, whitened) = jax.lax.scan(take, first, (passed.slopes, result, forces[1:]))
-    return _smoothed(passed, jnp.concatenate([first[None], changes]), whitened, forces)
+    first = filtered.start.covariance @ forces[0]
+    _, (changes, whitened) = jax.lax.scan(take, first, (filtered.slopes, result, forces[1:]))
+    return _smoothed(filtered, jnp.concatenate([first[None], changes]), whitened, forces)
 
 
 def _smoothed(
-    passed: Passed,
+    filtered: FilteredWindow,
     means: Float[Array, "samples state"],
     whitened: Float[Array, "steps readings"],
     forces: Float[Array, "samples state"],
 ) -> Float[Array, "samples state"]:
     """Smooths filtered states backwards (Bryson and Frazier), with forces on the states."""
-    result = passed.corrections
+    result = filtered.corrections
 
     def take(adjoint: Array, at: tuple[Array, GaussianUpdate, Array, Array, Array]) -> tuple:
         slope, one, mean, error, force = at
@@ -191,9 +191,9 @@ def _smoothed(
         before = before - one.slope.T @ (one.gain.T @ before + error)
         return slope.T @ before, smoothed
 
-    rows = passed.slopes, result, means[1:], whitened, forces[1:]
+    rows = filtered.slopes, result, means[1:], whitened, forces[1:]
     adjoint, smoothed = jax.lax.scan(take, jnp.zeros_like(means[0]), rows, reverse=True)
-    first = means[0] - passed.start.covariance @ adjoint
+    first = means[0] - filtered.start.covariance @ adjoint
     return jnp.concatenate([first[None], smoothed])
 
 
@@ -362,9 +362,9 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
 
         def improved(path: Float[Array, "samples state"]) -> tuple[Array, KalmanState]:
             steps, _ = linearised(self.kalman, window.steps, path[:-1], path[1:])
-            passed = filtered_window(window.start, path, steps, measured)
-            optimum = most_likely(passed, self.bounds)
-            last = jax.tree.map(lambda rows: rows[-1], passed.corrections)
+            filtered = filtered_window(window.start, path, steps, measured)
+            optimum = most_likely(filtered, self.bounds)
+            last = jax.tree.map(lambda rows: rows[-1], filtered.corrections)
             now = jax.tree.map(lambda rows: rows[-1], measured)
             return optimum, self.kalman.updated(latest, optimum[-1], last, now)
 

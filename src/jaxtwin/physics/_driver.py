@@ -29,16 +29,16 @@ class CellHeat(NamedTuple):
 
 # The duty below which the heat of a heater is proportional to it: a fractional power has no
 # derivative at zero. Full duty is not changed, and a quadratic law by 5e-9 of the power.
-IDLE = 1e-4
+DUTY_SMOOTHING = 1e-4
 
 
 def share_of_duty(
     duty: Float[Array, "*cells"], exponent: Float[Array, "*#cells"]
 ) -> Float[Array, "*cells"]:
     r"""The share of its power that a heater gives at a duty,
-    $d \left(\frac{d^2 + s^2}{1 + s^2}\right)^{(p - 1) / 2}$ with $s$ = `IDLE`, which is $d^p$ but
-    for the smallest duties."""
-    square = (duty**2 + IDLE**2) / (1 + IDLE**2)
+    $d \left(\frac{d^2 + s^2}{1 + s^2}\right)^{(p - 1) / 2}$ with $s$ = `DUTY_SMOOTHING`, which is
+    $d^p$ but for the smallest duties."""
+    square = (duty**2 + DUTY_SMOOTHING**2) / (1 + DUTY_SMOOTHING**2)
     return duty * jnp.exp((exponent - 1) / 2 * jnp.log(square))
 
 

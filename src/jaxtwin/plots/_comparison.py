@@ -210,7 +210,7 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
             _draw(row, run, channel, series, color_of(number))
         _finish(row, run, residuals)
     grid[0, 1].legend(loc="lower right")
-    for axes, text in zip(grid[-1, 1:], ("lag, s", "standard normal quantile"), strict=True):
+    for axes, text in zip(grid[-1, 1:], ("lag, s", "normal quantile"), strict=True):
         axes.set_xlabel(text)
     time_axis(grid[-1, 0], np.concatenate([run.time for run in runs]), _start(runs))
     return figure

@@ -191,7 +191,7 @@ def plot_parameters(fit: Fit) -> Figure:
         )
     if all(parameter.published is None for parameter in free):
         del handles[1]
-    figure.legend(handles=handles, loc="outside upper right", ncols=5)
+    figure.legend(handles=handles, loc="outside lower right", ncols=5)
     figure.suptitle(
         f"{fit.twin.rig.name}: mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K",
         x=0.01, ha="left",

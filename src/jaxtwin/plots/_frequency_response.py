@@ -226,7 +226,7 @@ def plot_nyquist(margins: LoopMargins) -> Figure:
     axes.plot(-1, 0, "+", ms=9, mew=1.6, color=palette().ink)
     axes.set(xlabel="real part", ylabel="imaginary part", aspect="equal")
     axes.set(xlim=(-shown, shown / 3), ylim=(-0.6 * shown, 0.6 * shown))
-    axes.legend(loc="upper right")
+    figure.legend(loc="outside lower center", ncols=3)
     axes.set_title(f"nearest to instability at {margins.disk.omega:.2g} rad/s")
     return figure
 

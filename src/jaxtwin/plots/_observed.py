@@ -118,7 +118,7 @@ def plot_innovations(observed: Observed) -> Figure:
             axes.plot(np.arange(1, LAGS + 1), of(series, LAGS)[1:], color=color, lw=1.2)
     line = np.array([-3.3, 3.3])
     quantiles.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
-    quantiles.set(xlabel="standard normal quantile", ylabel="standardised innovation")
+    quantiles.set(xlabel="normal quantile", ylabel="standardised innovation")
     title_aside(quantiles, f"mean square {np.nanmean(observed.nis):.2f}")
     band = QUANTILE_975 / np.sqrt(counts.max())
     for axes, label in ((itself, "autocorrelation"), (partial, "partial autocorrelation")):

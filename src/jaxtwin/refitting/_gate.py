@@ -35,7 +35,7 @@ RESIDUALS = 3.0
 MAX_CHANGE_FACTOR = 4.0
 
 # The units of heat capacities and Seebeck coefficients: they stay while the parts are the same.
-MATTER = ("J/K", "V/K")
+UNITS_OF_MATTER = ("J/K", "V/K")
 
 # The distance from the rig file's priors, at most, in standard deviations.
 PRIORS = 3.5
@@ -173,7 +173,7 @@ def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
                 False,
                 f"{moved.rstrip()}, more than {MAX_CHANGE_FACTOR:g} times: another rig",
             )
-        elif any(_measures(row.unit, unit) for unit in MATTER):
+        elif any(_measures(row.unit, unit) for unit in UNITS_OF_MATTER):
             passed, text = False, f"{moved}, which rigs do not do by themselves: another rig"
     return GateCheck("changes", passed, result.error, result.limit, text)
 

@@ -21,17 +21,20 @@ TIME_TOLERANCE_SECONDS = 0.01
 # linear in the duty, and the mean of 0.5 and -0.3 in a row would lose half of the Joule heat.
 MAX_AVERAGED_CHANGE = 0.1
 
-# The number of samples that are kept.
+# The number of rows with readings that are kept, and of all rows.
 MAX_SAMPLES = 1500
+MAX_ROWS = 2 * MAX_SAMPLES
 
 
 class _Row(NamedTuple):
-    """A sample: time, s of the rig; temperatures and ambient temperature, degC; duty."""
+    """A sample: time, s of the rig; temperatures and ambient temperature, degC; duty; and whether
+    it is a reading, or a change of the duty alone."""
 
     time: float
     duty: np.ndarray
     temperatures: np.ndarray
     ambient: float
+    is_reading: bool
 
 
 @final
@@ -45,7 +48,8 @@ class RecentSamples:
 
     def __init__(self, twin: Twin):
         self._twin = twin
-        self._rows: deque[_Row] = deque(maxlen=MAX_SAMPLES)
+        self._rows: deque[_Row] = deque()
+        self._readings = 0  # in the rows
         self._last: tuple[int, float] | None = None  # host time, ns, and that of the rig, s
         self._origin = 0.0
         self._rate = 1.0
@@ -61,25 +65,27 @@ class RecentSamples:
         return self._rows[-1].time if self._rows else 0.0
 
     def __len__(self) -> int:
-        return len(self._rows)
+        """The number of readings."""
+        return self._readings
 
     def on_record(self, record: Record, state: RigState) -> None:
         """Keeps readings, one in each second of the rig, with the mean duty until the next row. A
         duty that came between two readings counts from then on, and begins a row if it differs
         much."""
+        ambient = np.nan if state.ambient is None else state.ambient
         if isinstance(record, Sample) and record.pwm:
             duty = np.asarray(self._twin.rig.driver.duty(record.pwm), float)
             if self._rows:
                 now = self._rig_time(state.time_of(record), state.rate)
                 # A new duty came at some time since the sample before: in the middle, on average.
                 change = float(np.abs(duty - self._duty).max())
-                at = (self._heard + now) / 2 if change > 0 else now
-                self._sum_until(at)
+                changed = (self._heard + now) / 2 if change > 0 else now
+                self._sum_until(changed)
                 self._heard = now
-                if change > MAX_AVERAGED_CHANGE and at > self._rows[-1].time:
-                    self._end_row(at)
+                if change > MAX_AVERAGED_CHANGE and changed > self._rows[-1].time:
+                    self._end_row(changed)
                     unread = np.full(len(self._twin.channels), np.nan)
-                    self._rows.append(_Row(at, duty, unread, np.nan))
+                    self._append(_Row(changed, duty, unread, ambient, is_reading=False))
             self._duty = duty
         if not isinstance(record, Reading) or record.recalibrating or state.sample is None:
             return
@@ -94,8 +100,7 @@ class RecentSamples:
                 return
             self._sum_until(elapsed)
             self._end_row(elapsed)
-        ambient = np.nan if state.ambient is None else state.ambient
-        self._rows.append(_Row(elapsed, self._duty, record.temperatures, ambient))
+        self._append(_Row(elapsed, self._duty, record.temperatures, ambient, is_reading=True))
         self._since = self._read = elapsed
 
     def on_time(self, state: RigState, now: int) -> None:
@@ -123,6 +128,13 @@ class RecentSamples:
             ambient=ambient if np.isfinite(ambient).any() else None,
             name=f"live at {self.now:.0f} s",
         )
+
+    def _append(self, row: _Row) -> None:
+        """Appends a row, and forgets the first ones."""
+        self._rows.append(row)
+        self._readings += row.is_reading
+        while self._readings > MAX_SAMPLES or len(self._rows) > MAX_ROWS:
+            self._readings -= self._rows.popleft().is_reading
 
     def _end_row(self, time: float) -> None:
         """Gives the last row the mean duty until a time of the rig, to which it was summed up."""

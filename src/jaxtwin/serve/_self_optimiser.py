@@ -29,7 +29,7 @@ PAUSE_SECONDS = 1800.0
 MAX_A_DAY = 3
 
 # The tag of a version whose probation is over.
-TRUSTED = "probation"
+PROBATION_TAG = "probation"
 
 
 @final
@@ -102,7 +102,7 @@ class SelfOptimiser:
         self._watch = LoopWatch(LoopBand(MIN_REST, (0.0,), 0.0) if band is None else band)
         if version.parent is not None:
             self.previous = self.controller_of(self._store.version(version.parent))
-        has_before = version.parent is not None and TRUSTED not in version.tags
+        has_before = version.parent is not None and PROBATION_TAG not in version.tags
         self.is_on_probation = self._is_judged and has_before
         if is_refitted:
             self.begin()
@@ -123,7 +123,7 @@ class SelfOptimiser:
             self._say("notice", f"the controller of version {self.number} has kept to its trial")
             text = f"passed, {self._watch.time:.0f} s as predicted"
             with contextlib.suppress(StoreError):  # which ends no run; a restart begins anew
-                self._store.set_tag(self.number, TRUSTED, text)
+                self._store.set_tag(self.number, PROBATION_TAG, text)
 
     def turn(self, *, is_at_rest: bool) -> bool:
         """Says what was decided, once it was, and promotes a candidate if the policy says so, the

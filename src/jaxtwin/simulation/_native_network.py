@@ -17,7 +17,7 @@ from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._sparse_lu import SparseLU
 from ..physics import System, Twin
-from ..physics._driver import IDLE
+from ..physics._driver import DUTY_SMOOTHING
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..physics._wiring import Wiring
 from ..rig._plate import FILM_REFERENCE
@@ -138,7 +138,7 @@ class NativeNetwork:
             "ON_OFF": wiring.averaging == "on-off",
             "BRAKE": wiring.off_phase == "brake",
             "HAS_DRIVE_LAW": wiring.drive_exponents is not None,
-            "IDLE_SQUARE": IDLE**2,
+            "DUTY_SMOOTHING_SQUARE": DUTY_SMOOTHING**2,
             "HAS_LAG": wiring.lag is not None,
             "HAS_DRIFT": wiring.ambient_drift is not None,
             "CALM_SQUARE": CALM**2,

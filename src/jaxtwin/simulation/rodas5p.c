@@ -204,10 +204,10 @@ static inline pairs power(pairs base, pairs exponent)
 /* The share of its power that a heater gives at a duty (physics/_driver.py), and its derivative. */
 static lanes share_of_duty(lanes duty, lanes exponent, lanes *slope)
 {
-    const lanes square = duty * duty + IDLE_SQUARE, half = 0.5 * (exponent - 1);
+    const lanes square = duty * duty + DUTY_SMOOTHING_SQUARE, half = 0.5 * (exponent - 1);
     lanes factor;
     for (int l = 0; l < LANES; ++l) {
-        factor[l] = pow(square[l] / (1 + IDLE_SQUARE), half[l]);
+        factor[l] = pow(square[l] / (1 + DUTY_SMOOTHING_SQUARE), half[l]);
     }
     *slope = factor * (1 + 2 * half * duty * duty / square);
     return duty * factor;

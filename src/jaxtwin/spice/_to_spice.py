@@ -17,7 +17,7 @@ from ..errors import SimulationError
 from ..io import Experiment
 from ..io._duty_of_rig import check_duty_of_rig
 from ..physics import Netlist, ThermoelectricElement, Twin
-from ..physics._driver import IDLE
+from ..physics._driver import DUTY_SMOOTHING
 from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
 from ..physics._netlist import OWN_VOLTAGE
 from ..rig import Rig, Value
@@ -228,7 +228,7 @@ def _heat(
         share = f"abs({duty})"
         if cell.drive_exponent is not None:
             half = (float(cell.drive_exponent.evaluate(values)) - 1) / 2
-            base = f"({duty}*{duty}+{IDLE**2!r})/{1 + IDLE**2!r}"
+            base = f"({duty}*{duty}+{DUTY_SMOOTHING**2!r})/{1 + DUTY_SMOOTHING**2!r}"
             share += f"*pow({base},{half!r})"
         return [f"Bhot_{number} 0 {hot} I={share}*{square!r}/R_E_{number}"]
     lines = [f"Bemf_{number} emf_{number} 0 V=alpha_{number}*(V({hot})-V({cold}))"]

@@ -219,15 +219,17 @@ class PID(AbstractDutyLimitedController):
         outputs = 1 if self.measured is None else len(self.measured)
         with own_settings():
             numbers = [np.asarray(part, float) for part in self._split(outputs, cells)]
-        share, lift, rate, back = (np.broadcast_to(part, (cells,)) for part in numbers)
+        share, reference_gain, rate, tracking_gain = (
+            np.broadcast_to(part, (cells,)) for part in numbers
+        )
         constants = {"HAS_DERIVATIVE": 1} if Kd.any() else {}
         if self.anti_windup == "clamping":
             constants["CLAMPS"] = 1
         tables = {
             "Kp": (Kp, "1/K"),
-            "lift": (lift, "of the reference, by the set-point weight, 1/K"),
+            "reference_gain": (reference_gain, "of the reference, by the set-point weight, 1/K"),
             "Ki_h": (rate * h, "Ki times the sample time, 1/K"),
-            "back": (back, "sample time / tracking time"),
+            "tracking_gain": (tracking_gain, "sample time / tracking time"),
         }
         if outputs < cells:
             tables["share"] = share, "share of each in the demand"
@@ -270,7 +272,7 @@ class PID(AbstractDutyLimitedController):
         measurement and the plate is at rest."""
         duty, y = jnp.asarray(duty), jnp.asarray(measurement)
         parts = self._split(y.size, duty.size)
-        rest = duty - parts.lift * y
+        rest = duty - parts.reference_gain * y
         offset = jnp.zeros_like(rest)
         integral = rest
         if y.size < duty.size:
@@ -279,7 +281,7 @@ class PID(AbstractDutyLimitedController):
             is_free = (duty > lowest) & (duty < highest)
             counted = (is_free | ~jnp.any(is_free)) * parts.share
             integral = _projected(rest, counted, parts.share)
-            asked = parts.lift * y + parts.share * integral
+            asked = parts.reference_gain * y + parts.share * integral
             # Where the demand gives this duty by the limits, nothing is to decay.
             offset = jnp.where(self.limited(asked) == duty, 0.0, duty - asked)
         last = (jnp.asarray(self.derivative_weight) - 1) * y
@@ -293,7 +295,7 @@ class PID(AbstractDutyLimitedController):
         y = jnp.asarray(measurement)
         outputs, cells = y.size, state.offset.size
         was, now = before._split(outputs, cells), self._split(outputs, cells)
-        rest = (was.lift - now.lift) * y + was.share * state.integral
+        rest = (was.reference_gain - now.reference_gain) * y + was.share * state.integral
         if outputs == cells:
             return state._replace(integral=rest)
         integral = _projected(rest, now.share, now.share)
@@ -309,17 +311,20 @@ class PID(AbstractDutyLimitedController):
         """Computes the duty of a sample and the next state."""
         r, y, h = jnp.asarray(reference), jnp.asarray(measurement), self.sample_time_s
         outputs, cells = y.size, state.offset.size
-        share, lift, rate, back = self._split(outputs, cells)
+        share, reference_gain, rate, tracking_gain = self._split(outputs, cells)
         weighted = jnp.asarray(self.derivative_weight) * r - y
         derivative = (self.Tf * state.derivative + self.Kd * (weighted - state.last)) / (
             self.Tf + h
         )
-        proportional = self.Kp * (r - y) + lift * r
+        proportional = self.Kp * (r - y) + reference_gain * r
         asked = proportional + share * state.integral + state.offset + derivative
         duty = self.limited(asked)
-        excess, offset = back * (asked - duty), state.offset
+        excess, offset = tracking_gain * (asked - duty), state.offset
         if outputs < cells:
-            excess, offset = _excess_of_all(asked - duty, share, back), offset - back * offset
+            excess, offset = (
+                _excess_of_all(asked - duty, share, tracking_gain),
+                offset - tracking_gain * offset,
+            )
         change = rate * h * (r - y)
         if self.anti_windup == "clamping":
             change = jnp.where(change * excess > 0, 0.0, change)
@@ -331,33 +336,37 @@ class PID(AbstractDutyLimitedController):
     def _split(self, outputs: int, cells: int) -> "_Split":
         """How the cells share the integrals of the outputs."""
         Kp, Ki = jnp.asarray(self.Kp), jnp.asarray(self.Ki)
-        lift = Kp * (jnp.asarray(self.setpoint_weight) - 1)
-        back = tracking_share(Kp, Ki, self.tracking_time_s, self.sample_time_s)
+        reference_gain = Kp * (jnp.asarray(self.setpoint_weight) - 1)
+        tracking_gain = tracking_share(Kp, Ki, self.tracking_time_s, self.sample_time_s)
         if outputs == cells:
-            return _Split(jnp.ones((), Kp.dtype), lift, Ki, back)
+            return _Split(jnp.ones((), Kp.dtype), reference_gain, Ki, tracking_gain)
         rate = Ki.max()
         share = jnp.where(rate > 0, Ki / jnp.where(rate > 0, rate, 1.0), 1.0)
-        share, lift = (jnp.broadcast_to(part, (cells,)) for part in (share, lift))
-        # Without an integral nothing takes the place of a lift.
-        lift = jnp.where(rate > 0, share * _projected(lift, share, share), lift)
-        return _Split(share, lift, rate, back.max())
+        share, reference_gain = (
+            jnp.broadcast_to(part, (cells,)) for part in (share, reference_gain)
+        )
+        # Without an integral nothing takes the place of a reference_gain.
+        reference_gain = jnp.where(
+            rate > 0, share * _projected(reference_gain, share, share), reference_gain
+        )
+        return _Split(share, reference_gain, rate, tracking_gain.max())
 
 
 class _Split(NamedTuple):
     """How cells share the integrals of the outputs.
 
     - `share`: the share of each in the integral of its output.
-    - `lift`: the part of the duty that is proportional to the reference because of the set-point
-      weights, 1/K.
+    - `reference_gain`: the part of the duty that is proportional to the reference because of the
+      set-point weights, 1/K.
     - `rate`: the integral gain of each integral, 1/(K s).
-    - `back`: the part of what is beyond the limits that is taken back in a sample, and of an offset
-      that decays.
+    - `tracking_gain`: the part of what is beyond the limits that is taken back in a sample, and of
+      an offset that decays.
     """
 
     share: Float[Array, "*cells"]
-    lift: Float[Array, "*cells"]
+    reference_gain: Float[Array, "*cells"]
     rate: Float[Array, "*outputs"]
-    back: Float[Array, "*outputs"]
+    tracking_gain: Float[Array, "*outputs"]
 
 
 def _projected(
@@ -369,7 +378,7 @@ def _projected(
 
 
 def _excess_of_all(
-    beyond: Float[Array, " cells"], share: Float[Array, " cells"], back: Float[Array, ""]
+    beyond: Float[Array, " cells"], share: Float[Array, " cells"], tracking_gain: Float[Array, ""]
 ) -> Float[Array, " 1"]:
     """What a sample takes back from the demand that cells share.
 
@@ -382,8 +391,8 @@ def _excess_of_all(
     excess = beyond / jnp.where(counted, share, 1.0)
     smallest = jnp.where(counted, excess, jnp.inf).min()
     largest = jnp.where(counted, excess, -jnp.inf).max()
-    above = jnp.maximum(jnp.minimum(back * largest, smallest), 0.0)
-    below = jnp.minimum(jnp.maximum(back * smallest, largest), 0.0)
+    above = jnp.maximum(jnp.minimum(tracking_gain * largest, smallest), 0.0)
+    below = jnp.minimum(jnp.maximum(tracking_gain * smallest, largest), 0.0)
     return (above + below)[None]
 
 

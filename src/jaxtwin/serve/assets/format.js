@@ -18,7 +18,7 @@ export function timeText(seconds) {
   return date.toDateString() === new Date().toDateString() ? text : `${day.format(date)} ${text}`;
 }
 
-/** A number with so many digits behind the point, and a real minus; "–" if it is missing. */
+/** A number with the given digits after the point, and a real minus; "–" if it is missing. */
 export function numberText(value, digits = 1) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = value.toFixed(digits);

@@ -39,6 +39,13 @@ export class Network {
 
   sample(sample) { this.now = sample; this.draw(); }
   outlook(outlook) { this.ahead = outlook; }
+  /** Names of the parts that a diagnosis suspects: their boxes stand out. */
+  suspect(names) {
+    this.layout.network.nodes.forEach((node, k) => {
+      const isSuspect = [node.name, ...node.driven].some((name) => names.includes(name));
+      this.boxes[k].box.classList.toggle("suspect", isSuspect);
+    });
+  }
 
   draw() {
     const { now, ahead, layout } = this;

@@ -22,6 +22,7 @@ export class Plate {
     this.layout = layout;
     this.mode = names[0];
     this.picked = null;
+    this.suspects = [];
     const { columns, rows } = layout.plate;
     this.width = columns.at(-1);
     this.height = rows.at(-1);
@@ -63,6 +64,8 @@ export class Plate {
 
   sample(sample) { this.now = sample; this.draw(); }
   outlook(outlook) { this.ahead = outlook; }
+  /** Names of the parts that a diagnosis suspects: their outlines stand out. */
+  suspect(names) { this.suspects = names; this.draw(); }
 
   draw() {
     const context = this.canvas.getContext("2d");
@@ -138,10 +141,12 @@ export class Plate {
       context.beginPath();
       for (const [x, y] of outline) context.lineTo(x * scale, y * scale);
       context.closePath();
-      for (const [width, colour] of [[3.5, "rgb(0 0 0 / 55%)"], [1.5, "#fff"]]) {
+      const isSuspect = this.suspects.includes(name);
+      const lines = isSuspect ? [[7, "rgb(0 0 0 / 75%)"], [4, "#ffb000"]] : [[3.5, "rgb(0 0 0 / 55%)"], [1.5, "#fff"]];
+      for (const [width, colour] of lines) {
         context.lineWidth = width * this.ratio;
         context.strokeStyle = colour;
-        context.setLineDash([6 * this.ratio, 4 * this.ratio]);
+        context.setLineDash(isSuspect ? [] : [6 * this.ratio, 4 * this.ratio]);
         context.stroke();
       }
       context.setLineDash([]);

@@ -14,6 +14,7 @@ const SIGNS = { good: "✓", unknown: "…", notice: "i", warning: "!", critical
 const WORDS = { good: "good", unknown: "not known", notice: "notice", warning: "warning", critical: "critical" };
 const QUESTIONS = { rig: "Is the rig well?", minute: "What comes next?", twin: "Is the twin right?" };
 const FEW = 4; // channels whose charts leave room for tables beside them
+const SURE = 0.9; // as in the headline: the parts of such a cause are marked
 const CHART_MS = 500;
 const SPEAK_MS = 30_000;
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -22,7 +23,7 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
  * Makes a view in an element.
  *
  * - `uPlot`: the class of the library that draws charts.
- * - `history`: a function that promises the history of so many seconds.
+ * - `history`: a function of a number of seconds that promises the history of the last ones.
  * - `twinAction`: called with "promote" and a version, "rollback", "refit" or "acknowledge"; null
  *   where nobody may.
  * - `aside`: an element that stands beside the charts, such as one with commands.
@@ -283,6 +284,9 @@ class View {
   }
 
   #diagnosis(found) {
+    const best = found.causes?.map(({ explanations }) => explanations[0]) ?? [];
+    const sure = best.filter(({ probability }) => probability >= SURE);
+    this.plate?.suspect(sure.map(({ name }) => name.split(" ").slice(1).join(" ")));
     if (found.state === "none") {
       this.causes.replaceChildren();
       return;

@@ -38,11 +38,11 @@ static model_real model_excess_of_all(const model_real *beyond)
         }
     }
     if (smallest > 0) {
-        const model_real back = model_back[0] * largest;
+        const model_real back = model_tracking_gain[0] * largest;
         return back < smallest ? back : smallest;
     }
     if (largest < 0) {
-        const model_real back = model_back[0] * smallest;
+        const model_real back = model_tracking_gain[0] * smallest;
         return back > largest ? back : largest;
     }
     return 0;
@@ -66,7 +66,7 @@ static void model_law_init(model_state *state, const model_real *duty,
     model_real rest[MODEL_CELLS];
     int counted[MODEL_CELLS], within = 0;
     for (i = 0; i < MODEL_CELLS; ++i) {
-        rest[i] = duty[i] - model_lift[i] * measurement[0];
+        rest[i] = duty[i] - model_reference_gain[i] * measurement[0];
         counted[i] = duty[i] > model_lowest_duty[i] && duty[i] < model_highest_duty[i];
         within += counted[i];
     }
@@ -76,13 +76,13 @@ static void model_law_init(model_state *state, const model_real *duty,
     state->integral[0] = model_demand(rest, counted);
     for (i = 0; i < MODEL_CELLS; ++i) {
         const model_real asked =
-            model_lift[i] * measurement[0] + model_share[i] * state->integral[0];
+            model_reference_gain[i] * measurement[0] + model_share[i] * state->integral[0];
         state->offset[i] = model_limited(i, asked) == duty[i] ? 0 : duty[i] - asked;
     }
 #endif
     for (i = 0; i < MODEL_CELLS; ++i) {
 #ifndef MODEL_SHARES
-        state->integral[i] = duty[i] - model_lift[i] * measurement[i];
+        state->integral[i] = duty[i] - model_reference_gain[i] * measurement[i];
 #endif
 #ifdef MODEL_HAS_DERIVATIVE
         const model_real y = measurement[MODEL_OUTPUT(i)];
@@ -102,7 +102,7 @@ static void model_law(model_state *state, const model_real *reference, int sampl
     (void)samples;
     for (i = 0; i < MODEL_CELLS; ++i) {
         const model_real r = reference[MODEL_OUTPUT(i)], y = state->seen[MODEL_OUTPUT(i)];
-        const model_real proportional = model_Kp[i] * (r - y) + model_lift[i] * r;
+        const model_real proportional = model_Kp[i] * (r - y) + model_reference_gain[i] * r;
 #ifdef MODEL_SHARES
         model_real asked = proportional + model_share[i] * state->integral[0] + state->offset[i];
 #else
@@ -118,10 +118,10 @@ static void model_law(model_state *state, const model_real *reference, int sampl
         duty[i] = model_limited(i, asked);
 #ifdef MODEL_SHARES
         beyond[i] = asked - duty[i];
-        state->offset[i] -= model_back[i] * state->offset[i];
+        state->offset[i] -= model_tracking_gain[i] * state->offset[i];
 #else
         model_integrate_within(state, i, model_Ki_h[i] * (r - y),
-                               model_back[i] * (asked - duty[i]));
+                               model_tracking_gain[i] * (asked - duty[i]));
 #endif
     }
 #ifdef MODEL_SHARES

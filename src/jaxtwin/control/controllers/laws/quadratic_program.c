@@ -5,8 +5,8 @@
 /* A cost z'Hz / 2 + slope'z, with limits of z, with a rate also of its change from
    sample to sample, and then soft and hard ones of sums: lowest <= value <= highest. The soft sums
    are the limited ones, once in each turn, and others; softness has one number for each limited one
-   and a last one for the others. The last sums can form bands of so many members, counted from a
-   centre that is free; the centres follow z. */
+   and a last one for the others. The last sums can form bands of equal size, around a
+   free centre each; the centres follow z. */
 typedef struct {
     const model_real *hessian;
     const model_real *sums;
