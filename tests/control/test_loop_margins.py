@@ -44,8 +44,8 @@ def test_a_loop_that_is_not_stable_or_fragile_says_so(single: Twin):
 
 @pytest.mark.slow
 def test_the_examples_of_the_page_are_not_fragile_and_an_earlier_one_was(twin: Twin):
-    """`docs/mpc.md`: an LQI that looks at readings of 0.1 K amplifies some disturbances by
-    three."""
+    """An LQI that looks at readings of 0.1 K amplifies some disturbances by three
+    (`benchmarks/results/controllers.md`)."""
     two = {"measured": ["TAM", "TCM"], "limits": (0, 1)}
     model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0})
     small = model.reduce(4).discretise(1.0)
