@@ -17,7 +17,7 @@ from jaxtwin.diagnosis._likelihood_ratio import (
     CANDIDATES,
     Candidates,
     _replaced,
-    judged,
+    likelihood_ratios,
     log_ratios,
     signature,
 )
@@ -181,7 +181,7 @@ def test_the_band_of_an_onset_is_the_shortest_set_of_95_percent():
             jnp.asarray(sums), jnp.ones_like(none.counts), none.held,
         )  # fmt: skip
         prior = learned(several, [])
-        said = jax.tree.map(np.asarray, jax.jit(judged)(prior, several_onsets))
+        said = jax.tree.map(np.asarray, jax.jit(likelihood_ratios)(prior, several_onsets))
         weights = np.exp(np.asarray(jax.jit(log_ratios)(prior, several_onsets)))
     for fault in range(faults + 1):
         shares = weights[:, fault] / weights[:, fault].sum()

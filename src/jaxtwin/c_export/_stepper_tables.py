@@ -161,7 +161,7 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
     if bridge.own_supply:
         result["HAS_POWERS"] = 1
     if bridge.drive_exponent is not None:
-        result |= {"HAS_DRIVE_LAW": 1, "DUTY_SMOOTHING": DUTY_SMOOTHING**2}
+        result |= {"HAS_DRIVE_LAW": 1, "DUTY_SMOOTHING_SQUARE": DUTY_SMOOTHING**2}
     if sizes.has_lag:
         result["HAS_LAG"] = 1
     if sizes.has_reservoirs:
@@ -188,7 +188,7 @@ COMMENTS = {
     "LOSSES": "paths of losses that are not linear",
     "PLATE_LOSSES": "of the plate, the first of them",
     "CALM": "K^2",
-    "DUTY_SMOOTHING": "square of the duty below which heat is proportional to it",
+    "DUTY_SMOOTHING_SQUARE": "square of the duty below which heat is proportional to it",
     "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
     "SHARES": "of states, and the inputs",
     "PARAMETERS": "that can be set",
