@@ -20,9 +20,10 @@ from small_results import fit
 
 from jaxtwin import Experiment, Twin, TwinStore
 from jaxtwin.control import DecoupledPI
-from jaxtwin.errors import RecordingError
+from jaxtwin.errors import RecordingError, SafetyStop
 from jaxtwin.live import (
     Finding,
+    Moment,
     Publisher,
     Reading,
     Record,
@@ -51,6 +52,7 @@ from jaxtwin.serve import (
     web_app,
 )
 from jaxtwin.serve._child_process import ChildProcess, Outcome
+from jaxtwin.serve._commands import HeldDuty, HeldReferences
 from jaxtwin.serve._desk import (
     Asked,
     DriveOrder,
@@ -204,6 +206,16 @@ def test_an_order_beyond_the_limit_changes_no_run() -> None:
 @cache
 def controller() -> DecoupledPI:
     return DecoupledPI(0.05, 1e-3, 0.05, 1e-3, measured=(("T1",), ("T2",)), limits=(0, 1))
+
+
+@pytest.mark.slow
+def test_a_virtual_rig_that_runs_faster_is_not_silent_while_an_order_is_checked() -> None:
+    order = HoldOrder((32.0, 30.0), 60.0)
+    source, before = Bench().source, HeldDuty((0.0, 0.0), 60.0)
+    old = Moment(0.0, np.full(2, 30.0), np.full(2, 20.0), np.zeros(2), None)  # read 20 s ago
+    assert HeldReferences(source, twin(), controller(), order, before, 10.0)(old) is not None
+    with pytest.raises(SafetyStop, match=r"no reading that it uses for 20\.0 s"):
+        HeldReferences(source, twin(), controller(), order, before, 1.0)(old)
 
 
 @pytest.mark.slow
