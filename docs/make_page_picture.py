@@ -29,7 +29,7 @@ PICTURED = "dual-cell"
 
 # Rig -> what fails, the duty, and what its observer takes as uncertain.
 RIGS: dict[str, tuple[str, list[float], tuple[str, ...]]] = {
-    "single-cell": ("loosen=P1@{}/3", [0.4], ()),
+    "single-cell": ("fade=P1@{}/0.7", [0.4], ()),
     "dual-cell": ("loosen=P1@{}/4", [0.5, 0.35], ("R_pc1_row1", "R_pc2_row1", "R_sink1")),
     "tclab": ("weaken=H1@{}/0.6", [0.7, 0.4], ("R_1", "R_2")),
     "heated-box": ("leak=air@{}/4", [0.2], ("R_leak",)),
