@@ -29,10 +29,10 @@ PICTURED = "dual-cell"
 
 # Rig -> what fails, the duty, and what its observer takes as uncertain.
 RIGS: dict[str, tuple[str, list[float], tuple[str, ...]]] = {
-    "single-cell": ("fade=P1@{}/0.7", [0.4], ()),
+    "single-cell": ("age=P1@{}/2.5", [0.4], ()),
     "dual-cell": ("loosen=P1@{}/4", [0.5, 0.35], ("R_pc1_row1", "R_pc2_row1", "R_sink1")),
     "tclab": ("weaken=H1@{}/0.6", [0.7, 0.4], ("R_1", "R_2")),
-    "heated-box": ("leak=air@{}/4", [0.2], ("R_leak",)),
+    "heated-box": ("leak=air@{}/20", [0.2], ()),
     "foil": ("age=foil@{}/1.8", [0.2, 0.5], ()),
 }
 WIDTHS = (390, 1280, 1600, 2560)

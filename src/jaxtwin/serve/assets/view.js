@@ -14,7 +14,7 @@ const SIGNS = { good: "✓", unknown: "…", notice: "i", warning: "!", critical
 const WORDS = { good: "good", unknown: "not known", notice: "notice", warning: "warning", critical: "critical" };
 const QUESTIONS = { rig: "Is the rig well?", minute: "What comes next?", twin: "Is the twin right?" };
 const FEW = 4; // channels whose charts leave room for tables beside them
-const SURE = 0.9; // as in the headline: the parts of such a cause are marked
+const SURE = 0.9; // as in the headline
 const CHART_MS = 500;
 const SPEAK_MS = 30_000;
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -30,6 +30,16 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)");
  */
 export function createView(root, { uPlot, history, twinAction = null, aside = "" }) {
   return new View(root, uPlot, history, twinAction, aside);
+}
+
+/** The parts of which something has surely changed, whatever it may be: names as in `loosen P1`. */
+function suspects({ explanations }) {
+  const shares = new Map();
+  for (const { name, probability } of explanations) {
+    const part = name.split(" ").slice(1).join(" ");
+    shares.set(part, (shares.get(part) ?? 0) + probability);
+  }
+  return [...shares].filter(([, share]) => share >= SURE).map(([part]) => part);
 }
 
 class View {
@@ -284,9 +294,7 @@ class View {
   }
 
   #diagnosis(found) {
-    const best = found.causes?.map(({ explanations }) => explanations[0]) ?? [];
-    const sure = best.filter(({ probability }) => probability >= SURE);
-    this.plate?.suspect(sure.map(({ name }) => name.split(" ").slice(1).join(" ")));
+    this.plate?.suspect(found.causes.flatMap(suspects));
     if (found.state === "none") {
       this.causes.replaceChildren();
       return;
