@@ -6,7 +6,6 @@ from typing import Any
 
 from .. import __version__
 from .._progress import NullProgress, Progress
-from ..data import table
 from ..matching import Fit
 from ..physics import Twin
 from ..rig import load_rig
@@ -161,7 +160,7 @@ def _headline(published: dict[str, float], fixed: Fit, own: Fit) -> dict[str, fl
 
 
 def _document(source: Source) -> Section:
-    """The section on the recordings, and on numbers of the paper that disagree with each other."""
+    """The section on the recordings."""
     return Section(
         "2 Document: recordings and datasheets",
         (
@@ -170,16 +169,10 @@ def _document(source: Source) -> Section:
                 source.experiments,
                 "Recorded temperatures and the duty cycle of both cells (the paper's Fig. 6).",
             ),
-            ReportTable(
+            Text(
                 "Tables 1 to 4 of the paper are bundled with jaxtwin as data. Where their numbers "
-                "disagree with each other or with the authors' model file:",
-                ("table", "entry", "note"),
-                [
-                    (str(number), str(row.get("symbol", row.get("property"))), str(row["note"]))
-                    for number in (1, 2, 3, 4)
-                    for row in table(number).rows
-                    if row["note"]
-                ],
+                "disagree with each other or with the authors' model file, "
+                '`jaxtwin.data.table(4).column("note")` says so, and docs/paper.md lists it.'
             ),
         ),
     )

@@ -160,14 +160,17 @@ def _table(table: ReportTable) -> str:
         all(_NUMBER.fullmatch(row[column]) for row in table.rows)
         for column in range(len(table.head))
     ]
-    head = "".join(_cell("th", text, r) for text, r in zip(table.head, right, strict=True))
+    # An empty cell heads nothing.
+    head = "".join(
+        _cell("th" if text else "td", text, r) for text, r in zip(table.head, right, strict=True)
+    )
     head = f"<thead><tr>{head}</tr></thead>" if any(table.head) else ""
     rows = "".join(
         "<tr>" + "".join(_cell("td", text, r) for text, r in zip(row, right, strict=True)) + "</tr>"
         for row in table.rows
     )
     return (
-        f"<div class=table><table><caption>{_inline(table.caption)}</caption>"
+        f"<div class=table tabindex=0><table><caption>{_inline(table.caption)}</caption>"
         f"{head}<tbody>{rows}</tbody></table></div>"
     )
 
