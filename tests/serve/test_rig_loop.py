@@ -18,7 +18,7 @@ from hand_clock import START, HandClock, virtual_bench
 from small_page import TOKEN, twin
 from small_results import fit
 
-from jaxtwin import Experiment, Twin, TwinStore
+from jaxtwin import Experiment, Twin, TwinStore, simulate
 from jaxtwin.control import DecoupledPI
 from jaxtwin.errors import RecordingError, SafetyStop
 from jaxtwin.live import (
@@ -679,6 +679,23 @@ def test_a_large_change_of_the_duty_is_not_averaged() -> None:
     np.testing.assert_allclose(recorded.time[~is_read], [3.35, 6.65, 6.85], atol=1e-6)
     expected = 0.3 * (recorded.time[:, None] >= [3.35 - 1e-6, 6.65 - 1e-6, 6.85 - 1e-6]).sum(axis=1)
     np.testing.assert_allclose(np.asarray(recorded.duty)[:, 0], expected, atol=1e-6)
+
+
+def test_inputs_of_the_last_minutes_are_those_of_the_rig_file() -> None:
+    box, state = Twin("heated-box"), RigState()
+    recent = RecentSamples(box)
+    for second in range(4):
+        at = START + second * 10**9
+        for record in (
+            Sample("rig", "b", at, second * 10**6, second, (0,), None),
+            Reading("rig", "b", at, second * 10**6, second, np.array([22.0]), False, None),
+        ):
+            state = state.after(record)
+            recent.on_record(record, state)
+    recorded = recent.recorded()
+    assert set(recorded.inputs) == {each.name for each in box.rig.inputs}
+    # A recording that lacked one would be refused.
+    assert np.isfinite(simulate(box, recorded).temperatures).all()
 
 
 def test_a_refit_needs_a_store_and_readings(store: TwinStore) -> None:

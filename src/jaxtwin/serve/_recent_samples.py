@@ -126,6 +126,8 @@ class RecentSamples:
             channels=self._twin.channels,
             temperatures=[row.temperatures for row in rows],
             ambient=ambient if np.isfinite(ambient).any() else None,
+            # No device reports them; the observer beside the rig assumes the same.
+            inputs={each.name: each.value for each in self._twin.rig.inputs},
             name=f"live at {self.now:.0f} s",
         )
 
