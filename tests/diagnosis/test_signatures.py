@@ -181,15 +181,15 @@ def test_the_band_of_an_onset_is_the_shortest_set_of_95_percent():
             jnp.asarray(sums), jnp.ones_like(none.counts), none.held,
         )  # fmt: skip
         prior = learned(several, [])
-        said = jax.tree.map(np.asarray, jax.jit(likelihood_ratios)(prior, several_onsets))
+        ratios = jax.tree.map(np.asarray, jax.jit(likelihood_ratios)(prior, several_onsets))
         weights = np.exp(np.asarray(jax.jit(log_ratios)(prior, several_onsets)))
     for fault in range(faults + 1):
         shares = weights[:, fault] / weights[:, fault].sum()
         order = np.argsort(-shares)
         inside = order[: 1 + np.searchsorted(shares[order].cumsum(), 0.95)]
-        assert said.earliest[fault] == inside.min()
-        assert said.latest[fault] == inside.max()
-        assert said.onset[fault] == order[0]
+        assert ratios.earliest[fault] == inside.min()
+        assert ratios.latest[fault] == inside.max()
+        assert ratios.onset[fault] == order[0]
 
 
 def test_an_onset_that_shows_nothing_for_long_makes_room_first():
@@ -206,8 +206,10 @@ def test_an_onset_that_shows_nothing_for_long_makes_room_first():
         place = jax.jit(_replaced)
         number, by_age = jnp.asarray(1000 + CANDIDATES), jnp.asarray(False)
 
-        def goes(patience: float, enough: float) -> int:
-            own = prior._replace(patience=np.asarray(patience), forget_below=np.asarray(enough))
+        def goes(patience: float, forget_below: float) -> int:
+            own = prior._replace(
+                patience=np.asarray(patience), forget_below=np.asarray(forget_below)
+            )
             return int(place(own, several_onsets, number, by_age))
 
         assert goes(patience, 20.0) == 0

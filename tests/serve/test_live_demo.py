@@ -123,7 +123,10 @@ def test_the_fault_and_the_room_are_those_of_the_rig() -> None:
     (fault,) = demo_faults().rig
     assert (fault.model, fault.time, fault.size) == ("loosen", LOOSE_AT, 3.5)
     assert fault.part in demo_rig().driven
-    assert float(jt.Twin(demo_rig()).values["T_amb"]) == ROOM
+    values = jt.Twin(demo_rig()).values
+    assert float(values["T_amb"]) == ROOM
+    # What the story changes in the file of `new-rig`: the draught and the pads.
+    assert [float(values[name]) for name in ("h", "R_pc_1", "R_pc_2")] == [60.0, 5.0, 5.0]
 
 
 @pytest.mark.slow

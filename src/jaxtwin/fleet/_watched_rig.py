@@ -309,8 +309,7 @@ class WatchedRig:
             channels=self.made.twin.channels,
             temperatures=[row[2] for row in rows],
             ambient=room if np.isfinite(room).any() else None,
-            # No device reports them; its observer assumes the same.
-            inputs={each.name: each.value for each in rig.inputs},
+            inputs=rig.usual_inputs,
             name=f"{self.name} at {seconds(rows[-1][0]):.0f} s",
         )
 

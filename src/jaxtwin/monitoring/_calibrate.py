@@ -155,7 +155,7 @@ BLOCK_SECONDS = 60.0
 # The part of the blocks that passes the lower level.
 TAIL_FRACTION = 0.2
 
-# So many blocks pass the higher one: the scale is then known to a tenth.
+# The number of blocks that pass the higher level: the scale is then known to a tenth.
 PEAK_BLOCKS = 100
 
 # How often recordings are drawn again.

@@ -89,6 +89,12 @@ class Rig:
         return tuple(part.name for part in (*self.cells, *self.heaters))
 
     @property
+    def usual_inputs(self) -> dict[str, float]:
+        """The values of the other inputs where none is stated, as an `Experiment` takes them: what
+        an observer beside the rig assumes, because no device reports them."""
+        return {rig_input.name: rig_input.value for rig_input in self.inputs}
+
+    @property
     def full_scales(self) -> dict[str, tuple[float, str]]:
         """What columns of recordings have at full duty, for the cells and heaters that say it: the
         number and W, V or A."""

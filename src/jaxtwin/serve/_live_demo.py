@@ -99,14 +99,13 @@ def demo_faults() -> Faults:
 def demo_controller() -> tuple[PID, ControllerDesign]:
     """The controller of the story, as `tune` finds it on the rig without a fault, and for what it
     is designed: to follow the references, and to keep the plate even."""
-    both = np.ones(2)
     low, high = sorted(REFERENCES)
-    steps = ",".join(f"{120 * step}:{(low, high)[step % 2]:g}" for step in range(4))
+    levels = (low, high, low, high)
+    steps = ",".join(f"{HELD_SECONDS * step:g}:{level:g}" for step, level in enumerate(levels))
+    objective = {"integral_absolute_error": 1.0, "plate_range_at_rest": 20.0}
     return (
-        PID(Kp=0.2 * both, Ki=0.006 * both, limits=(-0.3, 0.5)),
-        ControllerDesign(
-            steps, 480.0, {"integral_absolute_error": 1.0, "plate_range_at_rest": 20.0}
-        ),
+        PID(Kp=[0.2, 0.2], Ki=[0.006, 0.006], limits=(-0.3, 0.5)),
+        ControllerDesign(steps, HELD_SECONDS * len(levels), objective),
     )
 
 
@@ -211,10 +210,10 @@ class DemoScript:
         """Tells by the readings of a loop at rest whether the plate is uneven, and even again."""
         if self._time - self._stepped < HELD_SECONDS - EVEN_SECONDS or not self._halves:
             return
-        apart = abs(float(np.mean([difference for _, difference in self._halves])))
-        if apart > 2 * EVEN_KELVIN:
+        unevenness = abs(float(np.mean([difference for _, difference in self._halves])))
+        if unevenness > 2 * EVEN_KELVIN:
             self._tell("the loop is worse: its mean is held, but one half of the plate is colder")
-        elif apart < EVEN_KELVIN and REFITTED in self._told:
+        elif unevenness < EVEN_KELVIN and REFITTED in self._told:
             self._tell("the plate is even again: the controller was tuned on the twin that knows")
 
     def _tell(self, text: str) -> bool:

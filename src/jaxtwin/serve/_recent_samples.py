@@ -126,8 +126,7 @@ class RecentSamples:
             channels=self._twin.channels,
             temperatures=[row.temperatures for row in rows],
             ambient=ambient if np.isfinite(ambient).any() else None,
-            # No device reports them; the observer beside the rig assumes the same.
-            inputs={each.name: each.value for each in self._twin.rig.inputs},
+            inputs=self._twin.rig.usual_inputs,
             name=f"live at {self.now:.0f} s",
         )
 
