@@ -22,7 +22,7 @@ import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.simulation import build_time_grid
 from jaxtwin.simulation._reductions import ReductionChoice
-from jaxtwin.simulation._simulate import _run_exponential
+from jaxtwin.simulation._simulate import run_exponential
 from jaxtwin.simulation._time_grid import SETTLING_SECONDS, step_rule
 
 from ._machine import machine
@@ -126,7 +126,7 @@ def _finest(twin: jt.Twin, experiment: jt.Experiment) -> Float[np.ndarray, "time
     rule = step_rule(1 / 8, settling=0.0 if twin.wiring.lag is None else SETTLING_SECONDS)
     grid = build_time_grid(experiment, rule, twin.wiring.inputs_and_effects)
     with own_settings():
-        return np.asarray(_run_exponential(twin, grid, None)[1]) - 273.15
+        return np.asarray(run_exponential(twin, grid, None)[1]) - 273.15
 
 
 def _by_turns(ways: Mapping[str, Callable[[], object]], turns: int) -> dict[str, float]:

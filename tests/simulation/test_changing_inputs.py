@@ -18,7 +18,7 @@ from jaxtwin.simulation import build_time_grid
 from jaxtwin.simulation._held_inputs import held_quadratics, mean_of, merged_changes, quadratic_at
 from jaxtwin.simulation._input_rates import input_rates
 from jaxtwin.simulation._padding import padded_time_grid
-from jaxtwin.simulation._simulate import _run_exponential
+from jaxtwin.simulation._simulate import run_exponential
 from jaxtwin.simulation._time_grid import step_rule, time_grid
 
 # The largest errors that benchmarks/results/speed.md states for a run and draws in C, K.
@@ -69,7 +69,7 @@ def finest(twin: jt.Twin, experiment: jt.Experiment) -> np.ndarray:
     rule = step_rule(1 / 8, settling=0.0 if wiring.lag is None else 6.0)
     grid = build_time_grid(experiment, rule, wiring.inputs_and_effects)
     with own_settings():
-        return np.asarray(_run_exponential(twin, grid, None)[1]) - 273.15
+        return np.asarray(run_exponential(twin, grid, None)[1]) - 273.15
 
 
 def drawn(twin: jt.Twin, experiment: jt.Experiment) -> np.ndarray:

@@ -7,7 +7,7 @@ from scipy.optimize import root
 from jaxtwin import Experiment, Twin
 from jaxtwin._compilation import clear_programs
 from jaxtwin.errors import ParameterError, SimulationError
-from jaxtwin.simulation._simulate import _run_exponential, prepare_simulation
+from jaxtwin.simulation._simulate import prepare_simulation, run_exponential
 
 TIME = np.arange(61.0)
 DUTY = np.where(TIME < 20, 0.5, 0.8)[:, None] * np.array([1.0, -0.5])
@@ -229,9 +229,9 @@ def test_a_prepared_simulation_compiles_nothing_more(twin):
     """Whatever the values are with which the twin is simulated in the end."""
     clear_programs()
     prepare_simulation(twin, EXPERIMENT)
-    assert len(_run_exponential._programs) == 1
+    assert len(run_exponential._programs) == 1
     twin.with_values({"R_E": 2.2}).simulate(EXPERIMENT)
-    assert len(_run_exponential._programs) == 1
+    assert len(run_exponential._programs) == 1
 
 
 def test_temperatures_are_read_by_the_name_of_a_channel_or_node() -> None:

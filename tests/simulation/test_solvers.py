@@ -12,7 +12,7 @@ from jaxtwin.errors import RecordingError, SimulationError
 from jaxtwin.simulation import NetworkExponential, TimeGrid, build_time_grid, solve_network
 from jaxtwin.simulation._interpolation import step_polynomials
 from jaxtwin.simulation._refinement import ERROR_TOLERANCE, needs_shorter_steps
-from jaxtwin.simulation._simulate import _run_exponential
+from jaxtwin.simulation._simulate import run_exponential
 from jaxtwin.simulation._time_grid import time_grid
 
 # One minute with both cells apart, reversed after a third.
@@ -197,7 +197,7 @@ def test_a_solution_with_a_large_error_estimate_is_solved_again_with_shorter_ste
     drive = Experiment(np.arange(201.0), np.full((201, 2), 0.6))
 
     def on_steps_halved(times: int) -> tuple[np.ndarray, float]:
-        _, readings, _, error_estimate = _run_exponential(twin, time_grid(twin, drive, times), None)
+        _, readings, _, error_estimate = run_exponential(twin, time_grid(twin, drive, times), None)
         return np.asarray(readings) - 273.15, float(error_estimate)
 
     (longest, error_estimate), (fine, _) = on_steps_halved(0), on_steps_halved(6)

@@ -7,8 +7,10 @@ exported files into them, and writes the header with sizes and numbers, which `_
 compute and `_text` writes as C. In `parametric_twin.c`, which is for an FMU, C itself computes the
 numbers of a twin from its parameters, by `_parametric_twin_c` and `_parameter_tables`. A
 controller's class gives its law, whose C is in `control/controllers/laws/`.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._export_c import CSources, export_c
+from .._faces import attach
 
-__all__ = ["CSources", "export_c"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -5,9 +5,7 @@ The controllers differ in their `Law`; what they share is in `controller.c`.
 
 import numpy as np
 
-from ..control import AbstractController
-from ..control.controllers._duty_limits import bounds_of, check_limits_of_heaters, limits_text
-from ..control.controllers._law import Law
+from ..control import AbstractController, Law, bounds_of, check_limits_of_heaters, limits_text
 from ..errors import ControlError
 from ..rig import Rig
 from ._sources import Code, Parts, code_of, defines, type_of_numbers

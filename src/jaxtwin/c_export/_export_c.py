@@ -8,8 +8,7 @@ from typing import Literal, final
 
 from .._arguments import of_kind, path_of
 from .._whole_file import write_whole_file
-from ..control import AbstractController, DiscreteModel
-from ..control.linear._discrete_model import check_at_rest
+from ..control import AbstractController, DiscreteModel, check_at_rest
 from ..errors import ControlError
 from ..observers import ExtendedKalmanFilter
 from ..rig import Rig

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..control.controllers._law import Table
-from ..physics._expressions import Expressions
+from ..control import Table
+from ..physics import Expressions
 from ..rig import Input
 from ..simulation import Stepper
 

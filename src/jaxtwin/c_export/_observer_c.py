@@ -11,21 +11,22 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
-from ..control.controllers._law import Table
+from ..control import Table
 from ..errors import ControlError
-from ..observers import ExtendedKalmanFilter
-from ..observers._expected_correction import INTERVAL_SPREAD
-from ..observers._kalman_filter import (
+from ..observers import (
     CERTAIN_CORRECTION_SIGMAS,
     CORRECTION_SIGMAS,
     FOLLOW_COUNT,
     GATE_SIGMAS,
+    GRID,
+    INTERVAL_SPREAD,
     MAX_REJECTED,
     MIN_GATE_KELVIN,
+    READ_SPREAD,
+    REST_SCALE,
+    ExtendedKalmanFilter,
 )
-from ..observers._start import GRID, READ_SPREAD, REST_SCALE
-from ..simulation import Stepper
-from ..simulation._exponential import step_factors
+from ..simulation import Stepper, step_factors
 from ._sources import Code, Parts, code_of, defines, type_of_numbers, whole_numbers
 from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_tables
 from ._text import comment_block

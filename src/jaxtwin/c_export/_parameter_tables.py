@@ -6,13 +6,9 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from ..control.controllers._law import Table
-from ..physics import Twin
-from ..physics._expressions import Expressions
-from ..physics._netlist import OWN_VOLTAGE
-from ..physics._wiring import Wiring
-from ..rig import Parameter
-from ..rig._plate import AMBIENT
+from ..control import Table
+from ..physics import OWN_VOLTAGE, Expressions, Twin, Wiring
+from ..rig import AMBIENT, Parameter
 from ..simulation import Stepper
 from ._input_tables import Polynomial, effect_factors, polynomials
 

@@ -9,13 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .._jax_settings import own_settings
-from ..control.controllers._law import Table
-from ..physics import Twin
-from ..physics._heat_loss import STEFAN_BOLTZMANN
+from ..control import Table
+from ..physics import STEFAN_BOLTZMANN, Twin
 from ..rig import Parameter
-from ..simulation import Stepper
-from ..simulation._refinement import STABILITY_LIMIT
-from ..simulation._step_preparation import MULTIPLE_TOLERANCE
+from ..simulation import MULTIPLE_TOLERANCE, STABILITY_LIMIT, Stepper
 from ._input_tables import input_numbers, input_tables
 from ._parameter_tables import parameter_tables
 from ._sources import Code, Parts, code_of, defines, whole_numbers

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..control.controllers._law import Table
+from ..control import Table
 from ..errors import ControlError
 from ._text import MAX_LINE, number, tables_c
 

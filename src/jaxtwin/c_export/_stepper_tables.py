@@ -5,10 +5,9 @@ from typing import final
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
-from ..control.controllers._law import Table
-from ..physics._driver import DUTY_SMOOTHING
-from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
-from ..rig._plate import FILM_REFERENCE
+from ..control import Table
+from ..physics import CALM, DUTY_SMOOTHING, STEFAN_BOLTZMANN
+from ..rig import FILM_REFERENCE
 from ..simulation import Stepper
 from ._input_tables import input_constants
 

@@ -29,8 +29,7 @@ from ._output import say
 
 if TYPE_CHECKING:
     from ..control import Decision, LiveLoop
-    from ..live import AbstractInterlock
-    from ..live.safety._twin_ensemble import Draws
+    from ..live import AbstractInterlock, Draws
     from ..physics import Twin
 
 

@@ -85,7 +85,7 @@ def _table(
 def _save(module: "ThermoelectricModule", sheet: "Datasheet", folder: Path) -> None:
     import numpy as np
 
-    from ..io._write import save_dataset
+    from ..io import save_dataset
     from ..plots import plot_dc_sweep
 
     name, T_hot = sheet.name, sheet.hot_side_temperature

@@ -11,7 +11,7 @@ from ._show_progress import show_progress
 from ._signals import stop_signals
 
 if TYPE_CHECKING:
-    from ..live._stop_request import StopRequest
+    from ..live import StopRequest
 
 
 def demo(
@@ -62,18 +62,16 @@ def _serve_story(stop: "StopRequest", stack: contextlib.ExitStack, speed: float,
     from ..serve import (
         Access,
         Champion,
+        DemoScript,
         PageServer,
         TwinBeside,
         VirtualLink,
         compile_loop,
-        listening,
-    )
-    from ..serve._live_demo import (
-        DemoScript,
         demo_controller,
         demo_faults,
         demo_rig,
         demo_store,
+        listening,
     )
     from ..twin_store import TwinVersion
     from ._serve import announce, check_extra

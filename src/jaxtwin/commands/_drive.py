@@ -27,8 +27,7 @@ from ._options import (
 from ._sources import open_recordings
 
 if TYPE_CHECKING:
-    from ..live import AbstractInterlock
-    from ..live.safety._twin_ensemble import Draws
+    from ..live import AbstractInterlock, Draws
     from ..physics import Twin
 
 

@@ -16,8 +16,7 @@ import numpy as np
 from ._output import aligned
 
 if TYPE_CHECKING:
-    from ..io import Experiment
-    from ..io._text_table import TextTable
+    from ..io import Experiment, TextTable
     from ..rig import Rig
     from ._import_recording import ReadingOptions
 
@@ -44,11 +43,7 @@ def overview(file: Path, rig: "Rig | None", rig_name: str | None, given: "Readin
     **Raises:** `RecordingError` if it holds no table.
     """
     from ..errors import RecordingError
-    from ..io import read_recording
-    from ..io._column_meaning import Choices
-    from ..io._delimited import text_table
-    from ..io._read import table_content
-    from ..io._text_table import is_data
+    from ..io import Choices, is_data, read_recording, table_content, text_table
 
     try:
         content = table_content(file, given.sheet)
@@ -144,11 +139,7 @@ class _Numbers:
     """What the fields of a column show."""
 
     def __init__(self, table: "TextTable", place: int):
-        from ..io._column_meaning import in_english
-        from ..io._delimited import TRUTH
-        from ..io._glitches import is_missing
-        from ..io._timestamps import is_time, is_timestamp_title
-        from ..io._title_units import unit_of_title
+        from ..io import TRUTH, in_english, is_missing, is_time, is_timestamp_title, unit_of_title
 
         fields = [row[place] for _, row in table.rows if len(row) > place]
         filled = [text for text in fields if not is_missing(text)]
@@ -208,9 +199,8 @@ def _known(
 ) -> str | None:
     """What a column is read as by its title or the given name; None if it would be refused."""
     from ..errors import RecordingError
-    from ..io._column_meaning import Choices
-    from ..io._named_columns import meanings
-    from ..rig._instruments import is_channel_name
+    from ..io import Choices, meanings
+    from ..rig import is_channel_name
 
     title = table.titles[place]
     named = {key: name for key, name in given.columns.items() if key in (title, str(place + 1))}

@@ -211,10 +211,7 @@ def _pairs(
 def _channels_by_title(file: Path, rig: "Rig", reading: ReadingOptions) -> dict[str, str]:
     """The columns that are called as a channel, title -> channel."""
     from ..errors import RecordingError
-    from ..io._column_meaning import Choices
-    from ..io._delimited import text_table
-    from ..io._read import table_content
-    from ..io._title_units import unit_of_title
+    from ..io import Choices, table_content, text_table, unit_of_title
 
     try:
         content = table_content(file, reading.sheet)
@@ -236,7 +233,7 @@ def _check_rig(experiment: "Experiment", rig: "Rig", file: Path) -> None:
     """Refuses a recording whose channels, cells or inputs are not those of the rig."""
     from .._name_suggestions import did_you_mean
     from ..errors import RecordingError
-    from ..io._duty_of_rig import check_duty_of_rig
+    from ..io import check_duty_of_rig
 
     channels = [channel.name for channel in rig.channels]
     unknown = [name for name in experiment.channels if name not in channels]

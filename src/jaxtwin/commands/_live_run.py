@@ -18,8 +18,7 @@ from ._sources import open_draws, open_twin
 from ._unblocked_output import unblocked_output
 
 if TYPE_CHECKING:
-    from ..live import AbstractInterlock
-    from ..live.safety._twin_ensemble import Draws
+    from ..live import AbstractInterlock, Draws
     from ..physics import Twin
 
 Run = Callable[..., Literal["completed", "stopped"]]
@@ -68,9 +67,17 @@ def run_on_live_rig(
     `KeyboardInterrupt` after Ctrl-C, with the cells off and the recording closed.
     """
     from ..errors import SafetyStop
-    from ..live import AlarmInterlock, Ending, Finding, Recorder, connect, opener
-    from ..live._switch_off import STILL_HEATS, STILL_ON
-    from ..live.protocol._mqtt_address import without_password
+    from ..live import (
+        STILL_HEATS,
+        STILL_ON,
+        AlarmInterlock,
+        Ending,
+        Finding,
+        Recorder,
+        connect,
+        opener,
+        without_password,
+    )
     from ..rig import load_rig
 
     check_output(out, ".db")

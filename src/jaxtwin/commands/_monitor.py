@@ -58,9 +58,8 @@ def monitor(
     The exit code is 5 where there was an alarm. A parameter that has changed is a notice.
     """
     from ..matching import Fit
-    from ..monitoring import MonitorCalibration, calibrate_monitor
+    from ..monitoring import DAY, MonitorCalibration, calibrate_monitor
     from ..monitoring import monitor as monitored
-    from ..monitoring._thresholds import DAY
     from ..observers import ProcessNoise
 
     if healthy and calibration is not None:

@@ -29,7 +29,7 @@ def netlist(
 ) -> None:
     """Turn a rig into its network: count, draw, or export to SPICE."""
     from ..io import Experiment
-    from ..physics._netlist import network_counts
+    from ..physics import network_counts
     from ..rig import load_rig
 
     check_output(out, ".png")

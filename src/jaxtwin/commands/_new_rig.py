@@ -83,22 +83,26 @@ def new_rig(
     check_output(file, ".toml", option="FILE")
     if file.exists():
         raise RigError(f"{file}: expected a new file, got one that is there; choose another name")
-    from ..rig import _units as units
-    from ..rig import bundled_materials, bundled_modules, load_module, new_rig_text
-    from ..rig._fields import Fields
-    from ..rig._new_rig import (
+    from ..rig import (
+        TEMPERATURE,
+        VOLTAGE,
+        Fields,
+        bundled_materials,
+        bundled_modules,
         check_zones,
         covered_elements,
         divided_plate,
         example_rig_text,
         heated_elements,
+        load_module,
         misfit,
+        new_rig_text,
         plate_size,
     )
 
     fields = Fields("new rig", {}, {})
-    fields.constant("supply_voltage", supply_voltage, units.VOLTAGE)
-    fields.constant("limit", limit, units.TEMPERATURE)
+    fields.constant("supply_voltage", supply_voltage, VOLTAGE)
+    fields.constant("limit", limit, TEMPERATURE)
 
     on_plate = [width, height, thickness, material, module, at, heater, zones, reader]
     kind = _kind(kind, any(option is not None for option in on_plate))
@@ -193,7 +197,7 @@ def _kind(given: str | None, is_plate: bool) -> str:
     """The kind of rig: a plate if one of its options is given, or if nobody can be asked."""
     if given == PLATE or (given is None and (is_plate or not sys.stdin.isatty())):
         return PLATE
-    from ..rig._new_rig import example_rigs
+    from ..rig import example_rigs
 
     known = [PLATE, *example_rigs()]
 
@@ -207,9 +211,7 @@ def _kind(given: str | None, is_plate: bool) -> str:
 def _values(example: str, given: list[str] | None) -> dict[str, float]:
     """The values of an example's parameters: those of the options, and the answers of a person,
     who is asked for each that is not of a single recording."""
-    from ..rig import load_rig
-    from ..rig._fields import Fields
-    from ..rig._new_rig import check_value
+    from ..rig import Fields, check_value, load_rig
 
     rig, fields = load_rig(example), Fields("new rig", {}, {})
     values = {}

@@ -61,9 +61,8 @@ def refit(
     The exit code is 0 if all were promoted or left the twin unchanged, 3 if one was rejected or
     asks, 4 if a match did not converge, and 5 if a recording is an alarm, such as a frozen channel.
     """
-    from ..control.controllers._controller_file import read_controller
-    from ..io import read_recording
-    from ..io._gaps import gap_sentences
+    from ..control import read_controller
+    from ..io import gap_sentences, read_recording
     from ..monitoring import MonitorCalibration
     from ..observers import ProcessNoise
     from ..refitting import keep_refit
@@ -135,7 +134,7 @@ def _code(result: "Refit") -> int:
 def _judged(twins: "TwinStore") -> set[str]:
     """The beginnings of the fingerprints of all recordings that a version was matched to, or that
     one has judged."""
-    from ..refitting._keep_refit import TAG
+    from ..refitting import TAG
 
     judged: set[str] = set()
     for version in twins.versions:

@@ -42,8 +42,7 @@ def check(
     json: JsonOption = None,
 ) -> None:
     """Check a rig file: say what is wrong, or what was understood."""
-    from ..physics import build_netlist
-    from ..physics._netlist import network_counts
+    from ..physics import build_netlist, network_counts
     from ..rig import load_rig
 
     check_json(json)
@@ -95,7 +94,7 @@ def schema(
 
 def network_line(counts: dict[str, float | int]) -> str:
     """The counts of a network for a person."""
-    from ..physics._netlist import network_text
+    from ..physics import network_text
 
     if "plate_nodes" not in counts:
         return (

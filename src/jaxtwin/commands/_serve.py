@@ -35,8 +35,7 @@ from ._unblocked_output import unblocked_output
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..live import Record, Recorder, RigConnection
-    from ..live.safety._twin_ensemble import Draws
+    from ..live import Draws, Record, Recorder, RigConnection
     from ..observers import ProcessNoise
     from ..physics import Twin
     from ..rig import Rig
@@ -161,8 +160,8 @@ def serve(
             Recorder,
             Replay,
             opener,
+            without_password,
         )
-        from ..live.protocol._mqtt_address import without_password
         from ..monitoring import MonitorCalibration
         from ..observers import ProcessNoise
         from ..physics import Faults, Twin

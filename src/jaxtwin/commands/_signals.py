@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 from types import FrameType
 
-from ..live._stop_request import StopRequest
+from ..live import StopRequest
 
 
 @contextlib.contextmanager

@@ -117,7 +117,7 @@ def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:
 
 
 def _table(run: "Run", numbers: dict[str, Any]) -> str:
-    from ..io._gaps import gap_sentences
+    from ..io import gap_sentences
 
     fits = numbers.get("fit_percent")
     head = ["channel", f"degC at {run.time[-1]:g} s"] + (["fit, %"] if fits else [])

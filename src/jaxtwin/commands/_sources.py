@@ -11,7 +11,7 @@ from ._output import printable
 
 if TYPE_CHECKING:
     from ..io import Experiment
-    from ..live.safety._twin_ensemble import Draws
+    from ..live import Draws
     from ..matching import Fit
     from ..physics import Twin
     from ..rig import Rig
@@ -66,7 +66,7 @@ def open_fit(rig: "Rig", parameter_file: Path | None) -> "Fit | None":
     **Raises:** `ParameterError` for a file that cannot be read or a fit of another rig.
     """
     from ..errors import ParameterError
-    from ..rig._toml import read_toml
+    from ..rig import read_toml
 
     if parameter_file is None:
         return None
@@ -90,7 +90,7 @@ def open_draws(rig: "Rig", parameter_file: Path | None) -> "Draws | None":
 
 def draws_of(fit: "Fit") -> "Draws":
     """Draws of what a fit does not know, for the interlocks of a rig."""
-    from ..live.safety._hidden_heat import DRAWS
+    from ..live import DRAWS
     from ..matching import posterior_draws
 
     return posterior_draws(fit, DRAWS)
@@ -157,7 +157,7 @@ def open_continuous(rig: "Rig", names: Sequence[str]) -> "tuple[list[Experiment]
     **Raises:** the errors of `open_recordings`; `RecordingError` for a single sample between such
     gaps.
     """
-    from ..io._gaps import gap_sentences, separate_recordings
+    from ..io import gap_sentences, separate_recordings
 
     given = open_recordings(rig, names)
     parts = [part for experiment in given for part in separate_recordings(experiment)]

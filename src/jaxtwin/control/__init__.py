@@ -27,6 +27,6 @@ A room imports only those before it. The public names stand in `__init__.pyi` an
 they are first used.
 """
 
-import lazy_loader
+from .._faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,4 +1,4 @@
-# The public names of jaxtwin.control; `__init__.py` reads this file at run time.
+# Public names of jaxtwin.control. `__init__.py` imports each when it is first used.
 
 from .controllers._controller import AbstractController as AbstractController
 from .controllers._controller import TemperatureLimit as TemperatureLimit  # of a channel
@@ -73,3 +73,35 @@ from .tuning._ultimate_point import UltimatePoint as UltimatePoint  # ultimate g
 from .tuning._ultimate_point import ultimate_point as ultimate_point  # from a run with a Relay
 
 __all__: list[str]
+
+# isort: split
+# For the other packages of jaxtwin: no part of the public interface.
+
+from .controllers._controller import is_same as is_same
+from .controllers._controller import is_same_kind as is_same_kind
+from .controllers._controller_file import controller_file as controller_file
+from .controllers._controller_file import controller_of_text as controller_of_text
+from .controllers._duty_limits import bounds_of as bounds_of
+from .controllers._duty_limits import check_limits_of_heaters as check_limits_of_heaters
+from .controllers._duty_limits import limits_text as limits_text
+from .controllers._law import Table as Table
+from .linear._discrete_model import check_at_rest as check_at_rest
+from .linear._margins import USUAL_PEAK as USUAL_PEAK
+from .loops._disturbances import Disturbance as Disturbance
+from .loops._loop_checks import OutOfReachError as OutOfReachError
+from .loops._loop_margins import sampled_loops as sampled_loops
+from .loops._many_loops import longest_delay as longest_delay
+from .loops._many_loops import simulate_many_loops as simulate_many_loops
+from .loops._many_loops import twin_at_medians as twin_at_medians
+from .loops._measures import REST_FRACTION as REST_FRACTION
+from .loops._measures import SETTLING_BAND as SETTLING_BAND
+from .loops._measures import Measure as Measure
+from .loops._references import reference_samples as reference_samples
+from .loops._references import sample_times as sample_times
+from .loops._sampled_loop import ROUNDING as ROUNDING
+from .loops._sampled_loop import SampledLoops as SampledLoops
+from .loops._scenario import MAX_STEP as MAX_STEP
+from .tuning._objective import TuningObjective as TuningObjective
+from .tuning._objective import checked_objective as checked_objective
+from .tuning._tuning_problem import PEAK_TOLERANCE as PEAK_TOLERANCE
+from .tuning._tuning_problem import tuning_problem as tuning_problem

@@ -11,20 +11,10 @@ explains.
 
 `isolability` (`_isolability`) says the same before the fact: which faults can be seen, which pairs
 of them can be told apart, and after what time.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._diagnose import diagnose
-from ._diagnosis import Cause, Diagnosis, Explanation
-from ._isolability import Isolability, isolability
-from ._suspects import Suspect, suspects
+from .._faces import attach
 
-__all__ = [
-    "Cause",
-    "Diagnosis",
-    "Explanation",
-    "Isolability",
-    "Suspect",
-    "diagnose",
-    "isolability",
-    "suspects",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

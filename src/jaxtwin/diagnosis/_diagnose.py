@@ -10,8 +10,7 @@ import numpy as np
 from .._arguments import of_kind
 from .._jax_settings import own_settings
 from ..errors import ObserverError
-from ..io import Experiment
-from ..io._experiment import as_experiment
+from ..io import Experiment, as_experiment
 from ..matching import Fit
 from ..monitoring._monitor_recording import check_settles
 from ..observers import Observed, ProcessNoise, observe

@@ -14,12 +14,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit
-from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._augmented_model import ExpectedReading
-from ..observers._commands import Commands
-from ..observers._expected_correction import expected_jump
-from ..observers._filter_run import FilterSamples
-from ..observers._gaussian import Gaussian, measurement_update, symmetric
+from ..observers import (
+    Commands,
+    ExpectedReading,
+    ExtendedKalmanFilter,
+    FilterSamples,
+    Gaussian,
+    KalmanState,
+    expected_jump,
+    measurement_update,
+    symmetric,
+)
 from ._signatures import Suspected, is_held, of_readings, of_step
 
 

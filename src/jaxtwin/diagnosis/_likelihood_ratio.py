@@ -28,9 +28,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._compilation import persistent_jit
-from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._filter_run import FilterSamples
-from ..observers._gaussian import GaussianUpdate
+from ..observers import ExtendedKalmanFilter, FilterSamples, GaussianUpdate, KalmanState
 from ._signatures import Suspected, is_held, of_readings, of_step
 
 # The number of onsets that are considered at a time.

@@ -6,8 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
-from ..observers import KalmanState, Observed
-from ..observers._filter_run import FilterSamples
+from ..observers import FilterSamples, KalmanState, Observed
 from ._likelihood_ratio import RatioInputs
 
 # Recordings are filled up to multiples of this number of samples, so that they share programs.

@@ -21,8 +21,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._jax_settings import own_settings
 from ..errors import ObserverError
-from ..observers._augmented_model import AugmentedModel
-from ..observers._commands import Commands
+from ..observers import AugmentedModel, Commands
 from ..physics import System
 from ._suspects import Suspect
 

@@ -16,9 +16,8 @@ from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from ..errors import ObserverError
 from ..physics import FAULT_MODELS, Fault, System, Twin
-from ..rig import ZoneSensor
-from ..rig._plate import AMBIENT
-from ..simulation._stepper import assembled
+from ..rig import AMBIENT, ZoneSensor
+from ..simulation import assembled
 
 # The largest number of channels of which pairs may be swapped; more would give more suspects than
 # are useful.

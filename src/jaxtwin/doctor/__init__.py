@@ -1,5 +1,8 @@
-"""Diagnosis of an installation: versions, devices, compilation cache, recordings, known traps."""
+"""Diagnosis of an installation: versions, devices, compilation cache, recordings, known traps.
 
-from ._examine import examine
+The public names stand in `__init__.pyi` and are imported when they are first used.
+"""
 
-__all__ = ["examine"]
+from .._faces import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

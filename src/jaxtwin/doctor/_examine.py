@@ -8,7 +8,7 @@ from importlib import metadata
 from .._compilation import MAX_CACHE, cache_state
 from .._jax_settings import own_settings
 from ..errors import RecordingError
-from ..simulation._native_library import native_state
+from ..simulation import native_state
 
 LIBRARIES = (
     "jax",

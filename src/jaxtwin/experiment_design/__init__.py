@@ -8,18 +8,10 @@ changes one stretch of a schedule after the other, below the limits of the rig. 
 With the purpose of a diagnosis, the same search finds the schedule that tells faults apart soonest.
 `_diagnosis_design` computes how soon one does, by the signatures of the faults in an observer, and
 holds the result, a `DiagnosisDesign`.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._design_experiment import design_experiment
-from ._diagnosis_design import DiagnosisDesign, PlannedTest, SeparationStep
-from ._experiment_design import DesignStep, ExperimentDesign, PlannedSchedule
+from .._faces import attach
 
-__all__ = [
-    "DesignStep",
-    "DiagnosisDesign",
-    "ExperimentDesign",
-    "PlannedSchedule",
-    "PlannedTest",
-    "SeparationStep",
-    "design_experiment",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -10,14 +10,12 @@ from jaxtyping import Float, Int
 from .._arguments import check_callable, finite_number, names_of, whole_number
 from .._name_suggestions import did_you_mean
 from .._waiting import advanced, announced
-from ..diagnosis._suspects import Faults
+from ..diagnosis import Faults
 from ..errors import MatchError
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._fit import solution_of
+from ..matching import Fit, solution_of
 from ..observers import ProcessNoise
-from ..physics import Twin
-from ..physics._twin import check_twin
+from ..physics import Twin, check_twin
 from ._diagnosis_design import DiagnosisDesign, EvidenceProblem, SeparationStep
 from ._experiment_design import Criterion, DesignStep, ExperimentDesign, PlannedSchedule
 from ._information import (

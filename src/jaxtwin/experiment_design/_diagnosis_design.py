@@ -20,18 +20,20 @@ from jaxtyping import Float, Int
 from .._display import html_table, picture
 from .._jax_settings import own_settings
 from .._json_values import json_value
-from ..diagnosis._diagnosis import TIE
-from ..diagnosis._isolability import evidence_of, grams_of
-from ..diagnosis._signatures import suspected
-from ..diagnosis._suspects import Faults, chosen
+from ..diagnosis import TIE, Faults, chosen, evidence_of, grams_of, suspected
 from ..errors import MatchError
 from ..io import Experiment, write_recording
 from ..matching import Fit
-from ..observers import Observed, ProcessNoise
-from ..observers._filter_run import filtered, samples_of
-from ..observers._observe import filter_for, usual_noise
-from ..observers._programs import started
-from ..observers._start import first_reading
+from ..observers import (
+    Observed,
+    ProcessNoise,
+    filter_for,
+    filtered,
+    first_reading,
+    samples_of,
+    started,
+    usual_noise,
+)
 from ..physics import Twin
 from ..simulation import simulate
 from ._schedules import Counts, Schedules, text_of

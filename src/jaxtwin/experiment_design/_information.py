@@ -30,21 +30,25 @@ from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..errors import MatchError
-from ..matching import Fit, Noise
-from ..matching._camera_error import camera_shapes, count_shapes
-from ..matching._fit import solution_of
-from ..matching._group_values import new_group_values
-from ..matching._jacobian import reading_jacobian
-from ..matching._noise_model import INITIAL_NOISE
-from ..matching._problem import choose_unknowns
-from ..matching._residual_weights import ResidualWeights, residual_weights
-from ..matching._uncertainty import inverse_of_normal
-from ..matching._unknowns import Unknowns, VectorLayout
+from ..matching import (
+    INITIAL_NOISE,
+    Fit,
+    Noise,
+    ResidualWeights,
+    Unknowns,
+    VectorLayout,
+    camera_shapes,
+    choose_unknowns,
+    count_shapes,
+    inverse_of_normal,
+    new_group_values,
+    reading_jacobian,
+    residual_weights,
+    solution_of,
+)
 from ..physics import Twin
 from ..rig import Parameter
-from ..simulation import TimeGrid, solve_network
-from ..simulation._modes import side_nodes
-from ..simulation._padding import padded_time_grid
+from ..simulation import TimeGrid, padded_time_grid, side_nodes, solve_network
 from ._schedules import Counts, Schedules
 
 # The standard deviation of an unknown value, in the scale of the match.

@@ -15,6 +15,6 @@ with what its page shows; the page of a single rig is drawn by the view of `jaxt
 `VirtualFleet` (`_virtual_fleet`) publishes virtual rigs, to try all this.
 """
 
-import lazy_loader
+from .._faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,3 +1,5 @@
+# Public names of jaxtwin.fleet. `__init__.py` imports each when it is first used.
+
 from ._app import fleet_app as fleet_app
 from ._app import overview as overview
 from ._fleet import Fleet as Fleet

@@ -15,9 +15,8 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from .._normal_distribution import QUANTILE_975
-from ..live._json import finding_as_json
-from ..live.protocol._clock import seconds
-from ..observers._estimates import parameter_estimates
+from ..live import finding_as_json, seconds
+from ..observers import parameter_estimates
 from ..serve._access import Access, Refusal
 from ..serve._app import HEADERS, asset_files, command_body, refused
 from ..serve._contents import HORIZON, STEPS, outlook_content, sample_content

@@ -16,8 +16,7 @@ import numpy as np
 
 from .._executor import Executor
 from ..errors import JaxtwinError
-from ..live import Finding
-from ..live._json import finding_as_json
+from ..live import Finding, finding_as_json
 from ..serve._contents import look_ahead
 from ..serve._live_diagnosis import MIN_SAMPLES, causes_of
 from ..serve._live_refit import refit_champion

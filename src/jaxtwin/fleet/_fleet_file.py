@@ -7,9 +7,8 @@ from typing import Annotated, NamedTuple, final
 from pydantic import Field
 
 from ..errors import LinkError
-from ..live.protocol._mqtt_address import MqttAddress
-from ..rig._schema import Format, Table, Text, validate
-from ..rig._toml import read_toml, refuse
+from ..live import MqttAddress
+from ..rig import Format, Table, Text, read_toml, refuse, validate
 
 # What a name of a rig may be: it is a level of a topic, a part of an address and a label.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")

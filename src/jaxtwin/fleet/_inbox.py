@@ -6,12 +6,7 @@ import time
 from collections import Counter
 from typing import Any, NamedTuple, final
 
-from ..live.protocol._mqtt_transport import (
-    CONNECT_SECONDS,
-    close_client,
-    connect_client,
-    mqtt_client,
-)
+from ..live import CONNECT_SECONDS, close_client, connect_client, mqtt_client
 from ._fleet_file import FleetFile
 from ._sample_queue import Kind
 

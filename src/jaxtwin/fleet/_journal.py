@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, final
 
 from ..errors import RecordingError
-from ..live import Finding
-from ..live._json import finding_as_json
+from ..live import Finding, finding_as_json
 from ._sample_queue import Kind
 
 # The version of the tables. One with other tables is refused.

@@ -12,10 +12,8 @@ from jaxtyping import Array, Bool, Float
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
-from ..monitoring import Evidence, Monitor, MonitorState
-from ..monitoring._evidence import joined, seen
-from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._estimates import Moment
+from ..monitoring import Evidence, Monitor, MonitorState, joined, seen
+from ..observers import ExtendedKalmanFilter, KalmanState, Moment
 from ..serve._contents import HORIZON
 
 # The number of lanes of a block: the states of more do not fit into a processor's cache, and the

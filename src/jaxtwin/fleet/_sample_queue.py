@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from ..live.protocol._clock import seconds
+from ..live import seconds
 from ..rig import Rig
 
 # The samples that wait at most; then the oldest are passed over.

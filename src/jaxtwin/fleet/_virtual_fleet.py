@@ -13,9 +13,7 @@ from typing import final
 import jax
 import numpy as np
 
-from ..live._operate import counts_of
-from ..live.protocol._mqtt_transport import close_client, connect_client, mqtt_client
-from ..live.virtual_rig._plant import Plant
+from ..live import Plant, close_client, connect_client, counts_of, mqtt_client
 from ..physics import Fault, Faults, Twin
 from ..rig import Rig, load_rig
 from ..serve._child_process import end_with_parent

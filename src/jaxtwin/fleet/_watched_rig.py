@@ -15,17 +15,19 @@ from jaxtyping import Float
 from .._celsius import ZERO_CELSIUS
 from ..errors import RecordingError
 from ..io import Experiment
-from ..live import Finding
-from ..live._alarms import CALM_SECONDS
-from ..live.protocol._clock import seconds
-from ..monitoring import Evidence, Monitor, MonitorCalibration
-from ..monitoring._finding_log import KINDS
-from ..monitoring._live_findings import LiveFindings
-from ..monitoring._monitor import channels_of
-from ..monitoring._response import response_of
-from ..monitoring._thresholds import DAY, nominal_calibration
-from ..observers import ProcessNoise, live_observer
-from ..observers._estimates import Moment
+from ..live import CALM_SECONDS, Finding, seconds
+from ..monitoring import (
+    DAY,
+    KINDS,
+    Evidence,
+    LiveFindings,
+    Monitor,
+    MonitorCalibration,
+    channels_of,
+    nominal_calibration,
+    response_of,
+)
+from ..observers import Moment, ProcessNoise, live_observer
 from ..physics import Twin
 from ..rig import load_rig, read_parameters
 from ..serve._contents import Outlook, look_ahead

@@ -4,8 +4,10 @@
 (`c_export/_parametric_twin_c`), an instance of it (`instance.c`, `refusals.c`, `states.c`), the
 functions of FMI 2 or 3 (`fmi2.c`, `fmi3.c`), the variables (`_variables`) and their description in
 XML (`_model_description`).
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._export_fmu import FMU, export_fmu
+from .._faces import attach
 
-__all__ = ["FMU", "export_fmu"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

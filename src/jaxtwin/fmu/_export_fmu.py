@@ -27,8 +27,7 @@ from ..c_export._sources import Code, defines, included, renamed
 from ..c_export._text import table
 from ..control import AbstractController
 from ..errors import ControlError
-from ..matching import Fit
-from ..matching._nominal_twin import nominal_twin
+from ..matching import Fit, nominal_twin
 from ..physics import Twin
 from ..rig import Rig
 from ..simulation import Stepper

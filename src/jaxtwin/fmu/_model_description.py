@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from .._celsius import ZERO_CELSIUS
-from ..rig._units import parsed_unit
+from ..rig import parsed_unit
 from ._variables import Variable
 
 # The units of the twin's own variables, by those of the SI.

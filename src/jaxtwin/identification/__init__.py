@@ -4,9 +4,10 @@
 the twin is shown (`_baselines`), and matches all structures (`_structures`) of a family of networks
 (`_network`) side by side (`_screening`). Held-out blocks judge the most probable ones; the best is
 written as a rig file and matched to all readings. `_identified` is the result.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._identified import Candidate, Identified
-from ._identify import identify
+from .._faces import attach
 
-__all__ = ["Candidate", "Identified", "identify"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -15,7 +15,7 @@ from ..io import Experiment, read_recording
 from ..matching import ModelError, match
 from ..matching._model_error import MAX_SPREAD
 from ..physics import Twin
-from ..rig._build import parse_rig
+from ..rig import parse_rig
 from ._baselines import FirstOrder, fit_first_order, fit_two_capacities
 from ._identified import Candidate, Identified, rig_text
 from ._log import ScreenedLog, screened_log

@@ -14,8 +14,8 @@ from typing import Any, final
 
 import numpy as np
 
-from ..physics._heat_loss import STEFAN_BOLTZMANN
-from ..rig._plate import FILM_REFERENCE
+from ..physics import STEFAN_BOLTZMANN
+from ..rig import FILM_REFERENCE
 from ._baselines import FirstOrder
 from ._log import ScreenedLog
 

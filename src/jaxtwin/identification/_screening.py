@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from ..io import Experiment
 from ..physics import Twin
-from ..rig._build import rig_from_tables
+from ..rig import rig_from_tables
 from ..simulation import simulate_batch
 from ._log import ScreenedLog, screened_log
 from ._network import ROOM, Family

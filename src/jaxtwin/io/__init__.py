@@ -14,30 +14,10 @@ grid, checked (`_checks`) and never changed. Which file holds what:
   to host time), `_lock` (one writer), `_backup`
 - the authors' recordings: `_fetch`
 - schedules in words: `_schedule`
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._backup import backup_session
-from ._clock_map import ClockMap
-from ._experiment import Experiment
-from ._fetch import SINGLE_CELL, TWO_CELL, PublishedRecording, fetch_recordings, find_recordings
-from ._read import column_names, read_recording
-from ._session import Session
-from ._session_rows import DeviceClock, Series
-from ._write import write_recording
+from .._faces import attach
 
-__all__ = [
-    "SINGLE_CELL",
-    "TWO_CELL",
-    "ClockMap",
-    "DeviceClock",
-    "Experiment",
-    "PublishedRecording",
-    "Series",
-    "Session",
-    "backup_session",
-    "column_names",
-    "fetch_recordings",
-    "find_recordings",
-    "read_recording",
-    "write_recording",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -13,7 +13,7 @@ from .._arguments import is_ordered, mapping_of
 from .._celsius import COLDEST_ROOM, HOTTEST_ROOM, ZERO_CELSIUS
 from .._pint_quantities import in_unit
 from ..errors import RecordingError
-from ..rig._instruments import is_channel_name
+from ..rig import is_channel_name
 
 ABSOLUTE_ZERO = -ZERO_CELSIUS  # degC
 ROUNDING = 1e-6  # sums of tenths in float32 and unit conversions may leave this much above 1

@@ -10,7 +10,7 @@ from jaxtyping import Float, Shaped
 from .._arguments import finite_number, mapping_of, of_kind, whole_number
 from .._pint_quantities import in_unit
 from ..errors import RecordingError
-from ..rig._units import DURATION, parse_quantity
+from ..rig import DURATION, parse_quantity
 
 MOST_SAMPLES, MOST_CELLS = 10_000_000, 1000
 

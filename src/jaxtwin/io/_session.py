@@ -242,7 +242,7 @@ class Session:
 
         **Raises:** `RigError` if this version of the program does not understand it.
         """
-        from ..rig._build import parse_rig  # with pydantic, which reading numbers does not need
+        from ..rig import parse_rig  # with pydantic, which reading numbers does not need
 
         return parse_rig(self.metadata["rig_file"].encode(), f"{self.file}: rig file")
 

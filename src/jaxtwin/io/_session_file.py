@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, final
 
 from ..errors import RecordingError
-from ..rig._instruments import is_channel_name
+from ..rig import is_channel_name
 from ._lock import is_locked
 
 # SQLite's `application_id` of a session, "jtw1", which `file` and SQLite tools show.

@@ -23,6 +23,6 @@ docs/reliability.md states the guarantees, docs/protocol.md specifies the protoc
 stand in `__init__.pyi` and are imported when they are first used.
 """
 
-import lazy_loader
+from .._faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,5 +1,4 @@
-# The public names of jaxtwin.live. `__init__.py` reads this file at run time and imports a name
-# when it is first used: the command line takes its commands from here without loading JAX.
+# Public names of jaxtwin.live. `__init__.py` imports each when it is first used.
 
 from ._alarms import Alarms as Alarms
 from ._drive import drive as drive
@@ -79,3 +78,25 @@ from .virtual_rig._serve import serve as serve
 from .virtual_rig._virtual_rig import VirtualRig as VirtualRig
 
 __all__: list[str]
+
+# isort: split
+# For the other packages of jaxtwin: no part of the public interface.
+
+from ._alarms import CALM_SECONDS as CALM_SECONDS
+from ._alarms import DISK_BYTES as DISK_BYTES
+from ._json import finding_as_json as finding_as_json
+from ._operate import counts_of as counts_of
+from ._switch_off import STILL_HEATS as STILL_HEATS
+from ._switch_off import STILL_ON as STILL_ON
+from .protocol._clock import seconds as seconds
+from .protocol._identity import WATCHDOG_SECONDS as WATCHDOG_SECONDS
+from .protocol._mqtt_address import MqttAddress as MqttAddress
+from .protocol._mqtt_address import without_password as without_password
+from .protocol._mqtt_transport import CONNECT_SECONDS as CONNECT_SECONDS
+from .protocol._mqtt_transport import close_client as close_client
+from .protocol._mqtt_transport import connect_client as connect_client
+from .protocol._mqtt_transport import mqtt_client as mqtt_client
+from .safety._hidden_heat import DRAWS as DRAWS
+from .safety._off_watch import OffWatch as OffWatch
+from .safety._off_watch import heat_sentence as heat_sentence
+from .safety._twin_ensemble import Draws as Draws

@@ -7,8 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import JaxtwinError
-from ..io import Experiment
-from ..io._duty_of_rig import check_duty_of_rig
+from ..io import Experiment, check_duty_of_rig
 from ._operate import DutySource, Moment, operate
 from ._service import RecordConsumer
 from ._switch_off import Ending

@@ -3,9 +3,7 @@
 from collections.abc import Callable
 from typing import final
 
-from ..observers import ExtendedKalmanFilter
-from ..observers._estimates import Moment
-from ..observers._filter_run import state_moments
+from ..observers import ExtendedKalmanFilter, Moment, state_moments
 from ..physics import Twin
 from ._follower import Follower
 from .protocol._records import Reading, Record, StateEstimate

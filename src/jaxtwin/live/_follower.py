@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import to_numpy
-from ..observers import AbstractObserver, OpenLoop
-from ..observers._programs import followed, predicted, started
+from ..observers import AbstractObserver, OpenLoop, followed, predicted, started
 from ..physics import Twin
 from .protocol._clock import seconds
 from .protocol._records import Reading, Record, Sample

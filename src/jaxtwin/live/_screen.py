@@ -15,10 +15,7 @@ from rich.text import Text
 
 from .._celsius import ZERO_CELSIUS
 from .._normal_distribution import QUANTILE_975
-from ..observers import ExtendedKalmanFilter
-from ..observers._estimates import Moment, Moments
-from ..observers._filter_run import state_moments
-from ..observers._forecast import forecast_from
+from ..observers import ExtendedKalmanFilter, Moment, Moments, forecast_from, state_moments
 from ..physics import Twin
 from ..rig import Channel, Plate
 from ._follower import Follower

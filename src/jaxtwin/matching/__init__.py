@@ -25,6 +25,6 @@ covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which fil
 The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-import lazy_loader
+from .._faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

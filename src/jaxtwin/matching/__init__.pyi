@@ -1,5 +1,4 @@
-# The public names of jaxtwin.matching. `__init__.py` reads this file at run time and imports a name
-# when it is first used.
+# Public names of jaxtwin.matching. `__init__.py` imports each when it is first used.
 
 from ._band import Band as Band
 from ._band import posterior_draws as posterior_draws
@@ -30,3 +29,41 @@ from ._noise_model import estimate_noise as estimate_noise
 from ._profile import Profile as Profile
 from ._profile import profile as profile
 from ._recordings import named_recordings as named_recordings
+
+# isort: split
+# For the other packages of jaxtwin: no part of the public interface.
+
+from ._camera_error import camera_shapes as camera_shapes
+from ._camera_error import count_shapes as count_shapes
+from ._camera_error import detect_events as detect_events
+from ._descent import descend as descend
+from ._descent_result import DescentResult as DescentResult
+from ._descent_result import MatchEstimate as MatchEstimate
+from ._descent_result import make_optimum as make_optimum
+from ._fit import solution_of as solution_of
+from ._fitted_parameters import interval_95 as interval_95
+from ._group_values import group_and_shared_values as group_and_shared_values
+from ._group_values import new_group_values as new_group_values
+from ._jacobian import reading_jacobian as reading_jacobian
+from ._load_fit import fit_of_text as fit_of_text
+from ._match import default_solver as default_solver
+from ._match import make_fit as make_fit
+from ._match_group import HELD_SPREAD as HELD_SPREAD
+from ._match_group import descend_with_noise as descend_with_noise
+from ._noise_model import INITIAL_NOISE as INITIAL_NOISE
+from ._noise_model import NoiseModel as NoiseModel
+from ._nominal_twin import nominal_twin as nominal_twin
+from ._objective import make_objective as make_objective
+from ._problem import LinearPrior as LinearPrior
+from ._problem import MatchProblem as MatchProblem
+from ._problem import choose_unknowns as choose_unknowns
+from ._problem import make_match_problem as make_match_problem
+from ._recordings import divided as divided
+from ._residual_weights import ResidualWeights as ResidualWeights
+from ._residual_weights import residual_weights as residual_weights
+from ._save_fit import fit_text as fit_text
+from ._start import room_temperature as room_temperature
+from ._summary import prior_text as prior_text
+from ._uncertainty import inverse_of_normal as inverse_of_normal
+from ._unknowns import Unknowns as Unknowns
+from ._unknowns import VectorLayout as VectorLayout

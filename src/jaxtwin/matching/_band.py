@@ -28,12 +28,10 @@ from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..errors import MatchError
-from ..io import Experiment
-from ..io._experiment import as_experiments
+from ..io import Experiment, as_experiments
 from ..physics import Twin
 from ..rig import Parameter
-from ..simulation import Run, response, simulate
-from ..simulation._initial import Initial
+from ..simulation import Initial, Run, response, simulate
 from ._fit import Fit, solution_of
 from ._group_values import group_and_shared_values
 from ._initial_conditions import WARM_UP, InitialConditions, estimate_initial_conditions

@@ -20,8 +20,7 @@ from jaxtyping import Bool, Float
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError
-from ..simulation import Run, simulate
-from ..simulation._initial import Initial
+from ..simulation import Initial, Run, simulate
 
 # The number of shapes is a multiple of this; the rest are zeros. Corrections that are found between
 # two rounds of a match then need no new compilation.

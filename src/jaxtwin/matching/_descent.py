@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
-from ..simulation._modes import Modes
+from ..simulation import Modes
 from ._descent_result import (
     RUNNING,
     STATUS,

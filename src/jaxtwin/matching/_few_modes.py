@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..physics import System
-from ..simulation._modes import Modes
+from ..simulation import Modes
 
 # The number of modes above which few are taken, and their number. On a plate of 324 elements and
 # two cells, the largest error of a reading is 6 mK at rises of 50 K.

@@ -14,8 +14,7 @@ from .._display import html_table, picture, report
 from .._goodness_of_fit import mean_fit_percent
 from .._json_values import json_value
 from ..errors import MatchError, SimulationError
-from ..io import Experiment
-from ..io._duty_of_rig import of_rig
+from ..io import Experiment, of_rig
 from ..physics import Twin
 from ..rig import Rig
 from ..simulation import Run

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from .._name_suggestions import unknown_name
 from .._normal_distribution import QUANTILE_975
 from ..errors import ParameterError
-from ..rig._value import Scope
+from ..rig import Scope
 from ._group_values import new_group_values
 from ._problem import MatchProblem
 from ._start import replaced_by_recorded_room

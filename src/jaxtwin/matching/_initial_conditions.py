@@ -23,7 +23,7 @@ from jaxtyping import Float
 from ..errors import MatchError
 from ..io import Experiment
 from ..physics import Twin
-from ..simulation._initial import Initial, checked_initial
+from ..simulation import Initial, checked_initial
 from ._descent import descend
 from ._descent_result import DescentResult
 from ._fit import Fit

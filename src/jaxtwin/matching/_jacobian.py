@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics import Twin
-from ..simulation import TimeGrid
-from ..simulation._modes import Modes
+from ..simulation import Modes, TimeGrid
 from ._objective import MatchObjective, SameShapeBatch
 from ._residual_weights import AnyArray, ResidualWeights, SplitErrors, of_each_recording
 from ._residuals import camera_readings, channel_rises, errors_of_readings, local_vectors

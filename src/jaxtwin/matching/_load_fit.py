@@ -15,10 +15,7 @@ from jaxtyping import Float
 from ..errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
-from ..rig import Rig, load_rig
-from ..rig._build import parse_rig
-from ..rig._parameter_file import parsed_values
-from ..rig._toml import parse_toml, read_toml, refuse
+from ..rig import Rig, load_rig, parse_rig, parse_toml, parsed_values, read_toml, refuse
 from ..simulation import simulate
 from ._camera_error import CameraError, Comparison
 from ._fit import Fit, Solution, solution_of

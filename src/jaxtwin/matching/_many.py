@@ -14,8 +14,7 @@ from .._blas_threads import one_blas_thread
 from .._executor import Executor, check_executor, work_in_units
 from .._waiting import announced
 from ..errors import MatchError, ParameterError, SimulationError
-from ..io import Experiment
-from ..io._experiment import as_experiments
+from ..io import Experiment, as_experiments
 from ..physics import Twin
 from ._descent_result import DescentStep, Iteration, MatchEstimate, make_iteration
 from ._fit import Fit

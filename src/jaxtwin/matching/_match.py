@@ -16,10 +16,9 @@ from .._blas_threads import one_blas_thread
 from .._goodness_of_fit import fit_percent
 from .._waiting import advanced, announced
 from ..errors import MatchError
-from ..io._experiment import Recordings, as_experiments
-from ..io._gaps import Gaps
+from ..io import Gaps, Recordings, as_experiments
 from ..physics import Twin
-from ..simulation._initial import Initial, checked_initial
+from ..simulation import Initial, checked_initial
 from ._camera_error import CameraError, Comparison
 from ._descent import descend
 from ._descent_result import (

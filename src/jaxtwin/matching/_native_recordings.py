@@ -22,12 +22,16 @@ from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from .._padded_rows import padded
 from ..io import Experiment
-from ..simulation._delay import draws_change_delay
-from ..simulation._initial import CheckedInitial, checked_initial
-from ..simulation._native_chunk import NativeRun, native_run
-from ..simulation._padding import padded_time_grid
-from ..simulation._simulate import _run_exponential
-from ..simulation._workers import is_accelerated
+from ..simulation import (
+    CheckedInitial,
+    NativeRun,
+    checked_initial,
+    draws_change_delay,
+    is_accelerated,
+    native_run,
+    padded_time_grid,
+    run_exponential,
+)
 from ._objective import MatchObjective
 from ._problem import MatchProblem
 
@@ -139,7 +143,7 @@ class NativeRecordings:
             self._twin, recording.experiment, steady_start=isinstance(self._initial, str)
         )
         twin = self._twin.with_values(self._values(local))
-        _, readings, _, _ = _run_exponential(twin, grid, self._initial)
+        _, readings, _, _ = run_exponential(twin, grid, self._initial)
         return recording.errors_of(np.asarray(readings)[:, recording.columns] - ZERO_CELSIUS)
 
     def jacobian(

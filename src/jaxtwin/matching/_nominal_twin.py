@@ -3,8 +3,7 @@
 from typing import Any
 
 from ..errors import JaxtwinError
-from ..physics import Twin
-from ..physics._twin import check_twin
+from ..physics import Twin, check_twin
 from ._fit import Fit
 
 

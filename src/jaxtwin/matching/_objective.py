@@ -11,9 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._padded_rows import padded
 from ..io import Experiment
 from ..physics import Twin
-from ..simulation import TimeGrid
-from ..simulation._initial import checked_initial
-from ..simulation._padding import padded_time_grid
+from ..simulation import TimeGrid, checked_initial, padded_time_grid
 from ._camera_error import camera_shapes, count_shapes
 from ._noise_model import NoiseModel
 from ._problem import LinearPrior, MatchProblem

@@ -16,7 +16,7 @@ from ..errors import MatchError, ParameterError
 from ..io import Experiment
 from ..physics import Twin
 from ..rig import CommonError, Parameter
-from ..simulation._initial import Initial
+from ..simulation import Initial
 from ._loss import AbstractLoss, checked_loss
 from ._recordings import Span, given_events, span_weights
 from ._unknowns import Unknowns

@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float
 
 from .._celsius import ZERO_CELSIUS
 from ..errors import JaxtwinError
-from ..io import Experiment
-from ..io._gaps import gap_sentences
+from ..io import Experiment, gap_sentences
 from ..physics import Twin
 from ..simulation import simulate
 from ._start import hidden_parameters, plate_parameters

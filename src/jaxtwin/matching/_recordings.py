@@ -11,12 +11,10 @@ from .._arguments import is_ordered, of_kind
 from .._celsius import ZERO_CELSIUS, is_probably_kelvin
 from .._name_suggestions import did_you_mean
 from ..errors import MatchError
-from ..io import Experiment
-from ..io._gaps import Gaps, parts_between_gaps, separate_recordings
-from ..physics import Twin
-from ..physics._twin import check_twin
+from ..io import Experiment, Gaps, parts_between_gaps, separate_recordings
+from ..physics import Twin, check_twin
 from ..rig import Parameter, Rig, Value
-from ..simulation._simulate import checked_channels
+from ..simulation import checked_channels
 from ._start import first_readings, first_sample, room_temperature
 
 # Whether two recordings hold the same samples: one of them is a part of the other, under

@@ -23,8 +23,7 @@ from jaxtyping import Array, Float, Int
 
 from .._celsius import ZERO_CELSIUS
 from ..physics import System
-from ..simulation import Drive, TimeGrid, solve_network
-from ..simulation._modes import Modes, run_modes
+from ..simulation import Drive, Modes, TimeGrid, run_modes, solve_network
 from ._few_modes import few_modes
 from ._objective import MatchObjective, SameShapeBatch
 from ._residual_weights import AnyArray, ResidualWeights, SplitErrors, of_each_recording

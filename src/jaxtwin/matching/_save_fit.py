@@ -32,9 +32,8 @@ from jaxtyping import Float
 from .._toml_text import toml_inline, toml_key, toml_string
 from .._whole_file import check_ending, write_whole_file
 from ..errors import ParameterError, RigError
-from ..rig import Rig
-from ..rig._parameter_file import parameter_file_text
-from ..simulation._initial import Initial
+from ..rig import Rig, parameter_file_text
+from ..simulation import Initial
 from ._descent_result import Iteration, Optimum
 from ._fit import Fit, solution_of
 from ._fitted_parameters import FittedParameter
@@ -246,7 +245,7 @@ def _fit_tables(fit: Fit) -> str:
 def _rig_text(rig: Rig) -> str:
     """The text of the rig's file as a key of the table [fit]; nothing for a rig that is not as its
     file says."""
-    from ..rig._build import parse_rig  # with pydantic
+    from ..rig import parse_rig  # with pydantic
 
     try:
         same = parse_rig(rig.text.encode(), rig.source).fingerprint == rig.fingerprint

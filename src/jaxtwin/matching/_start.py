@@ -18,13 +18,7 @@ from .._celsius import ZERO_CELSIUS
 from ..io import Experiment
 from ..physics import System, Twin
 from ..rig import Rig, Value
-from ..simulation import TimeGrid
-from ..simulation._drive import Drive
-from ..simulation._initial import (
-    CheckedInitial,
-    initial_temperatures,
-    keeps_symmetry,
-)
+from ..simulation import CheckedInitial, Drive, TimeGrid, initial_temperatures, keeps_symmetry
 
 
 @final

@@ -19,29 +19,10 @@ looks at the largest values of each statistic in blocks of a minute, in recordin
 simulations, and takes the rate above a level $h$ as $r\,e^{-(h-u)/b}$ (`_thresholds`); each of six
 families of statistics gets $5T$. `_run_lengths` has the textbook numbers for independent normal
 innovations.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._calibrate import calibrate_monitor
-from ._evidence import Evidence, Evidences, Seen
-from ._finding_log import FindingLog
-from ._live_monitor import LiveMonitor
-from ._monitor import Monitor, MonitorState
-from ._monitor_recording import monitor
-from ._monitored import Monitored
-from ._thresholds import MonitorCalibration, Reference, Tail
+from .._faces import attach
 
-__all__ = [
-    "Evidence",
-    "Evidences",
-    "FindingLog",
-    "LiveMonitor",
-    "Monitor",
-    "MonitorCalibration",
-    "MonitorState",
-    "Monitored",
-    "Reference",
-    "Seen",
-    "Tail",
-    "calibrate_monitor",
-    "monitor",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -14,15 +14,20 @@ from .._arguments import finite_number, whole_number
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from ..errors import ObserverError
-from ..io import Experiment
-from ..io._experiment import as_experiments
-from ..matching import Fit
-from ..matching._nominal_twin import nominal_twin
-from ..observers import ExtendedKalmanFilter, KalmanState, Observed, ProcessNoise, observe
-from ..observers._filter_run import FilterSamples, filtered
-from ..observers._observe import usual_noise
-from ..observers._programs import started
-from ..observers._start import first_reading
+from ..io import Experiment, as_experiments
+from ..matching import Fit, nominal_twin
+from ..observers import (
+    ExtendedKalmanFilter,
+    FilterSamples,
+    KalmanState,
+    Observed,
+    ProcessNoise,
+    filtered,
+    first_reading,
+    observe,
+    started,
+    usual_noise,
+)
 from ..physics import Twin
 from ._innovation_tests import CLIP
 from ._monitor import SETTLE, Monitor

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..observers._expected_correction import is_due
+from ..observers import is_due
 from ._cumulative import (
     ENERGY_SAMPLES,
     CumulativeSums,

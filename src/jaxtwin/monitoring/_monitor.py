@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._celsius import ZERO_CELSIUS
-from ..observers import ExtendedKalmanFilter
-from ..observers._augmented_model import AugmentedModel
+from ..observers import AugmentedModel, ExtendedKalmanFilter
 from ._evidence import Evidence, Evidences, Seen
 from ._innovation_tests import RESET_SCORE, InnovationState, InnovationTests
 from ._response import Response

@@ -4,8 +4,7 @@ import os
 
 from .._arguments import finite_number, of_kind
 from ..errors import ObserverError
-from ..io import Experiment
-from ..io._experiment import as_experiment
+from ..io import Experiment, as_experiment
 from ..matching import Fit
 from ..observers import Observed, ProcessNoise, observe
 from ..physics import Twin

@@ -11,8 +11,7 @@ from jaxtyping import Array, Bool, Float
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit_unoptimised
 from .._jax_settings import own_settings
-from ..observers import ExtendedKalmanFilter
-from ..observers._observe import stable_stepper
+from ..observers import ExtendedKalmanFilter, stable_stepper
 from ..simulation import Stepper, StepperState
 
 # The step of the simulated rise, s.

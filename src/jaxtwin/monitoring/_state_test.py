@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._jax_settings import own_settings
-from ..observers._augmented_model import AugmentedModel
+from ..observers import AugmentedModel
 from ._evidence import Evidence, Seen
 
 # A room that is measured has this multiple of the noise of its thermometer as its spread.

@@ -20,6 +20,6 @@ observer for what takes them one by one. `estimate_noise`
 The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-import lazy_loader
+from .._faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -35,12 +35,8 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit_unoptimised
-from ..physics import System, Twin
-from ..physics._input_effects import Conditions
-from ..simulation import Stepper
-from ..simulation._exponential import StepInputs, vanishing
-from ..simulation._stepper import losses
-from ..simulation._variable_step import linear_step, variable_step
+from ..physics import Conditions, System, Twin
+from ..simulation import StepInputs, Stepper, linear_step, losses, vanishing, variable_step
 from ._commands import Commands
 from ._process_noise import ProcessNoise
 from ._uncertain_values import UncertainDirections

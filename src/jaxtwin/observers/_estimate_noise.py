@@ -32,8 +32,7 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from .._waiting import advanced, announced
 from ..errors import ObserverError
-from ..io import Experiment
-from ..io._experiment import as_experiments
+from ..io import Experiment, as_experiments
 from ..matching import Fit, Huber
 from ..matching._nominal_twin import nominal_twin
 from ..matching._recordings import divided

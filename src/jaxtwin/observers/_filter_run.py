@@ -12,7 +12,7 @@ from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from .._padded_rows import first_rows, padded, padded_rows
 from ..io import Experiment
-from ..simulation._input_levels import input_levels
+from ..simulation import input_levels
 from ._augmented_model import Transition
 from ._estimates import Moments, moments
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState

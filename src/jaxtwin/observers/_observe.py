@@ -11,14 +11,10 @@ from jaxtyping import Array, Float
 from .._compilation import persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from ..errors import ObserverError, SimulationError
-from ..io import Experiment
-from ..io._experiment import as_experiment
-from ..io._gaps import gap_sentences, separate_recordings
+from ..io import Experiment, as_experiment, gap_sentences, separate_recordings
 from ..matching import Fit
 from ..physics import System, Twin
-from ..simulation import Stepper
-from ..simulation._simulate import checked_channels
-from ..simulation._stepper import assembled
+from ..simulation import Stepper, assembled, checked_channels
 from ._augmented_model import AugmentedModel
 from ._filter_run import estimated, filtered, samples_of
 from ._kalman_filter import ExtendedKalmanFilter

@@ -17,7 +17,7 @@ from .._jax_settings import own_settings
 from .._padded_rows import first_rows, padded_rows
 from ..errors import ObserverError
 from ..io import Experiment
-from ..simulation._input_levels import input_levels
+from ..simulation import input_levels
 from ._estimates import Estimates, Moments, moments
 from ._filter_run import (
     MIN_SAMPLES,

@@ -14,48 +14,10 @@ then numbers for one set of parameter values (`System`). Which file holds what:
 - inputs besides the duty: `_input_effects`, the links and values that they change
 - the twin: `_twin`, a rig with values
 - faults: `_fault_models`, functions `System -> System`, and `_faults`, when they happen
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._assembly import build_netlist
-from ._camera import frame_to_channels, pixel_weights
-from ._driver import Bridge, CellHeat
-from ._fault_models import FAULT_MODELS, Fault, FaultModel
-from ._faults import Faults, TimedFault
-from ._heat_loss import CALM, STEFAN_BOLTZMANN
-from ._netlist import Link, Loss, Netlist, Node, Reservoir, ThermoelectricElement
-from ._plate_map import PlateMap, plate_map
-from ._registration import MeasuredRegistration, measure_registration
-from ._sensors import channel_weights
-from ._system import System
-from ._thermoelectric import DCSweep, ThermoelectricModule
-from ._twin import Twin
+from .._faces import attach
 
-__all__ = [
-    "CALM",
-    "FAULT_MODELS",
-    "STEFAN_BOLTZMANN",
-    "Bridge",
-    "CellHeat",
-    "DCSweep",
-    "Fault",
-    "FaultModel",
-    "Faults",
-    "Link",
-    "Loss",
-    "MeasuredRegistration",
-    "Netlist",
-    "Node",
-    "PlateMap",
-    "Reservoir",
-    "System",
-    "ThermoelectricElement",
-    "ThermoelectricModule",
-    "TimedFault",
-    "Twin",
-    "build_netlist",
-    "channel_weights",
-    "frame_to_channels",
-    "measure_registration",
-    "pixel_weights",
-    "plate_map",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     import diffrax
 
     from ..io import Experiment
-    from ..simulation import Run
-    from ..simulation._initial import Initial
+    from ..simulation import Initial, Run
 
 
 @final

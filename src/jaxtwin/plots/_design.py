@@ -5,7 +5,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..diagnosis._diagnosis import TIE
+from ..diagnosis import TIE
 from ..experiment_design import DiagnosisDesign, ExperimentDesign
 from ._panels import legend_below
 from ._style import color_of, line_of, palette, styled, symbol

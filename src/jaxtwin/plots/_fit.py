@@ -17,9 +17,7 @@ from .._arguments import names_of, of_kind
 from .._normal_distribution import QUANTILE_975
 from .._number_text import interval_text, short_number
 from ..errors import MatchError
-from ..matching import Fit, FitDifference, FittedParameter, Profile
-from ..matching._fit import solution_of
-from ..matching._fitted_parameters import interval_95
+from ..matching import Fit, FitDifference, FittedParameter, Profile, interval_95, solution_of
 from ..rig import Parameter
 from ._panels import axes_or_new, panel_grid
 from ._sensitivity_indices import label_rows

@@ -13,10 +13,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
 
 from .._number_text import short_number
-from ..diagnosis import Diagnosis, Isolability
-from ..diagnosis._diagnosis import HEALTHY, NONE_OF_THESE
-from ..monitoring import Monitored
-from ..monitoring._finding_log import events
+from ..diagnosis import HEALTHY, NONE_OF_THESE, Diagnosis, Isolability
+from ..monitoring import Monitored, events
 from ..observers import Observed
 from ..prognostics import Health, ParameterHealth
 from ._panels import legend_beside, panel_grid, title_aside

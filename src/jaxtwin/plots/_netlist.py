@@ -15,12 +15,8 @@ from matplotlib.patches import Rectangle
 
 from .._number_text import short_number
 from ..errors import ParameterError
-from ..physics import Twin
-from ..physics._netlist import network_counts, network_text
-from ..physics._network_layout import network_layout
-from ..physics._twin import check_twin
-from ..rig import Plate
-from ..rig._plate import AMBIENT
+from ..physics import Twin, check_twin, network_counts, network_layout, network_text
+from ..rig import AMBIENT, Plate
 from ._netlist_parts import (
     COLUMN_PITCH,
     LEGEND_WIDTH,

@@ -14,12 +14,8 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._celsius import ZERO_CELSIUS
 from .._number_text import short_number
-from ..physics import ThermoelectricElement, Twin
-from ..physics._netlist import OWN_VOLTAGE, Link
-from ..physics._network_layout import network_layout
-from ..physics._sensors import sensor_name
-from ..rig import Channel, Plate
-from ..rig._plate import AMBIENT
+from ..physics import OWN_VOLTAGE, Link, ThermoelectricElement, Twin, network_layout, sensor_name
+from ..rig import AMBIENT, Channel, Plate
 from ._style import INK, palette, points
 
 WIDEST, HIGHEST = 11.0, 5.2

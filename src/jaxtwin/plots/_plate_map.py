@@ -17,8 +17,7 @@ from matplotlib.patheffects import withStroke
 
 from ..control import ClosedLoopRun, OperatingPoint, PlacedCells, RigDesign
 from ..errors import ControlError, ParameterError
-from ..rig import Cell, Channel, Heater, Plate, Rig
-from ..rig._plate_needed import check_has_plate
+from ..rig import Cell, Channel, Heater, Plate, Rig, check_has_plate
 from ..simulation import Run
 from ._panels import title_aside
 from ._style import INK, PALE, palette, points, styled

@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from ..io import Experiment
-from ..io._gaps import GAP_FACTOR
+from ..io import GAP_FACTOR, Experiment
 from ..simulation import Run
 from ._style import Dashes, color_of, line_of, palette, points, styled
 from ._time_axis import time_axis

@@ -15,8 +15,7 @@ from matplotlib.lines import Line2D
 from ..control import ClosedLoopRun, OperatingPoint
 from ..errors import ControlError, SimulationError
 from ..physics import plate_map
-from ..rig import Channel, Rig
-from ..rig._plate_needed import check_has_plate
+from ..rig import Channel, Rig, check_has_plate
 from ..simulation import Run
 from ._panels import title_aside
 from ._plate_map import HEAT, draw_cells, frame, rectangle

@@ -6,10 +6,10 @@ straight line over time, on the scale of the match, with a difference of each se
 spread is learned. `health` gives a `Health` (`_health`): for each parameter the trend with its
 standard error, the spread between sessions, and the probability that the trend passes a limit
 within a time.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._assess import health
-from ._health import Health, ParameterHealth
-from ._trend import Trend, random_effects_trend
+from .._faces import attach
 
-__all__ = ["Health", "ParameterHealth", "Trend", "health", "random_effects_trend"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -30,7 +30,7 @@ from .._jax_settings import own_settings
 from .._name_suggestions import unknown_name
 from ..errors import MatchError, ParameterError
 from ..matching import Fit, FittedParameter
-from ..monitoring._thresholds import DAY
+from ..monitoring import DAY
 from ..observers import Observed
 from ..rig import Rig
 from ..twin_store import TwinStore, TwinVersion

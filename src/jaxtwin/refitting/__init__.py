@@ -6,10 +6,10 @@ beyond that (`_session_match`). Mistakes of the recording (`_mistakes`) and erro
 (`_sensor_errors`) are its rivals. What is held out (`_held_out`) is replayed through both twins,
 and the checks of the gate (`_gate`) decide: promoted, unchanged, rejected, or a person is asked.
 `keep_refit` (`_keep_refit`) writes it into a store of twins.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._gate import GateCheck
-from ._keep_refit import keep_refit
-from ._refit import Refit, refit
+from .._faces import attach
 
-__all__ = ["GateCheck", "Refit", "keep_refit", "refit"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -17,10 +17,7 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from ..matching import Fit
-from ..matching._fit import solution_of
-from ..matching._group_values import group_and_shared_values, new_group_values
-from ..matching._match_group import HELD_SPREAD
+from ..matching import HELD_SPREAD, Fit, group_and_shared_values, new_group_values, solution_of
 from ..rig import Parameter
 
 # A step that is allowed between sessions in any case, of a logarithm or in the value's unit.

@@ -12,15 +12,12 @@ from typing import Literal, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..control.controllers._controller import AbstractController
-from ..control.linear._margins import USUAL_PEAK
-from ..control.loops._loop_margins import loop_margins
+from ..control import USUAL_PEAK, AbstractController, loop_margins
 from ..errors import ControlError
 from ..matching import Fit
 from ..monitoring import Monitored
-from ..rig._units import unit_scale
-from ..simulation import Run
-from ..simulation._exceeded_limits import exceeded_limits
+from ..rig import unit_scale
+from ..simulation import Run, exceeded_limits
 from ._held_out import HeldOutReplay, block_errors
 from ._mistakes import BETTER, POSSIBLE, Mistake
 from ._session_match import SessionMatch

@@ -9,8 +9,7 @@ from jaxtyping import Float
 
 from ..errors import MatchError
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._noise_model import estimate_noise
+from ..matching import Fit, estimate_noise
 from ..observers import Forecast, Observed, ProcessNoise, observe
 from ..simulation import Run, simulate
 

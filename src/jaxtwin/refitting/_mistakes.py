@@ -18,10 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._descent_result import DescentResult
-from ..matching._noise_model import NoiseModel
-from ..matching._start import room_temperature
+from ..matching import DescentResult, Fit, NoiseModel, room_temperature
 from ..observers import ProcessNoise
 from ..rig import Input
 from ._forgetting import SessionPrior

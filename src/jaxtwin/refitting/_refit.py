@@ -11,15 +11,11 @@ from .._arguments import finite_number, of_kind, whole_number
 from .._display import html_table
 from .._json_values import json_value
 from .._waiting import announced
-from ..control.controllers._controller import AbstractController
+from ..control import AbstractController
 from ..errors import MatchError
-from ..io import Experiment
-from ..io._experiment import Recordings, as_experiments
-from ..matching import Fit, named_recordings
-from ..matching._recordings import divided
-from ..monitoring import MonitorCalibration
-from ..monitoring._monitor_recording import monitored
-from ..monitoring._thresholds import DAY
+from ..io import Experiment, Recordings, as_experiments
+from ..matching import Fit, divided, named_recordings
+from ..monitoring import DAY, MonitorCalibration, monitored
 from ..observers import ProcessNoise, observe
 from ..simulation import simulate
 from ._forgetting import session_prior

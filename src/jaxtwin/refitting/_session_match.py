@@ -29,16 +29,23 @@ from jaxtyping import Float
 
 from ..errors import MatchError
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._descent import descend
-from ..matching._descent_result import DescentResult, MatchEstimate, make_optimum
-from ..matching._fit import solution_of
-from ..matching._match import default_solver, make_fit
-from ..matching._match_group import descend_with_noise
-from ..matching._noise_model import NoiseModel
-from ..matching._objective import make_objective
-from ..matching._problem import LinearPrior, MatchProblem, make_match_problem
-from ..matching._unknowns import Unknowns
+from ..matching import (
+    DescentResult,
+    Fit,
+    LinearPrior,
+    MatchEstimate,
+    MatchProblem,
+    NoiseModel,
+    Unknowns,
+    default_solver,
+    descend,
+    descend_with_noise,
+    make_fit,
+    make_match_problem,
+    make_objective,
+    make_optimum,
+    solution_of,
+)
 from ._forgetting import MIN_DRIFT, SessionPrior, rows_with_priors, with_spread_of
 
 # A session is explained by an error of at most this multiple of that of the last fit.

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 
 from .._number_text import interval_text, short_number
 from .._progress import Progress
-from ..matching import Fit, FittedParameter
-from ..matching._summary import prior_text
+from ..matching import Fit, FittedParameter, prior_text
 from ..plots import (
     plot_correlation,
     plot_history,

@@ -12,8 +12,7 @@ from .._goodness_of_fit import fit_text
 from .._number_text import short_number
 from ..errors import RecordingError
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._camera_error import detect_events
+from ..matching import Fit, detect_events
 from ..plots import (
     plot_camera_error,
     plot_comparison,

@@ -11,8 +11,7 @@ from .._json_values import json_value
 from .._progress import NullProgress, Progress
 from ..errors import JaxtwinError
 from ..matching import Fit
-from ..physics import Twin
-from ..physics._netlist import network_counts
+from ..physics import Twin, network_counts
 from ..plots import plot_netlist, to_png
 from ..rig import bundled_rigs
 from ._page import (

@@ -6,26 +6,10 @@ door, a lost sensor, twice the delay, faults. `Retuned` (`_retuned`) is the deci
 reason. `retune_champion` and `keep_retuned` (`_pairs`) keep twin and controller as a pair in a
 store of twins. On the rig, `LoopWatch` (`_loop_band`) compares the loop with what the trial
 predicted.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._loop_band import LoopBand, LoopWatch
-from ._pairs import Pair, keep_retuned, pair_of, retune_champion
-from ._retune import retune
-from ._retuned import Retuned
-from ._scenarios import TrialScenario, usual_scenarios
-from ._trial import LoopTrial, ScenarioTrial
+from .._faces import attach
 
-__all__ = [
-    "LoopBand",
-    "LoopTrial",
-    "LoopWatch",
-    "Pair",
-    "Retuned",
-    "ScenarioTrial",
-    "TrialScenario",
-    "keep_retuned",
-    "pair_of",
-    "retune",
-    "retune_champion",
-    "usual_scenarios",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

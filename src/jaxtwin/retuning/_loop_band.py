@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float
 
-from ..control.loops._control import Decision
+from ..control import Decision
 
 # The time over which the error of a loop is averaged, s.
 WINDOW = 60.0

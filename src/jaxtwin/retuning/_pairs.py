@@ -4,8 +4,7 @@ import json
 from datetime import UTC, datetime
 from typing import Any, NamedTuple, final
 
-from ..control import AbstractController, ControllerDesign
-from ..control.controllers._controller_file import controller_file, controller_of_text
+from ..control import AbstractController, ControllerDesign, controller_file, controller_of_text
 from ..errors import ControlError
 from ..rig import Rig
 from ..twin_store import TwinStore, TwinVersion

@@ -11,18 +11,22 @@ from jaxtyping import Float
 from .._arguments import finite_number, of_kind, whole_number
 from .._jax_settings import own_settings
 from .._waiting import announced
-from ..control.controllers._controller import AbstractController
-from ..control.linear._margins import USUAL_PEAK
-from ..control.loops._loop_margins import sampled_loops
-from ..control.loops._measures import Measure
-from ..control.loops._references import reference_samples, sample_times
-from ..control.loops._sampled_loop import ROUNDING, SampledLoops
-from ..control.tuning._objective import checked_objective
-from ..control.tuning._tuning import Tuning
-from ..control.tuning._tuning_problem import PEAK_TOLERANCE, tuning_problem
+from ..control import (
+    PEAK_TOLERANCE,
+    ROUNDING,
+    USUAL_PEAK,
+    AbstractController,
+    Measure,
+    SampledLoops,
+    Tuning,
+    checked_objective,
+    reference_samples,
+    sample_times,
+    sampled_loops,
+    tuning_problem,
+)
 from ..errors import ControlError
-from ..matching import Fit, posterior_draws
-from ..matching._nominal_twin import nominal_twin
+from ..matching import Fit, nominal_twin, posterior_draws
 from ..physics import Twin
 from ._retuned import Decision, Retuned
 from ._scenarios import TrialScenario, usual_scenarios

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 
 from .._display import html_table, picture
 from .._json_values import json_value
-from ..control import Tuning
-from ..control.controllers._controller import AbstractController
+from ..control import AbstractController, Tuning
 from ._loop_band import LoopBand
 from ._trial import LoopTrial, ScenarioTrial
 

@@ -9,14 +9,11 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
-from ..control.controllers._controller import AbstractController
-from ..control.loops._disturbances import Disturbance, Draught, HeatInput
-from ..control.loops._scenario import MAX_STEP
+from ..control import MAX_STEP, AbstractController, Disturbance, Draught, HeatInput
 from ..diagnosis import suspects
 from ..io import Experiment
 from ..physics import FAULT_MODELS, Fault, System, Twin
-from ..simulation import simulate
-from ..simulation._stepper import assembled
+from ..simulation import assembled, simulate
 
 # How much warmer or colder than in the rig file the room is, K.
 ROOM_CHANGE = 8.0

@@ -14,13 +14,19 @@ from jaxtyping import Array, Float
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
-from ..control.controllers._controller import AbstractController
-from ..control.loops._loop_checks import OutOfReachError
-from ..control.loops._loop_signals import ClosedLoop
-from ..control.loops._many_loops import longest_delay, simulate_many_loops, twin_at_medians
-from ..control.loops._measures import REST_FRACTION, SETTLING_BAND
-from ..control.loops._scenario import Scenario, scenario
-from ..control.tuning._objective import TuningObjective
+from ..control import (
+    REST_FRACTION,
+    SETTLING_BAND,
+    AbstractController,
+    ClosedLoop,
+    OutOfReachError,
+    Scenario,
+    TuningObjective,
+    longest_delay,
+    scenario,
+    simulate_many_loops,
+    twin_at_medians,
+)
 from ..errors import ControlError
 from ..physics import Twin
 from ._loop_band import LoopBand

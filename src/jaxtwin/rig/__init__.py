@@ -15,73 +15,10 @@ Which file holds what:
 - parameters and other inputs: `_value`, `_parameter_table`, `_parameter_file`
 - the whole: `_rig`, and `_plate_needed` for what only a plate has
 - writing: `_new_rig` (a first rig file)
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._bodies import Body, Circuit, CircuitLink, NonlinearLink
-from ._build import json_schema, load_rig, rig_from_tables
-from ._cell import Cell, Datasheet, load_module
-from ._heater import Heater, RelayWindow
-from ._instruments import Camera, Channel, CommonError, Driver, Registration, Sensors
-from ._new_rig import CellPlace, HeaterPlace, new_rig_text
-from ._parameter_file import read_parameters, write_parameters
-from ._placement import Placement
-from ._plate import Plate
-from ._plate_table import Material, load_material
-from ._rig import Rig
-from ._sensors import (
-    AbstractSensor,
-    NodesSensor,
-    PointSensor,
-    SensorSite,
-    ZoneSensor,
-    register_sensor,
-)
-from ._toml import bundled_materials, bundled_modules, bundled_rigs
-from ._units import COORDINATE, LENGTH
-from ._value import Input, Parameter, Switched, Value
+from .._faces import attach
 
-__all__ = [
-    "COORDINATE",
-    "LENGTH",
-    "AbstractSensor",
-    "Body",
-    "Camera",
-    "Cell",
-    "CellPlace",
-    "Channel",
-    "Circuit",
-    "CircuitLink",
-    "CommonError",
-    "Datasheet",
-    "Driver",
-    "Heater",
-    "HeaterPlace",
-    "Input",
-    "Material",
-    "NodesSensor",
-    "NonlinearLink",
-    "Parameter",
-    "Placement",
-    "Plate",
-    "PointSensor",
-    "Registration",
-    "RelayWindow",
-    "Rig",
-    "SensorSite",
-    "Sensors",
-    "Switched",
-    "Value",
-    "ZoneSensor",
-    "bundled_materials",
-    "bundled_modules",
-    "bundled_rigs",
-    "json_schema",
-    "load_material",
-    "load_module",
-    "load_rig",
-    "new_rig_text",
-    "read_parameters",
-    "register_sensor",
-    "rig_from_tables",
-    "write_parameters",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -16,11 +16,9 @@ from .._name_suggestions import did_you_mean
 from .._waiting import announced, counting
 from ..errors import SimulationError
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._nominal_twin import nominal_twin
+from ..matching import Fit, nominal_twin
 from ..physics import Twin
-from ..simulation import REDUCTIONS, Reductions, reduce_batch
-from ..simulation._reductions import ReductionFunction
+from ..simulation import REDUCTIONS, ReductionFunction, Reductions, reduce_batch
 from ._correlation_intervals import pearson, pearson_interval, spearman, spearman_interval
 from ._correlations import PartialRankCorrelation, Pearson, Spearman, StandardisedRegression
 from ._derivative_based import DerivativeBased, slopes_of

@@ -23,13 +23,19 @@ from .._padded_rows import padded
 from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import Twin
-from ..simulation import Reductions, TimeGrid
-from ..simulation._padding import padded_time_grid
-from ..simulation._power import power_of_states
-from ..simulation._reductions import Reduction, ReductionChoice, checked_reductions
-from ..simulation._refinement import needs_shorter_steps
-from ..simulation._simulate import _run_exponential, checked_channels
-from ..simulation._workers import work_in_chunks
+from ..simulation import (
+    Reduction,
+    ReductionChoice,
+    Reductions,
+    TimeGrid,
+    checked_channels,
+    checked_reductions,
+    needs_shorter_steps,
+    padded_time_grid,
+    power_of_states,
+    run_exponential,
+    work_in_chunks,
+)
 from ._method import AbstractPlainMethod, Design, Indices, half_width, resample_weights
 
 
@@ -149,7 +155,7 @@ def _slopes_of_chunk(
         vector: Float[Array, " parameters"],
     ) -> tuple[dict[str, Array], tuple[Float[Array, ""], Float[Array, ""]]]:
         drawn = twin.with_values(dict(zip(names, vector, strict=True)))
-        states, readings, number, error = _run_exponential(drawn, grid, None)
+        states, readings, number, error = run_exponential(drawn, grid, None)
         trajectory = readings[:, columns] - ZERO_CELSIUS
         parts = {
             "trajectory": trajectory[:count],

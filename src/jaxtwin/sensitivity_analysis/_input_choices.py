@@ -11,8 +11,7 @@ from jaxtyping import Float
 from .._arguments import mapping_of, names_of
 from .._name_suggestions import did_you_mean
 from ..errors import ParameterError
-from ..matching import Fit
-from ..matching._fit import solution_of
+from ..matching import Fit, solution_of
 from ..physics import Twin
 from ..rig import Parameter
 from ._inputs import AbstractMarginal, Inputs, LogNormal, Normal, Uniform

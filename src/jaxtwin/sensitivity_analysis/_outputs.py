@@ -11,14 +11,10 @@ from jaxtyping import Array, Bool, Float, Shaped
 from .._arguments import finite_number, names_of
 from .._name_suggestions import did_you_mean
 from ..errors import SimulationError
-from ..io import Experiment
-from ..io._experiment import as_experiments
+from ..io import Experiment, as_experiments
 from ..matching import Fit
-from ..physics import Twin
-from ..physics._twin import check_twin
-from ..simulation import REDUCTIONS, ReductionName, Reductions
-from ..simulation._reductions import ReductionFunction
-from ..simulation._simulate import ordered
+from ..physics import Twin, check_twin
+from ..simulation import REDUCTIONS, ReductionFunction, ReductionName, Reductions, ordered
 from ._sensitivity import MEAN
 
 # The name of a reduction (see `jaxtwin.simulation.Reductions`); the "uniformity", the range over

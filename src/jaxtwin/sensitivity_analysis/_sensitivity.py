@@ -189,7 +189,7 @@ class Sensitivity:
 
         **Raises:** `RecordingError` for another ending, and if the file cannot be written.
         """
-        from ..io._write import save_dataset
+        from ..io import save_dataset
 
         save_dataset(self.to_xarray(), path)
 

@@ -23,6 +23,6 @@ frames, wherever they come from.
 The web server needs the extra `serve`; it is imported when one is made.
 """
 
-import lazy_loader
+from .._faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,3 +1,5 @@
+# Public names of jaxtwin.serve. `__init__.py` imports each when it is first used.
+
 from ._access import Access as Access
 from ._access import Refusal as Refusal
 from ._app import web_app as web_app
@@ -20,3 +22,12 @@ from ._web_server import WebServer as WebServer
 from ._web_server import listening as listening
 
 __all__: list[str]
+
+# isort: split
+# For the other packages of jaxtwin: no part of the public interface.
+
+from ._live_demo import DemoScript as DemoScript
+from ._live_demo import demo_controller as demo_controller
+from ._live_demo import demo_faults as demo_faults
+from ._live_demo import demo_rig as demo_rig
+from ._live_demo import demo_store as demo_store

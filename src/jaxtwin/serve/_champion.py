@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from ..live import Finding
-from ..live.safety._twin_ensemble import Draws
+from ..live import Draws, Finding
 from ..monitoring import LiveMonitor, MonitorCalibration
 from ..observers import ExtendedKalmanFilter, ProcessNoise, live_observer
 from ..physics import Twin

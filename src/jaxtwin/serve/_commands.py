@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, final
 
 import numpy as np
 
-from ..control import AbstractController
-from ..control.controllers._duty_limits import bounds_of
+from ..control import AbstractController, bounds_of
 from ..errors import ControlError
 from ..io import Experiment
 from ..live import Moment, RigConnection

@@ -13,9 +13,16 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
-from ..observers import ExtendedKalmanFilter, KalmanState
-from ..observers._estimates import Estimate, Moment, Moments, moments
-from ..observers._filter_run import FilterSamples, samples_between
+from ..observers import (
+    Estimate,
+    ExtendedKalmanFilter,
+    FilterSamples,
+    KalmanState,
+    Moment,
+    Moments,
+    moments,
+    samples_between,
+)
 
 # The length of the forecast, s of the rig.
 HORIZON = 60.0

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
-from ..live._stop_request import StopRequest
+from ..live import StopRequest
 
 
 @final

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .._json_values import json_value
-from ..observers._estimates import Estimate
+from ..observers import Estimate
 from ._contents import significant
 
 # The lengths of the intervals, s, and their numbers: an hour, a day and a week.

@@ -11,13 +11,11 @@ import numpy as np
 
 from ..control import PID, ControllerDesign
 from ..io import Experiment
-from ..live import Reading, Record, RigState, Sample
-from ..live.protocol._clock import seconds
+from ..live import Reading, Record, RigState, Sample, seconds
 from ..matching import match
-from ..observers._observe import usual_noise
+from ..observers import usual_noise
 from ..physics import Faults, Twin
-from ..rig import CellPlace, Rig, new_rig_text
-from ..rig._build import parse_rig
+from ..rig import CellPlace, Rig, new_rig_text, parse_rig
 from ..simulation import simulate
 from ..twin_store import TwinStore
 from ._desk import Desk, HoldOrder, RefitOrder

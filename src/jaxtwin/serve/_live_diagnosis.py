@@ -5,7 +5,7 @@ from typing import Any, final
 
 from ..io import Experiment
 from ..live import Finding, Record, RigState
-from ..monitoring._finding_log import KINDS
+from ..monitoring import KINDS
 from ..observers import ProcessNoise
 from ..physics import Twin
 from ._child_process import ChildProcess, Outcome

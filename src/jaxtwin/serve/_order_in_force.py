@@ -2,10 +2,19 @@
 
 from typing import final
 
+from ..live import (
+    STILL_HEATS,
+    Finding,
+    Guard,
+    OffWatch,
+    Record,
+    Replay,
+    RigConnection,
+    RigState,
+    Sample,
+    heat_sentence,
+)
 from ..live import Command as Sent
-from ..live import Finding, Guard, Record, Replay, RigConnection, RigState, Sample
-from ..live._switch_off import STILL_HEATS
-from ..live.safety._off_watch import OffWatch, heat_sentence
 from ._commands import described
 from ._desk import Answer, Asked, RunOrder
 from ._page import Page

@@ -12,13 +12,23 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._normal_distribution import QUANTILE_975
-from ..live import Event, Finding, Follower, Gap, LinkChange, Reading, Record, RigState, Sample
-from ..live._alarms import DISK_BYTES
-from ..live._json import finding_as_json
-from ..live._switch_off import STILL_ON
-from ..live.protocol._clock import seconds
-from ..live.safety._twin_ensemble import Draws
-from ..observers._estimates import Estimate, Moment, parameter_estimates
+from ..live import (
+    DISK_BYTES,
+    STILL_ON,
+    Draws,
+    Event,
+    Finding,
+    Follower,
+    Gap,
+    LinkChange,
+    Reading,
+    Record,
+    RigState,
+    Sample,
+    finding_as_json,
+    seconds,
+)
+from ..observers import Estimate, Moment, parameter_estimates
 from ..physics import Twin
 from ._champion import TwinBeside
 from ._contents import HORIZON, STEPS, Outlook, look_ahead, outlook_content, sample_content

@@ -19,8 +19,8 @@ from ..live import (
     RecordConsumer,
     Replay,
     RigConnection,
+    StopRequest,
 )
-from ..live._stop_request import StopRequest
 from ._access import Access
 from ._app import web_app
 from ._champion import Champion, TwinBeside

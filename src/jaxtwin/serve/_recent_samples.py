@@ -7,8 +7,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..io import Experiment
-from ..live import Reading, Record, RigState, Sample
-from ..live.protocol._clock import seconds
+from ..live import Reading, Record, RigState, Sample, seconds
 from ..physics import Twin
 
 # The time between two samples that are kept, s of the rig.

@@ -5,10 +5,8 @@ from typing import Any
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
-from ..physics import Twin
-from ..physics._network_layout import network_layout
-from ..rig._cell import Cell
-from ..rig._heater import Heater
+from ..physics import Twin, network_layout
+from ..rig import Cell, Heater
 
 # The digits of a place, m.
 METRE_DIGITS = 5

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
-from ..control import AbstractController
-from ..control.controllers._controller import is_same, is_same_kind
+from ..control import AbstractController, is_same, is_same_kind
 from ..errors import ControlError, JaxtwinError, RecordingError, SafetyStop, StoreError
 from ..live import (
     AlarmInterlock,
@@ -25,9 +24,9 @@ from ..live import (
     Service,
     interlocks_of,
     operate,
+    switch_off,
 )
-from ..live._switch_off import switch_off
-from ..monitoring._finding_log import KINDS
+from ..monitoring import KINDS
 from ._champion import Champion
 from ._commands import (
     Command,

@@ -5,8 +5,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Literal, final
 
-from ..control import AbstractController, ControllerDesign, Decision
-from ..control.controllers._controller import is_same_kind
+from ..control import AbstractController, ControllerDesign, Decision, is_same_kind
 from ..errors import StoreError
 from ..retuning import LoopBand, LoopWatch, pair_of, retune_champion
 from ..retuning._loop_band import MIN_REST

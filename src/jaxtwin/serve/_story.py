@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from .._normal_distribution import QUANTILE_975
-from ..live import Finding
-from ..live.protocol._clock import seconds
-from ..monitoring._monitor import SETTLE
-from ..observers._estimates import Moment
+from ..live import Finding, seconds
+from ..monitoring import SETTLE
+from ..observers import Moment
 
 # The age from which on readings say nothing about the present, s.
 OLD_SECONDS = 3.0

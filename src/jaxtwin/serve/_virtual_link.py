@@ -7,9 +7,8 @@ from types import TracebackType
 from typing import final
 
 from ..errors import JaxtwinError, LinkError
-from ..live import SystemClock, TcpServer, VirtualRig
+from ..live import WATCHDOG_SECONDS, SystemClock, TcpServer, VirtualRig
 from ..live import serve as serve_device
-from ..live.protocol._identity import WATCHDOG_SECONDS
 from ..physics import Faults, Twin
 from ._child_process import end_with_parent
 

@@ -1,5 +1,4 @@
-# The public names of jaxtwin.simulation. `__init__.py` reads this file at run time and imports a
-# name when it is first used: the default solver does without diffrax.
+# Public names of jaxtwin.simulation. `__init__.py` imports each when it is first used.
 
 from ._chunk_programs import Precision as Precision
 from ._drive import Drive as Drive
@@ -31,3 +30,62 @@ from ._stepper import StepperState as StepperState
 from ._time_grid import TimeGrid as TimeGrid
 from ._time_grid import build_time_grid as build_time_grid
 from ._time_grid import time_grid as time_grid
+
+# isort: split
+# For the other packages of jaxtwin: no part of the public interface.
+
+from ._check_values import check_draw as check_draw
+from ._check_values import check_values as check_values
+from ._check_values import valid_draws as valid_draws
+from ._delay import checked_longest_delay as checked_longest_delay
+from ._delay import draws_change_delay as draws_change_delay
+from ._delay import lagged_duty as lagged_duty
+from ._exceeded_limits import exceeded_limits as exceeded_limits
+from ._exponential import StepInputs as StepInputs
+from ._exponential import step_factors as step_factors
+from ._exponential import vanishing as vanishing
+from ._initial import CheckedInitial as CheckedInitial
+from ._initial import Initial as Initial
+from ._initial import check_celsius as check_celsius
+from ._initial import checked_initial as checked_initial
+from ._initial import initial_temperatures as initial_temperatures
+from ._initial import keeps_symmetry as keeps_symmetry
+from ._input_levels import input_levels as input_levels
+from ._input_levels import stated_levels as stated_levels
+from ._modes import Modes as Modes
+from ._modes import network_modes as network_modes
+from ._modes import run_modes as run_modes
+from ._modes import side_nodes as side_nodes
+from ._native_chunk import NativeRun as NativeRun
+from ._native_chunk import native_run as native_run
+from ._native_library import native_state as native_state
+from ._padding import padded_time_grid as padded_time_grid
+from ._power import SupplyPower as SupplyPower
+from ._power import power_of_states as power_of_states
+from ._reductions import Reduction as Reduction
+from ._reductions import ReductionChoice as ReductionChoice
+from ._reductions import ReductionFunction as ReductionFunction
+from ._reductions import checked_reductions as checked_reductions
+from ._reductions import draws_table as draws_table
+from ._refinement import STABILITY_LIMIT as STABILITY_LIMIT
+from ._refinement import needs_shorter_steps as needs_shorter_steps
+from ._simulate import FittedTwins as FittedTwins
+from ._simulate import checked_channels as checked_channels
+from ._simulate import ordered as ordered
+from ._simulate import prepare_simulation as prepare_simulation
+from ._simulate import run_exponential as run_exponential
+from ._simulate import twin_of_experiment as twin_of_experiment
+from ._simulate_batch import checked_draws as checked_draws
+from ._simulate_batch import checked_precision as checked_precision
+from ._step_preparation import MULTIPLE_TOLERANCE as MULTIPLE_TOLERANCE
+from ._step_preparation import is_multiple as is_multiple
+from ._stepper import ModalState as ModalState
+from ._stepper import advance as advance
+from ._stepper import assembled as assembled
+from ._stepper import losses as losses
+from ._stepper import node_temperatures as node_temperatures
+from ._stepper import to_modal as to_modal
+from ._variable_step import linear_step as linear_step
+from ._variable_step import variable_step as variable_step
+from ._workers import is_accelerated as is_accelerated
+from ._workers import work_in_chunks as work_in_chunks

@@ -8,8 +8,7 @@ from jaxtyping import Bool, Float
 
 from .._celsius import COLDEST_ROOM, ZERO_CELSIUS
 from ..errors import ParameterError
-from ..physics import Twin, build_netlist
-from ..physics._placed import placed_names
+from ..physics import Twin, build_netlist, placed_names
 from ..rig import Rig, Value
 
 

@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..physics import System
-from ..physics._input_effects import Conditions
+from ..physics import Conditions, System
 from ._delay import delayed_time_grid, lagged_duty
 from ._exponential import StepInputs
 from ._time_grid import TimeGrid, reference_temperature

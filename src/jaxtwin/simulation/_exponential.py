@@ -27,8 +27,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from .._jax_settings import in_precision
-from ..physics import System
-from ..physics._input_effects import Conditions
+from ..physics import Conditions, System
 from ._modes import LossShapes, Modes
 
 

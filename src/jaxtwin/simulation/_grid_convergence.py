@@ -16,11 +16,8 @@ from .._arguments import finite_number
 from .._display import html_table
 from ..errors import SimulationError
 from ..io import Experiment
-from ..physics import Twin
-from ..physics._twin import check_twin
-from ..physics._wiring import MAX_ELEMENTS
-from ..rig._plate_needed import check_has_plate
-from ..rig._variants import with_resolution
+from ..physics import MAX_ELEMENTS, Twin, check_twin
+from ..rig import check_has_plate, with_resolution
 from ._simulate import simulate
 
 if TYPE_CHECKING:

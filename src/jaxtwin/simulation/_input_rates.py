@@ -13,10 +13,8 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from ..physics import Twin
-from ..physics._wiring import Wiring
-from ..rig import Input, Rig
-from ..rig._plate import AMBIENT
+from ..physics import Twin, Wiring
+from ..rig import AMBIENT, Input, Rig
 
 # The times after a change, s.
 TIMES = (1.0, 4.0, 16.0, 64.0)

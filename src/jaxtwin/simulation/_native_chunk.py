@@ -16,8 +16,7 @@ from jaxtyping import Float, Int, Shaped
 
 from .._jax_settings import own_settings
 from ..io import Experiment
-from ..physics import Twin
-from ..physics._wiring import wiring_of
+from ..physics import Twin, wiring_of
 from ._compressed import CompressedRecording
 from ._initial import CheckedInitial, keeps_symmetry
 from ._input_rates import input_rates

@@ -10,9 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..physics import System
-from ..physics._expressions import Expressions
-from ..physics._wiring import Wiring
+from ..physics import Expressions, System, Wiring
 from ..rig import Value
 
 

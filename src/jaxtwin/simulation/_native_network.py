@@ -16,11 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._sparse_lu import SparseLU
-from ..physics import System, Twin
-from ..physics._driver import DUTY_SMOOTHING
-from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
-from ..physics._wiring import Wiring
-from ..rig._plate import FILM_REFERENCE
+from ..physics import CALM, DUTY_SMOOTHING, STEFAN_BOLTZMANN, System, Twin, Wiring
+from ..rig import FILM_REFERENCE
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._native_inputs import InputLayout, NativeInputs
 from ._numbered_network import network_pattern

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..physics import System
-from ..physics._input_effects import Conditions
+from ..physics import Conditions, System
 from ._delay import lagged_duty
 from ._exponential import ModalField, StepFactors, StepInputs, exponential_step, step_factors
 from ._modes import Modes, network_modes

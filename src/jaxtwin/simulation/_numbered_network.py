@@ -16,11 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._jax_settings import in_precision
 from .._sparse_lu import Entry, SparseLU
-from ..physics import System
-from ..physics._driver import Bridge
-from ..physics._heat_loss import NonlinearLoss
-from ..physics._thermoelectric import ThermoelectricModule
-from ..physics._wiring import Wiring
+from ..physics import Bridge, NonlinearLoss, System, ThermoelectricModule, Wiring
 
 Numbers = list[Float[Array, "*draws"]]
 

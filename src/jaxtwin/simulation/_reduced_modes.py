@@ -25,8 +25,7 @@ import scipy.sparse.linalg
 from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit
-from ..physics import System, Twin
-from ..physics._system import conductance_entries
+from ..physics import System, Twin, conductance_entries
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate

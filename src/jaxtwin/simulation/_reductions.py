@@ -20,8 +20,7 @@ from .._display import html_table, picture
 from .._name_suggestions import did_you_mean
 from ..errors import SimulationError
 from ..io import Experiment
-from ..rig import Rig
-from ..rig._plate_needed import check_has_plate
+from ..rig import Rig, check_has_plate
 
 if TYPE_CHECKING:
     import pandas

@@ -383,8 +383,7 @@ class Run:
 
         **Raises:** `RecordingError` for another ending, and if the file cannot be written.
         """
-        from ..io import write_recording
-        from ..io._write import save_dataset
+        from ..io import save_dataset, write_recording
 
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
             save_dataset(self.to_xarray(), path)

@@ -14,12 +14,8 @@ from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from .._waiting import announced
 from ..errors import SimulationError
-from ..io import Experiment
-from ..io._duty_of_rig import check_duty_of_rig, of_rig
-from ..io._experiment import EXPERIMENT
-from ..physics import Twin
-from ..physics._twin import check_twin
-from ..physics._wiring import wiring_of
+from ..io import EXPERIMENT, Experiment, check_duty_of_rig, of_rig
+from ..physics import Twin, check_twin, wiring_of
 from ._check_values import check_values
 from ._drive import Drive
 from ._initial import CheckedInitial, Initial, checked_initial, initial_temperatures, keeps_symmetry
@@ -129,7 +125,7 @@ def simulate(
 
             solution = run_reduced(twin, grid, start)
         if solution is None:
-            solution = _run_exponential(twin, grid, start)
+            solution = run_exponential(twin, grid, start)
         states, readings, number, error = solution
         samples = slice(len(experiment.time))
         return {
@@ -188,7 +184,7 @@ def prepare_simulation(twin: Twin, experiment: Experiment) -> None:
     """
     if not is_large(twin, None):
         with own_settings():
-            _run_exponential.prepare(twin, padded_time_grid(twin, experiment), None)
+            run_exponential.prepare(twin, padded_time_grid(twin, experiment), None)
 
 
 def is_large(twin: Twin, initial: CheckedInitial) -> bool:
@@ -239,7 +235,7 @@ def response(
     with own_settings(float64=None):
         if method is None:
             grid = padded_time_grid(twin, experiment, steady_start=isinstance(start, str))
-            _, readings, _, _ = _run_exponential(twin, grid, start)
+            _, readings, _, _ = run_exponential(twin, grid, start)
         else:
             from ._diffeqsolve import differentiable
             from ._diffrax_programs import diffrax_run, is_successful
@@ -317,7 +313,7 @@ def _stability_number(twin: Twin, grid: TimeGrid) -> Float[Array, ""]:
 
 
 @persistent_jit
-def _run_exponential(
+def run_exponential(
     twin: Twin, grid: TimeGrid, initial: CheckedInitial
 ) -> tuple[
     Float[Array, "times rig_nodes"],

@@ -17,9 +17,7 @@ from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit_unoptimised
 from .._jax_settings import in_precision, is_traced, settings_for
 from ..errors import SimulationError
-from ..physics import System, Twin
-from ..physics._input_effects import Conditions
-from ..physics._twin import check_twin
+from ..physics import Conditions, System, Twin, check_twin
 from ._check_values import check_values
 from ._exponential import ModalField, StepFactors, StepInputs, exponential_step, loss_force
 from ._input_levels import stated_levels

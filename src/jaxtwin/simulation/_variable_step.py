@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..physics._input_effects import Conditions
+from ..physics import Conditions
 from ._exponential import StepInputs, exponential_step, step_factors
 from ._stepper import Stepper, loss_line
 

@@ -1,5 +1,8 @@
-"""SPICE: a twin in an experiment as a netlist that another simulator runs."""
+"""SPICE: a twin in an experiment as a netlist that another simulator runs.
 
-from ._to_spice import to_spice
+The public names stand in `__init__.pyi` and are imported when they are first used.
+"""
 
-__all__ = ["to_spice"]
+from .._faces import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -14,15 +14,18 @@ from jaxtyping import Float
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..errors import SimulationError
-from ..io import Experiment
-from ..io._duty_of_rig import check_duty_of_rig
-from ..physics import Netlist, ThermoelectricElement, Twin
-from ..physics._driver import DUTY_SMOOTHING
-from ..physics._heat_loss import CALM, STEFAN_BOLTZMANN
-from ..physics._netlist import OWN_VOLTAGE
-from ..rig import Rig, Value
-from ..rig._plate import AMBIENT, FILM_REFERENCE
-from ..simulation._simulate import FittedTwins, twin_of_experiment
+from ..io import Experiment, check_duty_of_rig
+from ..physics import (
+    CALM,
+    DUTY_SMOOTHING,
+    OWN_VOLTAGE,
+    STEFAN_BOLTZMANN,
+    Netlist,
+    ThermoelectricElement,
+    Twin,
+)
+from ..rig import AMBIENT, FILM_REFERENCE, Rig, Value
+from ..simulation import FittedTwins, twin_of_experiment
 
 # The duration of a step of the drive, s, because sources of SPICE are piecewise linear.
 _RAMP = 1e-6

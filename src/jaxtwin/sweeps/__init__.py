@@ -3,9 +3,10 @@
 `_sweep` is the entry: it reports its progress, makes the plan (`_plan`), whose draws a seed
 determines, and hands chunks to this process or to a cluster. A chunk that the store
 (`_store`) marks as done is complete; results are read when they are used.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._store import open_sweep
-from ._sweep import Sweep, SweepProgress, sweep
+from .._faces import attach
 
-__all__ = ["Sweep", "SweepProgress", "open_sweep", "sweep"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

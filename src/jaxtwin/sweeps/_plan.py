@@ -17,10 +17,15 @@ from ..physics import Twin
 from ..sensitivity_analysis._input_choices import central_values, rescaled_draws
 from ..sensitivity_analysis._outputs import distinct_names, paired_twins
 from ..sensitivity_analysis._sampling import checked_seed, checked_spread, normal_draws
-from ..simulation import REDUCTIONS, Precision, ReductionName, reduce_batch
-from ..simulation._reductions import checked_reductions
-from ..simulation._simulate import checked_channels
-from ..simulation._simulate_batch import checked_precision
+from ..simulation import (
+    REDUCTIONS,
+    Precision,
+    ReductionName,
+    checked_channels,
+    checked_precision,
+    checked_reductions,
+    reduce_batch,
+)
 
 # The format of the store. It changes with the arrays and with the order of draws.
 FORMAT = 2

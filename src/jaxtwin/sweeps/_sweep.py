@@ -20,8 +20,7 @@ from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..simulation import Precision
-from ..simulation._reductions import draws_table
+from ..simulation import Precision, draws_table
 from ._plan import Plan, plan_sweep
 from ._store import Store, count_failed, open_sweep
 

@@ -6,10 +6,10 @@ to version, with the words of MLflow: `champion` is the twin in use, `challenger
 and `previous` what the champion was before. `_version` is what is known of a version, `_diff` the
 difference of two. An address such as `twins.db@champion` stands for the file of a fit everywhere:
 `jaxtwin._twin_address`, beside the packages, reads it.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._diff import VersionDiff
-from ._store import TwinStore
-from ._version import AliasMove, TwinVersion
+from .._faces import attach
 
-__all__ = ["AliasMove", "TwinStore", "TwinVersion", "VersionDiff"]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -4,8 +4,7 @@ import difflib
 from dataclasses import dataclass
 from typing import Any, final
 
-from ..matching import compare_fits
-from ..matching._compare_fits import FitDifference
+from ..matching import FitDifference, compare_fits
 from ._version import TwinVersion
 
 

@@ -16,11 +16,9 @@ from .._name_suggestions import did_you_mean
 from .._twin_address import ALIAS, connected, opened_store, version_number
 from ..errors import StoreError
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._fit import solution_of
-from ..matching._save_fit import fit_text
+from ..matching import Fit, fit_text, solution_of
 from ..observers import ProcessNoise
-from ..rig._toml import parse_toml
+from ..rig import parse_toml
 from ._diff import VersionDiff, diff_versions
 from ._schema import has_controllers, make_controllers, make_tables
 from ._version import AliasMove, TwinVersion

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 from ..io import Experiment
-from ..matching import Fit
-from ..matching._load_fit import fit_of_text
+from ..matching import Fit, fit_of_text
 from ..observers import ProcessNoise
 
 

@@ -2,18 +2,10 @@
 
 `_validate` predicts another recording, the rest of one, or a group that was left out, and returns a
 `Validation` (`_validation`), which tests whether what is left is only noise.
+
+The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
-from ._validate import leave_one_out, validate, validate_split
-from ._validation import Prediction, Validation, Whiteness, whiteness, whiteness_of_channels
+from .._faces import attach
 
-__all__ = [
-    "Prediction",
-    "Validation",
-    "Whiteness",
-    "leave_one_out",
-    "validate",
-    "validate_split",
-    "whiteness",
-    "whiteness_of_channels",
-]
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

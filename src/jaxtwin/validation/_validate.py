@@ -14,8 +14,7 @@ from jaxtyping import Bool, Float
 from .._arguments import check_callable, finite_number, names_of, of_kind
 from .._waiting import announced
 from ..errors import MatchError
-from ..io import Experiment
-from ..io._experiment import Recordings, as_experiments
+from ..io import Experiment, Recordings, as_experiments
 from ..matching import (
     WARM_UP,
     Band,
@@ -31,9 +30,7 @@ from ..matching._nominal_twin import nominal_twin
 from ..matching._recordings import divided, named_groups
 from ..observers import ProcessNoise
 from ..physics import Twin
-from ..simulation import simulate
-from ..simulation._initial import Initial
-from ..simulation._simulate import prepare_simulation
+from ..simulation import Initial, prepare_simulation, simulate
 from ._forecast_rest import forecast_rest
 from ._validation import Prediction, Validation
 

@@ -9,6 +9,6 @@ the rig. What a browser draws is in `assets/`, and in those of `jaxtwin.serve`, 
 They are widgets of anywidget, the extra `widgets`: for JupyterLab, VS Code and marimo.
 """
 
-import lazy_loader
+from .._faces import attach
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

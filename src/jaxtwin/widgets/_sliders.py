@@ -16,8 +16,7 @@ from ..physics import Twin
 from ..rig import Parameter
 from ..serve._contents import rounded
 from ..serve._rig_layout import rig_layout
-from ..simulation import Run, simulate
-from ..simulation._simulate import twin_of_experiment
+from ..simulation import Run, simulate, twin_of_experiment
 from ._notebook_widget import NotebookWidget
 
 Request = TypeVar("Request")

@@ -9,8 +9,7 @@ from typing import Any, Literal, NamedTuple, NoReturn, TypeAlias, final
 import numpy as np
 from jaxtyping import Float
 
-from ...rig import Rig
-from ...rig._units import Kind, parse_quantity, range_problem, unit_scale
+from ...rig import Kind, Rig, parse_quantity, range_problem, unit_scale
 
 # A function of a field and a message that raises `ControlError`.
 Refuse: TypeAlias = Callable[[str, str], NoReturn]

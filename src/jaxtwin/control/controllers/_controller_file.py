@@ -31,8 +31,7 @@ from ..._kinds import add_kind
 from ..._name_suggestions import did_you_mean, unknown_name
 from ..._whole_file import check_ending, write_whole_file
 from ...errors import ControlError
-from ...rig import Rig
-from ...rig._toml import parse_toml, read_toml, refuse
+from ...rig import Rig, parse_toml, read_toml, refuse
 from ._controller import AbstractChannelGroupController, AbstractController
 from ._controller_fields import (
     SAMPLE_TIME,

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..._celsius import ZERO_CELSIUS
 from ..._name_suggestions import unknown_name
 from ...errors import ControlError
-from ...rig._units import TEMPERATURE, Kind
+from ...rig import TEMPERATURE, Kind
 from ..linear._riccati import MAX_STABLE_POLE
 from ._controller import AbstractController, TemperatureLimit, checked_measured, means_of
 from ._controller_fields import (

@@ -19,8 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from ...rig import Rig
-from ...rig._units import Kind
+from ...rig import Kind, Rig
 from ..linear._discrete_model import DiscreteModel
 from ..linear._riccati import regulator
 from ._controller import (

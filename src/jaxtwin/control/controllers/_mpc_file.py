@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._name_suggestions import did_you_mean, unknown_name
-from ...rig._units import Kind
+from ...rig import Kind
 from ._condensed_program import Deviations, WatchedChannels
 from ._controller import AbstractController
 from ._controller_fields import FileContents, Refuse, as_matrix, as_quantity, matrix, quantity

@@ -14,8 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...simulation import Stepper
-from ...simulation._stepper import ModalState, advance
+from ...simulation import ModalState, Stepper, advance
 from ..linear._operating_point import KINK_DISTANCE
 
 

@@ -34,8 +34,7 @@ from ..._jax_settings import in_precision, to_numpy
 from ..._lapack import solve
 from ..._quadratic_program import QuadraticProgram, minimised
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import Twin
 from ...simulation import Stepper
 from ..linear._linearize import linearize

@@ -16,7 +16,7 @@ from ..._jax_settings import is_traced, settings_for, to_numpy
 from ..._lapack import solve
 from ..._name_suggestions import unknown_name
 from ...errors import ControlError
-from ...simulation._delay import checked_longest_delay
+from ...simulation import checked_longest_delay
 from ._balanced_truncation import Balanced, balanced, residualised
 from ._discrete_model import DiscreteModel, check_at_rest, continuous
 from ._frequency_response import Directions, directions, frequency_response, traced_response

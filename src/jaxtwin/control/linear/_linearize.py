@@ -15,14 +15,9 @@ from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit_unoptimised
 from ..._jax_settings import is_traced, own_settings, settings_for, to_numpy
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import System, Twin
-from ...simulation import Run
-from ...simulation._check_values import check_values
-from ...simulation._delay import lagged_duty
-from ...simulation._input_levels import input_levels, stated_levels
-from ...simulation._stepper import assembled
+from ...simulation import Run, assembled, check_values, input_levels, lagged_duty, stated_levels
 from ._linear_model import LinearModel
 from ._operating_point import OperatingPoint, Target, duty_for, slopes, target_of
 

@@ -12,9 +12,7 @@ from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
 from ..._jax_settings import in_precision
 from ...physics import Twin
-from ...simulation import Stepper
-from ...simulation._power import SupplyPower
-from ...simulation._stepper import ModalState, advance, node_temperatures, to_modal
+from ...simulation import ModalState, Stepper, SupplyPower, advance, node_temperatures, to_modal
 from ..controllers._controller import AbstractController, DutyLimits
 from ._loop_signals import ClosedLoop
 from ._references import references_ahead

@@ -269,7 +269,7 @@ class ClosedLoopRun:
         **Raises:** `RecordingError` if the file name has another ending or the file cannot be
         written.
         """
-        from ...io._write import save_dataset
+        from ...io import save_dataset
 
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
             save_dataset(self.to_xarray(), path_of("save: path", path, RecordingError))

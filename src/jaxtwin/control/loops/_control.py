@@ -17,12 +17,9 @@ from ..._waiting import announced
 from ...errors import ControlError, SafetyStop, SimulationError
 from ...io import Experiment
 from ...live import Document, Ending, Finding, Guard, Moment, RecordConsumer, RigConnection, operate
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import Twin
-from ...simulation import Run, Stepper
-from ...simulation._check_values import check_values
-from ...simulation._stepper import assembled
+from ...simulation import Run, Stepper, assembled, check_values
 from ..controllers._controller import AbstractController, is_same
 from ..controllers._function_controller import ControlFunction, as_controller
 from ._closed_loop import run_loop

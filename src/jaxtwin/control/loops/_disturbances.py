@@ -11,7 +11,7 @@ from ..._arguments import finite_number, of_kind
 from ..._name_suggestions import unknown_name
 from ...errors import ControlError
 from ...physics import Twin
-from ...rig._plate_needed import check_has_plate
+from ...rig import check_has_plate
 
 
 @final

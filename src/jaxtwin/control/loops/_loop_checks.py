@@ -13,7 +13,7 @@ from ..._compilation import persistent_jit_unoptimised
 from ...errors import ControlError
 from ...physics import System
 from ...rig import Rig
-from ...simulation._modes import network_modes
+from ...simulation import network_modes
 from ..controllers._controller import AbstractChannelGroupController, AbstractController, DutyLimits
 from ..controllers._duty_limits import bounds_of, check_limits_of_heaters
 from ..controllers._function_controller import FunctionController

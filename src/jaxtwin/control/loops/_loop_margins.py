@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 from ..._display import picture
 from ..._jax_settings import own_settings
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import Twin
-from ...simulation._stepper import assembled
+from ...simulation import assembled
 from ..controllers._controller import AbstractController
 from ..controllers._design_vector import ControllerVector
 from ..linear._margins import (

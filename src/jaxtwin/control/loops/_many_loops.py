@@ -10,11 +10,17 @@ from jaxtyping import Array, Float
 from ..._compilation import persistent_jit, persistent_jit_unoptimised
 from ..._jax_settings import in_precision, own_settings
 from ...physics import Fault, System, Twin
-from ...simulation import Precision, Reductions, Stepper
-from ...simulation._check_values import check_draw, check_values, valid_draws
-from ...simulation._step_preparation import is_multiple
-from ...simulation._stepper import assembled
-from ...simulation._workers import work_in_chunks
+from ...simulation import (
+    Precision,
+    Reductions,
+    Stepper,
+    assembled,
+    check_draw,
+    check_values,
+    is_multiple,
+    valid_draws,
+    work_in_chunks,
+)
 from ..controllers._controller import AbstractController, with_values
 from ._closed_loop import run_loop
 from ._loop_signals import ClosedLoop

@@ -14,13 +14,10 @@ from ..._celsius import ZERO_CELSIUS
 from ..._jax_settings import own_settings
 from ..._name_suggestions import unknown_name
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
-from ...physics import Faults, Twin, pixel_weights
-from ...physics._recalibrations import SHUTTER_SECONDS, Recalibrations
+from ...matching import Fit, nominal_twin
+from ...physics import SHUTTER_SECONDS, Faults, Recalibrations, Twin, pixel_weights
 from ...rig import Rig
-from ...simulation._initial import check_celsius
-from ...simulation._stepper import assembled
+from ...simulation import assembled, check_celsius
 from ..controllers._controller import AbstractController
 from ..controllers._function_controller import ControlFunction, as_controller
 from ._disturbances import Disturbance, Draught, HeatInput, disturbance_tables

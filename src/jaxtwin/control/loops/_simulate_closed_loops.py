@@ -13,13 +13,10 @@ from ..._jax_settings import own_settings
 from ..._name_suggestions import unknown_name
 from ..._waiting import announced
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import Twin
-from ...rig import Rig
-from ...rig._plate_needed import check_has_plate
-from ...simulation import Precision, Reductions
-from ...simulation._simulate_batch import checked_draws, checked_precision
+from ...rig import Rig, check_has_plate
+from ...simulation import Precision, Reductions, checked_draws, checked_precision
 from ..controllers._controller import AbstractController, parameter_names, with_values
 from ..controllers._function_controller import ControlFunction, as_controller
 from ._many_loops import longest_delay, simulate_many_loops, twin_at_medians

@@ -16,12 +16,9 @@ from ..._arguments import finite_number, mapping_of, names_of, whole_number
 from ..._name_suggestions import unknown_name
 from ..._waiting import advanced, announced
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import Twin
-from ...rig import Placement, Rig
-from ...rig._plate_needed import check_has_plate
-from ...rig._variants import Place, with_places
+from ...rig import Place, Placement, Rig, check_has_plate, with_places
 from ..controllers._duty_limits import bounds_of, checked_limits
 from ..linear._operating_point import OperatingPoint
 from ._evenness_step import (

@@ -14,8 +14,7 @@ from ..._display import html_table, picture
 from ..._name_suggestions import did_you_mean, unknown_name
 from ..._waiting import announced, silent
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import Twin
 from ..controllers._controller import AbstractController
 from ..loops._measures import MEASURES

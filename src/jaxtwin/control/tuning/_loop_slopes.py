@@ -12,8 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..._compilation import persistent_jit
 from ..._jax_settings import own_settings
 from ...physics import Twin
-from ...simulation import Stepper
-from ...simulation._workers import work_in_chunks
+from ...simulation import Stepper, work_in_chunks
 from ..controllers._design_vector import ControllerNumbers, ControllerVector, Line
 from ..loops._closed_loop import run_loop
 from ..loops._loop_signals import ClosedLoop

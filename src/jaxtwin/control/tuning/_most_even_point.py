@@ -9,10 +9,9 @@ from jaxtyping import Float
 from ..._arguments import finite_number
 from ..._waiting import announced
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin
 from ...physics import Twin
-from ...rig._plate_needed import check_has_plate
+from ...rig import check_has_plate
 from ..controllers._duty_limits import bounds_of, checked_limits, limits_of_rig
 from ..linear._linear_model import LinearModel
 from ..linear._linearize import linearize

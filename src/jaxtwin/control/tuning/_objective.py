@@ -10,8 +10,7 @@ from jaxtyping import Float
 from ..._arguments import finite_number
 from ..._name_suggestions import unknown_name
 from ...errors import ControlError
-from ...rig import Rig
-from ...rig._plate_needed import check_has_plate
+from ...rig import Rig, check_has_plate
 from ..loops._measures import OF_PLATE, Measure, measures_of
 
 # Measures that change in steps of a sample and have no derivative -> the measure to use instead.

@@ -20,13 +20,8 @@ from ..._jax_settings import own_settings
 from ..._lapack import solve
 from ..._whole_file import check_ending, write_whole_file
 from ...errors import ControlError
-from ...physics import System, Twin
-from ...physics._placed import all_values
-from ...physics._wiring import Wiring
-from ...rig import Placement, Rig
-from ...rig._build import build_rig
-from ...rig._toml import parse_toml
-from ...rig._variants import with_places
+from ...physics import System, Twin, Wiring, all_values
+from ...rig import Placement, Rig, build_rig, parse_toml, with_places
 from ..linear._operating_point import OperatingPoint, slopes
 
 if TYPE_CHECKING:

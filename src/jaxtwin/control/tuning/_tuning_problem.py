@@ -15,12 +15,9 @@ from numpy.typing import ArrayLike
 from ..._arguments import finite_number, names_of, whole_number
 from ..._jax_settings import own_settings
 from ...errors import ControlError
-from ...matching import Fit
-from ...matching._band import posterior_draws
-from ...matching._nominal_twin import nominal_twin
+from ...matching import Fit, nominal_twin, posterior_draws
 from ...physics import Twin
-from ...simulation._check_values import check_draw, valid_draws
-from ...simulation._simulate_batch import checked_draws
+from ...simulation import check_draw, checked_draws, valid_draws
 from ..controllers._controller import AbstractController
 from ..controllers._decoupled_pi import DecoupledPI
 from ..controllers._design_vector import ControllerVector, DesignVector, split

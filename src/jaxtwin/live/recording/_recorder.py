@@ -17,8 +17,7 @@ from typing import Any, final
 
 from ..._arguments import true_or_false
 from ...errors import RecordingError
-from ...io._lock import lock, unlock
-from ...io._session_file import damage_as_recording_error, is_session, read_metadata
+from ...io import damage_as_recording_error, is_session, lock, read_metadata, unlock
 from ...rig import Rig
 from ..protocol._clock import Clock, SystemClock, seconds
 from ..protocol._message_counts import Counted, Counters

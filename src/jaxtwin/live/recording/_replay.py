@@ -11,8 +11,7 @@ from typing import Any, TypeAlias, final
 import numpy as np
 
 from ...errors import RecordingError
-from ...io import Session
-from ...io._session_file import Columns, damage_as_recording_error
+from ...io import Columns, Session, damage_as_recording_error
 from ...rig import Rig
 from ..protocol._clock import Clock, SystemClock
 from ..protocol._messages import Hello

@@ -6,8 +6,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ...io import Session
-from ...io._session_file import damage_as_recording_error
+from ...io import Session, damage_as_recording_error
 
 
 @final

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from typing import Any
 
 from ...errors import RecordingError
-from ...io._session_file import APPLICATION, FORMAT, Columns
+from ...io import APPLICATION, FORMAT, Columns
 from ...rig import Rig
 from ..protocol._identity import Identity
 

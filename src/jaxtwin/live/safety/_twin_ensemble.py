@@ -15,8 +15,7 @@ from ..._compilation import persistent_jit
 from ...io import Experiment
 from ...observers import OpenLoop, OpenLoopState
 from ...physics import Twin
-from ...simulation import Stepper, StepperState
-from ...simulation._stepper import assembled
+from ...simulation import Stepper, StepperState, assembled
 from ._duty_response import DutyResponse, seen_nodes, step_and_read
 
 # The step of the twins, s of the rig, within which no plate becomes much hotter.

@@ -6,8 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ...observers import OpenLoop, OpenLoopState
-from ...observers._programs import predicted, started
+from ...observers import OpenLoop, OpenLoopState, predicted, started
 from ...physics import System, Twin
 
 

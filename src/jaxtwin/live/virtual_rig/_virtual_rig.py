@@ -15,8 +15,7 @@ from jaxtyping import Float, UInt16
 
 from ..._celsius import ZERO_CELSIUS
 from ...errors import LinkError
-from ...physics import Fault, Faults, System, Twin, pixel_weights
-from ...physics._recalibrations import Recalibrations
+from ...physics import Fault, Faults, Recalibrations, System, Twin, pixel_weights
 from ...rig import Camera, Channel, NodesSensor, RelayWindow, Rig
 from ..protocol._codec import encode, parse
 from ..protocol._framing import delines

@@ -1,0 +1,32 @@
+# Public names of jaxtwin.sensitivity_analysis. `__init__.py` imports each when it is first used.
+
+from ._analysis import METHODS as METHODS
+from ._analysis import MethodName as MethodName
+from ._analysis import global_sensitivity as global_sensitivity
+from ._analysis import sensitivity as sensitivity
+from ._correlation_intervals import pearson as pearson
+from ._correlation_intervals import pearson_interval as pearson_interval
+from ._correlation_intervals import spearman as spearman
+from ._correlation_intervals import spearman_interval as spearman_interval
+from ._correlations import PartialRankCorrelation as PartialRankCorrelation
+from ._correlations import Pearson as Pearson
+from ._correlations import Spearman as Spearman
+from ._correlations import StandardisedRegression as StandardisedRegression
+from ._derivative_based import DerivativeBased as DerivativeBased
+from ._global_sensitivity import GlobalSensitivity as GlobalSensitivity
+from ._inputs import AbstractMarginal as AbstractMarginal
+from ._inputs import Inputs as Inputs
+from ._inputs import LogNormal as LogNormal
+from ._inputs import Normal as Normal
+from ._inputs import Uniform as Uniform
+from ._method import AbstractMethod as AbstractMethod
+from ._method import Design as Design
+from ._method import indices_of as indices_of
+from ._morris import Morris as Morris
+from ._morris import OneAtATime as OneAtATime
+from ._outputs import Output as Output
+from ._polynomial_chaos import PolynomialChaos as PolynomialChaos
+from ._sampling import normal_draws as normal_draws
+from ._sensitivity import Sensitivity as Sensitivity
+from ._shapley import Shapley as Shapley
+from ._sobol import Sobol as Sobol
