@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from jaxtwin.rig._plate import FILM_REFERENCE
+from jaxtwin.rig import FILM_REFERENCE
 
 from ._equations import CALM, STEFAN_BOLTZMANN, Equations, equations, rooms, stretches
 from ._task import Task

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 import jaxtwin as jt
-from jaxtwin.rig._plate import FILM_REFERENCE
+from jaxtwin.rig import FILM_REFERENCE
 
 STEFAN_BOLTZMANN = 5.670374419e-8
 CALM = 1.0

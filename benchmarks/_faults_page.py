@@ -8,7 +8,7 @@ from typing import Any
 
 from scipy.stats import binomtest, chi2
 
-from jaxtwin.monitoring._monitor import SETTLE
+from jaxtwin.monitoring import SETTLE
 
 from ._tables import table
 from ._virtual_hours import LENGTH, WATCHED

@@ -14,12 +14,17 @@ from jaxtyping import Float
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.matching import posterior_draws
-from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, Observed
-from jaxtwin.observers._filter_run import FilterSamples, filtered, samples_of
-from jaxtwin.observers._programs import started
-from jaxtwin.observers._start import first_reading
-from jaxtwin.physics import FAULT_MODELS
-from jaxtwin.physics._recalibrations import Recalibrations
+from jaxtwin.observers import (
+    ExtendedKalmanFilter,
+    FilterSamples,
+    KalmanState,
+    Observed,
+    filtered,
+    first_reading,
+    samples_of,
+    started,
+)
+from jaxtwin.physics import FAULT_MODELS, Recalibrations
 
 LENGTH = 3600
 """How long an hour is, s."""

@@ -20,10 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, scenario
+from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, scenario, tuning_problem
 from jaxtwin.control.controllers._design_vector import ControllerVector
 from jaxtwin.control.tuning._loop_slopes import LoopSlopes
-from jaxtwin.control.tuning._tuning_problem import tuning_problem
 
 from ._measure import run_alone
 

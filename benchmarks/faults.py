@@ -47,20 +47,20 @@ from benchmarks._virtual_hours import (
     values_of_posterior,
 )
 from jaxtwin._jax_settings import own_settings
-from jaxtwin.diagnosis import Cause, Diagnosis, Explanation, suspects
+from jaxtwin.diagnosis import Cause, Diagnosis, Explanation, suspected, suspects
 from jaxtwin.diagnosis._causes import diagnosed
 from jaxtwin.diagnosis._diagnose import learned
-from jaxtwin.diagnosis._signatures import suspected
-from jaxtwin.monitoring import Monitor, MonitorCalibration
+from jaxtwin.monitoring import DAY, Monitor, MonitorCalibration, Monitored, response_of, seen
 from jaxtwin.monitoring._calibrate import calibration_of_recordings
-from jaxtwin.monitoring._evidence import seen
-from jaxtwin.monitoring._monitored import Monitored
-from jaxtwin.monitoring._response import response_of
 from jaxtwin.monitoring._run import evidences_of
-from jaxtwin.monitoring._thresholds import DAY
-from jaxtwin.observers import ExtendedKalmanFilter, KalmanState, Observed, ProcessNoise
-from jaxtwin.observers._filter_run import FilterSamples
-from jaxtwin.observers._observe import filter_for
+from jaxtwin.observers import (
+    ExtendedKalmanFilter,
+    FilterSamples,
+    KalmanState,
+    Observed,
+    ProcessNoise,
+    filter_for,
+)
 
 FAULTS = {
     "contact": ("loosen", "P1", (1.2, 1.5, 2.0)),

@@ -26,8 +26,7 @@ import psutil
 
 from benchmarks._machine import processor
 from jaxtwin.fleet import Fleet, FleetFile, VirtualFleet
-from jaxtwin.live import Finding, Reading, RigState, Sample
-from jaxtwin.live._operate import counts_of
+from jaxtwin.live import Finding, Reading, RigState, Sample, counts_of
 from jaxtwin.monitoring import LiveMonitor
 from jaxtwin.physics import Faults
 

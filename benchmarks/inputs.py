@@ -20,9 +20,7 @@ from jaxtyping import Float
 
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
-from jaxtwin.simulation import build_time_grid
-from jaxtwin.simulation._reductions import ReductionChoice
-from jaxtwin.simulation._simulate import run_exponential
+from jaxtwin.simulation import ReductionChoice, build_time_grid, run_exponential
 from jaxtwin.simulation._time_grid import SETTLING_SECONDS, step_rule
 
 from ._machine import machine

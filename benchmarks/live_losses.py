@@ -24,6 +24,7 @@ from jaxtwin.live import (
     Gap,
     Hello,
     Image,
+    LinkChange,
     LinkState,
     Reading,
     Record,
@@ -36,7 +37,6 @@ from jaxtwin.live.protocol import _link
 from jaxtwin.live.protocol._identity import Identity
 from jaxtwin.live.protocol._link import Arrived
 from jaxtwin.live.protocol._receiver import Receiver
-from jaxtwin.live.protocol._records import LinkChange
 
 HELLO = Hello(2, "dual-cell", "bench", ("P1", "P2"), camera=(80, 60), watchdog=2.0)
 FRAME_EVERY = 20  # messages; an image among so many lines

@@ -21,10 +21,9 @@ from scipy.optimize import least_squares
 
 import jaxtwin as jt
 from jaxtwin.data import synthetic_recordings
-from jaxtwin.matching import named_recordings
+from jaxtwin.matching import make_objective, named_recordings
 from jaxtwin.matching._jacobian import residual_jacobian
 from jaxtwin.matching._noise_model import initial_noise_model
-from jaxtwin.matching._objective import make_objective
 from jaxtwin.matching._problem import ParameterChoice, choose_unknowns, make_match_problem
 from jaxtwin.matching._residuals import residuals
 

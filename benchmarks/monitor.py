@@ -29,13 +29,18 @@ from benchmarks._fitted import MATCHED, STEPS, fitted, single_cell_sessions
 from benchmarks._machine import processor
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.live import Finding
-from jaxtwin.monitoring import Monitor, Seen
+from jaxtwin.monitoring import (
+    Evidence,
+    FindingLog,
+    Monitor,
+    Monitored,
+    MonitorState,
+    Seen,
+    joined,
+    seen,
+)
 from jaxtwin.monitoring._calibrate import block_maxima, tail_of
-from jaxtwin.monitoring._evidence import Evidence, joined, seen
-from jaxtwin.monitoring._finding_log import FindingLog
 from jaxtwin.monitoring._innovation_tests import InnovationState, InnovationTests
-from jaxtwin.monitoring._monitor import MonitorState
-from jaxtwin.monitoring._monitored import Monitored
 from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
 
 RUN_LENGTHS = (3.0, 4.0, 5.0, 6.0, 8.0)

@@ -8,6 +8,9 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+from jaxtwin.live.protocol._mqtt_address import MqttAddress
+from jaxtwin.live.protocol._mqtt_transport import MqttTransport
+
 
 @contextlib.contextmanager
 def running_broker(folder: Path, options: str) -> Iterator[str]:
@@ -29,3 +32,8 @@ def running_broker(folder: Path, options: str) -> Iterator[str]:
     finally:
         process.terminate()
         process.wait()
+
+
+def topic_client(url: str, *, reads: str = "none", writes: str = "none") -> MqttTransport:
+    """A client of `mqtt://host:port/topic`, and the parts that it reads and writes: `alerts`."""
+    return MqttTransport(MqttAddress.parse(url), reads=reads, writes=writes)

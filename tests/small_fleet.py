@@ -10,7 +10,7 @@ import numpy as np
 from hand_clock import START
 
 from jaxtwin import Twin
-from jaxtwin.fleet._sample_queue import Kind
+from jaxtwin.fleet._sample_queue import Kind as Kind
 
 
 @cache

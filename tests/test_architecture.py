@@ -20,8 +20,8 @@ FOUNDATION = "the private modules"
 # `__init__`, `__main__` and `cli`, which import from any package and are imported by none.
 TOP = "the entry points"
 
-# `Twin.simulate` calls `simulate`, so that a person at a prompt need not import it.
-CONVENIENCES = {("physics/_twin.py", "simulation")}
+# `Twin.simulate` calls `simulate` with a recording: a person at a prompt need import neither.
+CONVENIENCES = {("physics/_twin.py", "simulation"), ("physics/_twin.py", "io")}
 
 
 class Import(NamedTuple):
@@ -32,11 +32,23 @@ class Import(NamedTuple):
     target: str
 
 
-def declared_order() -> list[str]:
-    """The packages from the lowest to the highest, as the page lists them."""
+def declared_rooms() -> dict[str, list[str]]:
+    """The rooms and their packages from the lowest to the highest, as the page lists them."""
     block = re.search(r"```layers\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert block is not None, "docs/architecture.md has no block ```layers"
-    return [line.split()[0].rstrip("/") for line in block[1].splitlines() if line.strip()]
+    rooms: dict[str, list[str]] = {}
+    for line in block[1].splitlines():
+        name = line.split()[0]
+        if line.startswith("  "):
+            rooms[list(rooms)[-1]].append(name.rstrip("/"))
+        else:
+            rooms[name.rstrip(":")] = []
+    return rooms
+
+
+def declared_order() -> list[str]:
+    """The packages from the lowest to the highest."""
+    return [package for packages in declared_rooms().values() for package in packages]
 
 
 def room(parts: tuple[str, ...]) -> str:
@@ -106,6 +118,39 @@ def test_a_package_imports_only_what_stands_before_it(package: str):
         entry
         for entry in found
         if entry.target not in allowed and (entry.file, entry.target) not in CONVENIENCES
+    ]
+    assert not wrong
+
+
+def room_of() -> dict[str, str]:
+    """The room of each package."""
+    return {package: room for room, packages in declared_rooms().items() for package in packages}
+
+
+def is_private(target: tuple[str, ...], names: list[str]) -> bool:
+    """Whether an import is one of a private module of a package, or of a private name."""
+    return any(part.startswith("_") for part in (*target[1:], *names))
+
+
+def test_there_are_nine_rooms_beside_what_is_shown_and_typed():
+    assert len(set(declared_rooms()) - {"show", "commands"}) == 9
+
+
+@pytest.mark.parametrize("folder", [SOURCE, Path(__file__).parent], ids=["source", "tests"])
+def test_another_room_is_entered_by_the_faces_of_its_packages(folder: Path):
+    """Modules that tests of several rooms share stand beside the rooms of the tests."""
+    rooms = room_of()
+    wrong = [
+        f"{file.relative_to(folder)}:{node.lineno}"
+        for package in rooms
+        for file in sorted((folder / package).rglob("*.py"))
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for target in targets(node, file.relative_to(folder).parts[:-1])
+        if target
+        and target[0] in rooms
+        and rooms[target[0]] != rooms[package]
+        and is_private(target, [alias.name for alias in node.names])
     ]
     assert not wrong
 

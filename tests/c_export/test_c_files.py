@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 from exported_controllers import KEYS, c_of, controller_of
 
-from jaxtwin import Stepper, Twin, fmu, linearize
+from jaxtwin import Stepper, Twin, control, fmu, linearize
 from jaxtwin.c_export import _sources, export_c
-from jaxtwin.control.controllers import _law
+
+LAWS = Path(control.__file__).parent / "controllers" / "laws"
 
 FILES = sorted(
     file
-    for folder in (_sources.FOLDER, _law.LAWS, Path(fmu.__file__).parent)
+    for folder in (_sources.FOLDER, LAWS, Path(fmu.__file__).parent)
     for file in folder.iterdir()
     if file.suffix in (".c", ".h")
 )
@@ -55,7 +56,7 @@ def compile_strictly(file: Path, *folders: Path) -> None:
 def test_a_controller_compiles_with_its_law(key: str, precision, tmp_path: Path):
     c_of(controller_of(key), tmp_path, precision)
     (tmp_path / "law.c").write_text(f'#include "{LAW_FILES[key]}"\n')
-    compile_strictly(_sources.FOLDER / "controller.c", tmp_path, _law.LAWS)
+    compile_strictly(_sources.FOLDER / "controller.c", tmp_path, LAWS)
     compile_strictly(tmp_path / "model.c")
 
 

@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from jaxtwin.commands import _control, _drive
 from jaxtwin.commands._monitored import MonitorOptions
 from jaxtwin.control import PID
 from jaxtwin.control import control as run_controller
-from jaxtwin.control.loops import _control as _control_loop
 from jaxtwin.experiment_design import ExperimentDesign, PlannedSchedule
 from jaxtwin.sensitivity_analysis import Sobol
 
@@ -296,13 +296,13 @@ def test_every_option_of_a_control_arrives(noted, monkeypatch):
     assert without(arguments) == ARRIVED | expected
     (prepare,) = arguments["positional"]
     checked: list[tuple[object, ...]] = []
-    really_checked = _control_loop.checked_loop
+    really_checked = resolve_name("jaxtwin.control.loops._control.checked_loop")
 
     def check(*given: Any) -> Any:
         checked.append(given)
         return really_checked(*given)
 
-    monkeypatch.setattr(_control_loop, "checked_loop", check)
+    monkeypatch.setattr("jaxtwin.control.loops._control.checked_loop", check)
     command, about = prepare(twin, None, [])
     assert command.func is run_controller
     guard = command.keywords["guard"].settings

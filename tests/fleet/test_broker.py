@@ -7,12 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from mosquitto import running_broker
+from mosquitto import running_broker, topic_client
 from small_fleet import fleet_file
 
 from jaxtwin.fleet import Fleet, FleetFile, VirtualFleet
-from jaxtwin.live.protocol._mqtt_address import MqttAddress
-from jaxtwin.live.protocol._mqtt_transport import MqttTransport
 from jaxtwin.physics import Faults
 
 pytestmark = pytest.mark.mosquitto
@@ -62,7 +60,7 @@ def test_no_sample_is_lost_while_a_fleet_is_away(tmp_path: Path, broker: str) ->
 def test_a_fault_is_found_on_its_rig_and_told_to_subscribers(tmp_path: Path, broker: str) -> None:
     path = fleet_file(tmp_path, '["rig-{1..3}"]', broker=broker)
     told: list[str] = []
-    heard = MqttTransport(MqttAddress.parse(f"{broker}/rig-2"), reads="alerts", writes="none")
+    heard = topic_client(f"{broker}/rig-2", reads="alerts")
     fault = {"rig-2": Faults.parse("offset=T1@200/4")}
     with (
         contextlib.closing(Fleet(path, lambda alarm, rig: told.append(rig))) as fleet,
@@ -90,7 +88,7 @@ def test_a_rig_that_floods_is_not_listened_to_for_a_while(
     monkeypatch.setattr("jaxtwin.fleet._inbox.GRACE_SECONDS", 0.0)
     monkeypatch.setattr("jaxtwin.fleet._inbox.FLOOD_MULTIPLE", 5.0)
     path = fleet_file(tmp_path, '["rig-{1..2}"]', broker=broker)
-    flood = MqttTransport(MqttAddress.parse(f"{broker}/rig-1"), reads="none", writes="readings")
+    flood = topic_client(f"{broker}/rig-1", writes="readings")
     with contextlib.closing(Fleet(path)) as fleet:
         turn_until(fleet, lambda: fleet.is_connected)
         fleet._receive(0.1)

@@ -9,11 +9,16 @@ from small_fleet import encoded, messages, run, twin
 from jaxtwin.fleet._lanes import LANES, Lanes
 from jaxtwin.fleet._sample_queue import SampleQueue
 from jaxtwin.live import Finding, Reading, RigState, Sample
-from jaxtwin.monitoring import Evidence, LiveMonitor, Monitor
-from jaxtwin.monitoring._live_findings import LiveFindings
-from jaxtwin.monitoring._monitor import channels_of
-from jaxtwin.monitoring._response import response_of
-from jaxtwin.monitoring._thresholds import DAY, nominal_calibration
+from jaxtwin.monitoring import (
+    DAY,
+    Evidence,
+    LiveFindings,
+    LiveMonitor,
+    Monitor,
+    channels_of,
+    nominal_calibration,
+    response_of,
+)
 from jaxtwin.observers import live_observer
 from jaxtwin.physics import Twin
 

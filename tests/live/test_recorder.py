@@ -11,6 +11,7 @@ import tracemalloc
 from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from hand_clock import START, HandClock, ScriptedTransport, stepped_bench
 
 import jaxtwin as jt
 from jaxtwin.errors import RecordingError
-from jaxtwin.io import Session, _session, _session_rows
+from jaxtwin.io import Session
 from jaxtwin.live import (
     Data,
     Gap,
@@ -282,8 +283,8 @@ def test_an_experiment_needs_no_more_memory_than_its_grid(
     with Recorder(file, rig) as recorder:
         records = [part for k in range(20_000) for part in (sample(k), reading(k))]
         recorder.write([GREETING, *records])
-    monkeypatch.setattr(_session_rows, "ROWS_IN_MEMORY", 500)
-    monkeypatch.setattr(_session, "MAX_STAMPS", 1000)
+    monkeypatch.setattr("jaxtwin.io._session_rows.ROWS_IN_MEMORY", 500)
+    monkeypatch.setattr("jaxtwin.io._session.MAX_STAMPS", 1000)
     with Session(file) as session:
         tracemalloc.start()
         found = session.experiment(step=100.0)
@@ -373,14 +374,14 @@ def test_a_recording_can_be_read_where_nothing_can_be_written(
     recorder.close()
     if not journal:
         shutil.copy(file, left)
-    real = _session._connect
+    real = resolve_name("jaxtwin.io._session._connect")
 
     def connect(file: Path, access: str, locking: str) -> sqlite3.Connection:
         if f"{access} {locking}" in refused:
             raise sqlite3.OperationalError("unable to open database file")
         return real(file, access, locking)
 
-    monkeypatch.setattr(_session, "_connect", connect)
+    monkeypatch.setattr("jaxtwin.io._session._connect", connect)
     assert count(left) == 1
 
 

@@ -9,9 +9,7 @@ from placed_rig import AT, GRID, placed_rig
 from jaxtwin import Experiment, Twin, match
 from jaxtwin.matching._few_modes import FEW, MANY, few_modes
 from jaxtwin.physics import System
-from jaxtwin.simulation._integrate import solve_network
-from jaxtwin.simulation._modes import Modes, run_modes
-from jaxtwin.simulation._padding import padded_time_grid
+from jaxtwin.simulation import Modes, padded_time_grid, run_modes, solve_network
 
 FINE = GRID.replace('"1 cm"', '"0.7 cm"')  # 23 x 12 elements
 HEATER = """

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jaxtwin.physics import Bridge, CellHeat, ThermoelectricModule
+from jaxtwin.physics._driver import share_of_duty
 
 SUPPLY, SUPPLY_RESISTANCE, ON_RESISTANCE = 12.0, 0.2, 0.1
 ALPHA, R_E = 0.05, 2.0
@@ -158,3 +159,11 @@ def test_the_supply_gives_the_power_of_cell_and_resistances(averaging, off_phase
         cell = current * (emf + R_E * current)
         lost = current**2 * (ON_RESISTANCE + SUPPLY_RESISTANCE)
         assert found == pytest.approx(share * (cell + lost))
+
+
+def test_the_law_of_the_drive_has_finite_derivatives_at_duty_0(float64):
+    for exponent in (0.5, 1.0, 2.0):
+        by_both = jax.grad(share_of_duty, argnums=(0, 1))(jnp.array(0.0), jnp.array(exponent))
+        assert np.isfinite(by_both).all()
+    duty, exponent = jnp.array([0.3, 1.0]), jnp.array([2.0, 0.7])
+    np.testing.assert_allclose(share_of_duty(duty, exponent), [0.09, 1.0], atol=1e-8)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxtwin.observers._estimates import Estimate
+from jaxtwin.observers import Estimate
 from jaxtwin.serve import History
 from jaxtwin.serve._history import LEVELS
 

@@ -8,13 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from mosquitto import running_broker
+from mosquitto import running_broker, topic_client
 from small_page import twin
 
 from jaxtwin.errors import LinkError
 from jaxtwin.live import Publisher, StopRequest
-from jaxtwin.live.protocol._mqtt_address import MqttAddress
-from jaxtwin.live.protocol._mqtt_transport import MqttTransport
 from jaxtwin.serve import Desk
 from jaxtwin.serve._desk import Answer, Asked, PromoteOrder
 from jaxtwin.serve._mqtt_orders import MqttOrders
@@ -29,16 +27,11 @@ class Client:
     """Who gives orders, and hears the answers."""
 
     def __init__(self, broker: str):
-        self._answers = self._link(broker, reads="answers")
+        url = f"mqtt://{broker}/bench"
+        self._answers = topic_client(url, reads="answers")
         self._orders = {
-            kind: self._link(broker, writes=f"orders/{kind}") for kind in ("promote", "drive")
+            kind: topic_client(url, writes=f"orders/{kind}") for kind in ("promote", "drive")
         }
-
-    @staticmethod
-    def _link(broker: str, reads: str = "none", writes: str = "none") -> MqttTransport:
-        return MqttTransport(
-            MqttAddress.parse(f"mqtt://{broker}/bench"), reads=reads, writes=writes
-        )
 
     def order(self, kind: str, body: bytes) -> None:
         self._orders[kind].write(body)

@@ -22,6 +22,7 @@ from jaxtwin import Experiment, Twin, TwinStore, simulate
 from jaxtwin.control import DecoupledPI
 from jaxtwin.errors import RecordingError, SafetyStop
 from jaxtwin.live import (
+    Duty,
     Finding,
     Moment,
     Publisher,
@@ -34,9 +35,8 @@ from jaxtwin.live import (
     StateEstimate,
     StopRequest,
     VirtualRig,
+    encode,
 )
-from jaxtwin.live.protocol._codec import encode
-from jaxtwin.live.protocol._messages import Duty
 from jaxtwin.serve import (
     Access,
     Champion,

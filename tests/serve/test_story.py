@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxtwin.live import Finding
-from jaxtwin.observers._estimates import Moment
+from jaxtwin.observers import Moment
 from jaxtwin.serve._story import Reason, Situation, is_rig_well, is_twin_right, what_comes
 
 GOOD = Situation(

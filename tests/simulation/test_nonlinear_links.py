@@ -3,13 +3,11 @@
 import subprocess
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from radiating_rig import DRIVE, TABLE, by_scipy, radiating_rig
 
 from jaxtwin import Experiment, Twin, match
-from jaxtwin.physics._driver import share_of_duty
 from jaxtwin.rig import rig_from_tables
 from jaxtwin.simulation import response, simulate_batch
 from jaxtwin.spice import to_spice
@@ -48,14 +46,6 @@ def test_derivatives_are_those_of_differences_also_at_duty_0(float64):
         assert np.isfinite(found[name]).all()
         scale = np.abs(by_difference).max()
         np.testing.assert_allclose(found[name], by_difference, atol=5e-6 * scale)
-
-
-def test_the_law_of_the_drive_has_finite_derivatives_at_duty_0(float64):
-    for exponent in (0.5, 1.0, 2.0):
-        by_both = jax.grad(share_of_duty, argnums=(0, 1))(jnp.array(0.0), jnp.array(exponent))
-        assert np.isfinite(by_both).all()
-    duty, exponent = jnp.array([0.3, 1.0]), jnp.array([2.0, 0.7])
-    np.testing.assert_allclose(share_of_duty(duty, exponent), [0.09, 1.0], atol=1e-8)
 
 
 def test_a_match_recovers_emissivity_and_exponents():

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_fleet import encoded, fleet_file, messages, run, twin
+from small_fleet import Kind, encoded, fleet_file, messages, run, twin
 
 from jaxtwin import match
 from jaxtwin.commands._dask import dask_executor
 from jaxtwin.fleet import Fleet
-from jaxtwin.fleet._sample_queue import Kind
 from jaxtwin.twin_store import TwinStore
 
 pytestmark = pytest.mark.slow
