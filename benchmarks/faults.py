@@ -52,7 +52,7 @@ from jaxtwin.diagnosis._causes import diagnosed
 from jaxtwin.diagnosis._diagnose import learned
 from jaxtwin.monitoring import DAY, Monitor, MonitorCalibration, Monitored, response_of, seen
 from jaxtwin.monitoring._calibrate import calibration_of_recordings
-from jaxtwin.monitoring._run import evidences_of
+from jaxtwin.monitoring._monitor import evidences_of
 from jaxtwin.observers import (
     ExtendedKalmanFilter,
     FilterSamples,

@@ -41,7 +41,7 @@ from jaxtwin.monitoring import (
 )
 from jaxtwin.monitoring._calibrate import block_maxima, tail_of
 from jaxtwin.monitoring._innovation_tests import InnovationState, InnovationTests
-from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
+from jaxtwin.monitoring._thresholds import alarms_of_sum, mean_run_length
 
 RUN_LENGTHS = (3.0, 4.0, 5.0, 6.0, 8.0)
 """The thresholds of the table of textbook sums."""

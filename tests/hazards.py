@@ -247,7 +247,7 @@ def driven(scene: Scene, bench: RigConnection, twin: Twin, heats: bool) -> str:
     schedule = f"0:{duty[0]:.2f}/{duty[1]:.2f},{scene.onset + 0.7:.2f}:{duty[2]:.2f}/{duty[3]:.2f}"
     plan = Experiment.schedule(schedule, duration=scene.lasts, cells=2)
     guard = Guard.of(twin, ambient=scene.given, draws=scene.draws)
-    with _failing("jaxtwin.live._drive.operate", scene, lambda source: None):
+    with _failing("jaxtwin.live._operate.operate", scene, lambda source: None):
         return drive(bench, guard, plan, accept=True)
 
 

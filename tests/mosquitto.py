@@ -8,8 +8,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
-from jaxtwin.live.protocol._mqtt_address import MqttAddress
-from jaxtwin.live.protocol._mqtt_transport import MqttTransport
+from jaxtwin.live.protocol._mqtt_transport import MqttAddress, MqttTransport
 
 
 @contextlib.contextmanager

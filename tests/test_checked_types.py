@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from checked_types import check_package
 
-from jaxtwin._goodness_of_fit import fit_percent, fit_text
+from jaxtwin._statistics import fit_percent, fit_text
 
 PACKAGE = """
 from collections.abc import Iterator

@@ -84,7 +84,7 @@ NUMBERS = [
     (
         "docs/live.md",
         "freezes the picture for {} s",
-        "jaxtwin.physics._recalibrations.SHUTTER_SECONDS",
+        "jaxtwin.physics._camera.SHUTTER_SECONDS",
         1,
     ),
     ("docs/live.md", "more than {} MiB is waiting", LIVE + "virtual_rig._serve.MAX_UNSENT", MIB),
@@ -122,7 +122,7 @@ def test_a_host_refuses_a_watchdog_and_a_rate_beyond_those_of_the_protocol():
 
 
 OF_USERS = {
-    "jaxtwin._waiting.PRINTED_AFTER": 2.0,  # performance.md: more than two seconds
+    "jaxtwin._progress.PRINTED_AFTER": 2.0,  # performance.md: more than two seconds
     "jaxtwin._compilation._persistent_jit.MAX_PROGRAMS": 16,
     "jaxtwin.matching._descent.BATCH": 16,
     "jaxtwin.simulation._reduced_modes.MAX_RESIDUAL": 3e-4,  # K

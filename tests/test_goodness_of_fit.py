@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtwin._goodness_of_fit import fit_percent, fit_text, mean_fit_percent
-from jaxtwin._residual_statistics import autocorrelation
+from jaxtwin._statistics import autocorrelation, fit_percent, fit_text, mean_fit_percent
 
 
 def test_the_fit_of_a_channel_that_never_changes_is_no_number():

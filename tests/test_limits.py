@@ -11,7 +11,7 @@ import pytest
 from limits import Limit, check_limit
 
 from jaxtwin import Experiment, JaxtwinError, plots
-from jaxtwin._residual_statistics import ljung_box
+from jaxtwin._statistics import ljung_box
 from jaxtwin.physics import ThermoelectricModule
 
 TWO_SAMPLES = Experiment(np.array([0.0, 1.0, 2.0]), np.zeros((3, 1)))

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 import jaxtwin as jt
-from jaxtwin import _waiting
-from jaxtwin._waiting import advanced, announced, counting, silent
+from jaxtwin import _progress
+from jaxtwin._progress import advanced, announced, counting, silent
 
 
 class Terminal(io.StringIO):
@@ -19,9 +19,9 @@ class Terminal(io.StringIO):
 
 @pytest.fixture(autouse=True)
 def screen(monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    monkeypatch.setattr(_waiting, "PRINTED_AFTER", 0.05)
+    monkeypatch.setattr(_progress, "PRINTED_AFTER", 0.05)
     terminal = Terminal()
-    monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=terminal, modules={}))
+    monkeypatch.setattr(_progress, "sys", SimpleNamespace(stderr=terminal, modules={}))
     return terminal
 
 
@@ -45,7 +45,7 @@ def test_short_work_is_not_announced(screen):
 
 def test_it_says_how_much_was_compilation(screen, monkeypatch):
     clock = iter([1.0, 8.0])
-    monkeypatch.setattr(_waiting, "compiling_seconds", lambda: next(clock))
+    monkeypatch.setattr(_progress, "compiling_seconds", lambda: next(clock))
     with announced("match"):
         time.sleep(0.1)
     assert "7.0 s of it compilation, which is kept for the next time" in screen.getvalue()
@@ -55,7 +55,7 @@ def test_it_says_how_much_was_compilation(screen, monkeypatch):
 def test_compilation_is_mentioned_from_half_of_printed_after(screen, monkeypatch, seconds, is_said):
     """Here 0.05 s, for users 2 s."""
     clock = iter([1.0, 1.0 + seconds])
-    monkeypatch.setattr(_waiting, "compiling_seconds", lambda: next(clock))
+    monkeypatch.setattr(_progress, "compiling_seconds", lambda: next(clock))
     with announced("match"):
         time.sleep(0.1)
     assert ("of it compilation" in screen.getvalue()) is is_said
@@ -73,7 +73,7 @@ def test_work_within_work_is_silent(screen):
 def test_nothing_is_written_where_nobody_reads(monkeypatch):
     """A log or a pipe of somebody else's keeps its form."""
     pipe = io.StringIO()
-    monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=pipe, modules={}))
+    monkeypatch.setattr(_progress, "sys", SimpleNamespace(stderr=pipe, modules={}))
     with announced("match"):
         time.sleep(0.1)
     assert pipe.getvalue() == ""
@@ -82,7 +82,7 @@ def test_nothing_is_written_where_nobody_reads(monkeypatch):
 def test_work_is_announced_in_a_notebook(screen, monkeypatch):
     notebook = io.StringIO()
     modules = {"ipykernel": None}
-    monkeypatch.setattr(_waiting, "sys", SimpleNamespace(stderr=notebook, modules=modules))
+    monkeypatch.setattr(_progress, "sys", SimpleNamespace(stderr=notebook, modules=modules))
     with announced("match"):
         time.sleep(0.1)
     assert notebook.getvalue().startswith("jaxtwin: match ...")
@@ -102,7 +102,7 @@ def test_the_time_is_printed_also_where_the_work_fails(screen):
 def clock(monkeypatch):
     """A clock that a test turns."""
     now = [100.0]
-    monkeypatch.setattr(_waiting.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(_progress.time, "perf_counter", lambda: now[0])
     return now
 
 

@@ -1,4 +1,4 @@
-"""Eigenvalues and solutions of small dense systems, of many draws from several threads at once.
+"""Small dense systems by LAPACK: eigenvalues and solutions, from several threads at once.
 
 On a CPU, XLA distributes the matrices of a batch over the thread pool on which it runs itself, and
 waits there for the last of them. Two such calls at the same time on two cores wait for each other
@@ -11,14 +11,19 @@ Jacobi's takes a whole batch. The other, which JAX chooses above 32 rows, would 
 one after the other.
 """
 
-from collections.abc import Callable
-from functools import partial
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache, partial
+from threading import Lock
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 
 @custom_vmap
@@ -81,3 +86,45 @@ def _one_by_one(
 eigh.def_vmap(partial(_one_by_one, eigh, _eigh_by_jacobi))
 _solve.def_vmap(partial(_one_by_one, _solve, _solve.fun))
 solve_definite.def_vmap(partial(_one_by_one, solve_definite, solve_definite.fun))
+
+
+# One thread for the products of NumPy and SciPy.
+#
+# The matrices of a match are tall and narrow. OpenBLAS divides each product among threads that wait
+# for each other busily: a match of `dual-cell` then takes a third more time on an idle machine, and
+# several times as much beside other work. The recordings of a match have threads already.
+#
+# threadpoolctl finds the libraries and their functions, whose names differ from build to build.
+
+_lock = Lock()
+_inside = 0
+_original_limits = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limits BLAS to one thread inside the block.
+
+    The number of threads belongs to the process. Blocks of several threads may overlap; the number
+    of before returns with the end of the last.
+    """
+    global _inside, _original_limits
+    with _lock:
+        if _inside == 0:
+            _original_limits = _controller().limit(limits=1, user_api="blas")
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if _inside == 0 and _original_limits is not None:
+                _original_limits.restore_original_limits()
+
+
+@cache
+def _controller() -> "ThreadpoolController":
+    import scipy.linalg  # noqa: F401  # SciPy has a BLAS of its own, which must be loaded to be found
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

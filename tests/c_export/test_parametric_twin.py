@@ -8,8 +8,7 @@ import pytest
 from radiating_rig import radiating_rig
 
 from jaxtwin import Stepper, Twin
-from jaxtwin.c_export._parameter_tables import settable_parameters
-from jaxtwin.c_export._parametric_twin_c import parametric_twin_c
+from jaxtwin.c_export._parametric_twin_c import parametric_twin_c, settable_parameters
 from jaxtwin.errors import SimulationError
 from jaxtwin.rig import Parameter, Rig
 

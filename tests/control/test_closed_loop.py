@@ -21,8 +21,8 @@ from jaxtwin.control import (
     simulate_closed_loop,
     simulate_closed_loops,
 )
-from jaxtwin.control.loops._many_loops import twin_at_medians
 from jaxtwin.control.loops._measures import units_of
+from jaxtwin.control.loops._simulate_closed_loops import twin_at_medians
 from jaxtwin.errors import ControlError, ParameterError, SimulationError
 
 # Of all loops, s: the same shapes compile nothing anew.

@@ -5,7 +5,7 @@ import numpy as np
 import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.control import MEASURES, PID
-from jaxtwin.control.loops._many_loops import simulate_many_loops
+from jaxtwin.control.loops._simulate_closed_loops import simulate_many_loops
 
 
 def test_loops_with_a_fault_are_those_of_a_twin_with_the_changed_value():

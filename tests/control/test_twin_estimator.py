@@ -16,9 +16,8 @@ from jaxtwin.control import (
     LiveLoop,
     save_controller,
 )
-from jaxtwin.control.controllers._kalman import kalman_filter
+from jaxtwin.control.controllers._kalman import TwinEstimator, kalman_filter
 from jaxtwin.control.controllers._plant import plant_of
-from jaxtwin.control.controllers._twin_estimator import TwinEstimator
 from jaxtwin.errors import ControlError
 from jaxtwin.live import Moment
 from jaxtwin.observers import (

@@ -17,7 +17,7 @@ from jaxtwin import Experiment, Stepper, Twin, export_fmu, simulate
 from jaxtwin.c_export import _sources
 from jaxtwin.errors import ControlError
 from jaxtwin.fmu import FMU, _export_fmu
-from jaxtwin.fmu._variables import variables_of
+from jaxtwin.fmu._model_description import variables_of
 
 VERSIONS: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")
 

@@ -12,7 +12,7 @@ import pytest
 
 from jaxtwin import Experiment, Stepper, Twin, export_fmu, simulate
 from jaxtwin.fmu import FMU, _export_fmu
-from jaxtwin.fmu._variables import variables_of
+from jaxtwin.fmu._model_description import variables_of
 
 VERSIONS: tuple[Literal["2.0", "3.0"], ...] = ("2.0", "3.0")
 

@@ -30,10 +30,10 @@ from jaxtwin.live import (
     Sample,
     interlocks_of,
 )
+from jaxtwin.live.safety._duty_response import MEMORY_SECONDS
 from jaxtwin.live.safety._obedience import Obedience
 from jaxtwin.live.safety._plausibility import Plausibility
 from jaxtwin.live.safety._presence import Presence
-from jaxtwin.live.safety._responsiveness import MEMORY_SECONDS
 from jaxtwin.live.safety._twin_watch import TwinWatch
 from jaxtwin.physics import FAULT_MODELS, Twin
 from jaxtwin.rig import Rig, load_rig

@@ -32,8 +32,12 @@ from jaxtwin.live import (
     opener,
     serve,
 )
-from jaxtwin.live.protocol._mqtt_address import MqttAddress, without_password
-from jaxtwin.live.protocol._mqtt_transport import MAX_MESSAGE_BYTES, MqttTransport
+from jaxtwin.live.protocol._mqtt_transport import (
+    MAX_MESSAGE_BYTES,
+    MqttAddress,
+    MqttTransport,
+    without_password,
+)
 from jaxtwin.live.virtual_rig._serve import MqttServer
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig

@@ -11,7 +11,7 @@ from hand_clock import HandClock, virtual_bench
 from jaxtwin.cli import run
 from jaxtwin.live import Data, Duty, Finding, Order, Proof, VirtualRig, prove
 from jaxtwin.live import _prove as module
-from jaxtwin.live._provocations import provocations
+from jaxtwin.live._prove import provocations
 from jaxtwin.live.protocol._output_stage import Answer, OutputStage
 from jaxtwin.physics import Twin
 from jaxtwin.rig import Rig

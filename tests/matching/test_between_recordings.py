@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxtwin.matching._between_recordings import RecordingScore, estimate_heterogeneity
+from jaxtwin.matching._group_values import RecordingScore, estimate_heterogeneity
 
 PRIOR_SPREADS = np.array([0.5, 2.0, 1.0])
 SAMPLES = 200

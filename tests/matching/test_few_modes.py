@@ -7,7 +7,7 @@ import pytest
 from placed_rig import AT, GRID, placed_rig
 
 from jaxtwin import Experiment, Twin, match
-from jaxtwin.matching._few_modes import FEW, MANY, few_modes
+from jaxtwin.matching._native_recordings import FEW, MANY, few_modes
 from jaxtwin.physics import System
 from jaxtwin.simulation import Modes, padded_time_grid, run_modes, solve_network
 

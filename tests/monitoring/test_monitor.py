@@ -13,8 +13,7 @@ from jaxtwin.errors import ObserverError
 from jaxtwin.live import Finding
 from jaxtwin.monitoring import FindingLog, MonitorCalibration, Monitored, Seen
 from jaxtwin.monitoring._evidence import seen
-from jaxtwin.monitoring._monitor import SETTLE
-from jaxtwin.monitoring._run import run
+from jaxtwin.monitoring._monitor import SETTLE, run
 from jaxtwin.monitoring._state_test import StateTest
 from jaxtwin.monitoring._thresholds import DAY, FAMILIES, nominal_calibration
 from jaxtwin.observers import live_observer

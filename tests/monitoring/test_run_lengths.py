@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxtwin.monitoring._calibrate import BLOCK_SECONDS, block_maxima, tail_of
-from jaxtwin.monitoring._run_lengths import alarms_of_sum, mean_run_length
+from jaxtwin.monitoring._thresholds import alarms_of_sum, mean_run_length
 
 
 @pytest.mark.parametrize(("limit", "published"), [(4.0, 168.0), (5.0, 465.0)])

@@ -14,7 +14,7 @@ from jaxtwin import Experiment, Twin, load_rig, simulate
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.observers import ProcessNoise
 from jaxtwin.observers._estimates import Moment
-from jaxtwin.observers._filter_run import Filtered, FilterSamples, filtered, samples_of
+from jaxtwin.observers._filter_run import Filtered, FilterSamples, filtered, samples_of, started
 from jaxtwin.observers._forecast import expected_ahead, starts_of
 from jaxtwin.observers._kalman_filter import ExtendedKalmanFilter, KalmanState
 from jaxtwin.observers._linear_filter import (
@@ -25,7 +25,6 @@ from jaxtwin.observers._linear_filter import (
     linearised_path,
 )
 from jaxtwin.observers._observe import filter_for
-from jaxtwin.observers._programs import started
 from jaxtwin.observers._start import first_reading
 
 HORIZON = 40.0

@@ -22,7 +22,7 @@ from jaxtwin.observers import (
     StateBounds,
     live_observer,
 )
-from jaxtwin.observers._window import Step, linearised
+from jaxtwin.observers._moving_horizon import Step, linearised
 
 pytestmark = pytest.mark.usefixtures("float64")
 

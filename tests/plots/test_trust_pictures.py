@@ -14,7 +14,7 @@ from scipy.stats import norm
 from small_results import fit
 
 from jaxtwin import Experiment, Fit, plots
-from jaxtwin._residual_statistics import autocorrelation
+from jaxtwin._statistics import autocorrelation
 from jaxtwin.errors import SimulationError
 from jaxtwin.matching import CameraError, Comparison, solution_of
 from jaxtwin.physics import plate_map

@@ -19,7 +19,7 @@ from jaxtwin.sensitivity_analysis import (
     StandardisedRegression,
     Uniform,
 )
-from jaxtwin.sensitivity_analysis._input_choices import resolve_inputs
+from jaxtwin.sensitivity_analysis._inputs import resolve_inputs
 
 NAMES = ["R_E", "R_pc", "R_Tez"]
 TIMES = [10.0, 50.0, 100.0]

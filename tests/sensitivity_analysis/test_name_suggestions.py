@@ -8,7 +8,7 @@ import pytest
 
 from jaxtwin import JaxtwinError, Twin
 from jaxtwin.sensitivity_analysis._analysis import checked_method
-from jaxtwin.sensitivity_analysis._input_choices import resolve_inputs
+from jaxtwin.sensitivity_analysis._inputs import resolve_inputs
 from jaxtwin.sensitivity_analysis._sampling import checked_kind
 
 

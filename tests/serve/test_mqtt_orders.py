@@ -15,7 +15,7 @@ from jaxtwin.errors import LinkError
 from jaxtwin.live import Publisher, StopRequest
 from jaxtwin.serve import Desk
 from jaxtwin.serve._desk import Answer, Asked, PromoteOrder
-from jaxtwin.serve._mqtt_orders import MqttOrders
+from jaxtwin.serve._orders import MqttOrders
 
 pytestmark = pytest.mark.mosquitto
 

@@ -52,7 +52,6 @@ from jaxtwin.serve import (
     web_app,
 )
 from jaxtwin.serve._child_process import ChildProcess, Outcome
-from jaxtwin.serve._commands import HeldDuty, HeldReferences
 from jaxtwin.serve._desk import (
     Asked,
     DriveOrder,
@@ -61,7 +60,7 @@ from jaxtwin.serve._desk import (
     RefitOrder,
     RollbackOrder,
 )
-from jaxtwin.serve._order_in_force import OrderInForce
+from jaxtwin.serve._order_in_force import HeldDuty, HeldReferences, OrderInForce
 
 
 class Bench:

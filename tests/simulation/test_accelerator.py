@@ -20,7 +20,7 @@ from jaxtwin.simulation._numbered_chunk import (
     prepare_numbered,
     step_numbered,
 )
-from jaxtwin.simulation._padding import padded_time_grid
+from jaxtwin.simulation._time_grid import padded_time_grid
 
 DRAWS = 64
 MATRICES = np.random.default_rng(0).normal(size=(DRAWS, 44, 44))

@@ -16,10 +16,9 @@ import jaxtwin as jt
 from jaxtwin._jax_settings import own_settings
 from jaxtwin.simulation import build_time_grid
 from jaxtwin.simulation._held_inputs import held_quadratics, mean_of, merged_changes, quadratic_at
-from jaxtwin.simulation._input_rates import input_rates
-from jaxtwin.simulation._padding import padded_time_grid
+from jaxtwin.simulation._input_levels import input_rates
 from jaxtwin.simulation._simulate import run_exponential
-from jaxtwin.simulation._time_grid import step_rule, time_grid
+from jaxtwin.simulation._time_grid import padded_time_grid, step_rule, time_grid
 
 # The largest errors that benchmarks/results/speed.md states for a run and draws in C, K.
 CHANNELS, DRAWS = 1e-3, 2e-4
@@ -154,11 +153,11 @@ def test_a_kelvin_of_the_room_moves_a_small_load_by_its_film():
 
 def test_large_networks_have_the_rates_of_small_ones(monkeypatch: pytest.MonkeyPatch):
     """By sparse factors."""
-    from jaxtwin.simulation import _input_rates
+    from jaxtwin.simulation import _input_levels
 
     rig = jt.load_rig("dual-cell")
     dense = input_rates.__wrapped__(rig)
-    monkeypatch.setattr(_input_rates, "MAX_DENSE", 0)
+    monkeypatch.setattr(_input_levels, "MAX_DENSE", 0)
     np.testing.assert_allclose(input_rates.__wrapped__(rig), dense, rtol=1e-9)
 
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin.simulation._delay import lagged_duty
+from jaxtwin.simulation._drive import lagged_duty
 
 STARTS = np.array([0.0, 10.0, 30.0])
 COMMANDS = np.array([[0.5, 0.2], [0.8, -0.4], [0.0, 1.0]])

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin.simulation._elimination import eliminate
+from jaxtwin.simulation._rosenbrock_step import eliminate
 
 
 @pytest.mark.usefixtures("float64")

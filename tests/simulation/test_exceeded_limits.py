@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from jaxtwin import Twin
 from jaxtwin.cli import app
-from jaxtwin.simulation._exceeded_limits import exceeded_limits
+from jaxtwin.simulation._check_values import exceeded_limits
 
 # Its channel may reach 110 degC; the file states no limit of its cell.
 TWIN = Twin("single-cell")

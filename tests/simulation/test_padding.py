@@ -9,7 +9,7 @@ import pytest
 import jaxtwin as jt
 from jaxtwin._padded_rows import padded_count
 from jaxtwin.simulation import TimeGrid, build_time_grid, solve_network, time_grid
-from jaxtwin.simulation._padding import padded_time_grid
+from jaxtwin.simulation._time_grid import padded_time_grid
 
 
 def session(samples: int, seed: int, **more) -> jt.Experiment:

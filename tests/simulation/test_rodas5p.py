@@ -10,8 +10,7 @@ import pytest
 from jaxtyping import Array
 
 from jaxtwin import Experiment, Twin
-from jaxtwin._sparse_jacobian import column_groups, sparse_jacobian
-from jaxtwin._sparse_lu import SparseLU
+from jaxtwin._sparse import SparseLU, column_groups, sparse_jacobian
 from jaxtwin.simulation import Rodas5P
 from jaxtwin.simulation._numbered_network import network_pattern
 from jaxtwin.simulation._rosenbrock_step import GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Stepper, Twin
-from jaxtwin.simulation._variable_step import variable_step
+from jaxtwin.simulation._stepper import variable_step
 
 pytestmark = pytest.mark.usefixtures("float64")
 

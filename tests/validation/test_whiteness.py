@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from jaxtwin._normal_distribution import QUANTILE_975, normal_quantiles
-from jaxtwin._residual_statistics import autocorrelation
+from jaxtwin._statistics import QUANTILE_975, autocorrelation, normal_quantiles
 from jaxtwin.validation import Whiteness, whiteness, whiteness_of_channels
 from jaxtwin.validation._validation import holm_adjusted
 

@@ -8,8 +8,7 @@ import numpy as np
 from ..control import AbstractController, Law, bounds_of, check_limits_of_heaters, limits_text
 from ..errors import ControlError
 from ..rig import Rig
-from ._sources import Code, Parts, code_of, defines, type_of_numbers
-from ._text import comment_block
+from ._sources import Code, Parts, code_of, comment_block, defines, type_of_numbers
 
 # The time without a reading after which the cells are switched off, s, as in
 # `simulate_closed_loop`.

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..control import DiscreteModel
-from ._sources import Code, Parts, code_of, defines, type_of_numbers
-from ._text import comment_block
+from ._sources import Code, Parts, code_of, comment_block, defines, type_of_numbers
 
 
 def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: str) -> Code:

@@ -27,9 +27,8 @@ from ..observers import (
     ExtendedKalmanFilter,
 )
 from ..simulation import Stepper, step_factors
-from ._sources import Code, Parts, code_of, defines, type_of_numbers, whole_numbers
-from ._stepper_tables import COMMENTS, StepperSizes, stepper_constants, stepper_tables
-from ._text import comment_block
+from ._sources import Code, Parts, code_of, comment_block, defines, type_of_numbers, whole_numbers
+from ._stepper_c import COMMENTS, StepperSizes, stepper_constants, stepper_tables
 
 
 def observer_c(kalman: ExtendedKalmanFilter, name: str, precision: str, origin: str) -> Code:

@@ -12,8 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from .._progress import Progress
-from .._waiting import silent
+from .._progress import Progress, silent
 
 SHOWN_AFTER = 1.0  # s before a step is worth a plain line
 PAUSE = 10.0  # s between two plain lines of progress

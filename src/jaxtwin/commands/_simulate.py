@@ -104,7 +104,7 @@ def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:
         "final_degC": dict(zip(run.channels, run.temperatures[-1].tolist(), strict=True)),
     }
     if run.experiment.temperatures is not None:
-        from .._goodness_of_fit import mean_fit_percent
+        from .._statistics import mean_fit_percent
 
         fits = run.fit_percent
         numbers["rmse_K"] = run.rmse
@@ -133,6 +133,6 @@ def _table(run: "Run", numbers: dict[str, Any]) -> str:
 
 
 def _fit(percent: float | None, unit: str = "") -> str:
-    from .._goodness_of_fit import fit_text
+    from .._statistics import fit_text
 
     return fit_text(math.nan if percent is None else percent, unit)

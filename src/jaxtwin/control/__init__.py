@@ -3,14 +3,14 @@ r"""Control: linear models of a twin, controllers, closed loops, and what tunes 
 `linear/` makes linear models of a twin. Near an operating point the temperatures of its nodes $x$,
 the duty $u$ and the readings $y$ follow $\dot x = A x + B u$, $y = C x + D u$. `linearize` takes
 the derivatives of the equations of `physics/_system.py` (`_linearize`), with the driver's delay and
-lag apart (`_linear_model`); `_hold` makes $x_{k+1} = A x_k + B u_k$ of it, delay and lag included.
+lag apart (`_linear_model`); `_discrete_model` is $x_{k+1} = A x_k + B u_k$, delay and lag included.
 
 `controllers/` is what commands the cells. A controller is a PyTree of parameters with
 `step(state, reference, measurement) -> duty, state` (`_controller`). The equations of a `PID` stand
 in `_pid`, those of the others in a file each; `_riccati` in `linear/` designs the gains of an `LQI`
-and of its Kalman filter (`_kalman`), which may know what an observer finds (`_twin_estimator`). An
-`MPC` minimises quadratic programs at each sample (`_mpc_programs`), of its outputs, and of what
-makes many points uneven (`_evenness`, `_uniformity_mpc`). A `NonlinearMPC` plans on the twin itself
+and of its Kalman filter, which may know what an observer finds (`_kalman`). An `MPC` minimises
+quadratic programs at each sample (`_mpc_programs`), of its outputs, and of what makes many points
+uneven (`_uniformity_mpc`). A `NonlinearMPC` plans on the twin itself
 (`_multiple_shooting`). A class says the fields of its file and its law in C, which is in
 `controllers/laws/`.
 
@@ -23,8 +23,7 @@ around a rig (`_control`, behind the interlocks of `jaxtwin.live`).
 (`_frontier`), by a relay's oscillation (`_ultimate_point`); the references of the most even plate
 (`_most_even_point`), and the places of its cells (`_design_rig`).
 
-A room imports only those before it. The public names stand in `__init__.pyi` and are imported when
-they are first used.
+A room imports only those before it.
 """
 
 from .._faces import attach

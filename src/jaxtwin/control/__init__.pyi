@@ -1,6 +1,7 @@
 # Public names of jaxtwin.control. `__init__.py` imports each when it is first used.
 
 from .controllers._controller import AbstractController as AbstractController
+from .controllers._controller import Law as Law  # the law of a controller in C
 from .controllers._controller import TemperatureLimit as TemperatureLimit  # of a channel
 from .controllers._controller_fields import (
     ControllerField as ControllerField,  # a number with its unit
@@ -16,16 +17,15 @@ from .controllers._controller_file import (
 from .controllers._controller_file import save_controller as save_controller
 from .controllers._decoupled_pi import DecoupledPI as DecoupledPI  # on the mean and on differences
 from .controllers._decoupled_pi import decoupling_of as decoupling_of  # from the plate's gain
-from .controllers._evenness import AbstractEvennessCost as AbstractEvennessCost
-from .controllers._evenness import RangeCost as RangeCost  # hottest less coldest
-from .controllers._evenness import SquaresCost as SquaresCost  # of all deviations
-from .controllers._evenness import WorstPointCost as WorstPointCost  # minimax
 from .controllers._function_controller import FunctionController as FunctionController
 from .controllers._gain_scheduled import GainScheduled as GainScheduled  # over operating points
 from .controllers._kalman import KalmanFilter as KalmanFilter  # with the disturbance
-from .controllers._law import Law as Law  # the law of a controller in C
 from .controllers._lqi import LQI as LQI  # state feedback with integral action
 from .controllers._mpc import MPC as MPC  # hard limits of duty and rate
+from .controllers._mpc_programs import AbstractEvennessCost as AbstractEvennessCost
+from .controllers._mpc_programs import RangeCost as RangeCost  # hottest less coldest
+from .controllers._mpc_programs import SquaresCost as SquaresCost  # of all deviations
+from .controllers._mpc_programs import WorstPointCost as WorstPointCost  # minimax
 from .controllers._nonlinear_mpc import NonlinearMPC as NonlinearMPC  # the twin is its model
 from .controllers._pid import PID as PID
 from .controllers._relay import Relay as Relay  # an oscillation at the critical frequency
@@ -53,8 +53,8 @@ from .loops._disturbances import Draught as Draught  # air upon the plate
 from .loops._disturbances import HeatInput as HeatInput  # a hand upon the plate
 from .loops._loop_margins import LoopMargins as LoopMargins  # how far a loop is from instability
 from .loops._loop_margins import loop_margins as loop_margins  # of a controller on a twin
-from .loops._loop_signals import ClosedLoop as ClosedLoop  # what happened in a closed loop
 from .loops._measures import MEASURES as MEASURES  # name -> function of a ClosedLoop, unit
+from .loops._measures import ClosedLoop as ClosedLoop  # what happened in a closed loop
 from .loops._scenario import Scenario as Scenario  # what a closed loop goes through
 from .loops._scenario import scenario as scenario
 from .loops._simulate_closed_loops import simulate_closed_loops as simulate_closed_loops
@@ -77,6 +77,7 @@ __all__: list[str]
 # isort: split
 # For the other packages of jaxtwin: no part of the public interface.
 
+from .controllers._controller import Table as Table
 from .controllers._controller import is_same as is_same
 from .controllers._controller import is_same_kind as is_same_kind
 from .controllers._controller_file import controller_file as controller_file
@@ -84,15 +85,11 @@ from .controllers._controller_file import controller_of_text as controller_of_te
 from .controllers._duty_limits import bounds_of as bounds_of
 from .controllers._duty_limits import check_limits_of_heaters as check_limits_of_heaters
 from .controllers._duty_limits import limits_text as limits_text
-from .controllers._law import Table as Table
 from .linear._discrete_model import check_at_rest as check_at_rest
 from .linear._margins import USUAL_PEAK as USUAL_PEAK
 from .loops._disturbances import Disturbance as Disturbance
 from .loops._loop_checks import OutOfReachError as OutOfReachError
 from .loops._loop_margins import sampled_loops as sampled_loops
-from .loops._many_loops import longest_delay as longest_delay
-from .loops._many_loops import simulate_many_loops as simulate_many_loops
-from .loops._many_loops import twin_at_medians as twin_at_medians
 from .loops._measures import REST_FRACTION as REST_FRACTION
 from .loops._measures import SETTLING_BAND as SETTLING_BAND
 from .loops._measures import Measure as Measure
@@ -101,6 +98,9 @@ from .loops._references import sample_times as sample_times
 from .loops._sampled_loop import ROUNDING as ROUNDING
 from .loops._sampled_loop import SampledLoops as SampledLoops
 from .loops._scenario import MAX_STEP as MAX_STEP
+from .loops._simulate_closed_loops import longest_delay as longest_delay
+from .loops._simulate_closed_loops import simulate_many_loops as simulate_many_loops
+from .loops._simulate_closed_loops import twin_at_medians as twin_at_medians
 from .tuning._objective import TuningObjective as TuningObjective
 from .tuning._objective import checked_objective as checked_objective
 from .tuning._tuning_problem import PEAK_TOLERANCE as PEAK_TOLERANCE

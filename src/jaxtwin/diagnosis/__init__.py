@@ -11,8 +11,6 @@ explains.
 
 `isolability` (`_isolability`) says the same before the fact: which faults can be seen, which pairs
 of them can be told apart, and after what time.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from scipy.special import log_ndtr
 
 from .._jax_settings import own_settings
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..monitoring._monitor import SETTLE
 from ..monitoring._thresholds import DAY
 from ..observers import Observed

@@ -1,7 +1,4 @@
-"""Diagnosis of an installation: versions, devices, compilation cache, recordings, known traps.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
-"""
+"""Diagnosis of an installation: versions, devices, compilation cache, recordings, known traps."""
 
 from .._faces import attach
 

@@ -8,8 +8,6 @@ changes one stretch of a schedule after the other, below the limits of the rig. 
 With the purpose of a diagnosis, the same search finds the schedule that tells faults apart soonest.
 `_diagnosis_design` computes how soon one does, by the signatures of the faults in an observer, and
 holds the result, a `DiagnosisDesign`.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from .._arguments import check_callable, finite_number, names_of, whole_number
 from .._name_suggestions import did_you_mean
-from .._waiting import advanced, announced
+from .._progress import advanced, announced
 from ..diagnosis import Faults
 from ..errors import MatchError
 from ..io import Experiment

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._celsius import ZERO_CELSIUS
-from .._waiting import advanced
+from .._progress import advanced
 from ..errors import MatchError
 from ..physics import Twin
 from ._diagnosis_design import (

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..live import finding_as_json, seconds
 from ..observers import parameter_estimates
 from ..serve._access import Access, Refusal

@@ -18,8 +18,7 @@ from .._executor import Executor
 from ..errors import JaxtwinError
 from ..live import Finding, finding_as_json
 from ..serve._contents import look_ahead
-from ..serve._live_diagnosis import MIN_SAMPLES, causes_of
-from ..serve._live_refit import refit_champion
+from ..serve._live_diagnosis import MIN_SAMPLES, causes_of, refit_champion
 from ..serve._story import Reason
 from ..twin_store import TwinStore
 from ._fleet_file import FleetFile, Member

@@ -2,10 +2,8 @@
 
 `_export_fmu` puts it together: the C of a twin and of its parameters
 (`c_export/_parametric_twin_c`), an instance of it (`instance.c`, `refusals.c`, `states.c`), the
-functions of FMI 2 or 3 (`fmi2.c`, `fmi3.c`), the variables (`_variables`) and their description in
-XML (`_model_description`).
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
+functions of FMI 2 or 3 (`fmi2.c`, `fmi3.c`), and the variables with their description in XML
+(`_model_description`).
 """
 
 from .._faces import attach

@@ -21,18 +21,21 @@ from .._arguments import of_kind, path_of
 from .._celsius import ZERO_CELSIUS
 from .._whole_file import check_ending, write_whole_file
 from ..c_export._controller_c import controller_c
-from ..c_export._parameter_tables import settable_parameters
-from ..c_export._parametric_twin_c import parametric_twin_c
-from ..c_export._sources import Code, defines, included, renamed
-from ..c_export._text import table
+from ..c_export._parametric_twin_c import parametric_twin_c, settable_parameters
+from ..c_export._sources import Code, defines, included, renamed, table
 from ..control import AbstractController
 from ..errors import ControlError
 from ..matching import Fit, nominal_twin
 from ..physics import Twin
 from ..rig import Rig
 from ..simulation import Stepper
-from ._model_description import build_description, model_description
-from ._variables import Variable, names_c, variables_of
+from ._model_description import (
+    Variable,
+    build_description,
+    model_description,
+    names_c,
+    variables_of,
+)
 
 
 class ControllerParts(NamedTuple):

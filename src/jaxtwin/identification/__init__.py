@@ -4,8 +4,6 @@
 the twin is shown (`_baselines`), and matches all structures (`_structures`) of a family of networks
 (`_network`) side by side (`_screening`). Held-out blocks judge the most probable ones; the best is
 written as a rig file and matched to all readings. `_identified` is the result.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

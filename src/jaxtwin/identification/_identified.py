@@ -10,7 +10,7 @@ import numpy as np
 from .._arguments import finite_number, whole_number
 from .._display import html_table
 from .._json_values import json_value
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from .._toml_text import toml_inline, toml_key
 from ..errors import MatchError
 from ..io import Experiment

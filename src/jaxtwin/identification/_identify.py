@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, finite_number, names_of
-from .._blas_threads import one_blas_thread
-from .._waiting import advanced, announced
+from .._lapack import one_blas_thread
+from .._progress import advanced, announced
 from ..errors import MatchError
 from ..io import Experiment, read_recording
 from ..matching import ModelError, match

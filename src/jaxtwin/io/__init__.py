@@ -10,12 +10,10 @@ grid, checked (`_checks`) and never changed. Which file holds what:
   and `_recorded_columns` an experiment, with `_glitches`; `_csv` for all
 - writing: `_write`, completely or not at all
 - recordings of a live rig: `_session` reads what `live/recording/` writes, also while it grows;
-  `_session_file` (metadata), `_session_rows` (blocks), `_clock_map` (device time
-  to host time), `_lock` (one writer), `_backup`
+  `_session_file` (metadata, one writer), `_session_rows` (blocks, device time to host time),
+  `_backup`
 - the authors' recordings: `_fetch`
 - schedules in words: `_schedule`
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

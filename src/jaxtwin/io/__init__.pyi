@@ -1,7 +1,6 @@
 # Public names of jaxtwin.io. `__init__.py` imports each when it is first used.
 
 from ._backup import backup_session as backup_session
-from ._clock_map import ClockMap as ClockMap
 from ._experiment import Experiment as Experiment
 from ._fetch import SINGLE_CELL as SINGLE_CELL
 from ._fetch import TWO_CELL as TWO_CELL
@@ -11,6 +10,7 @@ from ._fetch import find_recordings as find_recordings
 from ._read import column_names as column_names
 from ._read import read_recording as read_recording
 from ._session import Session as Session
+from ._session_rows import ClockMap as ClockMap
 from ._session_rows import DeviceClock as DeviceClock
 from ._session_rows import Series as Series
 from ._write import write_recording as write_recording
@@ -34,8 +34,6 @@ from ._gaps import gap_sentences as gap_sentences
 from ._gaps import parts_between_gaps as parts_between_gaps
 from ._gaps import separate_recordings as separate_recordings
 from ._glitches import is_missing as is_missing
-from ._lock import lock as lock
-from ._lock import unlock as unlock
 from ._named_columns import meanings as meanings
 from ._read import table_content as table_content
 from ._session_file import APPLICATION as APPLICATION
@@ -43,7 +41,9 @@ from ._session_file import FORMAT as FORMAT
 from ._session_file import Columns as Columns
 from ._session_file import damage_as_recording_error as damage_as_recording_error
 from ._session_file import is_session as is_session
+from ._session_file import lock as lock
 from ._session_file import read_metadata as read_metadata
+from ._session_file import unlock as unlock
 from ._text_table import TextTable as TextTable
 from ._text_table import is_data as is_data
 from ._timestamps import is_time as is_time

@@ -294,7 +294,7 @@ class Experiment:
         **Raises:** `RecordingError` if the rig has other cells and heaters, or for more switches
         than fit into memory.
         """
-        from ._switched import switched  # which imports this module
+        from ._duty_of_rig import switched  # which imports this module
 
         return switched(self, rig)
 

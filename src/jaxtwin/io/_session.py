@@ -11,11 +11,9 @@ from jaxtyping import Bool, Float, Int
 
 from .._arguments import finite_number
 from ..errors import RecordingError
-from ._clock_map import ClockMap
 from ._experiment import Experiment
-from ._lock import is_locked
-from ._session_file import Columns, damage_as_recording_error, is_session, read_metadata
-from ._session_rows import DeviceClock, Series, SessionTable, TableRows
+from ._session_file import Columns, damage_as_recording_error, is_locked, is_session, read_metadata
+from ._session_rows import ClockMap, DeviceClock, Series, SessionTable, TableRows
 
 if TYPE_CHECKING:
     from ..rig import Rig

@@ -8,19 +8,17 @@ before it:
 
 - `protocol/`: bytes (`_framing`, `_codec`, `_receiver`; `_link` is the only thread), records, and
   `RigState`, whose times are those of the device; what a device does by itself (`_output_stage`;
-  the example firmware in `docs/firmware/` does the same), and boards that do not (`_board`)
+  the example firmware in `docs/firmware/` does the same), and boards that do not (`_board_device`)
 - `recording/`: the recorder and its tables, the replay, the report
 - `conformance/`: the test of a device's firmware
 - `safety/`: interlocks without side effects, limits, and the `Guard` of a run
 - `virtual_rig/`: the simulated rig behind the protocol
 
-Beside the rooms: `_operate` commands a rig behind its guard, `_drive` by a plan, `_readiness` says
-when it may begin, `_switch_off` ends; `_follower`, `_estimate_journal`, `_alarms`, `_publisher` and
-`_screen` are consumers; `_prove` and `_provocations` test that the interlocks act; `_json` is a
-record as JSON.
+Beside the rooms: `_operate` commands a rig behind its guard, `_readiness` says when it may begin,
+`_switch_off` ends; `_follower`, `_alarms`, `_publisher` and `_screen` are consumers; `_prove` tests
+that the interlocks act; `_json` is a record as JSON.
 
-docs/reliability.md states the guarantees, docs/protocol.md specifies the protocol. The public names
-stand in `__init__.pyi` and are imported when they are first used.
+docs/reliability.md states the guarantees, docs/protocol.md specifies the protocol.
 """
 
 from .._faces import attach

@@ -1,14 +1,14 @@
 # Public names of jaxtwin.live. `__init__.py` imports each when it is first used.
 
 from ._alarms import Alarms as Alarms
-from ._drive import drive as drive
-from ._drive import follow as follow
-from ._estimate_journal import EstimateJournal as EstimateJournal
+from ._follower import EstimateJournal as EstimateJournal
 from ._follower import Follower as Follower
 from ._json import record_as_json as record_as_json
 from ._json import state_as_json as state_as_json
 from ._operate import DutySource as DutySource
 from ._operate import Moment as Moment
+from ._operate import drive as drive
+from ._operate import follow as follow
 from ._operate import operate as operate
 from ._prove import Proof as Proof
 from ._prove import prove as prove
@@ -17,14 +17,14 @@ from ._screen import Screen as Screen
 from ._service import RecordConsumer as RecordConsumer
 from ._service import RecordSource as RecordSource
 from ._service import Service as Service
-from ._stop_request import StopRequest as StopRequest
+from ._service import StopRequest as StopRequest
 from ._switch_off import Ending as Ending
 from ._switch_off import switch_off as switch_off
 from .conformance._conform import conform as conform
-from .conformance._step_result import StepResult as StepResult
-from .protocol._board import AbstractBoard as AbstractBoard
-from .protocol._board import register_board as register_board
+from .conformance._dialogue import StepResult as StepResult
+from .protocol._board_device import AbstractBoard as AbstractBoard
 from .protocol._board_device import BoardDevice as BoardDevice
+from .protocol._board_device import register_board as register_board
 from .protocol._clock import Clock as Clock
 from .protocol._clock import SystemClock as SystemClock
 from .protocol._codec import encode as encode
@@ -62,10 +62,10 @@ from .protocol._transport import Transport as Transport
 from .recording._recorder import Recorder as Recorder
 from .recording._replay import Replay as Replay
 from .recording._report import report as report
-from .safety._alarm_interlock import AlarmInterlock as AlarmInterlock
 from .safety._guard import Guard as Guard
 from .safety._guard import interlocks_of as interlocks_of
 from .safety._interlock import AbstractInterlock as AbstractInterlock
+from .safety._interlock import AlarmInterlock as AlarmInterlock
 from .safety._interlock import Finding as Finding
 from .safety._operating_limits import OperatingLimits as OperatingLimits
 from .virtual_rig._plant import Plant as Plant
@@ -90,12 +90,12 @@ from ._switch_off import STILL_HEATS as STILL_HEATS
 from ._switch_off import STILL_ON as STILL_ON
 from .protocol._clock import seconds as seconds
 from .protocol._identity import WATCHDOG_SECONDS as WATCHDOG_SECONDS
-from .protocol._mqtt_address import MqttAddress as MqttAddress
-from .protocol._mqtt_address import without_password as without_password
 from .protocol._mqtt_transport import CONNECT_SECONDS as CONNECT_SECONDS
+from .protocol._mqtt_transport import MqttAddress as MqttAddress
 from .protocol._mqtt_transport import close_client as close_client
 from .protocol._mqtt_transport import connect_client as connect_client
 from .protocol._mqtt_transport import mqtt_client as mqtt_client
+from .protocol._mqtt_transport import without_password as without_password
 from .safety._hidden_heat import DRAWS as DRAWS
 from .safety._off_watch import OffWatch as OffWatch
 from .safety._off_watch import heat_sentence as heat_sentence

@@ -9,8 +9,14 @@ from typing import Any, final
 from ..errors import LinkError
 from ..rig import Rig
 from ._json import finding_as_json, record_as_json
-from .protocol._mqtt_address import MqttAddress, without_password
-from .protocol._mqtt_transport import CONNECT_SECONDS, close_client, connect_client, mqtt_client
+from .protocol._mqtt_transport import (
+    CONNECT_SECONDS,
+    MqttAddress,
+    close_client,
+    connect_client,
+    mqtt_client,
+    without_password,
+)
 from .protocol._records import Record
 from .protocol._rig_state import RigState
 from .safety._interlock import Finding

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from .._celsius import ZERO_CELSIUS
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..observers import ExtendedKalmanFilter, Moment, Moments, forecast_from, state_moments
 from ..physics import Twin
 from ..rig import Channel, Plate

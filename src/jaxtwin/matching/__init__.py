@@ -15,14 +15,11 @@ covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which fil
   `_jacobian` (solve and subtract)
 - the minimum: `_descent`, `_descent_result`, `_levenberg_marquardt`,
   `_optimistix` (other solvers), `_reweighted_least_squares` (rounds with new weights)
-- the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_between_recordings`,
-  `_model_error`
+- the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_model_error`
 - the entries: `_match`, `_many` (sets side by side), `_match_group` (a new group)
 - the result: `_fit`, `_fitted_parameters`, `_summary`, `_save_fit`, `_load_fit`, `_nominal_twin`
 - what follows from it: `_band`, `_profile`, `_compare_fits`
 - a recording that was not matched: `_initial_conditions`, `_initial_condition_priors`
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -26,7 +26,7 @@ from .._arguments import finite_number, of_kind, whole_number
 from .._display import html_table, picture
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
-from .._waiting import announced
+from .._progress import announced
 from ..errors import MatchError
 from ..io import Experiment, as_experiments
 from ..physics import Twin

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from .._by_recording import ByRecording
 from .._display import html_table, picture, report
-from .._goodness_of_fit import mean_fit_percent
 from .._json_values import json_value
+from .._statistics import mean_fit_percent
 from ..errors import MatchError, SimulationError
 from ..io import Experiment, of_rig
 from ..physics import Twin

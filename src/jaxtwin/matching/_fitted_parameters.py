@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .._name_suggestions import unknown_name
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..errors import ParameterError
 from ..rig import Scope
 from ._group_values import new_group_values

@@ -10,9 +10,9 @@ import numpy as np
 import optimistix as optx
 
 from .._arguments import check_callable, whole_number
-from .._blas_threads import one_blas_thread
 from .._executor import Executor, check_executor, work_in_units
-from .._waiting import announced
+from .._lapack import one_blas_thread
+from .._progress import announced
 from ..errors import MatchError, ParameterError, SimulationError
 from ..io import Experiment, as_experiments
 from ..physics import Twin

@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from .. import __version__
 from .._arguments import check_callable, names_of, of_kind, whole_number
-from .._blas_threads import one_blas_thread
-from .._goodness_of_fit import fit_percent
-from .._waiting import advanced, announced
+from .._lapack import one_blas_thread
+from .._progress import advanced, announced
+from .._statistics import fit_percent
 from ..errors import MatchError
 from ..io import Gaps, Recordings, as_experiments
 from ..physics import Twin

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .._blas_threads import one_blas_thread
+from .._lapack import one_blas_thread
 from ..errors import MatchError
 from ..io import Experiment
 from ..physics import Twin

@@ -27,11 +27,11 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
-from .._blas_threads import one_blas_thread
 from .._display import html_table, picture
+from .._lapack import one_blas_thread
 from .._name_suggestions import did_you_mean
 from .._number_text import short_number
-from .._waiting import announced
+from .._progress import announced
 from ..errors import MatchError, ParameterError
 from ._descent import descend
 from ._descent_result import DescentStep, Iteration, make_iteration

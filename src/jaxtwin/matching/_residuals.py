@@ -24,7 +24,7 @@ from jaxtyping import Array, Float, Int
 from .._celsius import ZERO_CELSIUS
 from ..physics import System
 from ..simulation import Drive, Modes, TimeGrid, run_modes, solve_network
-from ._few_modes import few_modes
+from ._native_recordings import few_modes
 from ._objective import MatchObjective, SameShapeBatch
 from ._residual_weights import AnyArray, ResidualWeights, SplitErrors, of_each_recording
 from ._start import OF_THE_RIG, RunStart

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
+from .._statistics import fit_text
 from ._start import replaced_by_recorded_room, room_parameters
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ._autocovariance import AutocorrelatedNoise, ResidualSeries, fit_noise, noise_in_unknowns
-from ._between_recordings import RecordingScore, estimate_heterogeneity
 from ._descent_result import MatchEstimate
+from ._group_values import RecordingScore, estimate_heterogeneity
 from ._loss import influence_variance
 from ._noise_model import Noise, beside_others
 from ._problem import MatchProblem

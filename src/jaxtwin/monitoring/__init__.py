@@ -3,7 +3,7 @@ r"""Monitoring: what has changed in a rig, since when, how much, and how sure th
 `monitor` (`_monitor_recording`) follows a recording with an observer and tests each sample; the
 result, `Monitored`, has the findings. `LiveMonitor` (`_live_monitor`) does the same beside a rig.
 Both run `Monitor` (`_monitor`), one pure step for each sample, and `FindingLog` (`_finding_log`),
-which raises each finding once and lets it clear; `LiveFindings` (`_live_findings`) tells them
+which raises each finding once and lets it clear; `LiveFindings` (`_live_monitor`) tells them
 beside a rig. The tests:
 
 - of innovations (`_innovation_tests`, `_cumulative`): two-sided cumulative sums, a generalised
@@ -17,10 +17,8 @@ beside a rig. The tests:
 The thresholds follow from a mean time between false alarms $T$. `calibrate_monitor` (`_calibrate`)
 looks at the largest values of each statistic in blocks of a minute, in recordings and in
 simulations, and takes the rate above a level $h$ as $r\,e^{-(h-u)/b}$ (`_thresholds`); each of six
-families of statistics gets $5T$. `_run_lengths` has the textbook numbers for independent normal
+families of statistics gets $5T$. There too are the textbook numbers for independent normal
 innovations.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -21,7 +21,7 @@ from ._evidence import joined as joined
 from ._evidence import seen as seen
 from ._finding_log import KINDS as KINDS
 from ._finding_log import events as events
-from ._live_findings import LiveFindings as LiveFindings
+from ._live_monitor import LiveFindings as LiveFindings
 from ._monitor import SETTLE as SETTLE
 from ._monitor import channels_of as channels_of
 from ._monitor_recording import monitored as monitored

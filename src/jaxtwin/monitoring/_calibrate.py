@@ -30,9 +30,8 @@ from ..observers import (
 )
 from ..physics import Twin
 from ._innovation_tests import CLIP
-from ._monitor import SETTLE, Monitor
+from ._monitor import SETTLE, Monitor, evidences_of
 from ._response import Response, response_of
-from ._run import evidences_of
 from ._state_test import parameters_of
 from ._thresholds import (
     DAY,

@@ -1,17 +1,22 @@
-"""The monitor of a rig: tests of what an observer says at each sample."""
+"""The monitor of a rig: tests of what an observer says at each sample, one by one or of a
+recording."""
 
 import math
 from collections.abc import Mapping
 from typing import final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._celsius import ZERO_CELSIUS
-from ..observers import AugmentedModel, ExtendedKalmanFilter
-from ._evidence import Evidence, Evidences, Seen
+from .._compilation import persistent_jit
+from .._jax_settings import own_settings
+from .._padded_rows import first_rows, padded_rows
+from ..observers import AugmentedModel, ExtendedKalmanFilter, Observed
+from ._evidence import Evidence, Evidences, Seen, seen
 from ._innovation_tests import RESET_SCORE, InnovationState, InnovationTests
 from ._response import Response
 from ._state_test import SlowState, StateTest, main_parameters, parameter_spreads, parameters_of
@@ -316,3 +321,33 @@ class Monitor(eqx.Module):
 def channels_of(model: AugmentedModel) -> tuple[str, ...]:
     """The names of the channels that are read."""
     return tuple(model.twin.channels[column] for column in np.asarray(model.columns))
+
+
+# A monitor over all samples of a recording.
+
+
+def evidences_of(monitor: Monitor, observed: Observed) -> Evidences:
+    """What the tests say at each sample of an observed recording, in NumPy."""
+    is_sample = np.asarray(observed.is_sample)
+    states = jax.tree.map(lambda leaf: np.asarray(leaf)[is_sample], observed.filtered.states)
+    expected = np.asarray(observed.filtered.expected)[is_sample]
+    experiment = observed.experiment
+    readings = np.asarray(experiment.temperatures)
+    ambient = np.asarray(observed.samples.ambient)[is_sample]
+    dt = np.diff(observed.time, prepend=observed.time[0])
+    with own_settings():
+        samples = seen(states, expected, readings, ambient, dt)
+        return first_rows(_monitored(monitor, padded_rows(samples)), len(dt))
+
+
+def run(monitor: Monitor, samples: Seen) -> Evidences:
+    """What the tests say at each of several samples, as a function that can be transformed."""
+
+    def take(state: MonitorState, sample: Seen) -> tuple[MonitorState, Evidences]:
+        return monitor.step(state, sample)
+
+    return jax.lax.scan(take, monitor.init(), samples)[1]
+
+
+# The same as a program of its own.
+_monitored = persistent_jit(run)

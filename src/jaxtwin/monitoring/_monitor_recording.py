@@ -9,10 +9,9 @@ from ..matching import Fit
 from ..observers import Observed, ProcessNoise, observe
 from ..physics import Twin
 from ._calibrate import calibration_of_recordings, usual_calibration
-from ._monitor import SETTLE, Monitor, channels_of
+from ._monitor import SETTLE, Monitor, channels_of, evidences_of
 from ._monitored import Monitored
 from ._response import response_of
-from ._run import evidences_of
 from ._thresholds import DAY, MonitorCalibration
 
 # The shortest mean time between false alarms, s: the tails of the statistics begin there.

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from .._display import html_table, picture
 from .._json_values import json_value
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..io import Experiment
 from ..live.safety._interlock import Finding
 from ..observers import Observed

@@ -13,8 +13,8 @@ from ._observe import live_observer as live_observer
 from ._observe import observe as observe
 from ._observed import Observed as Observed
 from ._observer import AbstractObserver as AbstractObserver
-from ._open_loop import OpenLoop as OpenLoop
-from ._open_loop import OpenLoopState as OpenLoopState
+from ._observer import OpenLoop as OpenLoop
+from ._observer import OpenLoopState as OpenLoopState
 from ._process_noise import ProcessNoise as ProcessNoise
 from ._state_bounds import StateBounds as StateBounds
 
@@ -33,8 +33,11 @@ from ._expected_correction import expected_jump as expected_jump
 from ._expected_correction import is_due as is_due
 from ._filter_run import FilterSamples as FilterSamples
 from ._filter_run import filtered as filtered
+from ._filter_run import followed as followed
+from ._filter_run import predicted as predicted
 from ._filter_run import samples_between as samples_between
 from ._filter_run import samples_of as samples_of
+from ._filter_run import started as started
 from ._filter_run import state_moments as state_moments
 from ._forecast import forecast_from as forecast_from
 from ._gaussian import Gaussian as Gaussian
@@ -50,9 +53,6 @@ from ._kalman_filter import MIN_GATE_KELVIN as MIN_GATE_KELVIN
 from ._observe import filter_for as filter_for
 from ._observe import stable_stepper as stable_stepper
 from ._observe import usual_noise as usual_noise
-from ._programs import followed as followed
-from ._programs import predicted as predicted
-from ._programs import started as started
 from ._start import GRID as GRID
 from ._start import READ_SPREAD as READ_SPREAD
 from ._start import REST_SCALE as REST_SCALE

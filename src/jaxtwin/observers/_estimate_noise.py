@@ -27,10 +27,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._arguments import finite_number
-from .._blas_threads import one_blas_thread
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
-from .._waiting import advanced, announced
+from .._lapack import one_blas_thread
+from .._progress import advanced, announced
 from ..errors import ObserverError
 from ..io import Experiment, as_experiments
 from ..matching import Fit, Huber

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._name_suggestions import did_you_mean
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..errors import ObserverError
 from ._augmented_model import AugmentedModel
 from ._uncertain_values import UncertainDirections

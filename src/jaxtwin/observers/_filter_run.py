@@ -1,12 +1,12 @@
-"""Runs a filter over the samples of a recording."""
+"""Runs a filter over the samples of a recording, or step by step beside a rig."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
@@ -17,6 +17,7 @@ from ._augmented_model import Transition
 from ._estimates import Moments, moments
 from ._kalman_filter import ExtendedKalmanFilter, KalmanState
 from ._moving_horizon import MovingHorizonEstimator, MovingHorizonState
+from ._observer import AbstractObserver
 
 # The number of samples for which a program is compiled at least.
 MIN_SAMPLES = 64
@@ -206,3 +207,50 @@ def state_moments(kalman: ExtendedKalmanFilter, state: KalmanState) -> Moments:
     with own_settings():
         several = _moments_of(kalman, jax.tree.map(lambda leaf: np.asarray(leaf)[None], state))
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0], several)
+
+
+# The steps of an observer as programs, for what takes them one by one in Python: the twin beside a
+# rig, and a virtual rig.
+
+State = TypeVar("State")
+
+
+@persistent_jit_unoptimised
+def started(
+    observer: AbstractObserver[State],
+    nodes: Float[ArrayLike, "..."] | None,
+    duty: Float[ArrayLike, " cells"],
+) -> State:
+    """The state at the start; see `AbstractObserver.init`."""
+    return observer.init(nodes, duty)
+
+
+@persistent_jit
+def predicted(
+    observer: AbstractObserver[State],
+    state: State,
+    duty: Float[ArrayLike, " cells"],
+    ambient: Float[ArrayLike, ""],
+    dt: Float[ArrayLike, ""],
+) -> tuple[State, Float[Array, " channels"]]:
+    """The state after a time, and the readings that it lets expect, in one call, because most of
+    the time of a call is spent in Python."""
+    state = observer.predict(state, duty, ambient, dt)
+    return state, observer.readings(state, ambient)
+
+
+@persistent_jit
+def followed(
+    observer: AbstractObserver[State],
+    state: State,
+    duty: Float[ArrayLike, " cells"],
+    ambient: Float[ArrayLike, ""],
+    dt: Float[ArrayLike, ""],
+    readings: Float[ArrayLike, " channels"],
+    mask: Bool[ArrayLike, " channels"],
+) -> tuple[State, Float[Array, " channels"]]:
+    """The state after a time and the readings at its end, and what was expected of them before, in
+    one call too."""
+    state = observer.predict(state, duty, ambient, dt)
+    expected = observer.readings(state, ambient)
+    return observer.update(state, readings, mask, ambient), expected

@@ -13,8 +13,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._display import html_table, picture
 from .._jax_settings import own_settings
-from .._normal_distribution import QUANTILE_975
 from .._padded_rows import first_rows, padded_count
+from .._statistics import QUANTILE_975
 from ._augmented_model import Transition
 from ._estimates import Moment
 from ._filter_run import FilterSamples, samples_between

@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 from .._arguments import of_kind, whole_number
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
-from .._waiting import advanced, announced
+from .._progress import advanced, announced
 from ..errors import ObserverError
 from ..matching import Fit
 from ..matching._descent import descend

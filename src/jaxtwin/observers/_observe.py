@@ -16,12 +16,11 @@ from ..matching import Fit
 from ..physics import System, Twin
 from ..simulation import Stepper, assembled, checked_channels
 from ._augmented_model import AugmentedModel
-from ._filter_run import estimated, filtered, samples_of
+from ._filter_run import estimated, filtered, samples_of, started
 from ._kalman_filter import ExtendedKalmanFilter
 from ._moving_horizon import HORIZON, MovingHorizonEstimator
 from ._observed import Observed
 from ._process_noise import ProcessNoise
-from ._programs import started
 from ._start import first_reading
 from ._state_bounds import StateBounds
 from ._uncertain_values import room_spread, uncertain_directions, uncertainty_of_fit

@@ -5,17 +5,16 @@ the ambient $a$, and the readings are $y = a + \gamma (W x - a)$: both stand in 
 way there a rig becomes a list of nodes and links (`_netlist`), then constant arrays (`_wiring`),
 then numbers for one set of parameter values (`System`). Which file holds what:
 
-- the network: `_assembly` (of the parts), `_plate` (finite volumes or a given circuit), `_placed`
-  (what follows from the places of cells), `_lumping` (nodes that are always equal), `_expressions`
+- the network: `_assembly` (of the parts, with one node for those that are always equal), `_plate`
+  (finite volumes or a given circuit), `_placed` (what follows from the places of cells),
+  `_expressions`
 - heat: `_thermoelectric` (cells, eqs. 7 to 10 of the paper), `_driver` (PWM and bridge),
   `_heat_loss` (films and radiation)
-- what is read: `_sensors` (weights, lags), `_camera` (pixels), `_registration` (where the camera
-  looks, by the edges of the plate in a frame), `_recalibrations`, `_plate_map`
+- what is read: `_sensors` (weights, lags), `_camera` (pixels, recalibrations), `_registration`
+  (where the camera looks, by the edges of the plate in a frame), `_plate_map`
 - inputs besides the duty: `_input_effects`, the links and values that they change
 - the twin: `_twin`, a rig with values
-- faults: `_fault_models`, functions `System -> System`, and `_faults`, when they happen
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
+- faults: `_fault_models`, functions `System -> System`, and when they happen
 """
 
 from .._faces import attach

@@ -8,8 +8,8 @@ from ._driver import CellHeat as CellHeat
 from ._fault_models import FAULT_MODELS as FAULT_MODELS
 from ._fault_models import Fault as Fault
 from ._fault_models import FaultModel as FaultModel
-from ._faults import Faults as Faults
-from ._faults import TimedFault as TimedFault
+from ._fault_models import Faults as Faults
+from ._fault_models import TimedFault as TimedFault
 from ._heat_loss import CALM as CALM
 from ._heat_loss import STEFAN_BOLTZMANN as STEFAN_BOLTZMANN
 from ._netlist import Link as Link
@@ -31,6 +31,8 @@ from ._twin import Twin as Twin
 # isort: split
 # For the other packages of jaxtwin: no part of the public interface.
 
+from ._camera import SHUTTER_SECONDS as SHUTTER_SECONDS
+from ._camera import Recalibrations as Recalibrations
 from ._driver import DUTY_SMOOTHING as DUTY_SMOOTHING
 from ._expressions import Expressions as Expressions
 from ._heat_loss import NonlinearLoss as NonlinearLoss
@@ -41,8 +43,6 @@ from ._netlist import network_text as network_text
 from ._network_layout import network_layout as network_layout
 from ._placed import all_values as all_values
 from ._placed import placed_names as placed_names
-from ._recalibrations import SHUTTER_SECONDS as SHUTTER_SECONDS
-from ._recalibrations import Recalibrations as Recalibrations
 from ._sensors import sensor_name as sensor_name
 from ._system import conductance_entries as conductance_entries
 from ._twin import check_twin as check_twin

@@ -15,11 +15,10 @@ from jaxtyping import Array, Float, Int
 from ..errors import RigError
 from ..rig import Driver, Input, Rig, Value
 from ..rig._plate import AMBIENT
-from ._assembly import build_netlist
+from ._assembly import build_netlist, lump
 from ._expressions import Expressions
 from ._heat_loss import LossPaths
 from ._input_effects import InputWiring
-from ._lumping import lump
 from ._netlist import Netlist
 from ._placed import on_plate_names
 from ._registration import RegisteredZones

@@ -13,9 +13,14 @@ from matplotlib import pyplot
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .._goodness_of_fit import fit_text, mean_fit_percent
-from .._normal_distribution import QUANTILE_975, normal_quantiles
-from .._residual_statistics import autocorrelation, ljung_box
+from .._statistics import (
+    QUANTILE_975,
+    autocorrelation,
+    fit_text,
+    ljung_box,
+    mean_fit_percent,
+    normal_quantiles,
+)
 from ..errors import SimulationError
 from ..matching import Fit
 from ..simulation import Run

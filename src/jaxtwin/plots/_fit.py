@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from .._arguments import names_of, of_kind
-from .._normal_distribution import QUANTILE_975
 from .._number_text import interval_text, short_number
+from .._statistics import QUANTILE_975
 from ..errors import MatchError
 from ..matching import Fit, FitDifference, FittedParameter, Profile, interval_95, solution_of
 from ..rig import Parameter

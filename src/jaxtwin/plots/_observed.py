@@ -5,9 +5,8 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .._normal_distribution import QUANTILE_975, normal_quantiles
 from .._number_text import short_number
-from .._residual_statistics import autocorrelation, partial_autocorrelation
+from .._statistics import QUANTILE_975, autocorrelation, normal_quantiles, partial_autocorrelation
 from ..errors import ObserverError
 from ..observers import Estimate, Observed
 from ._panels import legend_beside, title_aside

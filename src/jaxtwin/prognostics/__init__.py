@@ -6,8 +6,6 @@ straight line over time, on the scale of the match, with a difference of each se
 spread is learned. `health` gives a `Health` (`_health`): for each parameter the trend with its
 standard error, the spread between sessions, and the probability that the trend passes a limit
 within a time.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -6,8 +6,6 @@ beyond that (`_session_match`). Mistakes of the recording (`_mistakes`) and erro
 (`_sensor_errors`) are its rivals. What is held out (`_held_out`) is replayed through both twins,
 and the checks of the gate (`_gate`) decide: promoted, unchanged, rejected, or a person is asked.
 `keep_refit` (`_keep_refit`) writes it into a store of twins.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .._arguments import finite_number, of_kind, whole_number
 from .._display import html_table
 from .._json_values import json_value
-from .._waiting import announced
+from .._progress import announced
 from ..control import AbstractController
 from ..errors import MatchError
 from ..io import Experiment, Recordings, as_experiments

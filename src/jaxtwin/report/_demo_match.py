@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 
-from .._goodness_of_fit import mean_fit_percent
 from .._number_text import interval_text
 from .._progress import Progress
+from .._statistics import mean_fit_percent
 from ..data import synthetic_truth
 from ..matching import Fit, FittedParameter, Iteration, match
 from ..physics import Twin

@@ -11,7 +11,7 @@ from typing import final
 
 import numpy as np
 
-from .._goodness_of_fit import mean_fit_percent
+from .._statistics import mean_fit_percent
 from ..data import synthetic_recordings
 from ..errors import RecordingError
 from ..io import Experiment, find_recordings, read_recording

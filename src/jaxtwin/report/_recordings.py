@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .._goodness_of_fit import fit_text
 from .._number_text import short_number
+from .._statistics import fit_text
 from ..errors import RecordingError
 from ..io import Experiment
 from ..matching import Fit, detect_events

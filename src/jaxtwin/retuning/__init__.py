@@ -6,8 +6,6 @@ door, a lost sensor, twice the delay, faults. `Retuned` (`_retuned`) is the deci
 reason. `retune_champion` and `keep_retuned` (`_pairs`) keep twin and controller as a pair in a
 store of twins. On the rig, `LoopWatch` (`_loop_band`) compares the loop with what the trial
 predicted.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from .._arguments import finite_number, of_kind, whole_number
 from .._jax_settings import own_settings
-from .._waiting import announced
+from .._progress import announced
 from ..control import (
     PEAK_TOLERANCE,
     ROUNDING,

@@ -15,8 +15,6 @@ Which file holds what:
 - parameters and other inputs: `_value`, `_parameter_table`, `_parameter_file`
 - the whole: `_rig`, and `_plate_needed` for what only a plate has
 - writing: `_new_rig` (a first rig file)
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

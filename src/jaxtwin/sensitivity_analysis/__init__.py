@@ -3,14 +3,12 @@
 There are two entries (`_analysis`). `global_sensitivity` simulates the runs that a method
 (`_method`) asks for, and hands it the outputs (`_outputs`) for its estimate. `sensitivity` is the
 analysis of the paper: on the runs of Pearson's method, the correlations of costs and their
-confidence intervals (`_correlation_intervals`). Which file holds what else:
+confidence intervals (`_correlations`). Which file holds what else:
 
-- what is drawn: `_inputs`, `_input_choices`, `_sampling`
+- what is drawn: `_inputs`, `_sampling`
 - the methods: `_sobol`, `_morris`, `_shapley`, `_polynomial_chaos`, `_correlations`,
   `_derivative_based`
 - the results: `_sensitivity`, `_global_sensitivity`
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

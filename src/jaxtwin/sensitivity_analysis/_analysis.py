@@ -13,18 +13,25 @@ from jaxtyping import ArrayLike, Float
 from .._arguments import check_callable, of_kind, whole_number
 from .._executor import Executor, check_executor
 from .._name_suggestions import did_you_mean
-from .._waiting import announced, counting
+from .._progress import announced, counting
 from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit, nominal_twin
 from ..physics import Twin
 from ..simulation import REDUCTIONS, ReductionFunction, Reductions, reduce_batch
-from ._correlation_intervals import pearson, pearson_interval, spearman, spearman_interval
-from ._correlations import PartialRankCorrelation, Pearson, Spearman, StandardisedRegression
+from ._correlations import (
+    PartialRankCorrelation,
+    Pearson,
+    Spearman,
+    StandardisedRegression,
+    pearson,
+    pearson_interval,
+    spearman,
+    spearman_interval,
+)
 from ._derivative_based import DerivativeBased, slopes_of
 from ._global_sensitivity import GlobalSensitivity
-from ._input_choices import InputChoice, rescaled_draws, resolve_inputs
-from ._inputs import Inputs
+from ._inputs import InputChoice, Inputs, rescaled_draws, resolve_inputs
 from ._method import AbstractMethod, indices_of
 from ._morris import Morris, OneAtATime
 from ._outputs import (

@@ -13,7 +13,7 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ._inputs import Inputs
 from ._sampling import SampleKind, unit_samples
 

@@ -12,7 +12,7 @@ from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from .._json_values import json_value
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..observers import (
     Estimate,
     ExtendedKalmanFilter,

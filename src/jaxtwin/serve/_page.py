@@ -11,7 +11,7 @@ from typing import Any, Protocol, final, runtime_checkable
 import numpy as np
 
 from .._celsius import ZERO_CELSIUS
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..live import (
     DISK_BYTES,
     STILL_ON,

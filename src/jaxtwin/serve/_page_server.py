@@ -26,9 +26,8 @@ from ._app import web_app
 from ._champion import Champion, TwinBeside
 from ._desk import Desk
 from ._frame_ring import FrameRing
-from ._live_diagnosis import LiveDiagnosis
-from ._live_refit import LiveRefit
-from ._mqtt_orders import MqttOrders
+from ._live_diagnosis import LiveDiagnosis, LiveRefit
+from ._orders import MqttOrders
 from ._page import Page
 from ._recent_samples import RecentSamples
 from ._rig_loop import RigLoop

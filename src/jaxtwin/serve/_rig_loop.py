@@ -28,14 +28,6 @@ from ..live import (
 )
 from ..monitoring import KINDS
 from ._champion import Champion
-from ._commands import (
-    Command,
-    HeldDuty,
-    HeldReferences,
-    compile_loop,
-    described,
-    plan_of,
-)
 from ._desk import (
     AcknowledgeOrder,
     Answer,
@@ -48,9 +40,17 @@ from ._desk import (
     RollbackOrder,
     RunOrder,
 )
-from ._live_diagnosis import LiveDiagnosis
-from ._live_refit import LiveRefit
-from ._order_in_force import AfterRun, OrderInForce
+from ._live_diagnosis import LiveDiagnosis, LiveRefit
+from ._order_in_force import (
+    AfterRun,
+    Command,
+    HeldDuty,
+    HeldReferences,
+    OrderInForce,
+    compile_loop,
+    described,
+    plan_of,
+)
 from ._page import Page
 
 if TYPE_CHECKING:  # a page whose controller is not tuned does not import it

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from .._normal_distribution import QUANTILE_975
+from .._statistics import QUANTILE_975
 from ..live import Finding, seconds
 from ..monitoring import SETTLE
 from ..observers import Moment

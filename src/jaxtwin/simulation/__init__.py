@@ -4,16 +4,15 @@ The default solver is exponential time differencing in the modes of the thermal 
 grid that is fine after each input change; any diffrax solver can take its place. Which file holds
 what:
 
-- the inputs: `_drive`, `_delay` (the driver's lag and delay), `_initial`, `_time_grid`, `_padding`
-  (few sizes, few compiled programs), `_check_values`
-- the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_step_readings`,
-  `_interpolation` (samples inside a step), `_resolution`, `_refinement` (were the steps short
-  enough?)
-- inputs besides the duty: `_input_levels`, `_input_rates` (how fast a rig answers to each),
-  `_held_inputs` (steps that contain several changes)
+- the inputs: `_drive` (with the driver's lag and delay), `_initial`, `_time_grid` (few sizes, few
+  compiled programs), `_check_values`
+- the default solver: `_modes`, `_exponential` (a step), `_integrate` (all steps), `_interpolation`
+  (samples inside a step), `_refinement` (were the steps short enough?)
+- inputs besides the duty: `_input_levels` (and how fast a rig answers to each), `_held_inputs`
+  (steps that contain several changes)
 - large plates: `_reduced_modes`, the few modes that the drive reaches; `_grid_convergence`, the
   grid by the accuracy wanted
-- one run: `_simulate`, `_run` (its result), `_power`, `_exceeded_limits`
+- one run: `_simulate`, `_run` (its result), `_power`
 - many draws: `_simulate_batch`, `_draw_solver`,
   `_chunk_programs`, `_compressed`, `_reductions` (what is kept), `_draw_units` and `_workers`
   (cores, accelerators, clusters)
@@ -27,8 +26,6 @@ what:
   `_rodas5p` (a solver for any stiff equations, with `_rosenbrock_step`)
 - a million draws and more on an accelerator: `_numbered_chunk` (by Rodas5P),
   `_numbered_network` (the equations as single numbers)
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -36,11 +36,11 @@ from ._time_grid import time_grid as time_grid
 
 from ._check_values import check_draw as check_draw
 from ._check_values import check_values as check_values
+from ._check_values import exceeded_limits as exceeded_limits
 from ._check_values import valid_draws as valid_draws
-from ._delay import checked_longest_delay as checked_longest_delay
-from ._delay import draws_change_delay as draws_change_delay
-from ._delay import lagged_duty as lagged_duty
-from ._exceeded_limits import exceeded_limits as exceeded_limits
+from ._drive import checked_longest_delay as checked_longest_delay
+from ._drive import draws_change_delay as draws_change_delay
+from ._drive import lagged_duty as lagged_duty
 from ._exponential import StepInputs as StepInputs
 from ._exponential import step_factors as step_factors
 from ._exponential import vanishing as vanishing
@@ -59,7 +59,6 @@ from ._modes import side_nodes as side_nodes
 from ._native_chunk import NativeRun as NativeRun
 from ._native_chunk import native_run as native_run
 from ._native_library import native_state as native_state
-from ._padding import padded_time_grid as padded_time_grid
 from ._power import SupplyPower as SupplyPower
 from ._power import power_of_states as power_of_states
 from ._reductions import Reduction as Reduction
@@ -82,10 +81,11 @@ from ._step_preparation import is_multiple as is_multiple
 from ._stepper import ModalState as ModalState
 from ._stepper import advance as advance
 from ._stepper import assembled as assembled
+from ._stepper import linear_step as linear_step
 from ._stepper import losses as losses
 from ._stepper import node_temperatures as node_temperatures
 from ._stepper import to_modal as to_modal
-from ._variable_step import linear_step as linear_step
-from ._variable_step import variable_step as variable_step
+from ._stepper import variable_step as variable_step
+from ._time_grid import padded_time_grid as padded_time_grid
 from ._workers import is_accelerated as is_accelerated
 from ._workers import work_in_chunks as work_in_chunks

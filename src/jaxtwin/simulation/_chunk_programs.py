@@ -19,8 +19,7 @@ from .._compilation import persistent_jit
 from .._jax_settings import in_precision
 from ..physics import System, Twin
 from ._compressed import CompressedRecording
-from ._delay import delayed_time_grid
-from ._drive import Drive
+from ._drive import Drive, delayed_time_grid
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
 from ._modes import Modes, run_modes

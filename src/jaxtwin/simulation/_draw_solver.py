@@ -26,7 +26,7 @@ from ._chunk_programs import (
     step_chunk,
 )
 from ._compressed import CompressedRecording, compress
-from ._delay import delayed_time_grid, draws_change_delay
+from ._drive import delayed_time_grid, draws_change_delay
 from ._initial import CheckedInitial
 from ._native_chunk import (
     NATIVE_CHUNK,
@@ -37,10 +37,9 @@ from ._native_chunk import (
     native_run,
 )
 from ._numbered_chunk import numbered_chunk_size, numbered_grid, prepare_numbered, step_numbered
-from ._padding import padded_time_grid
 from ._reductions import BatchReadings, Reduction, reduce_readings
 from ._refinement import Results, needs_shorter_steps
-from ._time_grid import TimeGrid
+from ._time_grid import TimeGrid, padded_time_grid
 from ._workers import fill_in_chunks, is_accelerated, usual_chunk_size, work_in_chunks
 
 if TYPE_CHECKING:

@@ -19,11 +19,11 @@ from ..io import Experiment
 from ..physics import Twin, wiring_of
 from ._compressed import CompressedRecording
 from ._initial import CheckedInitial, keeps_symmetry
-from ._input_rates import input_rates
+from ._input_levels import input_rates
+from ._modes import MAX_SPAN
 from ._native_library import native_library
 from ._native_network import Outputs, native_network, pack_draws
 from ._native_steps import POWERS, NativeSteps, commanded_steps, shared_delay
-from ._resolution import MAX_SPAN
 from ._time_grid import TimeGrid, longest_lateness
 
 # The largest error estimate of a solution that is accepted, K. Around the bundled rigs all are

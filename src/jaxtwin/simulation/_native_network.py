@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
-from .._sparse_lu import SparseLU
+from .._sparse import SparseLU
 from ..physics import CALM, DUTY_SMOOTHING, STEFAN_BOLTZMANN, System, Twin, Wiring
 from ..rig import FILM_REFERENCE
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry

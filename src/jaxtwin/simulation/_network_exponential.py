@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics import Conditions, System
-from ._delay import lagged_duty
+from ._drive import lagged_duty
 from ._exponential import ModalField, StepFactors, StepInputs, exponential_step, step_factors
 from ._modes import Modes, network_modes
 

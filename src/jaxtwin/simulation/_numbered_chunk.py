@@ -18,23 +18,24 @@ from jaxtyping import Array, Float, Int
 from .._compilation import persistent_jit
 from .._jax_settings import in_precision
 from .._padded_rows import padded_count
-from .._sparse_lu import SparseLU
+from .._sparse import SparseLU
 from ..io import Experiment
 from ..physics import Twin
 from ._chunk_programs import Precision, Prepared, Stepped
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
+from ._integrate import StepReadings, largest
+from ._modes import MAX_SPAN, network_span
 from ._numbered_network import NumberedNetwork, Numbers
-from ._padding import SIZES, with_padding
-from ._resolution import MAX_SPAN, network_span
 from ._rosenbrock_step import NODES, added, rosenbrock_step, step_matrix
-from ._step_readings import StepReadings, largest
 from ._time_grid import (
+    SIZES,
     InputSummary,
     StepRule,
     TimeGrid,
     build_time_grid,
     reference_temperature,
     settling_after_reversals,
+    with_padding,
 )
 
 # Integrates many draws of a network by Rodas5P, every number of a draw an array over the draws.

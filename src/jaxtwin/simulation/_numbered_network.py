@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._jax_settings import in_precision
-from .._sparse_lu import Entry, SparseLU
+from .._sparse import Entry, SparseLU
 from ..physics import Bridge, NonlinearLoss, System, ThermoelectricModule, Wiring
 
 Numbers = list[Float[Array, "*draws"]]

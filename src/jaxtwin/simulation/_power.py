@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from .._compilation import persistent_jit
 from ..physics import System, Twin
-from ._delay import lagged_duty
+from ._drive import lagged_duty
 
 # The rounding of times by which a command may seem to arrive late, s.
 TIME_TOLERANCE_SECONDS = 1e-9

@@ -29,9 +29,16 @@ from ..physics import System, Twin, conductance_entries
 from ._drive import Drive
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, integrate
-from ._modes import Linearisation, Modes, linearise, loss_shapes, operating_point, side_nodes
+from ._modes import (
+    MAX_SPAN,
+    Linearisation,
+    Modes,
+    linearise,
+    loss_shapes,
+    operating_point,
+    side_nodes,
+)
 from ._refinement import stability_number
-from ._resolution import MAX_SPAN
 from ._time_grid import TimeGrid, reference_temperature
 
 # The number of rates at which responses are computed, without that at rest; and the largest, 1/s.

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from ..physics import System
-from ._modes import Modes, heat_slope
-from ._resolution import MAX_SPAN, network_span, spanned
+from ._modes import MAX_SPAN, Modes, heat_slope, network_span, spanned
 from ._time_grid import InputSummary, reference_temperature
 
 # The largest `stability_number` of steps that are short enough.

@@ -11,8 +11,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .._sparse_jacobian import sparse_jacobian
-from .._sparse_lu import SparseLU
+from .._sparse import SparseLU, sparse_jacobian
 from ._rosenbrock_step import DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME, step_matrix
 
 RealScalarLike: TypeAlias = float | int | Float[Array | np.ndarray, ""]

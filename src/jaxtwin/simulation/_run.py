@@ -12,15 +12,15 @@ from jaxtyping import Float
 from .._arguments import finite_number, whole_number
 from .._celsius import ZERO_CELSIUS
 from .._display import html_table, picture
-from .._goodness_of_fit import fit_percent, fit_text, rmse
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean, unknown_name
 from .._padded_rows import padded
+from .._statistics import fit_percent, fit_text, rmse
 from .._whole_file import check_ending
 from ..errors import RecordingError, SimulationError
 from ..io import Experiment
 from ..physics import Twin
-from ._exceeded_limits import exceeded_limits
+from ._check_values import exceeded_limits
 from ._input_levels import input_levels
 from ._power import SupplyPower, power_of_states
 

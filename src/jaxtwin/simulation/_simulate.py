@@ -12,7 +12,7 @@ from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
-from .._waiting import announced
+from .._progress import announced
 from ..errors import SimulationError
 from ..io import EXPERIMENT, Experiment, check_duty_of_rig, of_rig
 from ..physics import Twin, check_twin, wiring_of
@@ -20,12 +20,10 @@ from ._check_values import check_values
 from ._drive import Drive
 from ._initial import CheckedInitial, Initial, checked_initial, initial_temperatures, keeps_symmetry
 from ._integrate import integrate
-from ._modes import run_modes
-from ._padding import padded_time_grid
+from ._modes import run_modes, unresolved_network
 from ._refinement import Results, needs_shorter_steps, solve_refined, stability_number
-from ._resolution import unresolved_network
 from ._run import Run
-from ._time_grid import TimeGrid
+from ._time_grid import TimeGrid, padded_time_grid
 
 if TYPE_CHECKING:
     import diffrax

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .._arguments import check_callable, mapping_of, whole_number
 from .._executor import Executor, check_executor
 from .._name_suggestions import did_you_mean
-from .._waiting import announced, counting
+from .._progress import announced, counting
 from ..errors import JaxtwinError, ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import Twin

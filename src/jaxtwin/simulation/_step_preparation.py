@@ -12,7 +12,7 @@ from .._compilation import persistent_jit_unoptimised
 from .._jax_settings import is_traced
 from ..errors import SimulationError
 from ..physics import System
-from ._delay import checked_longest_delay
+from ._drive import checked_longest_delay
 from ._exponential import ModalField, StepFactors, step_factors
 from ._modes import LossShapes, Modes, network_modes
 from ._refinement import STABILITY_LIMIT, remainder_gain

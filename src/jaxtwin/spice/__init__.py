@@ -1,7 +1,4 @@
-"""SPICE: a twin in an experiment as a netlist that another simulator runs.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
-"""
+"""SPICE: a twin in an experiment as a netlist that another simulator runs."""
 
 from .._faces import attach
 

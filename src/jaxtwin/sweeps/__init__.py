@@ -3,8 +3,6 @@
 `_sweep` is the entry: it reports its progress, makes the plan (`_plan`), whose draws a seed
 determines, and hands chunks to this process or to a cluster. A chunk that the store
 (`_store`) marks as done is complete; results are read when they are used.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

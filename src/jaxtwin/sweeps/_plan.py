@@ -14,7 +14,7 @@ from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
 from ..physics import Twin
-from ..sensitivity_analysis._input_choices import central_values, rescaled_draws
+from ..sensitivity_analysis._inputs import central_values, rescaled_draws
 from ..sensitivity_analysis._outputs import distinct_names, paired_twins
 from ..sensitivity_analysis._sampling import checked_seed, checked_spread, normal_draws
 from ..simulation import (

@@ -15,7 +15,7 @@ from jaxtyping import Shaped
 from .._arguments import check_callable, path_of
 from .._display import html_table, picture
 from .._executor import Executor, check_executor, work_in_units
-from .._waiting import silent
+from .._progress import silent
 from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit

@@ -19,9 +19,8 @@ from ..io import Experiment
 from ..matching import Fit, fit_text, solution_of
 from ..observers import ProcessNoise
 from ..rig import parse_toml
-from ._diff import VersionDiff, diff_versions
 from ._schema import has_controllers, make_controllers, make_tables
-from ._version import AliasMove, TwinVersion
+from ._version import AliasMove, TwinVersion, VersionDiff, diff_versions
 
 CHAMPION, CHALLENGER, PREVIOUS = "champion", "challenger", "previous"
 """The aliases of the twin in use, of one that waits for a decision, and of the champion before."""

@@ -2,8 +2,6 @@
 
 `_validate` predicts another recording, the rest of one, or a group that was left out, and returns a
 `Validation` (`_validation`), which tests whether what is left is only noise.
-
-The public names stand in `__init__.pyi` and are imported when they are first used.
 """
 
 from .._faces import attach

@@ -1,5 +1,5 @@
-"""Predictions of data that a match has not seen: another recording, the rest of a recording, or
-each recording or group of recordings in turn."""
+"""Predictions of data that a match has not seen: another recording, the rest of a recording (also
+as an observer expects it), or each recording or group of recordings in turn."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._arguments import check_callable, finite_number, names_of, of_kind
-from .._waiting import announced
+from .._progress import announced
 from ..errors import MatchError
 from ..io import Experiment, Recordings, as_experiments
 from ..matching import (
@@ -24,15 +24,64 @@ from ..matching import (
     match,
     named_recordings,
 )
-from ..matching._band import UncertainValues, band_about, values_of_matched, values_of_unseen
+from ..matching._band import LEVEL, UncertainValues, band_about, values_of_matched, values_of_unseen
 from ..matching._match_group import NEW_GROUP, check_given, match_first_part, match_group
 from ..matching._nominal_twin import nominal_twin
 from ..matching._recordings import divided, named_groups
 from ..observers import ProcessNoise
 from ..physics import Twin
-from ..simulation import Initial, prepare_simulation, simulate
-from ._forecast_rest import forecast_rest
+from ..simulation import Initial, Run, prepare_simulation, simulate
 from ._validation import Prediction, Validation
+
+# The rest of a recording, as an observer that has followed its first part expects it.
+
+
+def forecast_rest(
+    name: str, fit: Fit, recording: Experiment, start: float, noise: ProcessNoise
+) -> Prediction:
+    """Predicts a recording from a time on.
+
+    The observer follows a recording whose readings from this time on are missing, so that all that
+    it expects of them is a forecast. Its band contains the error of the twin itself beside that of
+    its values.
+
+    **Arguments:**
+
+    - `name`: the name of the recording.
+    - `recording`: the whole recording, with the name of its group.
+    - `start`: the time, s.
+    - `noise`: the noise of rig and readings.
+    """
+    # A validation without an observer does not wait for its import.
+    from ..observers import observe
+
+    assert recording.temperatures is not None
+    is_given = recording.time < start
+    readings = np.where(is_given[:, None], recording.temperatures, np.nan)
+    observed = observe(fit, replace(recording, temperatures=readings), noise)
+    twin, expected, estimates = observed.observer.model.twin, observed.expected, observed.estimates
+    run = Run(
+        experiment=recording,
+        channels=observed.channels,
+        temperatures=expected.mean,
+        nodes=estimates.nodes,
+        states=np.asarray(estimates.moments.nodes.mean),
+        rig=twin.rig.name,
+        elements=len(twin.rig.plate.element_names),
+    )
+    band = Band(run, expected.lower, expected.upper, LEVEL).between(start)
+    last = np.flatnonzero(is_given)[-1]
+    table = twin.rig.parameters
+    values = {
+        name: float(parameter.mean[last])
+        for name, parameter in estimates.parameters.items()
+        if table[name].scope != "shared"
+    }
+    is_matched = recording.fingerprint in fit.fingerprints
+    return Prediction(
+        name, band.run, twin, values, (), None, is_matched, make_band=lambda: band
+    )  # fmt: skip
+
 
 # The smallest number of samples of each channel in a predicted part.
 MIN_SAMPLES = 30

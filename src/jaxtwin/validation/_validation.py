@@ -11,9 +11,8 @@ from jaxtyping import Float
 
 from .._by_recording import ByRecording
 from .._display import html_table, picture
-from .._goodness_of_fit import fit_text, mean_fit_percent
 from .._json_values import json_value
-from .._residual_statistics import about_mean, ljung_box
+from .._statistics import about_mean, fit_text, ljung_box, mean_fit_percent
 from ..matching import Band, Fit, estimate_noise
 from ..matching._recording_notes import recording_notes
 from ..physics import Twin

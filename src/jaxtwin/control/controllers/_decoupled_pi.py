@@ -24,14 +24,17 @@ from ...errors import ControlError
 from ._controller import (
     AbstractController,
     DutyLimits,
+    Law,
     Numbers,
+    bundled_law,
     check_non_negative,
     checked_measured,
     checked_sample_time,
+    of_cells,
+    parameter_text,
 )
 from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents, numbers
 from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
-from ._law import Law, bundled_law, of_cells, parameter_text
 from ._pid import INTEGRAL, PROPORTIONAL, WEIGHT, Parameter, as_parameter, tracking_share
 
 

@@ -1,4 +1,5 @@
-r"""A steady-state Kalman filter that also estimates disturbances of the plant.
+r"""A steady-state Kalman filter that also estimates disturbances of the plant, and the observer of
+a twin in its place.
 
 It is the filter of `jaxtwin.observers` for a plant that is linear, when its covariance has come to
 rest: correction and prediction are then products with fixed matrices.
@@ -15,15 +16,19 @@ disturbance models without offset).
 """
 
 from abc import abstractmethod
-from typing import final
+from typing import NamedTuple, final
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from ..._arguments import of_kind
+from ...errors import ControlError
+from ...observers import ExtendedKalmanFilter, MovingHorizonEstimator, MovingHorizonState
 from ..linear._riccati import filter_gain
-from ._law import Table
+from ._controller import Table
 from ._plant import DesignPlant, Temperatures, checked_plant
 
 
@@ -182,3 +187,175 @@ def kalman_filter(
         by_duty=np.vstack([plant.rest_states, np.zeros((unknown, cells))]),
         by_reading=by_disturbance @ np.linalg.pinv(C @ by_disturbance),
     )
+
+
+# What an observer of a nonlinear twin knows, for the Kalman filter of a linear plant.
+#
+# The observer estimates the temperatures of all nodes, from which the first states $x$ of the plant
+# follow by its projection; the others are commands on their way. What the twin does in the next
+# sample beyond the plant under the same duty is known to it: heat that the observer has found, a
+# room that is not that of the operating point, values of the twin that have drifted, and what is
+# not linear. With $x^+$ the projection of the observer's own prediction,
+#
+# $$d = C (I - A)^{-1} (x^+ - A x - B u)$$
+#
+# is what it changes of the outputs at rest, K. It is an input of the filter, and a part of the
+# disturbance under which a controller plans. The filter estimates the rest from the outputs, and so
+# there is no offset, whatever the errors of observer and plant. A regulator on the observer's
+# states alone has one: a lasting innovation, such as of heat that the observer takes for an error
+# of the camera, moves its states at every sample and never its prediction.
+
+# An observer of a twin that knows what the twin does next.
+TwinObserver = ExtendedKalmanFilter | MovingHorizonEstimator
+
+
+class TwinEstimate(NamedTuple):
+    """The state of a `TwinEstimator`.
+
+    - `twin`: the state of the observer. `plant`: that of the Kalman filter.
+    - `duty`: the last duty, as a deviation from the operating point.
+    - `known`: what the twin does beyond the plant, as a change of the outputs at rest, K.
+    """
+
+    twin: PyTree
+    plant: Float[Array, " state"]
+    duty: Float[Array, " cell"]
+    known: Float[Array, " disturbance"]
+
+
+@final
+class TwinEstimator(AbstractEstimator):
+    """Estimates the states of a plant by its Kalman filter, which knows from an observer of the
+    twin what the plant lacks. Its readings are those of the filter, and all channels and the room,
+    degC; NaN for a room that is not measured.
+
+    **Arguments:**
+
+    - `observer`: the observer, from `jaxtwin.observers.live_observer`, or a moving-horizon
+      estimator with it.
+    - `plant`: the plant of the controller. `kalman`: its Kalman filter.
+
+    **Raises:** `ControlError` if the plant does not know the nodes of its rig, or the observer is
+    none, is of another rig or does not read all channels.
+    """
+
+    observer: TwinObserver
+    kalman: KalmanFilter
+    duty: Float[Array | np.ndarray, " cell"]
+    projection: Float[Array | np.ndarray, "first node"]
+    nodes: Float[Array | np.ndarray, " node"]
+    """The temperatures at the operating point, degC."""
+    to_disturbance: Float[Array | np.ndarray, "disturbance first"]
+    disturbed: Float[Array | np.ndarray, "cell disturbance"]
+    sample_time_s: float = eqx.field(static=True)
+    parts: int = eqx.field(static=True)
+    """The number of steps of the observer in a sample."""
+
+    def __init__(
+        self, where: str, observer: TwinObserver, plant: DesignPlant, kalman: KalmanFilter
+    ):
+        expected = "an observer of the rig, such as jaxtwin.observers.live_observer(twin)"
+        kinds = ExtendedKalmanFilter, MovingHorizonEstimator
+        of_kind(f"{where}: observer", observer, kinds, expected, ControlError)
+        check_observer(where, observer, plant.rig)
+        if plant.projection is None:
+            raise ControlError(
+                f"{where}: observer: expected none beside a model that was not made by linearize, "
+                "because nothing says how its states follow from the temperatures of the rig"
+            )
+        self.observer, self.kalman = observer, kalman
+        self.duty, self.disturbed = plant.duty, plant.disturbed
+        self.projection, self.nodes = plant.projection
+        at_rest = plant.read @ np.linalg.inv(np.eye(len(plant.A)) - plant.A)
+        explained = np.linalg.pinv(plant.read @ plant.rest_states @ plant.disturbed)
+        self.to_disturbance = explained @ at_rest[:, : len(self.projection)]
+        self.sample_time_s = plant.sample_time_s
+        self.parts = max(1, int(np.ceil(plant.sample_time_s / observer.longest_seconds - 1e-9)))
+
+    def init(self, duty: Float[Array, " cell"], readings: Float[Array, " reading"]) -> TwinEstimate:
+        """The estimate with the plant at rest under the duty."""
+        read, channels, _ = self._parts(readings)
+        twin = self.observer.init(jnp.mean(channels), duty + self.duty)
+        plant = self.kalman.init(duty, read)
+        return TwinEstimate(twin, plant, duty, jnp.zeros(self.disturbed.shape[1], plant.dtype))
+
+    def update(self, estimate: TwinEstimate, readings: Float[Array, " reading"]) -> TwinEstimate:
+        """The estimate that the readings leave."""
+        read, channels, room = self._parts(readings)
+        twin = self.observer.update(estimate.twin, channels, jnp.isfinite(channels), room)
+        latest = twin.latest if isinstance(twin, MovingHorizonState) else twin
+        # The outputs are means of channels: one that cannot be spoils them.
+        spoilt = latest.is_rejected.any()
+        corrected = self.kalman.update(estimate.plant, read)
+        plant = jnp.where(spoilt, estimate.plant, corrected)
+        first = self._first(twin)
+        # The commands on their way are known to the filter.
+        states = plant.at[: len(first)].set(first).at[-len(estimate.known) :].set(0.0)
+        planned = self.kalman.predict(states, estimate.duty)[: len(first)]
+        missed = self._first(self._later(twin, room, estimate.duty)) - planned
+        known = jnp.asarray(self.to_disturbance) @ missed
+        return TwinEstimate(twin, plant, estimate.duty, known)
+
+    def states(self, estimate: TwinEstimate) -> Float[Array, " state"]:
+        """The states of the plant, and the disturbance: what is known and what is found."""
+        return estimate.plant.at[-len(estimate.known) :].add(estimate.known)
+
+    def predict(self, estimate: TwinEstimate, duty: Float[Array, " cell"]) -> TwinEstimate:
+        """The estimate of the next sample."""
+        twin = self.observer.predict(estimate.twin, duty + self.duty, jnp.nan, self.sample_time_s)
+        known = jnp.asarray(self.disturbed) @ estimate.known
+        plant = self.kalman.predict(estimate.plant, duty + known)
+        return estimate._replace(twin=twin, plant=plant, duty=duty)
+
+    def _parts(
+        self, readings: Float[Array, " reading"]
+    ) -> tuple[Float[Array, " read"], Float[Array, " channels"], Float[Array, ""]]:
+        """What the filter reads, the channels, and the room."""
+        count = len(self.kalman.C)
+        return readings[:count], readings[count:-1], readings[-1]
+
+    def _first(self, twin: PyTree) -> Float[Array, " first"]:
+        """The states of the plant that follow from the temperatures of the nodes."""
+        return jnp.asarray(self.projection) @ (self.observer.nodes(twin) - self.nodes)
+
+    def _later(self, twin: PyTree, room: Float[Array, ""], duty: Float[Array, " cell"]) -> PyTree:
+        """The mean a sample later. A measured room is taken as it is: the observer's own follows
+        it slowly, and an error of the sensor moves the duty little."""
+        step, command = self.sample_time_s / self.parts, duty + self.duty
+        return jax.lax.fori_loop(
+            0,
+            self.parts,
+            lambda _, s: self.observer.predict_mean(s, command, step),
+            self.observer.with_room_temperature(twin, room),
+        )
+
+
+def check_observer(where: str, observer: TwinObserver, rig: str) -> None:
+    """Refuses an observer of another rig, or of some of its channels.
+
+    **Raises:** `ControlError`.
+    """
+    twin, columns = observer.model.twin, list(np.asarray(observer.model.columns))
+    if twin.rig.name != rig:
+        raise ControlError(
+            f"{where}: observer: expected one of {rig or 'the rig of the model'}, got one of "
+            f"{twin.rig.name}"
+        )
+    if columns != list(range(len(twin.channels))):
+        raise ControlError(
+            f"{where}: observer: expected one that reads all {len(twin.channels)} channels of "
+            f"{rig}, such as jaxtwin.observers.live_observer(twin), got one that reads "
+            f"{len(columns)}"
+        )
+
+
+def refuse_observed(where: str, observed: TwinEstimator | None) -> None:
+    """Refuses a controller with an observer where its numbers are to be written.
+
+    **Raises:** `ControlError`.
+    """
+    if observed is not None:
+        raise ControlError(
+            f"{where}: expected one without an observer, because a file has no nonlinear twin; "
+            "design it with observer=None, and it has the Kalman filter of its linear model"
+        )

@@ -25,10 +25,15 @@ from ..linear._riccati import regulator
 from ._controller import (
     AbstractController,
     DutyLimits,
+    Law,
     Numbers,
+    bundled_law,
+    check_designed_cells,
     check_non_negative,
     checked_deviations,
     checked_measured,
+    of_cells,
+    parameter_text,
     with_values,
 )
 from ._controller_fields import (
@@ -52,11 +57,18 @@ from ._file_model import (
     read_model,
     read_table,
 )
-from ._kalman import AbstractEstimator, KalmanFilter, kalman_filter, kalman_tables, plant_of_filter
-from ._law import Law, bundled_law, check_designed_cells, of_cells, parameter_text
+from ._kalman import (
+    AbstractEstimator,
+    KalmanFilter,
+    TwinEstimator,
+    TwinObserver,
+    kalman_filter,
+    kalman_tables,
+    plant_of_filter,
+    refuse_observed,
+)
 from ._pid import WEIGHT, Parameter, as_parameter
 from ._plant import DesignPlant, Temperatures, check_designed_for, plant_of
-from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 # The gains of an LQI in its file.
 GAINS = {

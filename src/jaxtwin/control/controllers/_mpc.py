@@ -36,20 +36,10 @@ from ..._arguments import names_of, true_or_false, whole_number
 from ..._quadratic_program import QuadraticProgram, minimised
 from ...errors import ControlError
 from ..linear._discrete_model import DiscreteModel
-from ._condensed_program import (
-    Condensed,
-    Deviations,
-    EvenPoints,
-    SoftLimits,
-    WatchedChannels,
-    condense,
-    even_points,
-    predict,
-    soft_limits,
-)
 from ._controller import (
     AbstractController,
     DutyLimits,
+    Law,
     Numbers,
     TemperatureLimit,
     checked_deviations,
@@ -63,16 +53,43 @@ from ._controller_fields import (
     FileContents,
 )
 from ._duty_limits import GivenLimits, checked_limits
-from ._evenness import AbstractEvennessCost
 from ._file_model import (
     MODEL_FIELDS,
     designed,
 )
-from ._kalman import AbstractEstimator, KalmanFilter, error_gain, kalman_filter, plant_of_filter
-from ._law import Law
+from ._kalman import (
+    AbstractEstimator,
+    KalmanFilter,
+    TwinEstimator,
+    TwinObserver,
+    error_gain,
+    kalman_filter,
+    plant_of_filter,
+    refuse_observed,
+)
 from ._mpc_file import mpc_contents, mpc_lines
 from ._mpc_law import mpc_law
-from ._mpc_limits import (
+from ._mpc_programs import (
+    ROOM_ON_THE_WAY,
+    AbstractEvennessCost,
+    Condensed,
+    Deviations,
+    EvenPoints,
+    Limits,
+    Rest,
+    SoftLimits,
+    SoftTemperatures,
+    WatchedChannels,
+    condense,
+    even_points,
+    plan_program,
+    predict,
+    rest_program,
+    soft_limits,
+)
+from ._plant import DesignPlant, Temperatures, plant_of
+from ._predictive_controller import (
+    AbstractPredictiveController,
     accepted_excesses,
     channels_of,
     check_horizon,
@@ -82,17 +99,6 @@ from ._mpc_limits import (
     checked_rate,
     checked_temperature_limits,
 )
-from ._mpc_programs import (
-    ROOM_ON_THE_WAY,
-    Limits,
-    Rest,
-    SoftTemperatures,
-    plan_program,
-    rest_program,
-)
-from ._plant import DesignPlant, Temperatures, plant_of
-from ._predictive_controller import AbstractPredictiveController
-from ._twin_estimator import TwinEstimator, TwinObserver, refuse_observed
 
 # How fast the allowance follows, relative to the slowest pole of the model. While a plate warms up,
 # what is not linear in it looks like a disturbance that will be over at rest.

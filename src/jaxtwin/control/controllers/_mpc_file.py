@@ -8,10 +8,8 @@ from jaxtyping import Float
 
 from ..._name_suggestions import did_you_mean, unknown_name
 from ...rig import Kind
-from ._condensed_program import Deviations, WatchedChannels
 from ._controller import AbstractController
 from ._controller_fields import FileContents, Refuse, as_matrix, as_quantity, matrix, quantity
-from ._evenness import EVENNESS_COSTS, AbstractEvennessCost
 from ._file_model import (
     NOT_EVEN,
     PER_STATE,
@@ -29,6 +27,7 @@ from ._file_model import (
     temperature_limits,
     temperatures_of,
 )
+from ._mpc_programs import EVENNESS_COSTS, AbstractEvennessCost, Deviations, WatchedChannels
 from ._plant import Temperatures
 
 if TYPE_CHECKING:

@@ -7,16 +7,25 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
-from ._condensed_program import Condensed, Deviations, WatchedChannels, rest_cost
-from ._controller import TemperatureLimit
+from ._controller import (
+    Law,
+    Table,
+    TemperatureLimit,
+    bundled_law,
+    check_designed_cells,
+    parameter_text,
+)
 from ._kalman import kalman_tables
-from ._law import Law, Table, bundled_law, check_designed_cells, parameter_text
 from ._mpc_programs import (
     EVENNESS_WEIGHT,
     MAX_BAND,
     MIN_BAND,
     ROOM_ON_THE_WAY,
+    Condensed,
+    Deviations,
     SoftTemperatures,
+    WatchedChannels,
+    rest_cost,
     squares_at_rest,
 )
 

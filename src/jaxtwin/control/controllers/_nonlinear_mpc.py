@@ -38,9 +38,9 @@ from ...matching import Fit, nominal_twin
 from ...physics import Twin
 from ...simulation import Stepper
 from ..linear._linearize import linearize
-from ._condensed_program import Condensed, SoftLimits
 from ._controller import (
     DutyLimits,
+    Law,
     Numbers,
     TemperatureLimit,
     checked_deviations,
@@ -50,14 +50,7 @@ from ._controller import (
 )
 from ._duty_limits import GivenLimits, bounds_of, checked_limits, limits_of_rig
 from ._kalman import KalmanFilter, error_gain, kalman_filter
-from ._law import Law
-from ._mpc_limits import (
-    accepted_excesses,
-    checked_control_horizon,
-    checked_rate,
-    checked_temperature_limits,
-)
-from ._mpc_programs import Rest, SoftTemperatures, plan_program
+from ._mpc_programs import Condensed, Rest, SoftLimits, SoftTemperatures, plan_program
 from ._multiple_shooting import (
     CondensedPath,
     ShootingPath,
@@ -67,7 +60,13 @@ from ._multiple_shooting import (
     condensed_path,
 )
 from ._plant import plant_of
-from ._predictive_controller import AbstractPredictiveController
+from ._predictive_controller import (
+    AbstractPredictiveController,
+    accepted_excesses,
+    checked_control_horizon,
+    checked_rate,
+    checked_temperature_limits,
+)
 
 # The longest step of the prediction, s: its errors are below a millikelvin on `dual-cell`.
 MAX_STEP = 2.0

@@ -36,15 +36,18 @@ from ...errors import ControlError
 from ._controller import (
     AbstractController,
     DutyLimits,
+    Law,
     Numbers,
+    bundled_law,
     check_non_negative,
     checked_measured,
     checked_sample_time,
+    of_cells,
     parameter_names,
+    parameter_text,
 )
 from ._controller_fields import OWN, ControllerField, FileContents
 from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
-from ._law import Law, bundled_law, of_cells, parameter_text
 
 PROPORTIONAL = ControllerField("a gain", "1/K", "0.1 1/K", "zero", is_required=True)
 INTEGRAL = ControllerField("a gain", "1/(K s)", "0.002 1/(K s)", "zero")

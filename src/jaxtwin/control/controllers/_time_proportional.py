@@ -25,9 +25,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 from ..._arguments import finite_number, of_kind
 from ...errors import ControlError
 from ...rig import Rig
-from ._controller import AbstractController, TemperatureLimit
+from ._controller import AbstractController, Law, TemperatureLimit, bundled_law
 from ._controller_fields import REQUIRED_OWN, ControllerField, FileContents, field_arguments
-from ._law import Law, bundled_law
 
 # Of two on times that are as near as this, in samples, the shorter one is taken, in Python as in C,
 # where numbers differ by rounding.

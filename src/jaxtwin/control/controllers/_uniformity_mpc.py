@@ -17,8 +17,8 @@ from jaxtyping import Float
 from ..._arguments import of_kind, whole_number
 from ...errors import ControlError
 from ..linear._linear_model import LinearModel
-from ._evenness import AbstractEvennessCost, RangeCost
 from ._mpc import MPC
+from ._mpc_programs import AbstractEvennessCost, RangeCost
 
 # $\rho$, as a share of the mean variance of the channels' errors: the part that is noise.
 NOISE_SHARE = 0.01

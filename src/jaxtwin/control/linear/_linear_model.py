@@ -18,9 +18,14 @@ from ..._name_suggestions import unknown_name
 from ...errors import ControlError
 from ...simulation import checked_longest_delay
 from ._balanced_truncation import Balanced, balanced, residualised
-from ._discrete_model import DiscreteModel, check_at_rest, continuous
+from ._discrete_model import (
+    DiscreteModel,
+    check_at_rest,
+    continuous,
+    integrated_rates,
+    zero_order_hold,
+)
 from ._frequency_response import Directions, directions, frequency_response, traced_response
-from ._hold import integrated_rates, zero_order_hold
 from ._operating_point import OperatingPoint
 
 if TYPE_CHECKING:

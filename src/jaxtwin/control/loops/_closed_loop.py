@@ -14,7 +14,7 @@ from ..._jax_settings import in_precision
 from ...physics import Twin
 from ...simulation import ModalState, Stepper, SupplyPower, advance, node_temperatures, to_modal
 from ..controllers._controller import AbstractController, DutyLimits
-from ._loop_signals import ClosedLoop
+from ._measures import ClosedLoop
 from ._references import references_ahead
 from ._scenario import Scenario
 

@@ -17,8 +17,7 @@ from ...io import Experiment
 from ...physics import Twin
 from ...simulation import Run
 from ..controllers._controller import TemperatureLimit
-from ._loop_signals import ClosedLoop
-from ._measures import SETTLING_BAND, measures_of, saturation_shares
+from ._measures import SETTLING_BAND, ClosedLoop, measures_of, saturation_shares
 from ._soft_limits import ExceededLimit, exceeded_soft_limits
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
 from ..._jax_settings import own_settings
-from ..._waiting import announced
+from ..._progress import announced
 from ...errors import ControlError, SafetyStop, SimulationError
 from ...io import Experiment
 from ...live import Document, Ending, Finding, Guard, Moment, RecordConsumer, RigConnection, operate

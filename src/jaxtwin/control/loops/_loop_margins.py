@@ -25,9 +25,9 @@ from ..linear._margins import (
     sensitivity_peak,
 )
 from ._loop_checks import check_cells
-from ._many_loops import longest_delay, twin_at_medians
 from ._references import reference_samples, representative_samples
 from ._sampled_loop import ROUNDING, SampledLoops
+from ._simulate_closed_loops import longest_delay, twin_at_medians
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

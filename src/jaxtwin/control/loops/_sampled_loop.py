@@ -33,7 +33,7 @@ from ..controllers._linear_controller import (
     linear_steps,
     response,
 )
-from ..linear._hold import zero_order_hold
+from ..linear._discrete_model import zero_order_hold
 from ..linear._linearize import model_at_rest
 from ..linear._operating_point import Target
 

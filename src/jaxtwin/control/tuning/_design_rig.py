@@ -14,14 +14,14 @@ from jaxtyping import Float
 
 from ..._arguments import finite_number, mapping_of, names_of, whole_number
 from ..._name_suggestions import unknown_name
-from ..._waiting import advanced, announced
+from ..._progress import advanced, announced
 from ...errors import ControlError
 from ...matching import Fit, nominal_twin
 from ...physics import Twin
 from ...rig import Place, Placement, Rig, check_has_plate, with_places
 from ..controllers._duty_limits import bounds_of, checked_limits
 from ..linear._operating_point import OperatingPoint
-from ._evenness_step import (
+from ._most_even_point import (
     AbstractUnevenness,
     LinearPlate,
     PlateDeviation,

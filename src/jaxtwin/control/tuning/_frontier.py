@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..._arguments import finite_number, whole_number
 from ..._display import html_table, picture
 from ..._name_suggestions import did_you_mean, unknown_name
-from ..._waiting import announced, silent
+from ..._progress import announced, silent
 from ...errors import ControlError
 from ...matching import Fit, nominal_twin
 from ...physics import Twin

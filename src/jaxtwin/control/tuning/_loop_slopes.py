@@ -15,10 +15,14 @@ from ...physics import Twin
 from ...simulation import Stepper, work_in_chunks
 from ..controllers._design_vector import ControllerNumbers, ControllerVector, Line
 from ..loops._closed_loop import run_loop
-from ..loops._loop_signals import ClosedLoop
-from ..loops._many_loops import CHUNK_BYTES, is_whole_delay, numbers_per_step, steppers_of
-from ..loops._measures import Measure
+from ..loops._measures import ClosedLoop, Measure
 from ..loops._scenario import Scenario
+from ..loops._simulate_closed_loops import (
+    CHUNK_BYTES,
+    is_whole_delay,
+    numbers_per_step,
+    steppers_of,
+)
 
 # The largest number of loops, each with all derivatives, that a core computes at a time.
 MAX_CHUNK = 64

@@ -17,7 +17,7 @@ from typing import NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from ..._waiting import advanced
+from ..._progress import advanced
 
 Vector = Float[np.ndarray, " unknowns"]
 

@@ -7,7 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..._arguments import whole_number
-from ..._waiting import announced
+from ..._progress import announced
 from ...errors import ControlError
 from ...matching import Fit
 from ...physics import Twin

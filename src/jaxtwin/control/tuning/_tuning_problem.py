@@ -25,9 +25,9 @@ from ..controllers._lqi import LQI
 from ..controllers._mpc import MPC
 from ..controllers._pid import PID
 from ..loops._loop_margins import loop_margins
-from ..loops._many_loops import longest_delay, twin_at_medians
 from ..loops._sampled_loop import SampledLoops
 from ..loops._scenario import scenario
+from ..loops._simulate_closed_loops import longest_delay, twin_at_medians
 from ._loop_slopes import LoopSlopes
 from ._objective import TuningObjective, checked_objective
 from ._side_by_side_sqp import CandidateEvaluation, Round, descents

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Literal, final
+from typing import Literal, NamedTuple, final
 
 from ...errors import LinkError
 from ..protocol._clock import Clock
@@ -108,3 +108,18 @@ class Dialogue:
 
 def _has(message: Message, wanted: Mapping[str, object]) -> bool:
     return all(getattr(message, key) == value for key, value in wanted.items())
+
+
+# What one step of the conformance test found.
+
+
+class StepResult(NamedTuple):
+    """The test of one step of the script, and the error that it found (`""` for none)."""
+
+    step: str
+    wrong: str
+
+
+def found(step: str, ok: bool, wrong: str) -> StepResult:
+    """The result of a step that is `wrong` if it is not `ok`."""
+    return StepResult(step, "" if ok else wrong)

@@ -7,10 +7,8 @@ import serial
 
 from ...errors import LinkError
 from ...rig import Rig
-from ._board import board_kinds
-from ._board_device import BoardDevice
-from ._mqtt_address import MqttAddress
-from ._mqtt_transport import MqttTransport
+from ._board_device import BoardDevice, board_kinds
+from ._mqtt_transport import MqttAddress, MqttTransport
 from ._tclab import TCLab as TCLab  # which registers itself
 from ._transport import Opener, SerialTransport, SocketTransport
 

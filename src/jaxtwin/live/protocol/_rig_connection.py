@@ -14,7 +14,7 @@ from ._identity import Identity
 from ._link import INBOX, Arrived, Inbox, Link
 from ._message_counts import Counters
 from ._messages import VERSION, Ask, Duty, Hello, Order
-from ._mqtt_address import without_password
+from ._mqtt_transport import without_password
 from ._opener import opener
 from ._receiver import Receiver
 from ._records import Command, Greeting, LinkState, Record

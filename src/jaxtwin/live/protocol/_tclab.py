@@ -13,7 +13,7 @@ import serial
 
 from ...errors import LinkError
 from ...rig import Rig
-from ._board import AbstractBoard, register_board
+from ._board_device import AbstractBoard, register_board
 
 BAUD = 115_200
 # An Arduino starts anew when its port is opened, s.

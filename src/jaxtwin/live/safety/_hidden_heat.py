@@ -8,14 +8,13 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..._normal_distribution import QUANTILE_975
+from ..._statistics import QUANTILE_975
 from ...io import Experiment
 from ...physics import Twin
 from ..protocol._records import Reading
-from ._duty_response import DutyResponse
+from ._duty_response import MEMORY_SECONDS, DutyResponse
 from ._interlock import Finding
 from ._operating_limits import OperatingLimits
-from ._responsiveness import MEMORY_SECONDS
 from ._twin_ensemble import Draws, TwinEnsemble
 
 # A number of draws that is enough: it gives the standard deviation to 13 %.

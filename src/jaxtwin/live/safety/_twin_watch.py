@@ -12,12 +12,11 @@ from ...io import Experiment
 from ...physics import Twin
 from ..protocol._records import Reading, Record, Sample
 from ..protocol._rig_state import RigState
-from ._duty_response import DutyResponse
+from ._duty_response import DutyResponse, Responsiveness
 from ._hidden_heat import HiddenHeat, HottestPart
 from ._interlock import AbstractInterlock, Finding
 from ._off_watch import OffWatch
 from ._operating_limits import OperatingLimits
-from ._responsiveness import Responsiveness
 from ._twin_ensemble import Draws
 
 # The part of the predicted rise by which a reading may differ from it: a rig may be driven before

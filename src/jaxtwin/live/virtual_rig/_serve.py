@@ -13,8 +13,7 @@ from typing import Protocol, final, runtime_checkable
 
 from ...errors import LinkError
 from ..protocol._clock import Clock
-from ..protocol._mqtt_address import MqttAddress, without_password
-from ..protocol._mqtt_transport import MqttTransport
+from ..protocol._mqtt_transport import MqttAddress, MqttTransport, without_password
 from ._virtual_rig import VirtualRig
 
 # The interval between two steps of the rig, s.
