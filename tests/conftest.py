@@ -61,7 +61,7 @@ if jax.__version_info__ < (0, 11):  # jaxlib 0.12 ends a process that is given i
     # library, without MLIR, whose compiler is made anew for each: up to half of the time of tests
     # with many small programs, nothing with large ones. If a test fails with it and passes with
     # JAX_DISABLE_MOST_OPTIMIZATIONS=0, suspect it: jaxlib 0.10.2 compiled one program wrongly that
-    # way, without fusion (tests/simulation/test_numbered_chunk.py).
+    # way, without fusion (tests/simulation/test_scalar_chunk.py).
     QUICK_FLAGS.append("--xla_cpu_use_fusion_emitters=false")
 
 # New objects after which Python looks for cycles among them, in place of 700. Programs are traced

@@ -247,7 +247,7 @@ def write(page: Path) -> None:
     page.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def tables() -> Iterator[tuple[str, type[schema.Table]]]:
+def tables() -> Iterator[tuple[str, type[schema.SchemaTable]]]:
     """Every table of a rig file with its heading, in the order of the schema."""
     yield "top level", schema.RigTable
     found = set()
@@ -283,7 +283,9 @@ def kinds() -> dict[str, tuple[str, Kind]]:
     return found
 
 
-def _inside(model: type[schema.Table], path: str) -> Iterator[tuple[str, type[schema.Table]]]:
+def _inside(
+    model: type[schema.SchemaTable], path: str
+) -> Iterator[tuple[str, type[schema.SchemaTable]]]:
     for key, field in model.model_fields.items():
         inner = _table_in(field.annotation)
         if inner is None:
@@ -296,14 +298,14 @@ def _inside(model: type[schema.Table], path: str) -> Iterator[tuple[str, type[sc
         yield from _inside(inner, name)
 
 
-def _table_in(annotation: Any) -> type[schema.Table] | None:
-    if isinstance(annotation, type) and issubclass(annotation, schema.Table):
+def _table_in(annotation: Any) -> type[schema.SchemaTable] | None:
+    if isinstance(annotation, type) and issubclass(annotation, schema.SchemaTable):
         return annotation
     return next((t for part in get_args(annotation) if (t := _table_in(part))), None)
 
 
 def _row(
-    model: type[schema.Table], key: str, taken_for: Mapping[str, tuple[str, Kind]]
+    model: type[schema.SchemaTable], key: str, taken_for: Mapping[str, tuple[str, Kind]]
 ) -> tuple[str, str, str]:
     """Type, unit and range of a key."""
     annotation = model.model_fields[key].annotation
@@ -361,7 +363,7 @@ def _holds_a_quantity(field: Any) -> bool:
     return found(field.metadata, field.annotation)
 
 
-def _path(model: type[schema.Table]) -> str:
+def _path(model: type[schema.SchemaTable]) -> str:
     heading = next(heading for heading, found in tables() if found is model)
     return "" if heading == "top level" else heading.strip("[]")
 

@@ -35,7 +35,7 @@ from jaxtwin.cli import run
 from jaxtwin.data import data_folder
 from jaxtwin.errors import MatchError
 from jaxtwin.experiment_design import ExperimentDesign
-from jaxtwin.experiment_design._design_experiment import _Search
+from jaxtwin.experiment_design._design_experiment import _ScheduleSearch
 from jaxtwin.experiment_design._experiment_design import PlannedSchedule
 from jaxtwin.experiment_design._information import (
     NoisePrediction,
@@ -280,7 +280,7 @@ def test_each_schedule_is_assessed_in_its_place():
         twin, duration=120, hold=60, bounds=(-0.4, 0.4), levels=5, interval=10.0
     )
     problem = make_design_problem(prior, schedules, NoisePrediction.of(twin), ())
-    search = _Search(prior, schedules, problem, "D", np.array([0, 1]), 0.0)
+    search = _ScheduleSearch(prior, schedules, problem, "D", np.array([0, 1]), 0.0)
     counts = random_schedules(schedules, 5, seed=0)
     found = search.assess(counts)
     assert [candidate.counts.tolist() for candidate in found] == [c.tolist() for c in counts]

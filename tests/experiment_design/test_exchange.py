@@ -20,14 +20,14 @@ from jaxtwin.experiment_design._design_experiment import (
     _expected_events,
     _recorded_bounds,
     _schedules,
-    _Search,
+    _ScheduleSearch,
 )
 from jaxtwin.experiment_design._experiment_design import DesignStep, PlannedSchedule
 from jaxtwin.experiment_design._information import EvaluatedSchedule
 from jaxtwin.experiment_design._schedules import Counts, Schedules, make_schedules
 from jaxtwin.experiment_design._search import (
     MAX_PASSES,
-    Candidate,
+    CandidateSchedule,
     Hottest,
     a_objective,
     d_objective,
@@ -46,11 +46,11 @@ def schedules(**changes: Any) -> Schedules:
 
 def searched(
     objective: Callable[[Counts], float], start: Counts, found: Schedules, seed: int = 0
-) -> tuple[Candidate, list[int]]:
+) -> tuple[CandidateSchedule, list[int]]:
     """The end of the exchange, and the numbers of its passes."""
 
-    def assess(counts: Sequence[Counts]) -> list[Candidate]:
-        return [Candidate(each, COOL, objective(each)) for each in counts]
+    def assess(counts: Sequence[Counts]) -> list[CandidateSchedule]:
+        return [CandidateSchedule(each, COOL, objective(each)) for each in counts]
 
     passes: list[int] = []
     (first,) = assess([start])
@@ -130,8 +130,10 @@ def test_constant_schedules_come_before_random_ones():
 def test_a_schedule_is_too_hot_where_a_reading_or_a_side_is(
     reading: float, side: float, is_allowed: bool
 ):
-    search = cast("_Search", SimpleNamespace(hottest=Hottest(80.0, 130.0)))
-    assert _Search._is_allowed(search, COOL._replace(reading=reading, side=side)) is is_allowed
+    search = cast("_ScheduleSearch", SimpleNamespace(hottest=Hottest(80.0, 130.0)))
+    assert (
+        _ScheduleSearch._is_allowed(search, COOL._replace(reading=reading, side=side)) is is_allowed
+    )
 
 
 def test_corrections_are_expected_at_the_median_of_their_intervals():

@@ -10,7 +10,7 @@ from small_fleet import encoded, fleet_file, messages, run, twin
 from jaxtwin import JaxtwinError
 from jaxtwin.fleet import Fleet, fleet_app, overview
 from jaxtwin.fleet._jobs import Jobs
-from jaxtwin.fleet._journal import Journal
+from jaxtwin.fleet._journal import FleetJournal
 from jaxtwin.fleet._sample_queue import Kind
 from jaxtwin.live import Finding
 from jaxtwin.serve import Access
@@ -236,11 +236,11 @@ def test_a_file_that_is_no_journal_is_refused(tmp_path):
     file = tmp_path / "notes.db"
     file.write_text("some text that is long enough to be no database" * 20)
     with pytest.raises(JaxtwinError, match="expected the journal of a fleet"):
-        Journal(file)
+        FleetJournal(file)
 
 
 def test_old_messages_are_forgotten(tmp_path):
-    journal = Journal(tmp_path / "fleet.db")
+    journal = FleetJournal(tmp_path / "fleet.db")
     journal.add(10, [("a", "readings", b"1"), ("b", "readings", b"2")])
     journal.add(20, [("a", "readings", b"3")])
     journal.forget(15)

@@ -22,7 +22,7 @@ from jaxtwin.observers import (
     StateBounds,
     live_observer,
 )
-from jaxtwin.observers._moving_horizon import Step, linearised
+from jaxtwin.observers._moving_horizon import WindowStep, linearised
 
 pytestmark = pytest.mark.usefixtures("float64")
 
@@ -76,7 +76,7 @@ class Problem:
     def path(self, unknowns: Array) -> Float[Array, "samples state"]:
         start, *noises = unknowns.reshape(1 + len(self.roots), -1)
 
-        def take(before: Array, at: tuple[Step, Array, Array]) -> tuple[Array, Array]:
+        def take(before: Array, at: tuple[WindowStep, Array, Array]) -> tuple[Array, Array]:
             step, root, noise = at
             end, _ = self.model.predict_mean(before, step.reached, *step[1:4])
             return end + root @ noise, end + root @ noise

@@ -52,10 +52,10 @@ def test_every_table_of_the_schema_has_its_place():
     tables = {
         kind
         for kind in vars(schema).values()
-        if isinstance(kind, type) and issubclass(kind, schema.Table)
+        if isinstance(kind, type) and issubclass(kind, schema.SchemaTable)
     }
     assert tables - set(TABLES.values()) == {
-        schema.Table,
+        schema.SchemaTable,
         schema.ModuleTable,
         schema.MaterialTable,
     }

@@ -14,11 +14,11 @@ from jaxtwin._jax_settings import own_settings
 from jaxtwin._lapack import _solve, eigh, solve_definite
 from jaxtwin.simulation._chunk_programs import prepare_chunk, step_chunk
 from jaxtwin.simulation._draw_solver import _delayed_as
-from jaxtwin.simulation._numbered_chunk import (
+from jaxtwin.simulation._scalar_chunk import (
     MIN_DRAWS,
-    numbered_grid,
-    prepare_numbered,
-    step_numbered,
+    prepare_scalar_chunk,
+    scalar_grid,
+    step_scalar_chunk,
 )
 from jaxtwin.simulation._time_grid import padded_time_grid
 
@@ -83,16 +83,16 @@ def test_many_draws_have_no_eigenproblem_and_one_loop_of_elementwise_steps(chunk
     can fuse all of it."""
     twin, _, draws, _ = chunk
     experiment = Experiment.schedule("0:0.5,50:0.8", duration=100.0, cells=2)
-    grid = numbered_grid(twin, experiment, MIN_DRAWS, steady_start=False)
+    grid = scalar_grid(twin, experiment, MIN_DRAWS, steady_start=False)
     assert grid is not None
-    program = lowered(lambda d: prepare_numbered(twin, d, grid.summary(), None), draws)
+    program = lowered(lambda d: prepare_scalar_chunk(twin, d, grid.summary(), None), draws)
     assert "custom_call" not in program
     with own_settings():
         prepared = jax.eval_shape(
-            lambda draws: prepare_numbered(twin, draws, grid.summary(), None), draws
+            lambda draws: prepare_scalar_chunk(twin, draws, grid.summary(), None), draws
         )
     columns, delayed = np.arange(len(twin.channels)), _delayed_as(twin, grid)
-    program = lowered(lambda p: step_numbered(p, delayed, columns, False, False), prepared)
+    program = lowered(lambda p: step_scalar_chunk(p, delayed, columns, False, False), prepared)
     (loop,) = re.findall(r"= stablehlo.while\(.*", program)
     nodes = prepared.system.capacitance.shape[-1]
     assert loop.count(f"tensor<{DRAWS}xf64>") >= 2 * nodes

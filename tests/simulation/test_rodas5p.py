@@ -12,8 +12,8 @@ from jaxtyping import Array
 from jaxtwin import Experiment, Twin
 from jaxtwin._sparse import SparseLU, column_groups, sparse_jacobian
 from jaxtwin.simulation import Rodas5P
-from jaxtwin.simulation._numbered_network import network_pattern
 from jaxtwin.simulation._rosenbrock_step import GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
+from jaxtwin.simulation._scalar_network import network_pattern
 from jaxtwin.simulation._simulate_batch import simulate_batch
 
 PATTERN = np.array([[1, 1, 0], [1, 1, 1], [0, 1, 1]], bool)

@@ -108,7 +108,7 @@ class _Program:
 
 
 @final
-class _Clock:
+class _Stopwatch:
     """A clock that runs while at least one thread is inside its block."""
 
     def __init__(self) -> None:
@@ -134,7 +134,7 @@ class _Clock:
             return self._total + (time.perf_counter() - self._began if self._inside else 0.0)
 
 
-_clock = _Clock()
+_clock = _Stopwatch()
 
 _functions: "list[PersistentJit[..., Any]]" = []
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..control import Table
+from ..control import LawTable
 from ..physics import Expressions
 from ..rig import Input
 from ..simulation import Stepper
@@ -39,7 +39,7 @@ def input_constants(stepper: Stepper) -> dict[str, int | float]:
     }
 
 
-def input_tables(stepper: Stepper) -> dict[str, Table]:
+def input_tables(stepper: Stepper) -> dict[str, LawTable]:
     """The arrays of the inputs, name -> values and comment; none for a rig without any."""
     system, field = stepper.system, stepper.field
     wiring, inputs = system.wiring.input_wiring, system.wiring.inputs

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
-from ..control import Table
+from ..control import LawTable
 from ..errors import ControlError
 from ..observers import (
     CERTAIN_CORRECTION_SIGMAS,
@@ -86,7 +86,7 @@ def _single_step(stepper: Stepper, step: float) -> Stepper:
 
 def _tables(
     kalman: ExtendedKalmanFilter, stepper: Stepper, sizes: StepperSizes
-) -> dict[str, Table]:
+) -> dict[str, LawTable]:
     """The arrays: those of the step, and those of the filter."""
     model, modes, system = kalman.model, stepper.field.modes, stepper.system
     dt = jnp.asarray(kalman.longest_seconds)

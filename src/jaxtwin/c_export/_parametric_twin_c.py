@@ -11,7 +11,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from .._jax_settings import own_settings
-from ..control import Table
+from ..control import LawTable
 from ..physics import OWN_VOLTAGE, STEFAN_BOLTZMANN, Expressions, Twin, Wiring
 from ..rig import AMBIENT, Parameter
 from ..simulation import MULTIPLE_TOLERANCE, STABILITY_LIMIT, Stepper
@@ -68,7 +68,7 @@ class ParameterTables(NamedTuple):
 
     constants: dict[str, int | float]
     numbers: dict[str, WholeTable]
-    tables: dict[str, Table]
+    tables: dict[str, LawTable]
 
 
 def parameter_tables(
@@ -141,7 +141,7 @@ def _quantities(twin: Twin, stepper: Stepper, names: frozenset[str]) -> dict[str
 
 def _sum_tables(
     sums: list[Polynomial], names: list[str]
-) -> tuple[dict[str, int], dict[str, WholeTable], dict[str, Table]]:
+) -> tuple[dict[str, int], dict[str, WholeTable], dict[str, LawTable]]:
     """Sums of monomials, and monomials of parameters, as lists one after the other."""
     monomials = list(dict.fromkeys(powers for row in sums for powers in row))
     place = {powers: number for number, powers in enumerate(monomials)}
@@ -287,7 +287,7 @@ def _longest_queue(twin: Twin, stepper: Stepper, parameters: Sequence[Parameter]
 
 
 def _struct(
-    name: str, tables: Mapping[str, Table], scalars: Sequence[str], *, has_delay: bool
+    name: str, tables: Mapping[str, LawTable], scalars: Sequence[str], *, has_delay: bool
 ) -> str:
     """The numbers of an instance. With a delay a step has up to two parts."""
     lines = [f"    double {key}; /* {COMMENTS[key]} */" for key in scalars]
@@ -304,7 +304,7 @@ def _struct(
     return f"\n/* The numbers of an instance. */\ntypedef struct {{\n{body}\n}} {name}_numbers;\n"
 
 
-def _in_instance(name: str, tables: Mapping[str, Table], scalars: Sequence[str]) -> str:
+def _in_instance(name: str, tables: Mapping[str, LawTable], scalars: Sequence[str]) -> str:
     """Puts the numbers of an instance in the place of constants."""
     places = {f"{name}_{key}": f"numbers->{key}" for key in tables}
     places |= {f"{name.upper()}_{key}": f"numbers->{key}" for key in scalars}

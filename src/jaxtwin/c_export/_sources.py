@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..control import Table
+from ..control import LawTable
 from ..errors import ControlError
 
 # Numbers, arrays and comments as C.
@@ -112,7 +112,7 @@ class Parts(NamedTuple):
     about: str
     sizes: str
     constants: str
-    tables: Mapping[str, Table]
+    tables: Mapping[str, LawTable]
     states: int
     law: str = ""
     has_parameters: bool = False

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
-from ..control import Table
+from ..control import LawTable
 from ..physics import CALM, DUTY_SMOOTHING, STEFAN_BOLTZMANN
 from ..rig import FILM_REFERENCE, Parameter
 from ..simulation import Stepper
@@ -49,7 +49,7 @@ class StepperSizes:
         self.sides = [*system.wiring.cold.tolist(), *system.wiring.hot.tolist()]
 
 
-def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
+def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, LawTable]:
     """The arrays: name -> values and comment."""
     system, field = stepper.system, stepper.field
     modes, shapes = field.modes, np.asarray(field.modes.shapes, float)
@@ -134,13 +134,13 @@ def stepper_tables(stepper: Stepper, sizes: StepperSizes) -> dict[str, Table]:
     return {key: (np.asarray(value, float), text) for key, (value, text) in tables.items()}
 
 
-def _powers(stepper: Stepper) -> dict[str, Table]:
+def _powers(stepper: Stepper) -> dict[str, LawTable]:
     """The powers of the heaters that have a supply of their own."""
     bridge = stepper.system.bridge
     if not bridge.own_supply:
         return {}
     power = bridge.own_voltage**2 / np.asarray(stepper.system.module.electrical_resistance, float)
-    result: dict[str, Table] = {
+    result: dict[str, LawTable] = {
         "power": (np.where(bridge.own_supply, power, 0.0), "of heaters at full duty, W; else 0")
     }
     if bridge.drive_exponent is not None:

@@ -77,7 +77,7 @@ __all__: list[str]
 # isort: split
 # For the other packages of jaxtwin: no part of the public interface.
 
-from .controllers._controller import Table as Table
+from .controllers._controller import LawTable as LawTable
 from .controllers._controller import is_same as is_same
 from .controllers._controller import is_same_kind as is_same_kind
 from .controllers._controller_file import controller_file as controller_file

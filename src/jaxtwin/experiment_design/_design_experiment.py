@@ -27,7 +27,14 @@ from ._information import (
     make_design_problem,
 )
 from ._schedules import Counts, Schedules, make_schedules
-from ._search import OBJECTIVES, Candidate, Hottest, SeparationSearch, exchange, random_schedules
+from ._search import (
+    OBJECTIVES,
+    CandidateSchedule,
+    Hottest,
+    SeparationSearch,
+    exchange,
+    random_schedules,
+)
 
 # The number of random schedules among which the searches choose their starts.
 RANDOM_SCHEDULES = 11
@@ -177,12 +184,14 @@ def design_experiment(
     problem = make_design_problem(
         prior, schedules, NoisePrediction.of(twin), _expected_events(events, duration)
     )
-    search = _Search(prior, schedules, problem, criterion, _places(prior, names), float(margin))
+    search = _ScheduleSearch(
+        prior, schedules, problem, criterion, _places(prior, names), float(margin)
+    )
     return search.run(recordings, starts, seed, on_progress)
 
 
 @final
-class _Search:
+class _ScheduleSearch:
     """The search for one design."""
 
     def __init__(
@@ -231,7 +240,7 @@ class _Search:
         ends = []
         for start, candidate in enumerate(candidates[:starts]):
 
-            def report(number: int, best: Candidate, start: int = start) -> None:
+            def report(number: int, best: CandidateSchedule, start: int = start) -> None:
                 step = DesignStep(start, number, self.evaluations, self._mean_error(best))
                 self.history.append(step)
                 advanced(number, None, str(step))
@@ -255,10 +264,10 @@ class _Search:
             history=tuple(self.history),
         )
 
-    def assess(self, counts: Sequence[Counts]) -> list[Candidate]:
+    def assess(self, counts: Sequence[Counts]) -> list[CandidateSchedule]:
         """Evaluates schedules in batches of one size, so that they share a compiled program."""
         batch = len(self.schedules.levels[0]) - 1
-        result: list[Candidate] = []
+        result: list[CandidateSchedule] = []
         for first in range(0, len(counts), batch):
             part = list(counts[first : first + batch])
             filled = part + part[-1:] * (batch - len(part))
@@ -267,10 +276,10 @@ class _Search:
         self.evaluations += len(counts)
         return result
 
-    def _candidate(self, counts: Counts, evaluated: EvaluatedSchedule) -> Candidate:
+    def _candidate(self, counts: Counts, evaluated: EvaluatedSchedule) -> CandidateSchedule:
         if not self._is_allowed(evaluated):
-            return Candidate(counts, evaluated, math.inf)
-        return Candidate(counts, evaluated, self._objective(self._covariance(evaluated)))
+            return CandidateSchedule(counts, evaluated, math.inf)
+        return CandidateSchedule(counts, evaluated, self._objective(self._covariance(evaluated)))
 
     def _is_allowed(self, evaluated: EvaluatedSchedule) -> bool:
         return self.hottest.allows(evaluated.reading, evaluated.side)
@@ -288,7 +297,7 @@ class _Search:
         scaled = covariance / np.outer(self.scale, self.scale)
         return OBJECTIVES[self.criterion](scaled)
 
-    def _mean_error(self, candidate: Candidate) -> float:
+    def _mean_error(self, candidate: CandidateSchedule) -> float:
         after = self._objective(self._covariance(candidate.evaluated))
         return math.exp(after - self._objective(self.today))
 
@@ -303,7 +312,7 @@ class _Search:
             rows[place].name: float(error) for place, error in zip(self.places, errors, strict=True)
         }
 
-    def _planned(self, name: str, candidate: Candidate) -> PlannedSchedule:
+    def _planned(self, name: str, candidate: CandidateSchedule) -> PlannedSchedule:
         evaluated = candidate.evaluated
         return PlannedSchedule(
             name=name,

@@ -79,7 +79,7 @@ Evaluated = TypeVar("Evaluated", bound=EvaluatedSchedule | SeparationEvidence)
 
 @final
 @dataclass(frozen=True, eq=False)
-class Candidate(Generic[Evaluated]):
+class CandidateSchedule(Generic[Evaluated]):
     """A schedule, with the information that would be available after it.
 
     - `objective`: the number that is minimised; infinite if the schedule gets too hot.
@@ -100,12 +100,12 @@ def random_schedules(schedules: Schedules, number: int, seed: int) -> list[Count
 
 
 def exchange(
-    start: Candidate[Evaluated],
+    start: CandidateSchedule[Evaluated],
     schedules: Schedules,
-    assess: Callable[[Sequence[Counts]], list[Candidate[Evaluated]]],
+    assess: Callable[[Sequence[Counts]], list[CandidateSchedule[Evaluated]]],
     seed: int,
-    on_pass: Callable[[int, Candidate[Evaluated]], None],
-) -> Candidate[Evaluated]:
+    on_pass: Callable[[int, CandidateSchedule[Evaluated]], None],
+) -> CandidateSchedule[Evaluated]:
     """Improves a schedule step by step.
 
     **Arguments:**
@@ -186,7 +186,7 @@ class SeparationSearch:
         for start, candidate in enumerate(allowed[:starts]):
 
             def report(
-                number: int, best: Candidate[SeparationEvidence], start: int = start
+                number: int, best: CandidateSchedule[SeparationEvidence], start: int = start
             ) -> None:
                 step = SeparationStep(start, number, self._evaluations, best.evaluated.separation)
                 self._history.append(step)
@@ -216,18 +216,20 @@ class SeparationSearch:
             history=tuple(self._history),
         )
 
-    def _assess(self, counts: Sequence[Counts]) -> list[Candidate[SeparationEvidence]]:
+    def _assess(self, counts: Sequence[Counts]) -> list[CandidateSchedule[SeparationEvidence]]:
         self._evaluations += len(counts)
         pairs = zip(counts, self._problem.evaluate(self._schedules, counts), strict=True)
         return [
-            Candidate(schedule, result, result.objective if self._is_allowed(result) else math.inf)
+            CandidateSchedule(
+                schedule, result, result.objective if self._is_allowed(result) else math.inf
+            )
             for schedule, result in pairs
         ]
 
     def _is_allowed(self, evidence: SeparationEvidence) -> bool:
         return self._hottest.allows(evidence.reading, evidence.side)
 
-    def _planned(self, name: str, candidate: Candidate[SeparationEvidence]) -> PlannedTest:
+    def _planned(self, name: str, candidate: CandidateSchedule[SeparationEvidence]) -> PlannedTest:
         result = candidate.evaluated
         return PlannedTest(
             name=name,

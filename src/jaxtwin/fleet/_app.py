@@ -180,7 +180,7 @@ Answer = Callable[[Request], Awaitable[Response]]
 
 def fleet_app(fleet: Fleet, access: Access) -> Starlette:
     """Makes the ASGI application of a fleet."""
-    web = _Web(fleet, access)
+    web = _FleetApp(fleet, access)
 
     def checked(answer: Answer) -> Answer:
         async def answer_checked(request: Request) -> Response:
@@ -205,7 +205,7 @@ def fleet_app(fleet: Fleet, access: Access) -> Starlette:
 
 
 @final
-class _Web:
+class _FleetApp:
     """The answers to requests."""
 
     def __init__(self, fleet: Fleet, access: Access):

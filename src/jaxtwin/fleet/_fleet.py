@@ -24,9 +24,9 @@ from ..twin_store import TwinStore
 from ._fleet_file import FleetFile, Member
 from ._inbox import Inbox
 from ._jobs import Done, Jobs
-from ._journal import Journal, Message
+from ._journal import FleetJournal, Message
 from ._lanes import LANES, Lanes, structure_of
-from ._sample_queue import MAX_WAITING, Step
+from ._sample_queue import MAX_WAITING, ObserverStep
 from ._watched_rig import WatchedRig, WatchedTwin, watched_twin
 
 # The time between two turns of all lanes, s.
@@ -88,7 +88,7 @@ class Fleet:
         self._path, self._on_alarm = path, on_alarm
         self._blocks: list[Lanes] = []
         self._free: dict[Any, list[tuple[Lanes, int]]] = {}
-        self._journal = Journal(self.file.journal)
+        self._journal = FleetJournal(self.file.journal)
         digest = hashlib.sha256(str(self.file.journal).encode()).hexdigest()[:16]
         self._inbox = Inbox(self.file, f"jaxtwin-fleet-{digest}")
         self._jobs = Jobs(executor)
@@ -251,7 +251,7 @@ class Fleet:
     def _step(self, block: Lanes, rigs: list[WatchedRig]) -> bool:
         """Takes a step of each of some rigs; whether none of them has more than what has just
         come, which is left to the next tick."""
-        steps, taken = block.none(), list[tuple[WatchedRig, Step]]()
+        steps, taken = block.none(), list[tuple[WatchedRig, ObserverStep]]()
         first = np.full(LANES, np.nan)
         for rig in rigs:
             step = rig.queue.next()

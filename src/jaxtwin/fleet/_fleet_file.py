@@ -8,7 +8,7 @@ from pydantic import Field
 
 from ..errors import LinkError
 from ..live import MqttAddress
-from ..rig import Format, Table, Text, read_toml, refuse, validate
+from ..rig import Format, SchemaTable, Text, read_toml, refuse, validate
 
 # What a name of a rig may be: it is a level of a topic, a part of an address and a label.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -19,7 +19,7 @@ _RANGE = re.compile(r"(.*)\{(\d{1,6})\.\.(\d{1,6})\}(.*)")
 MAX_RIGS = 20_000
 
 
-class GroupTable(Table):
+class GroupTable(SchemaTable):
     """Rigs that have the same rig file; `{rig}` in a path is the name of each."""
 
     rig: Text
@@ -31,7 +31,7 @@ class GroupTable(Table):
     sample_time_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
 
 
-class FleetTable(Table):
+class FleetTable(SchemaTable):
     """The whole file."""
 
     format: Format

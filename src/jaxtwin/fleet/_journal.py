@@ -48,7 +48,7 @@ class StoredState(NamedTuple):
 
 
 @final
-class Journal:
+class FleetJournal:
     """Keeps the messages of a fleet. Several threads may use it.
 
     **Arguments:**

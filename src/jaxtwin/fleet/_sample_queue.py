@@ -31,7 +31,7 @@ LATEST = 2e10
 Kind = Literal["readings", "duty"]
 
 
-class Sample(NamedTuple):
+class QueuedSample(NamedTuple):
     """A message of a rig.
 
     - `time`: when it was made, ns since 1970.
@@ -47,7 +47,7 @@ class Sample(NamedTuple):
     number: int
 
 
-class Step(NamedTuple):
+class ObserverStep(NamedTuple):
     """A step of an observer.
 
     - `dt`: its length, s. `elapsed`: the time since the reading before, s.
@@ -82,7 +82,7 @@ class SampleQueue:
         """The time up to which the rig is followed, ns."""
         self._rig, self._sample_time, self._longest = rig, sample_time, longest_step
         self._channels = tuple(channel.name for channel in rig.channels)
-        self._waiting: deque[Sample] = deque()
+        self._waiting: deque[QueuedSample] = deque()
         self._last: int | None = None  # the time of the last reading that was taken
         self._read: int | None = None  # that of the last one that was used
         self._duty, self._ambient = np.zeros(len(rig.driven)), math.nan
@@ -133,7 +133,7 @@ class SampleQueue:
             if oldest.duty is not None:
                 self._apply(oldest, oldest.duty)
 
-    def next(self) -> Step | None:
+    def next(self) -> ObserverStep | None:
         """The next step of the observer; None: there is no sample."""
         while self._waiting:
             sample = self._waiting[0]
@@ -150,12 +150,14 @@ class SampleQueue:
             elif self._read is None:
                 self._take()
                 self.time = self._read = sample.time
-                return Step(0.0, 0.0, self._duty, self._ambient, sample.readings, begins=True)
+                return ObserverStep(
+                    0.0, 0.0, self._duty, self._ambient, sample.readings, begins=True
+                )
             gap = max(gap, 0.0)
             if not self._parts:
                 self._parts = max(math.ceil(gap / self._longest - 1e-9), 1)
             self._done += 1
-            step = Step(gap / self._parts, 0.0, self._duty, self._ambient, None)
+            step = ObserverStep(gap / self._parts, 0.0, self._duty, self._ambient, None)
             if self._done < self._parts:
                 return step
             self._take()
@@ -188,7 +190,7 @@ class SampleQueue:
         self._ambient = math.nan if content["ambient"] is None else content["ambient"]
         self._last, self.counts = self._read, Counter(content["counts"])
 
-    def parsed(self, kind: Kind, payload: bytes, number: int = 0) -> Sample | None:
+    def parsed(self, kind: Kind, payload: bytes, number: int = 0) -> QueuedSample | None:
         """The sample in a message, None if it is malformed. A number that is no temperature is a
         missing reading."""
         try:
@@ -204,13 +206,13 @@ class SampleQueue:
                 ambient = content.get("ambient_degC")
                 ambient = _temperature(ambient) if ambient is not None else math.nan
                 duty = np.asarray(driver.duty(tuple(counts)), float)
-                return Sample(round(time * 1e9), None, duty, ambient, number)
+                return QueuedSample(round(time * 1e9), None, duty, ambient, number)
             if not any(name in content for name in self._channels):
                 return None
             readings = [_temperature(content.get(name)) for name in self._channels]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
-        return Sample(round(time * 1e9), np.array(readings), None, math.nan, number)
+        return QueuedSample(round(time * 1e9), np.array(readings), None, math.nan, number)
 
     def _take(self) -> None:
         sample = self._waiting.popleft()
@@ -218,7 +220,7 @@ class SampleQueue:
         self.counts["used"] += sample.readings is not None
         self._parts = self._done = 0
 
-    def _apply(self, sample: Sample, duty: Float[np.ndarray, " cells"]) -> None:
+    def _apply(self, sample: QueuedSample, duty: Float[np.ndarray, " cells"]) -> None:
         self._duty = duty
         if not math.isnan(sample.ambient):
             self._ambient = sample.ambient

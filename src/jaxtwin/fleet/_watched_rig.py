@@ -37,9 +37,9 @@ from ..serve._page import COMPARED_SECONDS
 from ..serve._story import Reason, Sentence, Situation, is_rig_well, is_twin_right, what_comes
 from ..twin_store import TwinStore
 from ._fleet_file import Member
-from ._journal import Journal, Message, StoredState
+from ._journal import FleetJournal, Message, StoredState
 from ._lanes import Lanes, Watcher
-from ._sample_queue import SampleQueue, Step
+from ._sample_queue import ObserverStep, SampleQueue
 
 # The mean time between two false alarms of a rig, s.
 FALSE_ALARM_TIME = 30 * DAY
@@ -183,7 +183,9 @@ class WatchedRig:
             self._heard = time.monotonic()
         self.queue.put(message.kind, message.payload, message.number)
 
-    def take(self, step: Step, evidence: Evidence, expected: np.ndarray, white: np.ndarray) -> None:
+    def take(
+        self, step: ObserverStep, evidence: Evidence, expected: np.ndarray, white: np.ndarray
+    ) -> None:
         """Takes what the lane says of readings."""
         assert step.readings is not None
         self.measured, self.expected = step.readings, expected
@@ -280,7 +282,7 @@ class WatchedRig:
         self.forecast(Moment(result.readings.mean[-1], result.readings.spread[-1]))
         return result
 
-    def recorded(self, journal: Journal) -> Experiment:
+    def recorded(self, journal: FleetJournal) -> Experiment:
         """The last minutes as a recording.
 
         **Raises:** `RecordingError` if there are fewer than two readings.

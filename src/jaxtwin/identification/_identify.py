@@ -20,7 +20,7 @@ from ._baselines import FirstOrder, fit_first_order, fit_two_capacities
 from ._identified import Candidate, Identified, rig_text
 from ._log import ScreenedLog, screened_log
 from ._network import DELAY, DRIFT_OF_ROOM, Family
-from ._screening import EFFECTIVE_SAMPLES, Problem, Rivals, Screen, Screened
+from ._screening import EFFECTIVE_SAMPLES, NetworkScreening, Problem, Rivals, Screened
 from ._structures import WORDS, in_words, kind_of, structures
 
 Log = Experiment | str | os.PathLike[str]
@@ -237,12 +237,12 @@ def _screened(
     logs: Sequence[ScreenedLog],
     floor: Float[np.ndarray, " channels"],
     report: Callable[..., None],
-) -> tuple[Screen, list[Screened]]:
+) -> tuple[NetworkScreening, list[Screened]]:
     """All structures matched to the whole recordings, the most probable first, and with what."""
     several = structures(family)
     known = tuple(np.isfinite(log.temperatures) for log in logs)
     everything = frozenset(family.choices)
-    screen = Screen(family, logs, floor, everything - {DELAY})
+    screen = NetworkScreening(family, logs, floor, everything - {DELAY})
     ends: list[Screened] = []
     for place in range(0, len(several), BATCH):
         batch = several[place : place + BATCH]
@@ -252,7 +252,7 @@ def _screened(
     if not ends:
         raise MatchError("identify: expected a structure with finite temperatures, got none")
     simplest = [end for end in ends[VARIED:] if end.problem.parts in several[:VARIED]]
-    delayed = Screen(family, logs, floor, everything)
+    delayed = NetworkScreening(family, logs, floor, everything)
     bases, better = [*ends[:VARIED], *simplest], list[Screened]()
     for part, of_part in ((DRIFT_OF_ROOM, screen), (DELAY, delayed)):
         if part not in family.choices:
@@ -291,7 +291,10 @@ Blocks = dict[float, list[Float[np.ndarray, "times channels"]]]
 
 
 def _judged(
-    screen: Screen, logs: Sequence[ScreenedLog], matched: Sequence[Screened], origins: list[float]
+    screen: NetworkScreening,
+    logs: Sequence[ScreenedLog],
+    matched: Sequence[Screened],
+    origins: list[float],
 ) -> list[Blocks]:
     """For each structure, origin -> the errors of the rest of each recording, K."""
     problems = [
@@ -328,7 +331,7 @@ def _held_out_cost(blocks: Blocks, floor: Float[np.ndarray, " channels"]) -> flo
 
 
 def _candidate(
-    screen: Screen,
+    screen: NetworkScreening,
     logs: Sequence[ScreenedLog],
     cost: float,
     end: Screened,

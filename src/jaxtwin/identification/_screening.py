@@ -88,7 +88,7 @@ class Screened:
 
 @final
 @dataclass(eq=False)
-class _Search:
+class _NetworkSearch:
     """Where the search for one problem is.
 
     - `vector`: the entries to try next, in standard deviations of the priors.
@@ -114,7 +114,7 @@ class _Search:
 
 
 @final
-class Screen:
+class NetworkScreening:
     """Matches networks of a family to recordings.
 
     **Arguments:**
@@ -193,7 +193,7 @@ class Screen:
                 self._entry(key, problem.start[key]) if key in problem.start else 0.0
                 for key in keys
             ]
-            searches.append(_Search(problem, keys, np.array(vector)))
+            searches.append(_NetworkSearch(problem, keys, np.array(vector)))
         active = searches
         for _ in range(MAX_ITERATIONS):
             if not active:
@@ -208,7 +208,7 @@ class Screen:
             ]
         return [search.best for search in searches if search.best is not None]
 
-    def _neighbours(self, search: _Search) -> list[dict[Key, float]]:
+    def _neighbours(self, search: _NetworkSearch) -> list[dict[Key, float]]:
         """The values to try, and those with one entry a little larger, for derivatives."""
         vectors = [search.vector]
         for column, key in enumerate(search.keys):
@@ -224,7 +224,7 @@ class Screen:
         return DIFFERENCE / row.spread * (1 if row.is_positive else 10)
 
     def _advance(
-        self, search: _Search, runs: Sequence[Float[np.ndarray, "neighbours times channels"]]
+        self, search: _NetworkSearch, runs: Sequence[Float[np.ndarray, "neighbours times channels"]]
     ) -> bool:
         """Accepts or rejects the step that was tried; returns whether the search goes on."""
         problem, before = search.problem, search.best
@@ -301,7 +301,7 @@ class Rivals:
     - `costs`: minus the logarithms of their probabilities, up to a constant.
     """
 
-    screen: Screen
+    screen: NetworkScreening
     ends: list[Screened]
     costs: Float[np.ndarray, " networks"]
 

@@ -12,7 +12,7 @@ from .._arguments import is_ordered, mapping_of
 from ..errors import RecordingError
 from ..rig import Rig
 from ._timestamps import is_timestamp_title
-from ._title_units import UNITS, TitleUnit, Unit, unit_called, unit_of_title
+from ._title_units import UNITS, ColumnUnit, TitleUnit, unit_called, unit_of_title
 
 # German names of columns, in small letters, and the names by which they are read.
 WORDS = {
@@ -74,7 +74,7 @@ class Meaning(NamedTuple):
     title: str
     kind: Kind
     name: str
-    unit: Unit | None = None
+    unit: ColumnUnit | None = None
     scale: float = 1.0
 
     @property
@@ -119,7 +119,7 @@ class Choices:
                     titles[f"{quantity}_{called}"] = f"duty_{name}"
         return titles
 
-    def full_scale(self, name: str) -> tuple[float, Unit] | None:
+    def full_scale(self, name: str) -> tuple[float, ColumnUnit] | None:
         """What a column has at full duty, by the rig; None for a rig that does not say it."""
         drive = DRIVE.fullmatch(name)
         scales = {} if self.rig is None else self.rig.full_scales
@@ -252,7 +252,7 @@ def _by_full_scale(
     return meaning._replace(unit=UNITS["1"], scale=1 / (number * unit.per))
 
 
-def _name_and_unit(given: str, choices: Choices) -> tuple[str, Unit | None]:
+def _name_and_unit(given: str, choices: Choices) -> tuple[str, ColumnUnit | None]:
     """A name that a reader has given without its unit, and the unit, if it states one."""
     channels = [] if choices.rig is None else [channel.name for channel in choices.rig.channels]
     parts = unit_of_title(given)
@@ -283,7 +283,7 @@ def _drive_without_rig(title: str, parts: TitleUnit, choices: Choices) -> str | 
     return name if is_name and _DRIVE_WITHOUT_RIG.fullmatch(name) else None
 
 
-def _unit(meaning: Meaning, parts: TitleUnit, stated: Unit | None) -> Unit | None:
+def _unit(meaning: Meaning, parts: TitleUnit, stated: ColumnUnit | None) -> ColumnUnit | None:
     """The unit of a column that has a name: that of its title, or else that of its name.
 
     **Raises:** `RecordingError` if the title has a unit of another quantity, or a last letter that
@@ -356,7 +356,9 @@ def _of_input(meaning: Meaning, parts: TitleUnit, choices: Choices) -> Meaning:
         if target == unit:
             return meaning
         per = unit.per / target.per
-        return meaning._replace(unit=Unit(unit.symbol, "", per, unit.zero - target.zero * per))
+        return meaning._replace(
+            unit=ColumnUnit(unit.symbol, "", per, unit.zero - target.zero * per)
+        )
     if of_rig is None and unit is not None and unit.per == 1 and not unit.zero:
         return meaning
     if not parts.is_explicit and (unit is None or unit.quantity == "time"):

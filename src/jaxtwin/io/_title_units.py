@@ -22,7 +22,7 @@ from .._celsius import ZERO_CELSIUS
 
 
 @final
-class Unit(NamedTuple):
+class ColumnUnit(NamedTuple):
     """A unit of a column: a number in it is `(number - zero) / per` in the unit of its quantity,
     degC, s, 1, W, V, A, ohm or counts."""
 
@@ -42,32 +42,34 @@ def _prefixed(prefixes: str, words: str) -> str:
 
 _DEGREES = "° deg degree degrees grad °deg"
 _SPELLINGS = {
-    Unit("degC", "temperature"): _prefixed(_DEGREES, "c celsius centigrade") + " c° oc",
-    Unit("degF", "temperature", 1.8, 32.0): _prefixed(_DEGREES, "f fahrenheit") + " f° of",
-    Unit("K", "temperature", 1.0, ZERO_CELSIUS): _prefixed("° deg degrees", "k kelvin kelvins"),
-    Unit("mdegC", "temperature", 1e3): "mc m°c mdegc millic millidegc millidegreec "
+    ColumnUnit("degC", "temperature"): _prefixed(_DEGREES, "c celsius centigrade") + " c° oc",
+    ColumnUnit("degF", "temperature", 1.8, 32.0): _prefixed(_DEGREES, "f fahrenheit") + " f° of",
+    ColumnUnit("K", "temperature", 1.0, ZERO_CELSIUS): _prefixed(
+        "° deg degrees", "k kelvin kelvins"
+    ),
+    ColumnUnit("mdegC", "temperature", 1e3): "mc m°c mdegc millic millidegc millidegreec "
     "millidegrees millicelsius millidegreescelsius milli°c",
-    Unit("mK", "temperature", 1e3, 1e3 * ZERO_CELSIUS): "mk millikelvin",
-    Unit("s", "time"): "s sec secs second seconds sek sekunde sekunden",
-    Unit("ms", "time", 1e3): "ms msec msecs millis millisec millisecond milliseconds",
-    Unit("us", "time", 1e6): "us µs μs usec usecs micros microsecond microseconds",
-    Unit("ns", "time", 1e9): "ns nsec nanos nanosecond nanoseconds",
-    Unit("min", "time", 1 / 60): "min mins minute minutes minuten",
-    Unit("h", "time", 1 / 3600): "h hr hrs hour hours stunde stunden",
-    Unit("d", "time", 1 / 86400): "d day days tage",
-    Unit("1", "duty"): "1 - fraction ratio on/off bool boolean 0/1 0-1 0..1 duty",
-    Unit("%", "duty", 100.0): "% percent percentage pct prozent %duty",
-    Unit("counts", "counts"): "counts count cts raw lsb digits bits",
-    Unit("W", "power"): "w watt watts",
-    Unit("mW", "power", 1e3): "mw milliwatt milliwatts",
-    Unit("kW", "power", 1e-3): "kw kilowatt kilowatts",
-    Unit("V", "voltage"): "v vdc vac volt volts",
-    Unit("mV", "voltage", 1e3): "mv mvdc millivolt millivolts",
-    Unit("A", "current"): "a adc aac amp amps ampere amperes",
-    Unit("mA", "current", 1e3): "ma madc milliamp milliamps",
-    Unit("ohm", "resistance"): "ohm ohms ω",
-    Unit("kohm", "resistance", 1e-3): "kohm kohms kω",
-    Unit("%RH", "humidity"): "rh %rh rh% %r.h. %r.h",
+    ColumnUnit("mK", "temperature", 1e3, 1e3 * ZERO_CELSIUS): "mk millikelvin",
+    ColumnUnit("s", "time"): "s sec secs second seconds sek sekunde sekunden",
+    ColumnUnit("ms", "time", 1e3): "ms msec msecs millis millisec millisecond milliseconds",
+    ColumnUnit("us", "time", 1e6): "us µs μs usec usecs micros microsecond microseconds",
+    ColumnUnit("ns", "time", 1e9): "ns nsec nanos nanosecond nanoseconds",
+    ColumnUnit("min", "time", 1 / 60): "min mins minute minutes minuten",
+    ColumnUnit("h", "time", 1 / 3600): "h hr hrs hour hours stunde stunden",
+    ColumnUnit("d", "time", 1 / 86400): "d day days tage",
+    ColumnUnit("1", "duty"): "1 - fraction ratio on/off bool boolean 0/1 0-1 0..1 duty",
+    ColumnUnit("%", "duty", 100.0): "% percent percentage pct prozent %duty",
+    ColumnUnit("counts", "counts"): "counts count cts raw lsb digits bits",
+    ColumnUnit("W", "power"): "w watt watts",
+    ColumnUnit("mW", "power", 1e3): "mw milliwatt milliwatts",
+    ColumnUnit("kW", "power", 1e-3): "kw kilowatt kilowatts",
+    ColumnUnit("V", "voltage"): "v vdc vac volt volts",
+    ColumnUnit("mV", "voltage", 1e3): "mv mvdc millivolt millivolts",
+    ColumnUnit("A", "current"): "a adc aac amp amps ampere amperes",
+    ColumnUnit("mA", "current", 1e3): "ma madc milliamp milliamps",
+    ColumnUnit("ohm", "resistance"): "ohm ohms ω",
+    ColumnUnit("kohm", "resistance", 1e-3): "kohm kohms kω",
+    ColumnUnit("%RH", "humidity"): "rh %rh rh% %r.h. %r.h",
 }
 _UNITS = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
 # The units by their symbols, which names of columns have at their end: `T1_degF`, `time_ms`.
@@ -106,13 +108,13 @@ class TitleUnit(NamedTuple):
     """
 
     stem: str
-    unit: Unit | None = None
+    unit: ColumnUnit | None = None
     text: str = ""
     is_explicit: bool = False
     is_sure: bool = True
 
 
-def unit_called(text: str) -> Unit | None:
+def unit_called(text: str) -> ColumnUnit | None:
     """The unit of any of its spellings; None for an unknown one."""
     plain = text.strip().replace("º", "°").replace("˚", "°").replace("℃", "°C")
     plain = plain.replace("℉", "°F").replace("Â°", "°")

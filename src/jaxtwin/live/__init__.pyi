@@ -17,7 +17,7 @@ from ._screen import Screen as Screen
 from ._service import RecordConsumer as RecordConsumer
 from ._service import RecordSource as RecordSource
 from ._service import Service as Service
-from ._service import StopRequest as StopRequest
+from ._stop_request import StopRequest as StopRequest
 from ._switch_off import Ending as Ending
 from ._switch_off import switch_off as switch_off
 from .conformance._conform import conform as conform

@@ -13,7 +13,8 @@ from ..errors import JaxtwinError, SafetyStop
 from ..io import Experiment, check_duty_of_rig
 from ..rig import Rig
 from ._readiness import wait_until_ready
-from ._service import RecordConsumer, Service, StopRequest
+from ._service import RecordConsumer, Service
+from ._stop_request import StopRequest
 from ._switch_off import STILL_HEATS, STILL_ON, Ending, poll_whatever_happens, switch_off, watch_off
 from .protocol._clock import seconds
 from .protocol._records import Document, Event, Record

@@ -1,7 +1,5 @@
-"""The loop around a rig: poll a source, fold its records, hand them to all that watch, until a
-request to end it."""
+"""The loop around a rig: poll a source, fold its records, hand them to all that watch."""
 
-import threading
 from collections.abc import Callable, Sequence
 from typing import Protocol, final, runtime_checkable
 
@@ -84,20 +82,3 @@ class Service:
         """Polls until the source ends, or `until` says so between two polls."""
         while not (self.source.ended or until()):
             self.turn()
-
-
-# The request to end a run early, by a user or by the system.
-
-
-@final
-class StopRequest(threading.Event):
-    """An event that ends a run and says who asked for it.
-
-    A user who ends a run knows that it ends: the cells are switched off and released. A signal of
-    the system, such as SIGTERM, may come while nobody looks: the device then trips as well.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.signal = ""
-        """The name of the signal that ended the run; `""` for a user's own stop."""

@@ -81,7 +81,7 @@ class ModelError:
         return grown**2 + (self.extrapolation * np.maximum(outside, 0.0)) ** 2
 
 
-class _Recording(NamedTuple):
+class _MatchedRecording(NamedTuple):
     """A recording at the match, without padding.
 
     - `errors`: the errors of the channels without that of the camera, K.
@@ -146,7 +146,7 @@ def _growth(excesses: Sequence[_Excess]) -> float:
 
 def _recordings(
     problem: MatchProblem, result: DescentResult, inside: Bool[np.ndarray, " unknowns"]
-) -> Iterator[_Recording]:
+) -> Iterator[_MatchedRecording]:
     errors: list[RecordingErrors] = result.recording_errors()
     indices = result.objective.layout.entry_indices()
     batches = zip(result.objective.same_shape_batches, result.evaluation.jacobians, strict=True)
@@ -161,7 +161,7 @@ def _recordings(
             slopes = weights.weighted(local)
             common_mode = weights.common_mode[times] * of_recording.common_mode
             channel = weights.channel[times] * of_recording.channel
-            yield _Recording(
+            yield _MatchedRecording(
                 experiment.channels,
                 experiment.time,
                 experiment.sampled & (problem.sample_weights[position] > 0),
@@ -174,7 +174,7 @@ def _recordings(
 
 
 def _excesses(
-    recording: _Recording,
+    recording: _MatchedRecording,
     origin: float,
     others: Float[np.ndarray, "entries entries"],
     variance: float,

@@ -52,7 +52,7 @@ REFINEMENTS = 2
 DRAWS = 16
 
 
-class _Recording(NamedTuple):
+class _PaddedRecording(NamedTuple):
     """A recording, with the positions of its channels, and its temperatures, padded as those of the
     objective."""
 
@@ -92,7 +92,7 @@ class NativeRecordings:
         self._lower = np.where(of_all, -np.inf, unknowns.lower())
         self._upper = np.where(of_all, np.inf, unknowns.upper())
         self._recordings = [
-            _Recording(
+            _PaddedRecording(
                 experiment,
                 np.array([twin.channels.index(name) for name in experiment.channels]),
                 padded(np.nan_to_num(np.asarray(experiment.temperatures))),

@@ -39,7 +39,7 @@ from ._state_bounds import BoundRows, StateBounds, bound_rows
 Tree = TypeVar("Tree")
 
 
-class Step(NamedTuple):
+class WindowStep(NamedTuple):
     """A step of an observer.
 
     - `reached`: the duty that reaches the cells before it. `commands`: those in force during it.
@@ -66,7 +66,7 @@ class SmoothingWindow(NamedTuple):
     """
 
     start: Gaussian
-    steps: Step
+    steps: WindowStep
     measured: Measured
     path: Float[Array, "samples state"]
     estimates: Float[Array, "samples state"]
@@ -81,7 +81,7 @@ class LinearisedWindow(NamedTuple):
 
 
 def initial_window(
-    kalman: ExtendedKalmanFilter, start: Gaussian, step: Step, horizon: int
+    kalman: ExtendedKalmanFilter, start: Gaussian, step: WindowStep, horizon: int
 ) -> SmoothingWindow:
     """A window in which nothing has happened yet."""
     dtype = start.mean.dtype
@@ -103,14 +103,14 @@ def initial_window(
 
 def linearised(
     kalman: ExtendedKalmanFilter,
-    step: Step,
+    step: WindowStep,
     before: Float[Array, "steps state"],
     after: Float[Array, "steps state"],
 ) -> tuple[LinearisedWindow, Float[Array, "steps cells"]]:
     """Linearises several steps side by side, each at its own state, with exact derivatives; and the
     duty that reaches the cells after each."""
 
-    def one(step: Step, before: Array, after: Array) -> tuple[LinearisedWindow, Array]:
+    def one(step: WindowStep, before: Array, after: Array) -> tuple[LinearisedWindow, Array]:
         moved, duty = kalman.model.exact_step(
             before, step.reached, step.commands, step.dt, step.levels
         )
@@ -123,7 +123,7 @@ def linearised(
 
 
 def shifted_window(
-    window: SmoothingWindow, start: Gaussian, step: Step, expected: Float[Array, " state"]
+    window: SmoothingWindow, start: Gaussian, step: WindowStep, expected: Float[Array, " state"]
 ) -> SmoothingWindow:
     """The window a step shifted_window: its first sample is left out, and a new one expected.
 
@@ -406,7 +406,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         latest = self.kalman.init(nodes, duty)
         dt = jnp.zeros_like(latest.mean[0])
         jump = self.kalman.expected_jump(latest, dt)
-        step = Step(latest.duty, latest.commands, dt, self._levels(), jump)
+        step = WindowStep(latest.duty, latest.commands, dt, self._levels(), jump)
         return MovingHorizonState(
             latest, initial_window(self.kalman, latest.gaussian, step, self.horizon)
         )
@@ -439,7 +439,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
         commands, dt = self.kalman.commands(latest, command, dt)
         known = self._levels() if levels is None else jnp.asarray(levels, dt.dtype)
         jump = self.kalman.expected_jump(latest, dt)
-        taken = Step(latest.duty, commands, dt, known, jump)
+        taken = WindowStep(latest.duty, commands, dt, known, jump)
         # The first step of the window, by which it is left, and the one that is new.
         both = jax.tree.map(lambda rows, row: jnp.stack([rows[0], row]), window.steps, taken)
         before = jnp.stack([window.path[0], latest.mean])

@@ -30,7 +30,7 @@ from ..matching import Fit, nominal_twin, posterior_draws
 from ..physics import Twin
 from ._retuned import Decision, Retuned
 from ._scenarios import TrialScenario, usual_scenarios
-from ._trial import ScenarioTrial, Trial, check_limit
+from ._trial import ControllerTrial, ScenarioTrial, check_limit
 
 # The number of draws with which a controller is tuned: those of the trial are other ones.
 TUNING_DRAWS = 8
@@ -114,7 +114,7 @@ def retune(
     check_limit(twin)
     present = controller.for_rig(twin.rig)
     drawn = posterior_draws(fit, count, seed=seed + 1)
-    trial = Trial(twin, drawn, references, duration, aim, worse, seed)
+    trial = ControllerTrial(twin, drawn, references, duration, aim, worse, seed)
     usual = scenarios is None
     cases = usual_scenarios(twin, present, float(duration)) if usual else tuple(scenarios)
     if not cases:
@@ -160,7 +160,7 @@ class NotTunedError(Exception):
 def _tuned(
     fit: Fit,
     present: AbstractController,
-    trial: Trial,
+    trial: ControllerTrial,
     objective: str | Mapping[str, float] | Measure,
     peak_of: Callable[[AbstractController], float],
 ) -> tuple[Tuning, float]:

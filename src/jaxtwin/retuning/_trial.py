@@ -83,7 +83,7 @@ class ScenarioTrial:
 
 
 @final
-class Trial(NamedTuple):
+class ControllerTrial(NamedTuple):
     """What is the same for all scenarios of a trial.
 
     - `twin`: the twin. `draws`: draws of its values.

@@ -66,7 +66,7 @@ from ._plate import AMBIENT as AMBIENT
 from ._plate import FILM_REFERENCE as FILM_REFERENCE
 from ._plate_needed import check_has_plate as check_has_plate
 from ._schema import Format as Format
-from ._schema import Table as Table
+from ._schema import SchemaTable as SchemaTable
 from ._schema import Text as Text
 from ._schema import validate as validate
 from ._toml import parse_toml as parse_toml

@@ -127,7 +127,7 @@ PointOnPlate = Annotated[list[Quantity], Field(min_length=2, max_length=2)] | No
 PixelRange = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
-class Table(BaseModel):
+class SchemaTable(BaseModel):
     """A table of a rig file; unknown keys are errors that suggest the nearest known one."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
@@ -149,7 +149,7 @@ class Table(BaseModel):
         return cls.model_fields
 
 
-class PlateTable(Table):
+class PlateTable(SchemaTable):
     columns: Annotated[list[Quantity], Field(min_length=1)] | None = None
     rows: Annotated[list[Quantity], Field(min_length=1)] | None = None
     width: Quantity | None = None
@@ -166,30 +166,30 @@ class PlateTable(Table):
     emissivity: Quantity | None = None
 
 
-class LinkTable(Table):
+class LinkTable(SchemaTable):
     resistance: Quantity
     factor: Annotated[float, Field(gt=0)] = 1.0
     between: Annotated[list[Text], Field(min_length=1)]
 
 
-class CircuitTable(Table):
+class CircuitTable(SchemaTable):
     capacitance: Quantity
     links: Annotated[list[LinkTable], Field(min_length=1)]
 
 
-class BodyTable(Table):
+class BodyTable(SchemaTable):
     name: Text
     capacitance: Quantity | None = None
     initial_temperature: Quantity | None = None
     temperature: Quantity | None = None
 
 
-class FanTable(Table):
+class FanTable(SchemaTable):
     speed: Quantity
     exponent: Annotated[float, Field(gt=0, le=2)] = 0.5
 
 
-class BodyLinkTable(Table):
+class BodyLinkTable(SchemaTable):
     resistance: QuantityOrSwitch | None = None
     factor: Annotated[float, Field(gt=0)] = 1.0
     between: Annotated[list[Text], Field(min_length=1)]
@@ -200,7 +200,7 @@ class BodyLinkTable(Table):
     emissivity: Quantity | None = None
 
 
-class CellTable(Table):
+class CellTable(SchemaTable):
     name: Text
     module: Text | None = None
     seebeck_coefficient: Quantity | None = None
@@ -225,13 +225,13 @@ class CellTable(Table):
     full_scale: Quantity | None = None
 
 
-class TimeProportionalTable(Table):
+class TimeProportionalTable(SchemaTable):
     period: Quantity
     minimum_on: Quantity = "0 s"
     minimum_off: Quantity = "0 s"
 
 
-class HeaterTable(Table):
+class HeaterTable(SchemaTable):
     name: Text
     power: Quantity | None = None
     electrical_resistance: Quantity | None = None
@@ -247,7 +247,7 @@ class HeaterTable(Table):
     time_proportional: TimeProportionalTable | None = None
 
 
-class DriverTable(Table):
+class DriverTable(SchemaTable):
     supply_voltage: Quantity | None = None
     supply_resistance: Quantity = "0 ohm"
     on_resistance: Quantity | None = None
@@ -260,12 +260,12 @@ class DriverTable(Table):
     off_phase: Literal["brake", "open"] = "brake"
 
 
-class ViewTable(Table):
+class ViewTable(SchemaTable):
     x: PixelRange
     y: PixelRange
 
 
-class CommonErrorTable(Table):
+class CommonErrorTable(SchemaTable):
     offset: Quantity
     drift: Quantity
     drift_time: Quantity
@@ -275,14 +275,14 @@ class CommonErrorTable(Table):
     interval: Quantity | None = None
 
 
-class RegistrationTable(Table):
+class RegistrationTable(SchemaTable):
     shift_x: Quantity = "0 mm"
     shift_y: Quantity = "0 mm"
     scale: Quantity = "1"
     rotation: Quantity = "0 deg"
 
 
-class CameraTable(Table):
+class CameraTable(SchemaTable):
     resolution: Annotated[
         list[Annotated[int, Field(ge=1, le=2**15)]], Field(min_length=2, max_length=2)
     ]
@@ -292,11 +292,11 @@ class CameraTable(Table):
     registration: RegistrationTable | None = None
 
 
-class SensorsTable(Table):
+class SensorsTable(SchemaTable):
     noise: Quantity
 
 
-class ChannelTable(Table):
+class ChannelTable(SchemaTable):
     """A channel. A kind of sensor that somebody registered has keys of its own."""
 
     model_config = ConfigDict(extra="allow", json_schema_extra={"additionalProperties": False})
@@ -322,23 +322,23 @@ class ChannelTable(Table):
         return {key: value for key, value in given.items() if value is not None}
 
 
-class AmbientTable(Table):
+class AmbientTable(SchemaTable):
     temperature: Quantity
     drift: Quantity | None = None
 
 
-class InitialTable(Table):
+class InitialTable(SchemaTable):
     temperature: Quantity | None = None
     nodes: dict[str, Quantity] = {}
 
 
-class PriorTable(Table):
+class PriorTable(SchemaTable):
     spread: Annotated[float, Field(gt=0)]
     value: float | None = None
     between_groups: Annotated[float, Field(gt=0)] | None = None
 
 
-class LimitsTable(Table):
+class LimitsTable(SchemaTable):
     temperature: Quantity
     cell_temperature: Quantity | None = None
     lowest: Quantity | None = None
@@ -350,7 +350,7 @@ class LimitsTable(Table):
     relay: Text | None = None
 
 
-class ParameterTable(Table):
+class ParameterTable(SchemaTable):
     value: float
     unit: str
     bounds: Annotated[list[Bound], Field(min_length=2, max_length=2)] | None = None
@@ -360,7 +360,7 @@ class ParameterTable(Table):
     description: str = ""
 
 
-class InputTable(Table):
+class InputTable(SchemaTable):
     name: Text
     value: float | Text | None = None
     unit: str | None = None
@@ -368,7 +368,7 @@ class InputTable(Table):
     description: str = ""
 
 
-class RigTable(Table):
+class RigTable(SchemaTable):
     format: Format
     name: Text
     title: str = ""
@@ -392,7 +392,7 @@ class RigTable(Table):
     parameter_sets: dict[str, dict[str, float]] = {}
 
 
-class ModuleTable(Table):
+class ModuleTable(SchemaTable):
     format: Format
     name: Text
     title: str = ""
@@ -409,7 +409,7 @@ class ModuleTable(Table):
     height: Quantity | None = None
 
 
-class MaterialTable(Table):
+class MaterialTable(SchemaTable):
     format: Format
     name: Text
     title: str = ""

@@ -114,7 +114,7 @@ def web_app(page: Page, desk: Desk, access: Access, wait: Wait = asyncio.sleep) 
     - `access`: who may ask for what.
     - `wait`: waits for a number of seconds; tests pass their own.
     """
-    web = _Web(page, desk, access, wait)
+    web = _PageApp(page, desk, access, wait)
     routes = [
         Route("/", web.index, methods=["GET"]),
         Route("/assets/{name:path}", web.asset, methods=["GET"]),
@@ -131,7 +131,7 @@ def web_app(page: Page, desk: Desk, access: Access, wait: Wait = asyncio.sleep) 
 
 
 @final
-class _Web:
+class _PageApp:
     """The answers to requests."""
 
     def __init__(self, page: Page, desk: Desk, access: Access, wait: Wait):

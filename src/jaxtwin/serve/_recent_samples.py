@@ -25,7 +25,7 @@ MAX_SAMPLES = 1500
 MAX_ROWS = 2 * MAX_SAMPLES
 
 
-class _Row(NamedTuple):
+class _SampleRow(NamedTuple):
     """A sample: time, s of the rig; temperatures and ambient temperature, degC; duty; and whether
     it is a reading, or a change of the duty alone."""
 
@@ -47,7 +47,7 @@ class RecentSamples:
 
     def __init__(self, twin: Twin):
         self._twin = twin
-        self._rows: deque[_Row] = deque()
+        self._rows: deque[_SampleRow] = deque()
         self._readings = 0  # in the rows
         self._last: tuple[int, float] | None = None  # host time, ns, and that of the rig, s
         self._origin = 0.0
@@ -84,7 +84,7 @@ class RecentSamples:
                 if change > MAX_AVERAGED_CHANGE and changed > self._rows[-1].time:
                     self._end_row(changed)
                     unread = np.full(len(self._twin.channels), np.nan)
-                    self._append(_Row(changed, duty, unread, ambient, is_reading=False))
+                    self._append(_SampleRow(changed, duty, unread, ambient, is_reading=False))
             self._duty = duty
         if not isinstance(record, Reading) or record.recalibrating or state.sample is None:
             return
@@ -99,7 +99,7 @@ class RecentSamples:
                 return
             self._sum_until(elapsed)
             self._end_row(elapsed)
-        self._append(_Row(elapsed, self._duty, record.temperatures, ambient, is_reading=True))
+        self._append(_SampleRow(elapsed, self._duty, record.temperatures, ambient, is_reading=True))
         self._since = self._read = elapsed
 
     def on_time(self, state: RigState, now: int) -> None:
@@ -129,7 +129,7 @@ class RecentSamples:
             name=f"live at {self.now:.0f} s",
         )
 
-    def _append(self, row: _Row) -> None:
+    def _append(self, row: _SampleRow) -> None:
         """Appends a row, and forgets the first ones."""
         self._rows.append(row)
         self._readings += row.is_reading

@@ -24,8 +24,8 @@ what:
   `_reduced_stepper`
 - diffrax: `_diffeqsolve`, `_diffrax_programs`, `_network_exponential` (our step as its solver),
   `_rodas5p` (a solver for any stiff equations, with `_rosenbrock_step`)
-- a million draws and more on an accelerator: `_numbered_chunk` (by Rodas5P),
-  `_numbered_network` (the equations as single numbers)
+- a million draws and more on an accelerator: `_scalar_chunk` (by Rodas5P),
+  `_scalar_network` (the equations as single numbers)
 """
 
 from .._faces import attach

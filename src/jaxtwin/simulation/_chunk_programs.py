@@ -35,7 +35,7 @@ Precision: TypeAlias = Literal["float64", "float32"]
 class Prepared(eqx.Module):
     """A chunk of draws, or a single draw, before its first step.
 
-    - `system`, `modes`: the equations. The steps of `_numbered_chunk` need no modes: None.
+    - `system`, `modes`: the equations. The steps of `_scalar_chunk` need no modes: None.
     - `start`: the absolute initial temperatures, K.
     - `stability_number`: see the function `stability_number`.
     - `grid`: the time grid with the draw's own delay; None if all draws share the grid.

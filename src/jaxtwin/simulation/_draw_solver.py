@@ -36,9 +36,9 @@ from ._native_chunk import (
     Samples,
     native_run,
 )
-from ._numbered_chunk import numbered_chunk_size, numbered_grid, prepare_numbered, step_numbered
 from ._reductions import BatchReadings, Reduction, reduce_readings
 from ._refinement import Results, needs_shorter_steps
+from ._scalar_chunk import prepare_scalar_chunk, scalar_chunk_size, scalar_grid, step_scalar_chunk
 from ._time_grid import TimeGrid, padded_time_grid
 from ._workers import fill_in_chunks, is_accelerated, usual_chunk_size, work_in_chunks
 
@@ -101,12 +101,12 @@ class DrawSolver:
         if not is_accelerated() and (native := self._native(refinement, own_delays)) is not None:
             return self._solve_native(native, draws, on_progress, total, out)
         count = total or len(next(iter(draws.values())))
-        numbered = None
+        scalar_steps = None
         if refinement == 0 and not own_delays and is_accelerated():
-            numbered = numbered_grid(
+            scalar_steps = scalar_grid(
                 self.twin, self.experiment, count, steady_start=isinstance(self.initial, str)
             )
-        commanded = self._grid(refinement) if numbered is None else numbered
+        commanded = self._grid(refinement) if scalar_steps is None else scalar_steps
         inputs, to_be_delayed = commanded.summary(), commanded if own_delays else None
         # Draws with the same delay share the interpolation weights of the samples.
         grid = commanded if own_delays else _delayed_as(self.twin, commanded)
@@ -118,11 +118,13 @@ class DrawSolver:
                     prepare_chunk(
                         self.twin, chunk, inputs, self.initial, to_be_delayed, self.precision
                     )
-                    if numbered is None
-                    else prepare_numbered(self.twin, chunk, inputs, self.initial, self.precision)
+                    if scalar_steps is None
+                    else prepare_scalar_chunk(
+                        self.twin, chunk, inputs, self.initial, self.precision
+                    )
                 )
             with own_settings(float64=self.precision == "float64"):
-                step = step_chunk if numbered is None else step_numbered
+                step = step_chunk if scalar_steps is None else step_scalar_chunk
                 stepped = step(
                     prepared, grid, self.columns, self._reads("plate_end"), self._reads_power()
                 )
@@ -136,11 +138,12 @@ class DrawSolver:
             return {"refused": refused & is_valid, "failed": stepped.failed, **reduced}
 
         # The next chunk is brought in and the last one out while one is computed.
-        overlapped = None if numbered is None else 2 * jax.local_device_count()
+        overlapped = None if scalar_steps is None else 2 * jax.local_device_count()
         return work_in_chunks(
             draws,
             work,
-            chunk_size=self.chunk_size or self._usual_chunk_size(numbered, compressed is not None),
+            chunk_size=self.chunk_size
+            or self._usual_chunk_size(scalar_steps, compressed is not None),
             workers=self.workers or overlapped,
             on_progress=on_progress,
             total=total,
@@ -264,14 +267,14 @@ class DrawSolver:
             reduced = reduce_readings(reductions, BatchReadings(read, None, end, plate), None)
             return results | {name: np.asarray(values) for name, values in reduced.items()}
 
-    def _usual_chunk_size(self, numbered: TimeGrid | None, is_compressed: bool) -> int:
+    def _usual_chunk_size(self, scalar_steps: TimeGrid | None, is_compressed: bool) -> int:
         """The default chunk size; larger for Rodas5P, unless whole trajectories fill the memory."""
         reductions = dict(self.reductions or {})
         if is_compressed:
             del reductions["cost"]
         few = {"end", "plate_end"}
         keeps_few = self.reductions is not None and {r.reads for r in reductions.values()} <= few
-        return numbered_chunk_size() if numbered is not None and keeps_few else usual_chunk_size()
+        return scalar_chunk_size() if scalar_steps is not None and keeps_few else usual_chunk_size()
 
     def _grid(self, refinement: int) -> TimeGrid:
         steady_start = isinstance(self.initial, str)

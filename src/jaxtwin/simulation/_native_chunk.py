@@ -1,6 +1,6 @@
 """Chunks of draws solved by `rodas5p.c`, a draw in each lane of the processor's vectors.
 
-It takes steps of Rodas5P, as `_numbered_chunk` does on an accelerator, and writes what is wanted of
+It takes steps of Rodas5P, as `_scalar_chunk` does on an accelerator, and writes what is wanted of
 the draws into the arrays of the caller: temperatures at samples, mean squared errors, extremes, the
 energy, the plate at the end. A draw whose error estimate is too large is solved again with steps
 half as long.
@@ -61,7 +61,7 @@ class NativeRecording(ctypes.Structure):
 
 
 @final
-class Run(ctypes.Structure):
+class RunStruct(ctypes.Structure):
     """`struct run`."""
 
     _fields_ = [
@@ -147,7 +147,7 @@ class NativeRun:
         first = steps.duty[0] if grid.steady_start else np.zeros_like(steps.duty[0])
         network = native_network(wiring)
         levels = np.zeros((len(steps.size), 0)) if steps.levels is None else steps.levels
-        self.structure = Run(
+        self.structure = RunStruct(
             steps=len(steps.size),
             waiting=steps.waiting,
             times=len(time),

@@ -20,8 +20,8 @@ from ..physics import CALM, DUTY_SMOOTHING, STEFAN_BOLTZMANN, System, Twin, Wiri
 from ..rig import FILM_REFERENCE
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._native_inputs import InputLayout, NativeInputs
-from ._numbered_network import network_pattern
 from ._rosenbrock_step import CORRECTION, DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
+from ._scalar_network import network_pattern
 from ._time_grid import InputSummary, reference_temperature
 
 

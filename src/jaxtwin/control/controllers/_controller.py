@@ -32,7 +32,7 @@ from ._controller_fields import (
 
 LAWS = Path(__file__).with_name("laws")
 
-Table: TypeAlias = tuple[np.ndarray, str]
+LawTable: TypeAlias = tuple[np.ndarray, str]
 """Values of one or two dimensions, and a comment with their meaning and unit."""
 
 
@@ -69,7 +69,7 @@ class Law(NamedTuple):
 
     code: str
     title: str
-    tables: Mapping[str, Table]
+    tables: Mapping[str, LawTable]
     state: Mapping[str, int] = {}
     parameters: Sequence[str] = ()
     constants: Mapping[str, int | float] = {}

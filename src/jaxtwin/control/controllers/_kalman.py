@@ -28,7 +28,7 @@ from ..._arguments import of_kind
 from ...errors import ControlError
 from ...observers import ExtendedKalmanFilter, MovingHorizonEstimator, MovingHorizonState
 from ..linear._riccati import filter_gain
-from ._controller import Table
+from ._controller import LawTable
 from ._plant import DesignPlant, Temperatures, checked_plant
 
 
@@ -118,7 +118,7 @@ def error_gain(drift: float, reading_noise: float, sample_time_s: float) -> floa
     return float(predicted / (predicted + r))
 
 
-def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[str, Table]:
+def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[str, LawTable]:
     """The numbers of a filter and of its operating point for C. The change of the states in a
     sample, $(A - I) x$, is computed and added there, because slow poles lie near 1."""
     tables = {

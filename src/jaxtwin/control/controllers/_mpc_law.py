@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
 from ._controller import (
     Law,
-    Table,
+    LawTable,
     TemperatureLimit,
     bundled_law,
     check_designed_cells,
@@ -63,7 +63,7 @@ class RestCost(NamedTuple):
 class ProgramNumbers(NamedTuple):
     """The tables and the constants of both programs, see `Law`."""
 
-    tables: dict[str, Table]
+    tables: dict[str, LawTable]
     constants: dict[str, int | float]
 
 
@@ -82,7 +82,7 @@ def program_numbers(
     by_last = np.asarray(cost.by_last_duty, float)[:cells]
     at_rest = np.zeros((cells + soft.has_bands, cells + soft.has_bands))
     at_rest[:cells, :cells] = by_duty / scale
-    tables: dict[str, Table] = {
+    tables: dict[str, LawTable] = {
         "hessian": (hessian / plan, "of the plan's cost by the moves"),
         "by_states": (np.asarray(cost.by_states, float) / plan, "its slope by the states"),
         "by_last": (by_last / plan, "by the last duty, of the first sample"),

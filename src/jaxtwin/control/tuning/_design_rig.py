@@ -116,10 +116,14 @@ def design_rig(
             f"{limits!r}"
         )
 
-    def search(twin: Twin, names: Sequence[str], bounds: Mapping[str, Any] | None) -> "_Search":
+    def search(
+        twin: Twin, names: Sequence[str], bounds: Mapping[str, Any] | None
+    ) -> "_PlacementSearch":
         lowest = np.maximum(low, twin.wiring.lowest_duty)
         duty = lowest, np.full_like(lowest, high)
-        return _Search(twin, _bounds(twin.rig, names, bounds), apart, unevenness, mean, duty)
+        return _PlacementSearch(
+            twin, _bounds(twin.rig, names, bounds), apart, unevenness, mean, duty
+        )
 
     now = np.array([_place(plant, name) for name in names]).reshape(-1, 2)
     grown = _moved(plant, dict.fromkeys(copies, _middle(plant.rig)), copies)
@@ -161,7 +165,7 @@ def design_rig(
 
 
 @final
-class _Search:
+class _PlacementSearch:
     """Searches for places and duty.
 
     **Arguments:**

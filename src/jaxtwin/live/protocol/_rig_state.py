@@ -21,7 +21,7 @@ MAX_WAIT = 10 * 10**9
 
 
 @final
-class DeviceClock(NamedTuple):
+class BootClock(NamedTuple):
     """The clock of one start of a device, as its messages show it.
 
     The lag of a message is its arrival time less the device time at which it was made. The smallest
@@ -38,7 +38,7 @@ class DeviceClock(NamedTuple):
     least_lag: int
     arrival: int
 
-    def after(self, device_us: int, arrival: int) -> "DeviceClock":
+    def after(self, device_us: int, arrival: int) -> "BootClock":
         """The clock after a message that was made at a time of the device's clock."""
         lag = arrival - round(device_us * 1e3 / self.rate)
         drifted = self.least_lag + round(CLOCK_DRIFT * max(arrival - self.arrival, 0))
@@ -83,7 +83,7 @@ class RigState:
     faults: Mapping[int, str] = field(default_factory=dict)
     recalibrating: bool = False
     counts: Mapping[str, int] = field(default_factory=dict)
-    clocks: Mapping[str, DeviceClock] = field(default_factory=dict)
+    clocks: Mapping[str, BootClock] = field(default_factory=dict)
 
     def after(self, record: Record) -> "RigState":
         """The state after the next record."""
@@ -179,13 +179,13 @@ class RigState:
             },
         )
 
-    def _clocks_after(self, record: Sample | Reading) -> Mapping[str, DeviceClock]:
+    def _clocks_after(self, record: Sample | Reading) -> Mapping[str, BootClock]:
         clock = self.clocks.get(record.link)
         if clock is None or clock.boot != record.boot:
             hello = self.greetings.get(record.link)
             rate = 1.0 if hello is None else hello.rate
             lag = record.arrival - round(record.device_us * 1e3 / rate)
-            clock = DeviceClock(record.boot, rate, lag, record.arrival)
+            clock = BootClock(record.boot, rate, lag, record.arrival)
         return {**self.clocks, record.link: clock.after(record.device_us, record.arrival)}
 
     def _counted(self, what: str, count: int) -> "RigState":

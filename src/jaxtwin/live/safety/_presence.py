@@ -17,7 +17,7 @@ from ..protocol._records import (
     Record,
     Sample,
 )
-from ..protocol._rig_state import CLOCK_DRIFT, DeviceClock, RigState
+from ..protocol._rig_state import CLOCK_DRIFT, BootClock, RigState
 from ._interlock import AbstractInterlock, Finding
 
 
@@ -48,7 +48,7 @@ class Presence(AbstractInterlock):
             )
         self._silence = silence
         self._boots: Mapping[str, str] | None = None  # at the first command
-        self._began: Mapping[str, DeviceClock] = {}  # the clocks of the devices then
+        self._began: Mapping[str, BootClock] = {}  # the clocks of the devices then
 
     @property
     def settings(self) -> Mapping[str, Any]:

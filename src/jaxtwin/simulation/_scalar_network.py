@@ -18,11 +18,11 @@ from .._jax_settings import in_precision
 from .._sparse import Entry, SparseLU
 from ..physics import Bridge, NonlinearLoss, System, ThermoelectricModule, Wiring
 
-Numbers = list[Float[Array, "*draws"]]
+Scalars = list[Float[Array, "*draws"]]
 
 
 @final
-class NumberedNetwork(eqx.Module):
+class ScalarNetwork(eqx.Module):
     """The numbers of a network, each for many draws.
 
     - `conductance`: the entries of $G$ that differ from 0, W/K, in the order of `entries`.
@@ -39,17 +39,17 @@ class NumberedNetwork(eqx.Module):
     - `cold`, `hot`: the nodes of the cells' sides.
     """
 
-    conductance: Numbers
-    inverse_capacitance: Numbers
-    to_ambient: Numbers
-    held_heat: Numbers
+    conductance: Scalars
+    inverse_capacitance: Scalars
+    to_ambient: Scalars
+    held_heat: Scalars
     modules: list[ThermoelectricModule]
     bridges: list[Bridge]
     losses: list[NonlinearLoss]
     reference: Float[Array, "*draws"]
     lag: Float[Array, "*draws"] | None
     drift: Float[Array, "*draws"] | None
-    held: Numbers
+    held: Scalars
     entries: tuple[Entry, ...] = eqx.field(static=True)
     cold: tuple[int, ...] = eqx.field(static=True)
     hot: tuple[int, ...] = eqx.field(static=True)
@@ -59,7 +59,7 @@ class NumberedNetwork(eqx.Module):
     @classmethod
     def of(
         cls, system: System, reference: Float[Array, ""], drift: Float[Array, ""] | None
-    ) -> "NumberedNetwork":
+    ) -> "ScalarNetwork":
         """Takes a system of one draw, or of many under `jax.vmap`, apart."""
         wiring, module, bridge, loss = system.wiring, system.module, system.bridge, system.loss
         nodes, cells = range(system.capacitance.size), range(len(wiring.cold))
@@ -102,7 +102,7 @@ class NumberedNetwork(eqx.Module):
             far=() if paths is None else tuple(map(int, paths.far)),
         )
 
-    def slope(self, rises: Numbers, duty: Numbers, ambient: Float[Array, "*#draws"]) -> Numbers:
+    def slope(self, rises: Scalars, duty: Scalars, ambient: Float[Array, "*#draws"]) -> Scalars:
         """The rate of change of each temperature, K/s.
 
         **Arguments:**
@@ -129,7 +129,7 @@ class NumberedNetwork(eqx.Module):
         return [q * inverse for q, inverse in zip(heat, self.inverse_capacitance, strict=True)]
 
     def jacobian(
-        self, rises: Numbers, duty: Numbers, ambient: Float[Array, "*#draws"]
+        self, rises: Scalars, duty: Scalars, ambient: Float[Array, "*#draws"]
     ) -> dict[Entry, Float[Array, "*draws"]]:
         """The derivatives of the slopes by the temperatures that differ from 0, 1/s."""
         matrix = {entry: -g for entry, g in zip(self.entries, self.conductance, strict=True)}
@@ -160,12 +160,12 @@ class NumberedNetwork(eqx.Module):
 
     def time_slope(
         self,
-        rises: Numbers,
-        duty: Numbers,
+        rises: Scalars,
+        duty: Scalars,
         ambient: Float[Array, "*#draws"],
-        duty_slope: Numbers,
+        duty_slope: Scalars,
         ambient_slope: Float[Array, "*draws"],
-    ) -> Numbers:
+    ) -> Scalars:
         """The change of the slopes with the inputs alone, K/s^2, while these change at the given
         rates."""
         _, slope = jax.jvp(
@@ -175,7 +175,7 @@ class NumberedNetwork(eqx.Module):
         )
         return slope
 
-    def _of_loss(self, k: int, rises: Numbers, ambient: Array) -> tuple[Array, Array]:
+    def _of_loss(self, k: int, rises: Scalars, ambient: Array) -> tuple[Array, Array]:
         """The arguments of a loss."""
         far = self.far[k]
         end = rises[far] if far >= 0 else ambient if far == -1 else self.held[k]

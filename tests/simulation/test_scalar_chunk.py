@@ -13,10 +13,10 @@ import pytest
 from small_rigs import bundled
 
 from jaxtwin import Experiment, Twin, reduce_batch, simulate_batch
-from jaxtwin.simulation import ReductionName, _draw_solver, _numbered_chunk
+from jaxtwin.simulation import ReductionName, _draw_solver, _scalar_chunk
 from jaxtwin.simulation._chunk_programs import Prepared, Stepped
 from jaxtwin.simulation._native_library import VARIABLE
-from jaxtwin.simulation._numbered_chunk import MAX_STEPS, MIN_DRAWS, numbered_grid
+from jaxtwin.simulation._scalar_chunk import MAX_STEPS, MIN_DRAWS, scalar_grid
 from jaxtwin.simulation._time_grid import TimeGrid
 
 DRAWS = 8
@@ -26,10 +26,10 @@ if jax.__version_info__ < (0, 11):  # jaxlib 0.12 has MLIR alone
 
 
 @pytest.fixture
-def numbered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+def scalar(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Lets the draws of a test take the way of an accelerator. The list gets the number of steps of
     each chunk that did."""
-    compiled: Any = _numbered_chunk.step_numbered
+    compiled: Any = _scalar_chunk.step_scalar_chunk
     step, chunks = compiled.__wrapped__, []
 
     def step_unfused(prepared: Prepared, grid: TimeGrid, *rest: Any) -> Stepped:
@@ -39,9 +39,9 @@ def numbered(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         )
         return program(prepared, grid)
 
-    monkeypatch.setattr(_draw_solver, "step_numbered", step_unfused)
+    monkeypatch.setattr(_draw_solver, "step_scalar_chunk", step_unfused)
     monkeypatch.setattr(_draw_solver, "is_accelerated", lambda: True)
-    monkeypatch.setattr(_numbered_chunk, "MIN_DRAWS", 1)
+    monkeypatch.setattr(_scalar_chunk, "MIN_DRAWS", 1)
     return chunks
 
 
@@ -90,7 +90,7 @@ def test_draws_are_those_of_the_default_solver(name, precision, driver, request,
     wanted: list[ReductionName] = ["final", "energy", "minimum", "maximum"]
     default = reduce_batch(twin, experiment, draws, wanted)
     trajectories = simulate_batch(twin, experiment, draws)
-    chunks = request.getfixturevalue("numbered")
+    chunks = request.getfixturevalue("scalar")
     found = reduce_batch(twin, experiment, draws, wanted, precision=precision)
     whole = simulate_batch(twin, experiment, draws, precision=precision)
     assert len(chunks) == 2
@@ -114,7 +114,7 @@ def test_the_room_may_change_and_a_run_begin_at_rest(request):
     draws = {name: twin.values[name] * np.array([1.0, 0.8, 1.2, -1.0])}
     wanted: list[ReductionName] = ["cost", "final"]
     default = reduce_batch(twin, experiment, draws, wanted, initial="steady")
-    request.getfixturevalue("numbered")
+    request.getfixturevalue("scalar")
     found = reduce_batch(twin, experiment, draws, wanted, initial="steady")
     np.testing.assert_array_equal(found.failed, default.failed)
     np.testing.assert_allclose(found["final"], default["final"], rtol=0, atol=1e-4)
@@ -124,19 +124,19 @@ def test_the_room_may_change_and_a_run_begin_at_rest(request):
 def test_modes_are_taken_where_they_are_as_good():
     """Few draws, a drive that changes all the time, and a large plate."""
     twin, steps = Twin("paper-2024"), Experiment.schedule("0:0.5", duration=600.0, cells=2)
-    assert numbered_grid(twin, steps, MIN_DRAWS - 1, steady_start=False) is None
-    grid = numbered_grid(twin, steps, MIN_DRAWS, steady_start=True)
+    assert scalar_grid(twin, steps, MIN_DRAWS - 1, steady_start=False) is None
+    grid = scalar_grid(twin, steps, MIN_DRAWS, steady_start=True)
     assert grid is not None
     assert grid.steady_start
     assert len(grid.size) < MAX_STEPS / 2
     random = np.random.default_rng(0).uniform(-1, 1, size=(301, 2))
     restless = Experiment(np.arange(301.0), random)
-    assert numbered_grid(twin, restless, MIN_DRAWS, steady_start=False) is None
+    assert scalar_grid(twin, restless, MIN_DRAWS, steady_start=False) is None
 
 
 def test_steps_of_no_length_end_each_span_and_the_others_fill_it():
     twin, steps = Twin("paper-2024"), Experiment.schedule("0:0.5,100:0.8", duration=600.0, cells=2)
-    grid = numbered_grid(twin, steps, MIN_DRAWS, steady_start=False)
+    grid = scalar_grid(twin, steps, MIN_DRAWS, steady_start=False)
     assert grid is not None
     sizes = np.asarray(grid.sizes)[np.asarray(grid.size)]
     ends = np.cumsum(sizes)

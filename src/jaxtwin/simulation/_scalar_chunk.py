@@ -25,8 +25,8 @@ from ._chunk_programs import Precision, Prepared, Stepped
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._integrate import StepReadings, largest
 from ._modes import MAX_SPAN, network_span
-from ._numbered_network import NumberedNetwork, Numbers
 from ._rosenbrock_step import NODES, added, rosenbrock_step, step_matrix
+from ._scalar_network import ScalarNetwork, Scalars
 from ._time_grid import (
     SIZES,
     InputSummary,
@@ -61,7 +61,7 @@ class HeldStep(NamedTuple):
     command: Float[Array, "*steps cells"]
 
 
-class NumberedState(NamedTuple):
+class ScalarState(NamedTuple):
     """Where a run is.
 
     - `rises`: the deviations from the reference, K.
@@ -69,12 +69,12 @@ class NumberedState(NamedTuple):
     - `errors`: the sums of the absolute error estimates of the steps so far, K.
     """
 
-    rises: Numbers
-    duty: Numbers
-    errors: Numbers
+    rises: Scalars
+    duty: Scalars
+    errors: Scalars
 
 
-class NumberedRun(NamedTuple):
+class ScalarRun(NamedTuple):
     """The nodes during a run, with an axis for the draws behind the others.
 
     - `rises`, `slopes`: the deviations from the reference, K, and their slopes, K/s. Row k belongs
@@ -87,7 +87,7 @@ class NumberedRun(NamedTuple):
     errors: Float[Array, "nodes draws"]
 
 
-def integrate_numbers(network: NumberedNetwork, start: Numbers, grid: TimeGrid) -> NumberedRun:
+def integrate_scalars(network: ScalarNetwork, start: Scalars, grid: TimeGrid) -> ScalarRun:
     """Integrates over the steps of a grid.
 
     **Arguments:**
@@ -102,18 +102,18 @@ def integrate_numbers(network: NumberedNetwork, start: Numbers, grid: TimeGrid) 
     command = steps.command[0] if grid.steady_start else jnp.zeros_like(steps.command[0])
     duty = [jnp.broadcast_to(of_cell, shape) for of_cell in command]
 
-    def step(state: NumberedState, held: HeldStep) -> tuple[NumberedState, tuple[Numbers, Numbers]]:
+    def step(state: ScalarState, held: HeldStep) -> tuple[ScalarState, tuple[Scalars, Scalars]]:
         after, slopes = advance(network, lu, state, held)
         return after, (state.rises, slopes)
 
-    state = NumberedState(start, duty, [rest] * len(start))
+    state = ScalarState(start, duty, [rest] * len(start))
     end, (rises, slopes) = jax.lax.scan(step, state, steps)
     last = jax.tree.map(lambda rows: rows[-1], steps)
     at_end = last._replace(begin=last.begin + last.size)
     last_slopes = network.slope(
         end.rises, duty_at(network, at_end, end.duty, rest), ambient_at(network, at_end, rest)
     )
-    return NumberedRun(
+    return ScalarRun(
         rises=jnp.concatenate([jnp.stack(rises, axis=1), jnp.stack(end.rises)[None]]),
         slopes=jnp.concatenate([jnp.stack(slopes, axis=1), jnp.stack(last_slopes)[None]]),
         errors=jnp.stack(end.errors),
@@ -131,8 +131,8 @@ def held_steps(grid: TimeGrid, dtype: DTypeLike) -> HeldStep:
 
 
 def advance(
-    network: NumberedNetwork, lu: SparseLU, state: NumberedState, step: HeldStep
-) -> tuple[NumberedState, Numbers]:
+    network: ScalarNetwork, lu: SparseLU, state: ScalarState, step: HeldStep
+) -> tuple[ScalarState, Scalars]:
     """Takes a step.
 
     **Returns:** the state at its end, and the slopes at its start under its inputs, K/s.
@@ -153,7 +153,7 @@ def advance(
         lambda right: lu.solve(factors, right),
         first,
     )
-    after = NumberedState(
+    after = ScalarState(
         [jnp.where(moves, end, x) for end, x in zip(result.end, state.rises, strict=True)],
         [jnp.where(moves, end, u) for end, u in zip(duty[1.0], state.duty, strict=True)],
         added(state.errors, [jnp.where(moves, jnp.abs(e), 0.0) for e in result.error]),
@@ -162,8 +162,8 @@ def advance(
 
 
 def duty_at(
-    network: NumberedNetwork, step: HeldStep, before: Numbers, elapsed: Float[Array, " draws"]
-) -> Numbers:
+    network: ScalarNetwork, step: HeldStep, before: Scalars, elapsed: Float[Array, " draws"]
+) -> Scalars:
     """The duty that reaches each cell some time after the start of a step, at which it was
     `before`: the command, or what lags behind it."""
     if network.lag is None:
@@ -176,7 +176,7 @@ def duty_at(
 
 
 def ambient_at(
-    network: NumberedNetwork, step: HeldStep, elapsed: Float[Array, " draws"]
+    network: ScalarNetwork, step: HeldStep, elapsed: Float[Array, " draws"]
 ) -> Float[Array, " draws"]:
     """The ambient's deviation from the reference some time after the start of a step, K."""
     start, middle, end = step.ambient
@@ -186,12 +186,12 @@ def ambient_at(
 
 
 def _time_slope(
-    network: NumberedNetwork,
-    state: NumberedState,
+    network: ScalarNetwork,
+    state: ScalarState,
     step: HeldStep,
-    duty: Numbers,
+    duty: Scalars,
     ambient: Float[Array, " draws"],
-) -> Numbers | None:
+) -> Scalars | None:
     """The change of the slopes with the inputs at the start of a step, K/s^2; None where these are
     held."""
     if network.lag is None and network.drift is None:
@@ -229,7 +229,7 @@ SMALL_CHUNK, LARGE_CHUNK = 32_768, 65_536
 MUCH_MEMORY = 2**35
 
 
-def numbered_grid(
+def scalar_grid(
     twin: Twin, experiment: Experiment, draws: int, *, steady_start: bool
 ) -> TimeGrid | None:
     """The padded steps of Rodas5P for `count` draws; None where the modes of the default solver are
@@ -243,7 +243,7 @@ def numbered_grid(
     return replace(grid, steady_start=True) if steady_start else grid
 
 
-def numbered_chunk_size() -> int:
+def scalar_chunk_size() -> int:
     """The number of draws in a chunk unless trajectories are kept."""
     memory = jax.devices()[0].memory_stats() or {}
     return LARGE_CHUNK if memory.get("bytes_limit", 0) >= MUCH_MEMORY else SMALL_CHUNK
@@ -260,7 +260,7 @@ def _padded_grid(experiment: Experiment, lags: bool) -> TimeGrid:
 
 
 @persistent_jit
-def prepare_numbered(
+def prepare_scalar_chunk(
     twin: Twin,
     draws: Mapping[str, Float[Array | np.ndarray, " chunk"]],
     inputs: InputSummary,
@@ -288,7 +288,7 @@ def prepare_numbered(
 
 
 @persistent_jit
-def step_numbered(
+def step_scalar_chunk(
     prepared: Prepared,
     grid: TimeGrid,
     columns: Int[Array | np.ndarray, " channels"],
@@ -297,19 +297,19 @@ def step_numbered(
 ) -> Stepped:
     """Computes all steps of a chunk.
 
-    **Arguments:** those of `step_chunk`; the grid is that of `numbered_grid`, delayed where the
+    **Arguments:** those of `step_chunk`; the grid is that of `scalar_grid`, delayed where the
     driver has a delay.
     """
     wiring = prepared.system.wiring
 
-    def of_draw(draw: Prepared) -> tuple[NumberedNetwork, list[Array]]:
+    def of_draw(draw: Prepared) -> tuple[ScalarNetwork, list[Array]]:
         drive = draw.drive(grid)
-        network = NumberedNetwork.of(draw.system, drive.reference, drive.ambient_drift)
+        network = ScalarNetwork.of(draw.system, drive.reference, drive.ambient_drift)
         rises = draw.start - drive.reference
         return network, [rises[node] for node in range(rises.size)]
 
     network, start = jax.vmap(of_draw)(prepared)
-    run = integrate_numbers(network, start, grid)
+    run = integrate_scalars(network, start, grid)
     rises, slopes = (jnp.transpose(table, (2, 0, 1)) for table in (run.rises, run.slopes))
 
     def read(draw: Prepared, rises: Array, slopes: Array, errors: Array) -> Stepped:
