@@ -50,7 +50,14 @@ from jaxtwin._jax_settings import own_settings
 from jaxtwin.diagnosis import Cause, Diagnosis, Explanation, suspected, suspects
 from jaxtwin.diagnosis._causes import diagnosed
 from jaxtwin.diagnosis._diagnose import learned
-from jaxtwin.monitoring import DAY, Monitor, MonitorCalibration, Monitored, response_of, seen
+from jaxtwin.monitoring import (
+    DAY,
+    Monitor,
+    MonitorCalibration,
+    Monitored,
+    observed_sample,
+    response_of,
+)
 from jaxtwin.monitoring._calibrate import calibration_of_recordings
 from jaxtwin.monitoring._monitor import evidences_of
 from jaxtwin.observers import (
@@ -293,7 +300,7 @@ def loudest_of_hour(
         expected = kalman.readings(state, sample.ambient)
         there = jax.numpy.isfinite(sample.readings)
         state = kalman.update(state, sample.readings, there, sample.ambient)
-        what = seen(state, expected, sample.readings, sample.ambient, sample.dt)
+        what = observed_sample(state, expected, sample.readings, sample.ambient, sample.dt)
         watched, said = monitor.step(watched, what)
         alarms = said._replace(changed=said.sum)
         return (state, watched), jax.numpy.concatenate([one.score for one in alarms]).max()

@@ -35,9 +35,9 @@ from jaxtwin.monitoring import (
     Monitor,
     Monitored,
     MonitorState,
-    Seen,
+    ObservedSample,
     joined,
-    seen,
+    observed_sample,
 )
 from jaxtwin.monitoring._calibrate import block_maxima, tail_of
 from jaxtwin.monitoring._innovation_tests import InnovationState, InnovationTests
@@ -96,7 +96,7 @@ def _scores(tests: InnovationTests, innovations: jax.Array) -> jax.Array:
     def run(series: jax.Array) -> jax.Array:
         def take(state: InnovationState, x: jax.Array) -> tuple[InnovationState, jax.Array]:
             none = jax.numpy.zeros(1)
-            sample = Seen(x[None], none, x[None], none, none, none, one, one)
+            sample = ObservedSample(x[None], none, x[None], none, none, none, one, one)
             after, found = tests.step(state, sample, one, one > 0)
             picked = [found[place].score[0] for place in (0, 1, 3)]
             return after, jax.numpy.stack(picked)
@@ -194,10 +194,12 @@ def speed(found: Monitored) -> None:
     readings = observed.samples.readings[-1]
     with own_settings():
         state, begun = observed.state, monitor.init()
-        sample = seen(state, readings, readings, np.nan, np.asarray(1.0))
+        sample = observed_sample(state, readings, readings, np.nan, np.asarray(1.0))
 
         @jax.jit
-        def one(tests: Monitor, where: MonitorState, what: Seen) -> tuple[MonitorState, Evidence]:
+        def one(
+            tests: Monitor, where: MonitorState, what: ObservedSample
+        ) -> tuple[MonitorState, Evidence]:
             after, evidences = tests.step(where, what)
             return after, joined(evidences)
 

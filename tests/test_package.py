@@ -114,3 +114,20 @@ def test_a_name_that_has_moved_works_with_a_warning_that_says_where(name: str):
 
 def test_a_package_is_imported_when_it_is_first_used():
     assert run_fresh("import jaxtwin as jt; print(jt.control.PID.__name__)") == "PID\n"
+
+
+@pytest.mark.parametrize(
+    ("package", "old", "new"),
+    [("monitoring", "Seen", "ObservedSample"), ("physics", "CALM", "MIN_FILM_RISE")],
+)
+def test_a_renamed_name_of_a_package_warns_and_is_the_new_one(package: str, old: str, new: str):
+    module = importlib.import_module(f"jaxtwin.{package}")
+    assert old not in module.__all__
+    with pytest.warns(DeprecationWarning, match=rf"jaxtwin\.{package}\.{old} is now .*{new}$"):
+        assert getattr(module, old) is getattr(module, new)
+
+
+def test_names_for_other_packages_are_found_and_not_public():
+    module = importlib.import_module("jaxtwin.rig")
+    assert callable(module.parse_toml)
+    assert "parse_toml" not in dir(module)

@@ -1,8 +1,10 @@
 """The face of a package: the names that it offers, each imported when it is first used."""
 
 import ast
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import lazy_loader
 
@@ -11,7 +13,7 @@ FOR_PACKAGES = "# For the other packages of jaxtwin: no part of the public inter
 
 
 def attach(
-    package: str, file: str
+    package: str, file: str, renamed: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package, by its stub `__init__.pyi`.
 
@@ -19,12 +21,23 @@ def attach(
     names that other packages of jaxtwin import besides: they are found like the public ones, but
     `__all__` and `dir()` leave them out.
 
-    **Arguments:** `__name__` and `__file__` of the package.
+    **Arguments:**
+
+    - `package`, `file`: `__name__` and `__file__` of the package.
+    - `renamed`: names of the version before -> those of now; they warn, and go with the next one.
     """
-    find, _, _ = lazy_loader.attach_stub(package, file)
+    find_now, _, _ = lazy_loader.attach_stub(package, file)
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     imports = ast.parse(stub.partition(FOR_PACKAGES)[0]).body
     public = sorted(
         alias.name for node in imports if isinstance(node, ast.ImportFrom) for alias in node.names
     )
+
+    def find(name: str) -> object:
+        if name not in renamed:
+            return find_now(name)
+        now = renamed[name]
+        warnings.warn(f"{package}.{name} is now {package}.{now}", DeprecationWarning, stacklevel=2)
+        return find_now(now)
+
     return find, public.copy, public

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxtwin.monitoring import Evidence, Seen
+from jaxtwin.monitoring import Evidence, ObservedSample
 from jaxtwin.monitoring._innovation_tests import (
     MASK_SECONDS_AFTER_JUMP,
     RESET_SCORE,
@@ -30,7 +30,7 @@ def said_of(
     )
     none = np.zeros(len(z))
     readings = np.where(np.isfinite(z), 0.1 * z, np.nan)
-    samples = Seen(
+    samples = ObservedSample(
         readings=readings,
         expected=np.zeros_like(z),
         whitened=np.nan_to_num(z),

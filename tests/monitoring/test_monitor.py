@@ -11,8 +11,8 @@ from faulty_runs import LENGTH, ONSET, SIZE, bench, clean, recording, with_readi
 from jaxtwin import Experiment, ProcessNoise, calibrate_monitor, monitor
 from jaxtwin.errors import ObserverError
 from jaxtwin.live import Finding
-from jaxtwin.monitoring import FindingLog, MonitorCalibration, Monitored, Seen
-from jaxtwin.monitoring._evidence import seen
+from jaxtwin.monitoring import FindingLog, MonitorCalibration, Monitored, ObservedSample
+from jaxtwin.monitoring._evidence import observed_sample
 from jaxtwin.monitoring._monitor import SETTLE, run
 from jaxtwin.monitoring._state_test import StateTest
 from jaxtwin.monitoring._thresholds import DAY, FAMILIES, nominal_calibration
@@ -136,7 +136,7 @@ def samples_of(found: Monitored):
         dt = np.diff(observed.time, prepend=observed.time[0])
         return jax.tree.map(
             np.asarray,
-            seen(
+            observed_sample(
                 observed.filtered.states, observed.filtered.expected,
                 np.asarray(observed.experiment.temperatures), observed.samples.ambient, dt,
             ),
@@ -178,7 +178,7 @@ def said_of_errors(errors: np.ndarray) -> np.ndarray:
     none = np.zeros(2)
 
     def take(state, mean):
-        sample = Seen(none, none, none, mean, none, none, np.nan, 1.0)
+        sample = ObservedSample(none, none, none, mean, none, none, np.nan, 1.0)
         after, (_, found) = test.step(state, sample, jnp.ones(()), jnp.asarray(True))
         return after, found.score
 

@@ -9,7 +9,7 @@ import pytest
 import scipy.stats
 from faulty_runs import bench
 
-from jaxtwin.monitoring import Reference, Seen
+from jaxtwin.monitoring import ObservedSample, Reference
 from jaxtwin.monitoring._monitor import AVERAGING_SECONDS, LEVEL, PERSISTENT, ShiftTest
 from jaxtwin.observers import ProcessNoise, live_observer
 
@@ -29,7 +29,7 @@ def stepped(test: ShiftTest, model: Any, change: float, seconds: int):
     assert model.directions is not None
     mean[model.layout.of("values")] = change / model.directions.matrix[0, 0]
     none = np.zeros(2)
-    sample = Seen(none, none, none, mean, none, none, np.nan, 1.0)
+    sample = ObservedSample(none, none, none, mean, none, none, np.nan, 1.0)
     state = test.init()
     for n in range(seconds // 10):
         state, found = test.step(state, sample, jnp.asarray(10.0), jnp.asarray(n > 0))

@@ -13,7 +13,7 @@ import numpy as np
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..control import LawTable
-from ..physics import CALM, DUTY_SMOOTHING, STEFAN_BOLTZMANN
+from ..physics import DUTY_SMOOTHING, MIN_FILM_RISE, STEFAN_BOLTZMANN
 from ..rig import FILM_REFERENCE, Parameter
 from ..simulation import Stepper
 from ._input_tables import input_constants, input_lines, input_numbers, input_tables
@@ -178,8 +178,8 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
     if sizes.has_loss and loss is not None:
         result |= {
             "LOSSES": len(sizes.loss_from),
-            "CALM": CALM**2,
-            "FILM_SCALE": 1 / (FILM_REFERENCE**2 + CALM**2),
+            "MIN_FILM_RISE": MIN_FILM_RISE**2,
+            "FILM_SCALE": 1 / (FILM_REFERENCE**2 + MIN_FILM_RISE**2),
         }
     if sizes.has_far_ends:
         result |= {"HAS_FAR_ENDS": 1, "PLATE_LOSSES": sizes.plate_losses}
@@ -196,7 +196,7 @@ COMMENTS = {
     "IMAX": "through a connected cell, A",
     "LOSSES": "paths of losses that are not linear",
     "PLATE_LOSSES": "of the plate, the first of them",
-    "CALM": "K^2",
+    "MIN_FILM_RISE": "K^2",
     "DUTY_SMOOTHING_SQUARE": "square of the duty below which heat is proportional to it",
     "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
     "SHARES": "of states, and the inputs",

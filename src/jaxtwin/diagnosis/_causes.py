@@ -65,13 +65,13 @@ class Survivors:
       has become larger, for no reason that is known, and without any fault.
     """
 
-    numbers: Int[np.ndarray, " survivors"]
+    numbers: Int[np.ndarray, " candidates"]
     sized: tuple[Suspect, ...]
     first: int
-    onset: Int[np.ndarray, " survivors"]
-    evidence: Float[np.ndarray, "survivors samples"]
-    multiple: Float[np.ndarray, " survivors"]
-    spread: Float[np.ndarray, " survivors"]
+    onset: Int[np.ndarray, " candidates"]
+    evidence: Float[np.ndarray, "candidates samples"]
+    multiple: Float[np.ndarray, " candidates"]
+    spread: Float[np.ndarray, " candidates"]
     excess: float
     left: float
     scatter: Float[np.ndarray, " samples"]
@@ -84,7 +84,7 @@ class Survivors:
         return suspect.size_of(middle), min(one_end, other), max(one_end, other)
 
 
-def survivors(
+def track_candidates(
     observed: Observed,
     several: Sequence[Suspect],
     prior: Prior,
@@ -189,8 +189,8 @@ def _stuck(observed: Observed, several: Sequence[Suspect], at: int) -> dict[int,
 def _follow(
     observed: Observed,
     sized: Sequence[Suspect],
-    spread: Float[np.ndarray, " survivors"],
-    onset: Int[np.ndarray, " survivors"],
+    spread: Float[np.ndarray, " candidates"],
+    onset: Int[np.ndarray, " candidates"],
     rows: slice,
 ) -> Tracked:
     """Runs the filters of some suspects over some samples."""
@@ -217,9 +217,9 @@ def _evidence(
     observed: Observed,
     sized: Sequence[Suspect],
     of_each: Tracked,
-    onset: Int[np.ndarray, " survivors"],
+    onset: Int[np.ndarray, " candidates"],
     rows: slice,
-) -> Float[np.ndarray, "survivors samples"]:
+) -> Float[np.ndarray, "candidates samples"]:
     """The logarithm of the ratio of the likelihoods with each fault and without any, from its onset
     to each sample."""
     without = np.asarray(observed.filtered.states.log_likelihood)[rows]
@@ -307,7 +307,9 @@ def diagnosed(
         if span is None:
             break
         last = min(span.end + AFTER, len(time)) - 1 if span.is_over else span.best
-        alive = survivors(observed, several, prior, scores, logs, span.best, last, span.is_over)
+        alive = track_candidates(
+            observed, several, prior, scores, logs, span.best, last, span.is_over
+        )
         odds = _odds(alive, scores, logs, span.best, rate)
         posterior = _probabilities(odds)
         answers[alive.first : alive.first + len(posterior)] = posterior

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
 from .._jax_settings import own_settings
-from ..monitoring import Evidence, Monitor, MonitorState, joined, seen
+from ..monitoring import Evidence, Monitor, MonitorState, joined, observed_sample
 from ..observers import ExtendedKalmanFilter, KalmanState, Moment
 from ..serve._contents import HORIZON
 
@@ -223,7 +223,7 @@ def _stepped(watcher: Watcher, state: LaneState, step: LaneSteps) -> tuple[LaneS
     is_there = jnp.isfinite(step.readings)
     updated = observer.update(predicted, step.readings, is_there, step.ambient)
     after, evidences = monitor.step(
-        tests, seen(updated, expected, step.readings, step.ambient, step.elapsed)
+        tests, observed_sample(updated, expected, step.readings, step.ambient, step.elapsed)
     )
     kalman = _chosen(step.reads, updated, _chosen(step.moves, predicted, kalman))
     result = LaneResult(

@@ -23,4 +23,4 @@ innovations.
 
 from .._faces import attach
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__, {"Seen": "ObservedSample"})

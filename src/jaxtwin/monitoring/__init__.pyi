@@ -3,7 +3,7 @@
 from ._calibrate import calibrate_monitor as calibrate_monitor
 from ._evidence import Evidence as Evidence
 from ._evidence import Evidences as Evidences
-from ._evidence import Seen as Seen
+from ._evidence import ObservedSample as ObservedSample
 from ._finding_log import FindingLog as FindingLog
 from ._live_monitor import LiveMonitor as LiveMonitor
 from ._monitor import Monitor as Monitor
@@ -18,13 +18,13 @@ from ._thresholds import Tail as Tail
 # For the other packages of jaxtwin: no part of the public interface.
 
 from ._evidence import joined as joined
-from ._evidence import seen as seen
+from ._evidence import observed_sample as observed_sample
 from ._finding_log import KINDS as KINDS
 from ._finding_log import events as events
 from ._live_monitor import LiveFindings as LiveFindings
 from ._monitor import SETTLE as SETTLE
 from ._monitor import channels_of as channels_of
-from ._monitor_recording import monitored as monitored
+from ._monitor_recording import monitor_observed as monitor_observed
 from ._response import response_of as response_of
 from ._thresholds import DAY as DAY
 from ._thresholds import nominal_calibration as nominal_calibration

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..observers import KalmanState
 
 
-class Seen(NamedTuple):
+class ObservedSample(NamedTuple):
     """A sample of an observed rig.
 
     - `readings`: NaN where there is none. `expected`: what was expected of them before. degC.
@@ -36,16 +36,16 @@ class Seen(NamedTuple):
     is_inside: Bool[ArrayLike, "*times channels"] = True
 
 
-def seen(
+def observed_sample(
     state: KalmanState,
     expected: Float[ArrayLike, "*times channels"],
     readings: Float[ArrayLike, "*times channels"],
     ambient: Float[ArrayLike, "*times"],
     dt: Float[ArrayLike, "*times"],
-) -> Seen:
+) -> ObservedSample:
     """What a monitor gets from an extended Kalman filter, corrected by the readings."""
     innovation = jnp.asarray(readings) - jnp.asarray(expected)
-    return Seen(
+    return ObservedSample(
         readings=jnp.where(state.is_rejected, jnp.nan, readings),
         expected=expected,
         whitened=jnp.where(jnp.isfinite(jnp.asarray(readings)), state.whitened, 0.0),

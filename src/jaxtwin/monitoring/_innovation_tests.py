@@ -20,7 +20,7 @@ from ._cumulative import (
     joint_ratio,
     picked,
 )
-from ._evidence import Evidence, Seen
+from ._evidence import Evidence, ObservedSample
 
 # The largest standardised innovation that counts. With a larger one, single innovations make up the
 # tail of the likelihood ratio where it is measured, and what is extrapolated is passed far too
@@ -102,15 +102,19 @@ class InnovationTests(eqx.Module):
         return InnovationState(begin, begin, jnp.full((), MIN_SECONDS_BETWEEN_MASKS), none, none)
 
     def step(
-        self, state: InnovationState, seen: Seen, dt: Float[Array, ""], settled: Bool[Array, ""]
+        self,
+        state: InnovationState,
+        sample: ObservedSample,
+        dt: Float[Array, ""],
+        settled: Bool[Array, ""],
     ) -> tuple[InnovationState, tuple[Evidence, Evidence, Evidence, Evidence]]:
         """The state after a sample, and what sum, ratio, joint ratio and energy say."""
-        scaled = jnp.asarray(seen.whitened) / self.scales
-        there = jnp.isfinite(jnp.asarray(seen.readings))
+        scaled = jnp.asarray(sample.whitened) / self.scales
+        there = jnp.isfinite(jnp.asarray(sample.readings))
         was_held = state.since_held < MASK_SECONDS_AFTER_JUMP
         since_held = state.since_held + dt
         is_found = (state.statistics.sums.sums >= self._least).any()
-        due = is_due(self.interval, jnp.asarray(seen.since_correction))
+        due = is_due(self.interval, jnp.asarray(sample.since_correction))
         begins = (
             (_jumped(scaled, there) | due) & (since_held >= MIN_SECONDS_BETWEEN_MASKS) & ~is_found
         )
@@ -128,7 +132,7 @@ class InnovationTests(eqx.Module):
         is_late = is_held & (since_held >= MASK_SECONDS_AFTER_JUMP / 2) & there
         late = jnp.where(begins, 0.0, state.late + jnp.where(is_late, scaled.clip(-CLIP, CLIP), 0))
         count = jnp.where(begins, 0.0, state.count + is_late)
-        now = self._after(now, seen, scaled, there & settled, dt)
+        now = self._after(now, sample, scaled, there & settled, dt)
         result = self._evidence(now, dt, settled & ~is_held)
         # The window of a change that is found begins again: it then shows whether it is over.
         reset_score = jnp.asarray(self.reset_score)
@@ -147,7 +151,7 @@ class InnovationTests(eqx.Module):
     def _after(
         self,
         old: Statistics,
-        seen: Seen,
+        sample: ObservedSample,
         scaled: Float[Array, " channels"],
         used: Bool[Array, " channels"],
         dt: Float[Array, ""],
@@ -158,7 +162,7 @@ class InnovationTests(eqx.Module):
             1 - self.lag_one_correlation**2
         )
         x = jnp.clip(white, -CLIP, CLIP)
-        innovation = jnp.where(used, jnp.asarray(seen.readings) - seen.expected, 0.0)
+        innovation = jnp.where(used, jnp.asarray(sample.readings) - sample.expected, 0.0)
         return replace(
             old,
             sums=old.sums.after(

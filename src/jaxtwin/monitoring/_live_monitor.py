@@ -12,7 +12,7 @@ from ..live import Follower, Reading, Record, RigState
 from ..live.protocol._clock import seconds
 from ..live.safety._interlock import Finding
 from ..observers import ExtendedKalmanFilter, KalmanState
-from ._evidence import Evidence, joined, seen
+from ._evidence import Evidence, joined, observed_sample
 from ._finding_log import MIN_CHANNELS, FindingLog, begin_together, together
 from ._monitor import Monitor, MonitorState, channels_of
 from ._response import response_of
@@ -196,5 +196,7 @@ def _stepped(
     ambient: Float[ArrayLike, ""],
     dt: Float[ArrayLike, ""],
 ) -> tuple[MonitorState, Evidence]:
-    after, evidences = monitor.step(state, seen(observed, expected, readings, ambient, dt))
+    after, evidences = monitor.step(
+        state, observed_sample(observed, expected, readings, ambient, dt)
+    )
     return after, joined(evidences)

@@ -16,7 +16,7 @@ from .._compilation import persistent_jit
 from .._jax_settings import own_settings
 from .._padded_rows import first_rows, padded_rows
 from ..observers import AugmentedModel, ExtendedKalmanFilter, Observed
-from ._evidence import Evidence, Evidences, Seen, seen
+from ._evidence import Evidence, Evidences, ObservedSample, observed_sample
 from ._innovation_tests import RESET_SCORE, InnovationState, InnovationTests
 from ._response import Response
 from ._state_test import SlowState, StateTest, main_parameters, parameter_spreads, parameters_of
@@ -80,25 +80,25 @@ class ChannelTests(eqx.Module):
         )
 
     def step(
-        self, state: ChannelState, seen: Seen, dt: Float[Array, ""]
+        self, state: ChannelState, sample: ObservedSample, dt: Float[Array, ""]
     ) -> tuple[ChannelState, tuple[Evidence, Evidence, Evidence]]:
         """The state after a sample, and what it says of frozen, gone and impossible channels."""
-        readings = jnp.asarray(seen.readings)
+        readings = jnp.asarray(sample.readings)
         there = jnp.isfinite(readings)
         # A missing reading says nothing; another one ends the sequence.
         equal = there & (readings == state.reading)
         goes_on = equal | ~there
         count = jnp.where(goes_on, state.equal + equal, 0.0)
         still = jnp.where(goes_on, state.still + dt, 0.0)
-        moved = jnp.where(goes_on, state.moved + jnp.abs(jnp.asarray(seen.slope)) * dt, 0.0)
+        moved = jnp.where(goes_on, state.moved + jnp.abs(jnp.asarray(sample.slope)) * dt, 0.0)
         enough = jnp.clip(moved / (MIN_EXPECTED_MOVE_SIGMAS * self.model.noise.reading), 1 / 3, 1.0)
         frozen = Evidence(count / self.still * enough, still, moved)
 
-        duty = jnp.asarray(seen.duty)
+        duty = jnp.asarray(sample.duty)
         saturated = jnp.stack([duty, -duty]) >= SATURATED_DUTY
         driven = jnp.where(saturated, state.driven + dt, 0.0)
         shows = (driven[:, :, None] >= jnp.asarray(self.response.seconds)).any(axis=(0, 1))
-        measured = jnp.asarray(seen.ambient)
+        measured = jnp.asarray(sample.ambient)
         stated = self.model.stepper.reference - ZERO_CELSIUS
         away = readings - jnp.where(jnp.isfinite(measured), measured, stated)
         is_near = jnp.abs(away) <= jnp.asarray(self.response.near)
@@ -107,10 +107,10 @@ class ChannelTests(eqx.Module):
         gone = Evidence(at_room / GONE_SECONDS, at_room, jnp.where(there, away, 0.0))
         reading = jnp.where(there, readings, state.reading)
 
-        rejected = jnp.asarray(seen.rejected)
+        rejected = jnp.asarray(sample.rejected)
         since = state.since_rejected + dt
         # What lasts is followed after some samples, and then is far from what is expected.
-        is_back = there & (state.rejected != 0) & jnp.asarray(seen.is_inside)
+        is_back = there & (state.rejected != 0) & jnp.asarray(sample.is_inside)
         impossible = Evidence(is_back.astype(since.dtype), since, state.rejected)
         since = jnp.where(state.rejected != 0, since, 0.0)
         rejected = jnp.where(there | (rejected != 0), rejected, state.rejected)
@@ -185,13 +185,17 @@ class ShiftTest(eqx.Module):
         return ShiftState(none, none, jnp.zeros((), bool))
 
     def step(
-        self, state: ShiftState, seen: Seen, dt: Float[Array, ""], settled: Bool[Array, ""]
+        self,
+        state: ShiftState,
+        sample: ObservedSample,
+        dt: Float[Array, ""],
+        settled: Bool[Array, ""],
     ) -> tuple[ShiftState, Evidence]:
         """The state after a sample, and what it says of each parameter."""
         model = self.model
         if model.directions is None:
             return state, Evidence(state.averages, state.averages, state.averages)
-        change = model.directions.change(jnp.asarray(seen.mean)[model.layout.of("values")])
+        change = model.directions.change(jnp.asarray(sample.mean)[model.layout.of("values")])
         share = jnp.where(state.began, -jnp.expm1(-dt / AVERAGING_SECONDS), 1.0)
         averages = jnp.where(settled, state.averages + share * (change - state.averages), 0.0)
         difference = averages - self.matched
@@ -305,15 +309,15 @@ class Monitor(eqx.Module):
             shift=self.shift.init(),
         )
 
-    def step(self, state: MonitorState, seen: Seen) -> tuple[MonitorState, Evidences]:
+    def step(self, state: MonitorState, sample: ObservedSample) -> tuple[MonitorState, Evidences]:
         """The state after a sample, and what all tests say of it."""
-        dt = jnp.asarray(seen.dt, state.elapsed.dtype)
+        dt = jnp.asarray(sample.dt, state.elapsed.dtype)
         elapsed = state.elapsed + dt
         settled = elapsed >= SETTLE
-        innovations, of_innovations = self.innovations.step(state.innovations, seen, dt, settled)
-        slow, of_states = self.states.step(state.slow, seen, dt, settled)
-        channels, of_channels = self.channels.step(state.channels, seen, dt)
-        shift, of_shift = self.shift.step(state.shift, seen, dt, settled)
+        innovations, of_innovations = self.innovations.step(state.innovations, sample, dt, settled)
+        slow, of_states = self.states.step(state.slow, sample, dt, settled)
+        channels, of_channels = self.channels.step(state.channels, sample, dt)
+        shift, of_shift = self.shift.step(state.shift, sample, dt, settled)
         after = MonitorState(elapsed, innovations, slow, channels, shift)
         return after, Evidences(*of_innovations, *of_states, *of_channels, of_shift)
 
@@ -336,14 +340,14 @@ def evidences_of(monitor: Monitor, observed: Observed) -> Evidences:
     ambient = np.asarray(observed.samples.ambient)[is_sample]
     dt = np.diff(observed.time, prepend=observed.time[0])
     with own_settings():
-        samples = seen(states, expected, readings, ambient, dt)
+        samples = observed_sample(states, expected, readings, ambient, dt)
         return first_rows(_monitored(monitor, padded_rows(samples)), len(dt))
 
 
-def run(monitor: Monitor, samples: Seen) -> Evidences:
+def run(monitor: Monitor, samples: ObservedSample) -> Evidences:
     """What the tests say at each of several samples, as a function that can be transformed."""
 
-    def take(state: MonitorState, sample: Seen) -> tuple[MonitorState, Evidences]:
+    def take(state: MonitorState, sample: ObservedSample) -> tuple[MonitorState, Evidences]:
         return monitor.step(state, sample)
 
     return jax.lax.scan(take, monitor.init(), samples)[1]

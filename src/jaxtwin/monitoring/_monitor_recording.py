@@ -52,7 +52,7 @@ def monitor(
     rig = (fit.twin if isinstance(fit, Fit) else fit).rig
     experiment = as_experiment("monitor: experiment", experiment, ObserverError, rig)
     check_settles(experiment)
-    return monitored(observe(fit, experiment, noise), fit, calibration, seconds)
+    return monitor_observed(observe(fit, experiment, noise), fit, calibration, seconds)
 
 
 def check_settles(experiment: Experiment) -> None:
@@ -67,7 +67,7 @@ def check_settles(experiment: Experiment) -> None:
         )
 
 
-def monitored(
+def monitor_observed(
     observed: Observed,
     fit: Twin | Fit,
     calibration: MonitorCalibration | None,

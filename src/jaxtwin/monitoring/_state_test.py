@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._jax_settings import own_settings
 from ..observers import AugmentedModel
-from ._evidence import Evidence, Seen
+from ._evidence import Evidence, ObservedSample
 
 # A room that is measured has this multiple of the noise of its thermometer as its spread.
 ROOM_SIGMAS = 5.0
@@ -56,13 +56,17 @@ class StateTest(eqx.Module):
         return SlowState(none, jnp.zeros(layout.channels), jnp.zeros((), bool))
 
     def step(
-        self, state: SlowState, seen: Seen, dt: Float[Array, ""], settled: Bool[Array, ""]
+        self,
+        state: SlowState,
+        sample: ObservedSample,
+        dt: Float[Array, ""],
+        settled: Bool[Array, ""],
     ) -> tuple[SlowState, tuple[Evidence, Evidence]]:
         """The state after a sample, and what the slow states and the errors of the channels say."""
         model, layout, noise = self.model, self.model.layout, self.model.noise
-        mean = jnp.asarray(seen.mean)
+        mean = jnp.asarray(sample.mean)
         heats, errors = mean[layout.of("heats")], mean[layout.of("channels")]
-        room, measured = mean[layout.of("room")], jnp.asarray(seen.ambient)
+        room, measured = mean[layout.of("room")], jnp.asarray(sample.ambient)
         is_measured = jnp.isfinite(measured)
         away = jnp.where(is_measured, room - jnp.reshape(model.from_degC(measured), 1), room)
         spread = jnp.where(is_measured, ROOM_SIGMAS * noise.ambient, model.room_spread)

@@ -36,7 +36,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit_unoptimised
 from ..physics import Conditions, System, Twin
-from ..simulation import StepInputs, Stepper, linear_step, losses, vanishing, variable_step
+from ..simulation import StepInputs, Stepper, linear_step, losses, tangent_product, variable_step
 from ._commands import Commands
 from ._process_noise import ProcessNoise
 from ._uncertain_values import UncertainDirections
@@ -71,7 +71,7 @@ class StateLayout:
         return self.of("values").stop
 
     @property
-    def evolved(self) -> int:
+    def dynamic(self) -> int:
         """The length of the parts that the equations of the twin move: the amplitudes and the
         duty."""
         return self.of("duty").stop
@@ -132,8 +132,8 @@ class Evolution(NamedTuple):
       side of the cells leave in the modes.
     """
 
-    end: Float[Array, " evolved"]
-    slope: Float[Array, "evolved driven"]
+    end: Float[Array, " dynamic"]
+    slope: Float[Array, "dynamic driven"]
     late: Float[Array, "cells modes"]
     heated: Float[Array, "sides modes"]
 
@@ -309,7 +309,7 @@ class AugmentedModel(eqx.Module):
 
         slope, (after, path) = jax.jacfwd(moved, has_aux=True)(mean[:driven])
         roots = self._noise_roots(mean[self.layout.of("modes")], reached, path, dt)
-        noise = self._noise(Evolution(after[: self.layout.evolved], slope, *roots), dt)
+        noise = self._noise(Evolution(after[: self.layout.dynamic], slope, *roots), dt)
         return Transition(after, slope, self.decay(dt)[driven:], noise), path[-1]
 
     def predict_mean(
@@ -418,7 +418,7 @@ class AugmentedModel(eqx.Module):
         def forces(z: Array, duty: Array, room: Array, heats: Array, values: Array) -> Array:
             base, system, conditions = self._systems(values, levels)
             held = self._force(z, duty, room[0], heats, base, system)
-            held = held - vanishing(self.stepper.field.mass, held)
+            held = held - tangent_product(self.stepper.field.mass, held)
             lost = losses(self.stepper, z, room[0])
             free = self.stepper.field.force(z, StepInputs(duty, room[0], lost, conditions))
             return jnp.stack([held, free])
@@ -549,8 +549,8 @@ class AugmentedModel(eqx.Module):
         change = by_change * (field.stiffness - field.mass * rates)
 
         def faded(heat: Array) -> Array:
-            entering = heat - vanishing(field.mass, heat)
-            return fading * entering + vanishing(change, entering)
+            entering = heat - tangent_product(field.mass, heat)
+            return fading * entering + tangent_product(change, entering)
 
         return jax.vmap(faded, in_axes=1)(heat)
 

@@ -150,7 +150,7 @@ def forecasts_of_path(
     - `counts`: how many samples before them each was expected, at most `steps`.
     """
     model = kalman.model
-    evolved, driven = model.layout.evolved, model.layout.driven
+    dynamic, driven = model.layout.dynamic, model.layout.driven
     decay, walks = jax.vmap(model.decay)(path.dt), jax.vmap(model.walks)(path.dt)
     roots = jax.vmap(model.noise_roots)(path.evolution)
     modes = model.layout.of("modes")
@@ -164,7 +164,7 @@ def forecasts_of_path(
         step = jnp.maximum(ends - number, 0)
         heated = jnp.einsum("kcm,ksm->kcs", rows[..., modes], roots[step])
         added = (heated**2).sum(axis=-1) + jnp.einsum("kcs,ks->kc", rows**2, walks[step])
-        by_first = rows[..., :evolved] @ path.evolution.slope[step]
+        by_first = rows[..., :dynamic] @ path.evolution.slope[step]
         by_others = rows * decay[step][:, None]  # the decay of what evolves is 0
         before = by_others.at[..., :driven].add(by_first)
         is_step, is_last = number < counts, number + 1 == counts

@@ -19,4 +19,4 @@ then numbers for one set of parameter values (`System`). Which file holds what:
 
 from .._faces import attach
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__, {"CALM": "MIN_FILM_RISE"})

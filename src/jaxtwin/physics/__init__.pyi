@@ -10,7 +10,7 @@ from ._fault_models import Fault as Fault
 from ._fault_models import FaultModel as FaultModel
 from ._fault_models import Faults as Faults
 from ._fault_models import TimedFault as TimedFault
-from ._heat_loss import CALM as CALM
+from ._heat_loss import MIN_FILM_RISE as MIN_FILM_RISE
 from ._heat_loss import STEFAN_BOLTZMANN as STEFAN_BOLTZMANN
 from ._netlist import Link as Link
 from ._netlist import Loss as Loss

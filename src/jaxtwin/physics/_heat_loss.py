@@ -20,7 +20,7 @@ from ..rig._plate import FILM_REFERENCE
 STEFAN_BOLTZMANN = 5.670374419e-8
 """The Stefan-Boltzmann constant, W/(m^2 K^4), exact since 2019."""
 
-CALM = 1.0
+MIN_FILM_RISE = 1.0
 """The rise below which the film stops falling, K: the air of a room is never still, and a
 fractional power has no derivative at zero."""
 
@@ -39,7 +39,7 @@ class NonlinearLoss(eqx.Module):
     $$q = g \left[\left(\frac{\Delta T^2 + s^2}{\Delta T_0^2 + s^2}\right)^{n/2} - 1\right]
     \Delta T + \varepsilon \sigma A (T^4 - T_a^4 - b \Delta T)$$
 
-    with $\Delta T_0$ = `FILM_REFERENCE` and $s$ = `CALM`.
+    with $\Delta T_0$ = `FILM_REFERENCE` and $s$ = `MIN_FILM_RISE`.
 
     **Arguments:**
 
@@ -65,7 +65,7 @@ class NonlinearLoss(eqx.Module):
         - `rise`: the rise of the near end of each path above the far end, K.
         - `ambient`: absolute temperature of the far end, such as the surroundings, K.
         """
-        square = (rise**2 + CALM**2) / (FILM_REFERENCE**2 + CALM**2)
+        square = (rise**2 + MIN_FILM_RISE**2) / (FILM_REFERENCE**2 + MIN_FILM_RISE**2)
         convection = self.film * (jnp.exp(self.exponent / 2 * jnp.log(square)) - 1) * rise
         # T^4 - Ta^4 without the difference of two large numbers.
         hot = ambient + rise

@@ -84,7 +84,7 @@ def likely_mistakes(
     return [mistake for mistake in result if mistake.cost <= result[0].cost + BETTER]
 
 
-def weighed(
+def with_held_out_costs(
     mistakes: Sequence[Mistake],
     fit: Fit,
     prior: SessionPrior,

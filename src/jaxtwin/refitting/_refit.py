@@ -15,7 +15,7 @@ from ..control import AbstractController
 from ..errors import MatchError
 from ..io import Experiment, Recordings, as_experiments
 from ..matching import Fit, divided, named_recordings
-from ..monitoring import DAY, MonitorCalibration, monitored
+from ..monitoring import DAY, MonitorCalibration, monitor_observed
 from ..observers import ProcessNoise, observe
 from ..simulation import simulate
 from ._forgetting import session_prior
@@ -35,7 +35,7 @@ from ._gate import (
     moved,
 )
 from ._held_out import replay, run_of_refit, split
-from ._mistakes import BETTER, POSSIBLE, likely_mistakes, weighed
+from ._mistakes import BETTER, POSSIBLE, likely_mistakes, with_held_out_costs
 from ._session_match import SessionMatch, match_session
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def refit(
     for recording in several:
         known = [each.observed for each in last if each.observed.experiment is recording]
         observed = known[0] if known else observe(fit, recording, noise)
-        checks.append(check_readings(monitored(observed, fit, calibration, 30 * DAY)))
+        checks.append(check_readings(monitor_observed(observed, fit, calibration, 30 * DAY)))
     if any(not check.passed for check in checks):
         return _decided(fit, None, checks)
     prior = session_prior(fit, several[0].group, factor)
@@ -234,7 +234,7 @@ def refit(
     rivals = likely_mistakes(fit, prior, match, seen)
     if (-BETTER if match.changed else POSSIBLE) < match.cost - rivals[0].cost <= BETTER:
         held_out = list(zip(parts.held_out, parts.since, after, strict=True))
-        rivals = weighed(rivals, fit, prior, seen, held_out, noise, ahead)
+        rivals = with_held_out_costs(rivals, fit, prior, seen, held_out, noise, ahead)
     checks.append(check_mistakes(rivals, match, fit))
     checks.append(check_changes(match, fit))
     whole = [run_of_refit(match.fit, recording, parts.seen) for recording in parts.held_out]

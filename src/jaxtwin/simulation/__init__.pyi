@@ -43,7 +43,7 @@ from ._drive import draws_change_delay as draws_change_delay
 from ._drive import lagged_duty as lagged_duty
 from ._exponential import StepInputs as StepInputs
 from ._exponential import step_factors as step_factors
-from ._exponential import vanishing as vanishing
+from ._exponential import tangent_product as tangent_product
 from ._initial import CheckedInitial as CheckedInitial
 from ._initial import Initial as Initial
 from ._initial import check_celsius as check_celsius

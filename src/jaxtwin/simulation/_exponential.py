@@ -143,10 +143,10 @@ class ModalField(eqx.Module):
             force = force + self._losses(amplitudes, inputs.ambient)
         # The change of C acts on the slope, which itself contains the change. Two rounds of this
         # substitution are exact up to second derivatives.
-        bent = vanishing(self.stiffness, amplitudes)
+        turned = tangent_product(self.stiffness, amplitudes)
         slope = force - modes.rates * amplitudes
-        slope = slope - bent - vanishing(self.mass, slope)
-        return force - bent - vanishing(self.mass, slope)
+        slope = slope - turned - tangent_product(self.mass, slope)
+        return force - turned - tangent_product(self.mass, slope)
 
     def _switched_heat(
         self, system: System, amplitudes: Float[Array, " modes"], inputs: StepInputs
@@ -207,7 +207,7 @@ def loss_force(
 
 
 @jax.custom_jvp
-def vanishing(matrix: Array, vector: Array) -> Array:
+def tangent_product(matrix: Array, vector: Array) -> Array:
     """Multiplies by a matrix that is zero in value, while its derivative is not."""
     del matrix
     # Not `zeros_like`, which has no batch axis where `vector` has one: JAX (0.10.2) then cannot
@@ -215,10 +215,10 @@ def vanishing(matrix: Array, vector: Array) -> Array:
     return 0.0 * vector
 
 
-@vanishing.defjvp
-def vanishing_jvp(primals: Any, tangents: Any) -> Any:
+@tangent_product.defjvp
+def tangent_product_jvp(primals: Any, tangents: Any) -> Any:
     (matrix, vector), (d_matrix, d_vector) = primals, tangents
-    return vanishing(matrix, vector), d_matrix @ vector + vanishing(matrix, d_vector)
+    return tangent_product(matrix, vector), d_matrix @ vector + tangent_product(matrix, d_vector)
 
 
 @final

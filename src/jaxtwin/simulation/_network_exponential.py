@@ -193,7 +193,7 @@ def _second_order(
     factors: StepFactors,
 ) -> Float[Array, " modes"]:
     """The ETD2 step: the force is linear between its values at both ends."""
-    # first + 2 middle + last = h phi1 and middle + last = h phi2.
-    straight = factors.first + 2 * factors.middle + factors.last
-    bent = factors.middle + factors.last
-    return factors.decay * amplitudes + straight * force_0 + bent * (force_1 - force_0)
+    # The functions phi of exponential integrators, times the step h.
+    phi_1 = factors.first + 2 * factors.middle + factors.last
+    phi_2 = factors.middle + factors.last
+    return factors.decay * amplitudes + phi_1 * force_0 + phi_2 * (force_1 - force_0)

@@ -16,7 +16,6 @@ from .._jax_settings import own_settings
 from ..errors import SimulationError
 from ..io import Experiment, check_duty_of_rig
 from ..physics import (
-    CALM,
     DUTY_SMOOTHING,
     OWN_VOLTAGE,
     STEFAN_BOLTZMANN,
@@ -156,7 +155,7 @@ def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -
     # Numbers below 0 count the surroundings, then the reservoirs.
     beyond = [AMBIENT, *(reservoir.name for reservoir in twin.netlist.reservoirs)]
     lines = ["*", "* Losses beyond the links: convection with an exponent, radiation"]
-    square = f"{FILM_REFERENCE**2 + CALM**2!r}"
+    square = f"{FILM_REFERENCE**2 + MIN_FILM_RISE**2!r}"
     rows = zip(
         paths.near.tolist(), paths.far.tolist(), paths.linear.tolist(),
         *(np.asarray(part).tolist() for part in (loss.film, loss.exponent, loss.radiating)),
@@ -167,7 +166,7 @@ def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -
         name, end = names[ends[near]], names[ends[far] if far >= 0 else beyond[-1 - far]]
         rise = f"V({name},{end})"
         hot, cold = f"(V({name})+T_ref)", f"(V({end})+T_ref)"
-        power = f"pow(({rise}*{rise}+{CALM**2!r})/{square},{exponent / 2!r})"
+        power = f"pow(({rise}*{rise}+{MIN_FILM_RISE**2!r})/{square},{exponent / 2!r})"
         four = f"(({hot}+{cold})*({hot}*{hot}+{cold}*{cold})-{linear!r})"
         heat = f"{film!r}*({power}-1)+{STEFAN_BOLTZMANN * radiating!r}*{four}"
         lines.append(f"{_unique(f'Bloss_{name}', used)} {name} {end} I={rise}*({heat})")

@@ -76,7 +76,7 @@ def frequencies(interval: float) -> Float[np.ndarray, " frequency"]:
     return np.geomspace(MIN_OMEGA, np.pi / interval, FREQUENCIES)
 
 
-def inside(
+def clip_away_from_limits(
     duty: Float[Array | np.ndarray, " cells"], limits: DutyLimits
 ) -> Float[np.ndarray, " cells"]:
     """A duty so far from the limits that a controller is linear there."""
@@ -95,7 +95,7 @@ def design_summary(controller: AbstractController) -> tuple[str, bool] | None:
         return None
     at_watched = controller.watched.at if isinstance(controller, MPC) else np.zeros(0)
     at = SteadyReadings(np.asarray(controller.outputs), np.asarray(at_watched))
-    kalman, duty = controller.kalman, inside(controller.duty, controller.limits)
+    kalman, duty = controller.kalman, clip_away_from_limits(controller.duty, controller.limits)
     states = len(kalman.A) - min(kalman.B.shape[1], len(kalman.C))
     A, B, C = (
         np.asarray(part, float)

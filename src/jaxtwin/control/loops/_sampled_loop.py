@@ -28,8 +28,8 @@ from ..controllers._design_vector import ControllerVector, DesignVector
 from ..controllers._linear_controller import (
     Matrices,
     SteadyReadings,
+    clip_away_from_limits,
     frequencies,
-    inside,
     linear_steps,
     response,
 )
@@ -106,7 +106,7 @@ class SampledLoops:
         watched = vector.controller.reading_weights(self._names)[len(self._outputs) :]
         self._vector = vector
         self._at = SteadyReadings(self._outputs, watched @ channels)
-        self._duty = inside(duty, vector.controller.limits)
+        self._duty = clip_away_from_limits(duty, vector.controller.limits)
 
     def with_controller(self, controller: AbstractController) -> "SampledLoops":
         """Returns the loops of another controller, of the same outputs and sample time, with the

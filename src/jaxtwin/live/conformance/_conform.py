@@ -14,7 +14,7 @@ from ..protocol._framing import encode_line
 from ..protocol._identity import Identity
 from ..protocol._messages import VERSION, Ask, Beat, Data, Hello, Message, Notice
 from ..protocol._transport import Transport
-from ._dialogue import ANSWERS_WITHIN, Dialogue, StepResult, found
+from ._dialogue import ANSWERS_WITHIN, Dialogue, StepResult, step_result
 
 # Conformance: the duty that a device applies, and the lines that change nothing.
 
@@ -34,9 +34,11 @@ def command_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     """Tests which duty a device applies, and whose."""
     cells, low = len(hello.cells), few(hello)
     talk.order("reset")
-    yield found("is off at first", talk.reports(pwm=(0,) * cells, owner="", trip=""), "is not")
+    yield step_result(
+        "is off at first", talk.reports(pwm=(0,) * cells, owner="", trip=""), "is not"
+    )
     number = talk.command(*low)
-    yield found(
+    yield step_result(
         "applies a duty, and says whose and which",
         talk.reports(pwm=low, owner=talk.owner, number=number),
         f"no data with pwm={SMALL},... owner={talk.owner} n={number}",
@@ -46,14 +48,16 @@ def command_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
         own = tuple(sign * (SMALL + cell) for cell, sign in enumerate(signs))
         talk.command(*own)
         ok = talk.reports(pwm=own)
-        yield found("gives each cell its own counts, of either sign", ok, f"no data with pwm={own}")
+        yield step_result(
+            "gives each cell its own counts, of either sign", ok, f"no data with pwm={own}"
+        )
     for more, order in enumerate(("owner={} pwm={} n={}", "n={2} pwm={1} owner={0}"), 1):
         wanted = (SMALL + more,) * cells
         counts = ",".join(map(str, wanted))
         line = "duty " + order.format(talk.owner, counts, talk.next_number())
         talk.say(encode_line(line).replace(b"\n", b"\r\n"))
         ok = talk.reports(pwm=wanted)
-        yield found("takes keys in any order, and CRLF", ok, f"not obeyed: {line}")
+        yield step_result("takes keys in any order, and CRLF", ok, f"not obeyed: {line}")
     yield from _of_another(talk, low)
     yield from _beyond(talk, hello)
     yield from _old(talk, low)
@@ -63,17 +67,19 @@ def _of_another(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
     for pwm in (low, (0,) * len(low)):
         number = talk.command(*pwm, owner=OTHER_HOST)
         ok = talk.refuses(number, "owner")
-        yield found("refuses another commander", ok, f"{pwm}: no event with why=owner")
+        yield step_result("refuses another commander", ok, f"{pwm}: no event with why=owner")
     talk.command(*low)
     number = talk.order("release", OTHER_HOST)
     ok = talk.refuses(number, "owner") and talk.reports(pwm=low, owner=talk.owner)
-    yield found("refuses the release of another", ok, "no event with why=owner, or it is off")
+    yield step_result("refuses the release of another", ok, "no event with why=owner, or it is off")
     last = talk.command(*low)
     number = talk.order("reset", OTHER_HOST)
     talk.order("reset")
     ok = talk.refuses(number, "owner")
     ok = ok and talk.keeps(0.3, pwm=low, owner=talk.owner, number=last)
-    yield found("a reset without a trip changes nothing", ok, "it did, or no event with why=owner")
+    yield step_result(
+        "a reset without a trip changes nothing", ok, "it did, or no event with why=owner"
+    )
 
 
 def _beyond(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
@@ -87,7 +93,9 @@ def _beyond(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
         talk.command(*low)
         number = talk.command(*counts)
         ok = talk.refuses(number, "range") and talk.reports(pwm=low)
-        yield found("refuses what it cannot apply", ok, f"did not refuse {counts} by why=range")
+        yield step_result(
+            "refuses what it cannot apply", ok, f"did not refuse {counts} by why=range"
+        )
 
 
 def _old(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
@@ -96,7 +104,7 @@ def _old(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
         last = talk.command(*low)
         number = talk.command(*(SMALL + 5,) * len(low), number=last - ago)
         ok = talk.refuses(number, "old") and talk.reports(pwm=low, number=last)
-        yield found(f"refuses {what} number", ok, f"no event with why=old n={number}")
+        yield step_result(f"refuses {what} number", ok, f"no event with why=old n={number}")
 
 
 def line_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
@@ -107,7 +115,7 @@ def line_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
         talk.reports(pwm=low)
         talk.say(wrong_lines(talk, len(low))[name])
         ok = talk.keeps(0.5, pwm=low, owner=talk.owner)
-        yield found(f"a line {name} changes nothing", ok, "it did, or no data came")
+        yield step_result(f"a line {name} changes nothing", ok, "it did, or no data came")
 
 
 def wrong_lines(talk: Dialogue, cells: int) -> dict[str, bytes]:
@@ -142,21 +150,25 @@ def trip_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     low = few(hello)
     off = (0,) * len(low)
     number = talk.command(*low)
-    yield found("refuses every duty after a trip", talk.refuses(number, "tripped"), "does not")
+    yield step_result(
+        "refuses every duty after a trip", talk.refuses(number, "tripped"), "does not"
+    )
     yield from _second_stop(talk)
     number = talk.order("reset", OTHER_HOST)
     ok = talk.tells("reset", "", number) and talk.reports(pwm=off, owner="", trip="")
-    yield found("a reset ends the trip, and is an event", ok, "it does not, or is none")
+    yield step_result("a reset ends the trip, and is an event", ok, "it does not, or is none")
     ok = talk.keeps(0.5, pwm=off, owner="", trip="")
-    yield found("the cells stay off after a reset", ok, "they do not")
+    yield step_result("the cells stay off after a reset", ok, "they do not")
     _heat(talk, low)
     talk.order("stop", OTHER_HOST)
     ok = talk.tells("trip", "stop")
-    yield found("a trip is an event", ok, "no event with kind=trip why=stop")
+    yield step_result("a trip is an event", ok, "no event with kind=trip why=stop")
     ok = talk.reports(pwm=off, trip="stop")
-    yield found("anyone may stop", ok, "no data with trip=stop")
+    yield step_result("anyone may stop", ok, "no data with trip=stop")
     ok = talk.keeps(0.3, pwm=off, owner="", number=None)
-    yield found("nobody commands while it has tripped", ok, "data with an owner, or with heat")
+    yield step_result(
+        "nobody commands while it has tripped", ok, "data with an owner, or with heat"
+    )
     _reset(talk)
     if hello.relay:
         yield from _relay(talk, hello)
@@ -169,28 +181,30 @@ def _second_stop(talk: Dialogue) -> Iterator[StepResult]:
     messages = list(talk.listen(1.0))
     samples = [message for message in messages if isinstance(message, Data)]
     ok = bool(samples) and all(sample.trip == "watchdog" for sample in samples)
-    yield found("keeps the first reason of a trip", ok, "data without trip=watchdog after a stop")
+    yield step_result(
+        "keeps the first reason of a trip", ok, "data without trip=watchdog after a stop"
+    )
     ok = not any(isinstance(message, Notice) and message.kind == "trip" for message in messages)
-    yield found("a stop after a trip is no second trip", ok, "another event with kind=trip")
+    yield step_result("a stop after a trip is no second trip", ok, "another event with kind=trip")
 
 
 def _relay(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     low = few(hello)
     off = (0,) * len(low)
     ok = talk.reports(relay="on")
-    yield found("a reset closes the relay", ok, "no data with relay=on")
+    yield step_result("a reset closes the relay", ok, "no data with relay=on")
     _heat(talk, low)
     number = talk.order("relay", OTHER_HOST, f"not {hello.relay}"[:32])
     ok = talk.refuses(number, "relay") and talk.reports(pwm=low, relay="on")
-    yield found("refuses a relay of another name", ok, "no event with why=relay")
+    yield step_result("refuses a relay of another name", ok, "no event with why=relay")
     talk.order("relay", OTHER_HOST, hello.relay)
     ok = talk.reports(pwm=off, relay="off", trip="relay")
-    yield found("anyone may open the relay", ok, "no data with relay=off trip=relay")
+    yield step_result("anyone may open the relay", ok, "no data with relay=off trip=relay")
     _reset(talk)
     _heat(talk, low)
     talk.order("stop")
     ok = talk.reports(pwm=off, relay="off", trip="stop")
-    yield found("every trip opens the relay", ok, "no data with relay=off trip=stop")
+    yield step_result("every trip opens the relay", ok, "no data with relay=off trip=stop")
     _reset(talk)
 
 
@@ -198,15 +212,15 @@ def _releases(talk: Dialogue, low: tuple[int, ...]) -> Iterator[StepResult]:
     _heat(talk, low)
     number = talk.order("release")
     ok = talk.reports(pwm=(0,) * len(low), owner="", trip="")
-    yield found("a release switches off and is no trip", ok, "it does not")
+    yield step_result("a release switches off and is no trip", ok, "it does not")
     talk.command(*low, number=number - 1)
     ok = talk.keeps(0.3, pwm=(0,) * len(low), owner="")
-    yield found("after a release an old duty is refused", ok, "it is applied")
+    yield step_result("after a release an old duty is refused", ok, "it is applied")
     _heat(talk, low)
     talk.order("release")  # and at once, before the watchdog could release it
     number = talk.command(*low, owner=OTHER_HOST)
     ok = talk.reports(pwm=low, owner=OTHER_HOST, number=number)
-    yield found("after a release another may command", ok, "he is refused")
+    yield step_result("after a release another may command", ok, "he is refused")
     talk.order("release", OTHER_HOST)
 
 
@@ -231,7 +245,7 @@ def watchdog_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
     talk.command(*off)
     talk.reports(pwm=off, owner=talk.owner)
     ok = talk.reports(watchdog + MARGIN_SECONDS, owner="", trip="")
-    yield found(
+    yield step_result(
         "silence with the cells off releases them, and is no trip", ok, "it does not, or is"
     )
     talk.order("reset")  # where it was one
@@ -241,14 +255,14 @@ def watchdog_results(talk: Dialogue, hello: Hello) -> Iterator[StepResult]:
         ("no other line feeds", _others),
     ):
         fed = _trips(talk, hello, lambda lines=lines: lines(talk, low, hello))
-        yield found(f"{what} the watchdog", fed is not None, "it has not tripped")
+        yield step_result(f"{what} the watchdog", fed is not None, "it has not tripped")
         talk.order("reset")
         talk.reports(trip="")
     took = _trips(talk, hello, lambda: None)
     late = f"no trip=watchdog within {watchdog + MARGIN_SECONDS:g} s"
-    yield found("its watchdog trips", took is not None, late)
+    yield step_result("its watchdog trips", took is not None, late)
     ok = took is None or took >= 0.5 * watchdog
-    yield found(
+    yield step_result(
         "its watchdog trips no earlier than it says", ok, f"after {took or 0:.2f} s already"
     )
 
@@ -302,9 +316,13 @@ def conform(rig: Rig, transport: Transport, clock: Clock) -> Iterator[StepResult
     if hello is None or refusal is not None:
         return
     again = _greeting(talk, encode(Ask(VERSION)))
-    yield found("greets in the same way each time", again == hello, f"got {hello}, then {again}")
+    yield step_result(
+        "greets in the same way each time", again == hello, f"got {hello}, then {again}"
+    )
     later = _greeting(talk, encode_line(f"hello version={VERSION + 1} colour=blue"))
-    yield found("answers the hello of another version", later == hello, "no hello with its own")
+    yield step_result(
+        "answers the hello of another version", later == hello, "no hello with its own"
+    )
     yield StepResult("counts up its messages and its time, and speaks once a second", _counts(talk))
     if hello.cells:
         yield from command_results(talk, hello)

@@ -120,6 +120,6 @@ class StepResult(NamedTuple):
     wrong: str
 
 
-def found(step: str, ok: bool, wrong: str) -> StepResult:
+def step_result(step: str, ok: bool, wrong: str) -> StepResult:
     """The result of a step that is `wrong` if it is not `ok`."""
     return StepResult(step, "" if ok else wrong)
