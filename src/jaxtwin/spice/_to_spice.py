@@ -17,6 +17,7 @@ from ..errors import SimulationError
 from ..io import Experiment, check_duty_of_rig
 from ..physics import (
     DUTY_SMOOTHING,
+    MIN_FILM_RISE,
     OWN_VOLTAGE,
     STEFAN_BOLTZMANN,
     Netlist,
