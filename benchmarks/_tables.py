@@ -10,8 +10,7 @@ def results_page(results: dict[str, Any]) -> str:
     """Everything that `benchmarks.compare` measured, with machine and date."""
     parts = [_machine(results["machine"], results["quick"])]
     parts += [_ways(task, table) for task, table in results["ways"].items()]
-    parts += [_scaling(results["scaling"]), _one_draw(results["one_draw"])]
-    parts.append(_matching(results["matching"]))
+    parts += [_scaling(results["scaling"]), _matching(results["matching"])]
     return "\n".join(parts)
 
 
@@ -78,28 +77,6 @@ def _scaling(answer: dict[str, Any]) -> str:
         f"two {wall['2']:.2f} s ({cpu['2']:.2f} s), {threads['two_are_faster_by']:.2f} times as "
         "fast.\n"
     )
-
-
-def _one_draw(answer: dict[str, Any]) -> str:
-    rows = [
-        (
-            f"{rig}, {call}",
-            f"{times['first']:.2f}",
-            f"{times['import_to_result']:.2f}",
-            f"{times['cached_import_to_result']:.2f}",
-            f"{1e3 * times['warm']:.2f}",
-        )
-        for rig, calls in answer.items()
-        for call, times in calls.items()
-    ]
-    head = (
-        "one draw",
-        "first call, s",
-        "import to result, s",
-        "the same with a compilation cache, s",
-        "warm, ms",
-    )
-    return "## One draw\n\n" + table(head, rows)
 
 
 def _matching(answer: dict[str, Any]) -> str:

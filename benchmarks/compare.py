@@ -10,14 +10,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from . import matching, one_draw, scaling, ways
+from . import matching, scaling, ways
 from ._machine import machine
 from ._pictures import speed_picture
 from ._results import parser_of
 from ._tables import results_page
 
 QUESTIONS: dict[str, Callable[[bool], Any]] = {
-    "one_draw": one_draw.measure,
     "ways": ways.measure,
     "scaling": scaling.measure,
     "matching": matching.measure,
