@@ -84,7 +84,7 @@ NUMBERS = [
     (
         "docs/live.md",
         "freezes the picture for {} s",
-        "jaxtwin.physics._camera.SHUTTER_SECONDS",
+        "jaxtwin.physics._sensors.SHUTTER_SECONDS",
         1,
     ),
     ("docs/live.md", "more than {} MiB is waiting", LIVE + "virtual_rig._serve.MAX_UNSENT", MIB),

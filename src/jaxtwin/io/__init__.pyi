@@ -1,6 +1,5 @@
 # Public names of jaxtwin.io. `__init__.py` imports each when it is first used.
 
-from ._backup import backup_session as backup_session
 from ._experiment import Experiment as Experiment
 from ._fetch import SINGLE_CELL as SINGLE_CELL
 from ._fetch import TWO_CELL as TWO_CELL
@@ -13,6 +12,7 @@ from ._session import Session as Session
 from ._session_rows import ClockMap as ClockMap
 from ._session_rows import DeviceClock as DeviceClock
 from ._session_rows import Series as Series
+from ._write import backup_session as backup_session
 from ._write import write_recording as write_recording
 
 # isort: split

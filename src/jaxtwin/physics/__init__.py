@@ -10,8 +10,8 @@ then numbers for one set of parameter values (`System`). Which file holds what:
   `_expressions`
 - heat: `_thermoelectric` (cells, eqs. 7 to 10 of the paper), `_driver` (PWM and bridge),
   `_heat_loss` (films and radiation)
-- what is read: `_sensors` (weights, lags), `_camera` (pixels, recalibrations), `_registration`
-  (where the camera looks, by the edges of the plate in a frame), `_plate_map`
+- what is read: `_sensors` (weights, lags, pixels of a camera), `_registration` (where it looks, by
+  the edges of the plate in a frame), `_plate_map`
 - inputs besides the duty: `_input_effects`, the links and values that they change
 - the twin: `_twin`, a rig with values
 - faults: `_fault_models`, functions `System -> System`, and when they happen

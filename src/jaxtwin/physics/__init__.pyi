@@ -1,8 +1,6 @@
 # Public names of jaxtwin.physics. `__init__.py` imports each when it is first used.
 
 from ._assembly import build_netlist as build_netlist
-from ._camera import frame_to_channels as frame_to_channels
-from ._camera import pixel_weights as pixel_weights
 from ._driver import Bridge as Bridge
 from ._driver import CellHeat as CellHeat
 from ._fault_models import FAULT_MODELS as FAULT_MODELS
@@ -23,6 +21,8 @@ from ._plate_map import plate_map as plate_map
 from ._registration import MeasuredRegistration as MeasuredRegistration
 from ._registration import measure_registration as measure_registration
 from ._sensors import channel_weights as channel_weights
+from ._sensors import frame_to_channels as frame_to_channels
+from ._sensors import pixel_weights as pixel_weights
 from ._system import System as System
 from ._thermoelectric import DCSweep as DCSweep
 from ._thermoelectric import ThermoelectricModule as ThermoelectricModule
@@ -31,8 +31,6 @@ from ._twin import Twin as Twin
 # isort: split
 # For the other packages of jaxtwin: no part of the public interface.
 
-from ._camera import SHUTTER_SECONDS as SHUTTER_SECONDS
-from ._camera import Recalibrations as Recalibrations
 from ._driver import DUTY_SMOOTHING as DUTY_SMOOTHING
 from ._expressions import Expressions as Expressions
 from ._heat_loss import NonlinearLoss as NonlinearLoss
@@ -43,6 +41,8 @@ from ._netlist import network_text as network_text
 from ._network_layout import network_layout as network_layout
 from ._placed import all_values as all_values
 from ._placed import placed_names as placed_names
+from ._sensors import SHUTTER_SECONDS as SHUTTER_SECONDS
+from ._sensors import Recalibrations as Recalibrations
 from ._sensors import sensor_name as sensor_name
 from ._system import conductance_entries as conductance_entries
 from ._twin import check_twin as check_twin

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from .._arguments import of_kind, whole_number
 from ..errors import ParameterError
 from ..rig import Rig
-from ..rig._plate_needed import check_has_plate
+from ..rig._rig import check_has_plate
 
 
 class PlateMap(NamedTuple):

@@ -26,8 +26,8 @@ from .._arguments import of_kind
 from ..errors import RigError
 from ..rig import Registration, Rig, ZoneSensor
 from ..rig._zone_means import mean_weights
-from ._camera import checked_frames
 from ._expressions import Expressions
+from ._sensors import checked_frames
 
 # The distance from an edge's place in the rig file within which it is searched, as a fraction of
 # the plate's size.

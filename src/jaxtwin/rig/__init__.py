@@ -13,7 +13,7 @@ Which file holds what:
 - what drives and reads it: `_instruments`; a kind of sensor (`_sensors`) says what a channel
   reads, weighs and shows, by the means of `_zone_means`
 - parameters and other inputs: `_value`, `_parameter_table`, `_parameter_file`
-- the whole: `_rig`, and `_plate_needed` for what only a plate has
+- the whole: `_rig`
 - writing: `_new_rig` (a first rig file)
 """
 

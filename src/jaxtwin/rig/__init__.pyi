@@ -64,7 +64,7 @@ from ._parameter_file import parameter_file_text as parameter_file_text
 from ._parameter_file import parsed_values as parsed_values
 from ._plate import AMBIENT as AMBIENT
 from ._plate import FILM_REFERENCE as FILM_REFERENCE
-from ._plate_needed import check_has_plate as check_has_plate
+from ._rig import check_has_plate as check_has_plate
 from ._schema import Format as Format
 from ._schema import SchemaTable as SchemaTable
 from ._schema import Text as Text

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import final
 
 from .._celsius import ZERO_CELSIUS
+from ..errors import JaxtwinError
 from ._bodies import Body, Circuit, CircuitLink, NonlinearLink
 from ._cell import Cell
 from ._heater import Heater, RelayWindow
@@ -274,3 +275,15 @@ def _html(rig: Rig) -> str:
 
 def _row(*cells: str) -> str:
     return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>"
+
+
+# The refusal of a rig without a plate by what shows or measures one.
+
+
+def check_has_plate(where: str, rig: Rig, error: type[JaxtwinError]) -> None:
+    """Refuses a rig that has no plate.
+
+    **Raises:** `error`.
+    """
+    if not rig.has_plate:
+        raise error(f"{where}: expected a rig with a plate, got {rig.name}, which has none")
