@@ -6,36 +6,46 @@ dark notebook.
 """
 
 from ._animation import animate_plate
-from ._bands import plot_bands, plot_forecast
 from ._closed_loop import plot_closed_loop, plot_frontier, plot_retuned, plot_tuning
-from ._comparison import plot_camera_error, plot_comparison, plot_residual_tests, plot_residuals
-from ._correlations import plot_correlation, plot_sensitivity_matrix, plot_tornado
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._design import plot_design
 from ._distributions import plot_distributions
-from ._fit import (
+from ._estimates import (
+    plot_correlation,
     plot_fit_difference,
     plot_group_values,
-    plot_history,
-    plot_parameters,
     plot_profile,
 )
+from ._fit import plot_history, plot_parameters
 from ._frequency_response import plot_bode, plot_bode_band, plot_nyquist
+from ._index_curves import plot_convergence, plot_indices_over_time
 from ._monitoring import plot_diagnosis, plot_health, plot_isolability, plot_monitored
 from ._netlist import plot_netlist
-from ._observed import plot_innovations, plot_observed
+from ._observed import plot_observed
 from ._plate_map import plot_plate_map, plot_plate_seen, plot_plates, plot_rig_design
-from ._recordings import plot_recordings
-from ._sensitivity_indices import (
-    plot_convergence,
+from ._recordings import (
+    plot_bands,
+    plot_comparison,
+    plot_forecast,
+    plot_recordings,
+    plot_uniformity,
+)
+from ._residuals import (
+    plot_camera_error,
+    plot_innovations,
+    plot_residual_tests,
+    plot_residuals,
+)
+from ._sensitivity import (
     plot_index_bars,
-    plot_indices_over_time,
     plot_morris_plane,
     plot_sensitivity_indices,
+    plot_sensitivity_matrix,
     plot_sobol_bars,
+    plot_tornado,
 )
 from ._style import style, styled, to_png
-from ._uniformity import plot_plate_beside, plot_plate_range, plot_uniformity
+from ._uniformity import plot_plate_beside, plot_plate_range
 
 __all__ = [
     "animate_plate",

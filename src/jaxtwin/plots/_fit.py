@@ -1,28 +1,18 @@
-"""The result of a match: its course (Fig. 14 of the paper), the parameters beside their initial and
-published values (Table 4), their profile likelihoods, and how they differ between groups of
-recordings or between two fits.
+"""The result of a match: its course (Fig. 14 of the paper), and the parameters beside their initial
+and published values (Table 4).
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple, final
 
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator
 
-from .._arguments import names_of, of_kind
-from .._normal_distribution import QUANTILE_975
 from .._number_text import interval_text, short_number
-from ..errors import MatchError
-from ..matching import Fit, FitDifference, FittedParameter, Profile
-from ..matching._fit import solution_of
+from ..matching import Fit, FittedParameter
 from ..matching._fitted_parameters import interval_95
-from ..rig import Parameter
-from ._panels import axes_or_new, panel_grid
-from ._sensitivity_indices import label_rows
 from ._style import palette, points, styled, symbol, unit_text
 
 HISTORY_COLUMNS = 6  # panels of parameters in a row
@@ -244,184 +234,3 @@ def _position(value: float, parameter: FittedParameter) -> float:
     if parameter.is_logarithmic and lower > 0:
         value, lower, upper = math.log(value), math.log(lower), math.log(upper)
     return (value - lower) / (upper - lower)
-
-
-GROUP_COLUMNS = 4
-
-
-@final
-class _Row(NamedTuple):
-    """The values of a parameter in each group, with their 95 % intervals, and the interval in which
-    the value that all groups share is expected."""
-
-    parameter: Parameter
-    values: list[float]
-    intervals: list[tuple[float, float]]
-    shared: tuple[float, float] | None
-
-
-@styled
-def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None = None) -> Figure:
-    """Draws the values of parameters over groups of recordings, with their 95 % intervals, a panel
-    for each parameter.
-
-    **Arguments:**
-
-    - `fits`: a match of several groups, whose values of each group are drawn beside the band of the
-      value that all groups share; or a match of each group by itself, group -> fit, in order.
-    - `names`: the parameters to draw; by default those with a value for each group, or all that
-      are free in the first fit and have one value.
-
-    **Returns:** the figure.
-
-    **Raises:** `MatchError` for a match of a single group, no fits, or a parameter without a value
-    for each group.
-    """
-    if isinstance(fits, Fit):
-        groups, rows = list(dict.fromkeys(fits.groups.values())), _of_one_match(fits)
-    else:
-        groups, rows = list(fits), _of_several(fits)
-    if names is not None:
-        wanted = names_of("plot_group_values: names", names, MatchError)
-        missing = [name for name in wanted if name not in rows]
-        if missing:
-            raise MatchError(
-                f"plot_group_values: expected names among {', '.join(rows)}, which have a value "
-                f"for each group, got {missing[0]!r}"
-            )
-        rows = {name: rows[name] for name in wanted}
-    figure, panels = panel_grid(len(rows), GROUP_COLUMNS, width=3.1, height=2.1, frame=0.6)
-    for axes, row in zip(panels, rows.values(), strict=True):
-        _draw(axes, groups, row)
-    return figure
-
-
-def _of_one_match(fit: Fit) -> dict[str, _Row]:
-    problem = solution_of(fit).problem
-    parameters, _ = problem.unknowns.rows_of_groups()
-    if len(problem.group_names) < 2 or not parameters:
-        raise MatchError(
-            "plot_group_values: expected a match of several groups with parameters of scope group, "
-            f"got {fit!r}; pass groups=[...] to match, or a fit of each group"
-        )
-    errors, values = fit.uncertainty.standard_errors, fit.group_values
-    rows = {}
-    for parameter in parameters:
-        name, result, intervals = parameter.name, [], []
-        for group in problem.group_names:
-            value, error = values[group][name], errors[f"{name}[{group}]"]
-            logarithmic = parameter.is_logarithmic
-            relative = error / value if logarithmic else error
-            result.append(value)
-            intervals.append(interval_95(value, relative, is_logarithmic=logarithmic))
-        rows[name] = _Row(parameter, result, intervals, fit[name].interval)
-    return rows
-
-
-def _of_several(fits: Mapping[str, Fit]) -> dict[str, _Row]:
-    if not isinstance(fits, Mapping) or not fits:
-        raise MatchError(f"plot_group_values: expected a fit or group -> fit, got {fits!r}")
-    several = [of_kind("plot_group_values", f, Fit, "a Fit", MatchError) for f in fits.values()]
-    rows = {}
-    for name, fitted in several[0].parameters.items():
-        if fitted.free and fitted.scope != "recording":
-            result = [fit[name] for fit in several]
-            rows[name] = _Row(
-                several[0].twin.rig.parameters[name],
-                [row.value for row in result],
-                [row.interval for row in result],
-                None,
-            )
-    return rows
-
-
-def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
-    places = np.arange(len(groups))
-    if row.shared is not None and np.isfinite(row.shared).all():
-        axes.axhspan(*row.shared, color=palette().sky, alpha=0.25, lw=0, gid="shared")
-    lower, upper = np.array(row.intervals).T
-    axes.vlines(places, lower, upper, color=palette().vermilion, lw=3, alpha=0.45, gid="interval")
-    axes.plot(places, row.values, "o", color=palette().vermilion, ms=6)
-    if row.parameter.is_logarithmic:
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(_log_ticks(*axes.get_ylim()))
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_xticks(places, groups, rotation=30, ha="right")
-    axes.set_xlim(-0.5, len(groups) - 0.5)
-    unit = unit_text(row.parameter.unit)
-    axes.set_title(symbol(row.parameter.name) + (f", {unit}" if unit else ""))
-
-
-def _log_ticks(low: float, high: float) -> Locator:
-    """Ticks at 1, 2 and 5 times powers of ten, or at round numbers if fewer than two of the former
-    lie in the range."""
-    powers = LogLocator(subs=(1, 2, 5))
-    seen = [tick for tick in powers.tick_values(low, high) if low <= tick <= high]
-    return powers if len(seen) > 1 else MaxNLocator(4)
-
-
-# 95 % quantile of chi-squared with one degree of freedom.
-CHI2_95 = 3.841
-
-
-@styled
-def plot_profile(profile: Profile, *, ax: Axes | None = None) -> Axes:
-    """Plots the increase of the cost with a parameter held at other values.
-
-    Values below the dashed line at 3.84 are inside the 95 % interval, which is shaded as far as the
-    profile reaches.
-
-    **Arguments:**
-
-    - `profile`: the result of `jaxtwin.profile`.
-    - `ax`: axes to draw into, or None for a new figure.
-
-    **Returns:** the axes.
-    """
-    ax = axes_or_new(ax, 5.6, 3.6)
-    low, high = np.clip(profile.interval, profile.values[0], profile.values[-1])
-    ax.axvspan(low, high, color=palette().sky, alpha=0.35, lw=0, label="95 % interval")
-    ax.plot(profile.values, profile.excess, "o-", color=palette().vermilion, ms=5)
-    ax.axhline(CHI2_95, color=palette().muted, lw=1.0, ls=(0, (4, 3)))
-    ax.annotate(
-        f"{CHI2_95:.2f}", (1, CHI2_95), xycoords=("axes fraction", "data"), xytext=(3, 0),
-        textcoords="offset points", va="center", color=palette().ink, fontsize=points(9),
-    )  # fmt: skip
-    ax.set_ylim(bottom=min(0.0, float(profile.excess.min())))
-    unit = f", {profile.unit}" if profile.unit else ""
-    ax.set(
-        title="Profile likelihood",
-        xlabel=f"{symbol(profile.name)}{unit}",
-        ylabel="excess of twice the cost",
-    )
-    ax.legend(loc="upper center")
-    return ax
-
-
-@styled
-def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) -> Axes:
-    """Plots the difference of each parameter in standard errors, the largest on top.
-
-    95 % of the differences between two matches of one rig to different recordings lie in the
-    band. Parameters without a standard error are left out.
-
-    **Arguments:**
-
-    - `difference`: the result of `jaxtwin.compare_fits`.
-    - `ax`: axes to draw into, or None for a new figure.
-
-    **Returns:** the axes.
-    """
-    known = [row for row in difference.rows if row.error > 0]
-    known.sort(key=lambda row: -abs(row.standard_errors))
-    sizes = np.array([row.standard_errors for row in known])
-    places = np.arange(len(known), dtype=float)[::-1]
-    ax = axes_or_new(ax, 5.6, 1.4 + 0.29 * len(known))
-    ax.axvspan(-QUANTILE_975, QUANTILE_975, color=palette().faint, lw=0, zorder=0)
-    colors = [palette().blue if size < 0 else palette().vermilion for size in sizes]
-    ax.barh(places, sizes, color=colors, height=0.66, alpha=0.9, zorder=2)
-    label_rows(ax, [row.name for row in known], places)
-    ax.set(xlabel="new less old, standard errors of the difference")
-    ax.set_title("difference between two fits; shaded: 95 %")
-    return ax

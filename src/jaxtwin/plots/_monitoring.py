@@ -8,9 +8,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 
 from .._number_text import short_number
 from ..diagnosis import Diagnosis, Isolability
@@ -19,9 +17,10 @@ from ..monitoring import Monitored
 from ..monitoring._finding_log import events
 from ..observers import Observed
 from ..prognostics import Health, ParameterHealth
-from ._panels import legend_beside, panel_grid, title_aside
-from ._recordings import joined_samples
-from ._style import color_of, palette, points, styled, symbol, unit_text
+from ._bars import draw_estimates, draw_matrix, logarithmic_values
+from ._panels import color_bar, legend_beside, legend_of_all, panels, panels_in_rows, title_aside
+from ._series import joined_samples
+from ._style import color_of, palette, points, styled, symbol, with_unit
 from ._time_axis import time_axis
 
 # The largest number of channels with a line of their own, of rows of findings, and of faults with a
@@ -205,35 +204,25 @@ def plot_isolability(isolability: Isolability) -> Figure:
     names = isolability.names
     count = len(names)
     side = max(3.0, 0.34 * count if count <= MAX_LABELLED_FAULTS else 0.2 * count)
-    figure = pyplot.figure(figsize=(side + 3.6, side + 1.8), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, max(count, 2)))
-    norm = LogNorm(1.0, max(isolability.duration, 2.0))
-    colors = pyplot.get_cmap("viridis_r").with_extremes(bad=palette().faint)
-    image = None
-    for axes, times in (
-        (left, isolability.detection[:, None]), (right, isolability.separation)
-    ):  # fmt: skip
-        shown = np.ma.masked_invalid(np.maximum(times, 1.0))
-        image = axes.imshow(shown, norm=norm, cmap=colors, aspect="auto")
-        axes.grid(visible=False)
-        axes.tick_params(length=0)
-        axes.spines[:].set_visible(False)
-        if count <= MAX_LABELLED_FAULTS:
-            for row, column in np.argwhere(np.isfinite(times)):
-                dark = float(times[row, column]) > isolability.duration**0.5
-                axes.annotate(
-                    f"{times[row, column]:.0f}", (column, row), ha="center", va="center",
-                    fontsize=points(7), color="#ffffff" if dark else "#000000",
-                )  # fmt: skip
+    figure, ((left, right),) = panels(
+        1, 2, side + 3.6, side + 1.8, sharey=True, width_ratios=(1, max(count, 2))
+    )
+    scale = {
+        "norm": LogNorm(1.0, max(isolability.duration, 2.0)),
+        "cmap": pyplot.get_cmap("viridis_r").with_extremes(bad=palette().faint),
+    }
+    for axes, times in ((left, isolability.detection[:, None]), (right, isolability.separation)):
+        happens = np.isfinite(times)
+        written = happens & (count <= MAX_LABELLED_FAULTS)
+        shown = np.where(happens, np.maximum(times, 1.0), np.nan)
+        image = draw_matrix(axes, shown, written, "{:.0f}".format, size=7, **scale)
     size = points(8 if count <= MAX_LABELLED_FAULTS else 6)
     left.set_yticks(range(count), names, fontsize=size)
     left.set_xticks([0], ["found"], rotation=90, fontsize=size)
     right.set_xticks(range(count), names, rotation=90, fontsize=size)
     title = f"{isolability.rig}, {len(isolability.channels)} channels"
     figure.suptitle(f"{title}: time until found, and until told apart, s")
-    assert image is not None
-    bar = figure.colorbar(image, ax=right, fraction=0.03, pad=0.01)
-    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    color_bar(right, image, fraction=0.03, pad=0.01)
     return figure
 
 
@@ -258,45 +247,36 @@ def plot_health(health: Health) -> Figure:
     **Returns:** the figure.
     """
     rows = sorted(health.parameters.values(), key=lambda row: row.limit is None)[:MAX_PARAMETERS]
-    figure, panels = panel_grid(len(rows), HEALTH_COLUMNS, width=3.6, height=2.3, frame=1.0)
-    ahead = health.within if health.probabilities else 0.0
-    for axes, row in zip(panels, rows, strict=True):
-        _draw(axes, health, row, ahead)
-    for axes in panels[-HEALTH_COLUMNS:]:
+    figure, grid = panels_in_rows(len(rows), HEALTH_COLUMNS, (3.6, 2.3), (0.0, 1.0))
+    for axes, row in zip(grid, rows, strict=True):
+        _draw(axes, health, row)
+    for axes in grid[-HEALTH_COLUMNS:]:
         axes.set_xlabel("session" if health.time_unit == "session" else "days")
-    color = palette().vermilion
-    handles = [
-        Line2D([], [], color=color, marker="o", lw=3, alpha=0.6, label="session, 95 %"),
-        Line2D([], [], color=palette().blue, label="trend"),
-        Patch(color=palette().blue, alpha=0.35, lw=0, label="trend, 95 %"),
-        Patch(color=palette().sky, alpha=0.25, lw=0, label="a session's value, 95 %"),
-    ]
-    if any(row.limit is not None for row in rows):
-        handles.append(Line2D([], [], color=palette().ink, ls="--", label="limit"))
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+    legend_of_all(figure, "outside upper right")
     return figure
 
 
-def _draw(axes: Axes, health: Health, row: ParameterHealth, ahead: float) -> None:
+def _draw(axes: Axes, health: Health, row: ParameterHealth) -> None:
     first, last = row.span
+    ahead = health.within if health.probabilities else 0.0
     margin = 0.04 * (last - first + ahead)
     times = np.linspace(first - margin, last + ahead + margin, 200)
     value, lower, upper = row.at(times)
     _, low, high = row.sessions_at(times)
-    axes.fill_between(times, low, high, color=palette().sky, alpha=0.25, lw=0)
-    axes.fill_between(times, lower, upper, color=palette().blue, alpha=0.35, lw=0)
-    axes.plot(times, value, color=palette().blue)
     ends = row.interval_of_sessions()
-    axes.vlines(health.times, *ends, color=palette().vermilion, lw=3, alpha=0.45, gid="interval")
-    axes.plot(health.times, row.values, "o", color=palette().vermilion, ms=5)
+    draw_estimates(axes, health.times, row.values, ends, label="session, 95 %")
+    axes.plot(times, value, color=palette().blue, label="trend")
+    light = {"color": palette().sky, "alpha": 0.25, "label": "a session's value, 95 %"}
+    axes.fill_between(times, low, high, lw=0, **light)
+    dark = {"color": palette().blue, "alpha": 0.35, "label": "trend, 95 %"}
+    axes.fill_between(times, lower, upper, lw=0, **dark)
     _choose_range(axes, row, ends)
-    quantity = unit_text(row.unit)
-    axes.set_title(symbol(row.name) + (f", {quantity}" if quantity else ""))
+    axes.set_title(with_unit(symbol(row.name), row.unit))
     note = f"{100 * row.change:+.2g} %" if row.is_logarithmic else f"{row.change:+.2g}"
     if ahead > 0:
         axes.axvline(last, color=palette().muted, lw=0.8)
     if row.limit is not None:
-        axes.axhline(row.limit, color=palette().ink, ls="--", lw=1.2, gid="limit")
+        axes.axhline(row.limit, color=palette().ink, ls="--", lw=1.2, gid="limit", label="limit")
         chance = 100 * row.probability_of_passing(health.within)
         unit = health.time_unit if health.within == 1 else f"{health.time_unit}s"
         note += f"; passes in {short_number(health.within, 3)} {unit}: {chance:.2g} %"
@@ -314,9 +294,6 @@ def _choose_range(axes: Axes, row: ParameterHealth, ends: tuple[np.ndarray, np.n
         room = 0.12 * np.ptp(known)
         axes.set_ylim(known.min() - room, known.max() + room)
         return
-    axes.set_yscale("log")
     room = np.exp(0.12 * np.log(known.max() / known.min()))
     axes.set_ylim(known.min() / room, known.max() * room)
-    axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    logarithmic_values(axes)

@@ -5,14 +5,11 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .._normal_distribution import QUANTILE_975, normal_quantiles
 from .._number_text import short_number
-from .._residual_statistics import autocorrelation, partial_autocorrelation
-from ..errors import ObserverError
 from ..observers import Estimate, Observed
 from ._panels import legend_beside, title_aside
-from ._recordings import joined_samples
-from ._style import color_of, palette, points, styled
+from ._series import joined_samples
+from ._style import color_of, palette, styled
 from ._time_axis import time_axis
 
 # The largest lag of the autocorrelations, samples.
@@ -76,72 +73,6 @@ def plot_observed(observed: Observed) -> Figure:
     time_axis(grid[-1], observed.time, observed.experiment.start)
     for axes in grid:
         legend_beside(axes)
-    return figure
-
-
-@styled
-def plot_innovations(observed: Observed) -> Figure:
-    """Plots the tests of an observer's innovations.
-
-    Standardised innovations of a right model are independent and normal: their quantiles lie on the
-    line, and 95 % of their autocorrelations and partial autocorrelations in the grey band. The last
-    panel has the root mean square error of forecasts over the time ahead beside the one that the
-    observer expects; it matters most, since innovations can be white while forecasts are bad.
-
-    **Arguments:**
-
-    - `observed`: the result of `jaxtwin.observe`.
-
-    **Returns:** the figure.
-
-    **Raises:** `ObserverError` if a channel has fewer than 50 readings.
-    """
-    counts = np.isfinite(observed.standardised).sum(axis=0)
-    if counts.min() < MIN_SAMPLES:
-        raise ObserverError(
-            f"{observed.experiment.name or 'experiment'}: channel "
-            f"{observed.channels[int(counts.argmin())]}: expected at least {MIN_SAMPLES} readings "
-            "for a "
-            f"test, got {counts.min()}"
-        )
-    figure = pyplot.figure(figsize=(11.0, 6.4), layout="constrained")
-    (quantiles, itself), (partial, ahead) = figure.subplots(2, 2)
-    for number, (name, series) in enumerate(
-        zip(observed.channels, observed.standardised.T, strict=True)
-    ):
-        color = color_of(number)
-        there = series[np.isfinite(series)]
-        quantiles.plot(
-            normal_quantiles(len(there)), np.sort(there), color=color, lw=1.4, label=name
-        )
-        for axes, of in ((itself, autocorrelation), (partial, partial_autocorrelation)):
-            axes.plot(np.arange(1, LAGS + 1), of(series, LAGS)[1:], color=color, lw=1.2)
-    line = np.array([-3.3, 3.3])
-    quantiles.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
-    quantiles.set(xlabel="normal quantile", ylabel="standardised innovation")
-    title_aside(quantiles, f"mean square {np.nanmean(observed.nis):.2f}")
-    band = QUANTILE_975 / np.sqrt(counts.max())
-    for axes, label in ((itself, "autocorrelation"), (partial, "partial autocorrelation")):
-        axes.axhspan(-band, band, color=palette().faint, zorder=0.4)
-        axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
-        axes.set(xlabel="lag, samples", ylabel=label, ylim=(-0.5, 1.0))
-    step = float(np.median(np.diff(observed.time)))
-    leads = [step * count for count in LEADS if step * count < observed.experiment.duration / 2]
-    forecasts = [observed.ahead(lead) for lead in leads]
-    expected = [float(np.sqrt(np.mean(forecast.spread**2))) for forecast in forecasts]
-    ahead.plot(
-        leads,
-        [forecast.rmse for forecast in forecasts],
-        "o-",
-        color=palette().vermilion,
-        label="found",
-    )
-    ahead.plot(leads, expected, "o--", color=palette().muted, label="expected", mfc="none")
-    ahead.set(xscale="log", xlabel="time ahead, s", ylabel="error of forecasts, K", ylim=(0, None))
-    ahead.legend(loc="upper left")
-    if len(observed.channels) > 1:
-        quantiles.legend(loc="upper left", fontsize=points(8))
-    figure.suptitle(observed.experiment.name or "recording")
     return figure
 
 

@@ -1,41 +1,88 @@
-"""Panels: axes for a picture, a grid of small panels, and what is written beside a panel."""
+"""The grid of panels on which every picture is laid out, and what is written around its panels:
+notes, legends, captions and scales of colours."""
 
+from typing import Any, Literal
+
+import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from ._style import palette, points
 
 
+def panels(
+    rows: int, columns: int, width: float, height: float, **options: Any
+) -> tuple[Figure, np.ndarray]:
+    """A new figure with a grid of panels.
+
+    **Arguments:**
+
+    - `width`, `height`: the size of the figure, inches.
+    - `options`: those of `Figure.subplots`: the axes that panels share, and their ratios.
+
+    **Returns:** the figure and its panels, `(rows, columns)`.
+    """
+    figure = pyplot.figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
 def axes_or_new(ax: Axes | None, width: float, height: float) -> Axes:
     """The given axes, or those of a new figure of this size, inches."""
-    if ax is not None:
-        return ax
-    return pyplot.figure(figsize=(width, height), layout="constrained").subplots()
+    return panels(1, 1, width, height)[1].item() if ax is None else ax
 
 
-def panel_grid(
-    count: int, max_columns: int, width: float, height: float, frame: float
+def panels_in_rows(
+    count: int,
+    max_columns: int,
+    size: tuple[float, float],
+    frame: tuple[float, float],
+    **options: Any,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with a number of panels that share their x axis, row by row.
 
     **Arguments:**
 
     - `count`: the number of panels. `max_columns`: the largest number of panels in a row.
-    - `width`, `height`: the size of a panel, inches.
-    - `frame`: the height of the figure beside its panels, inches.
+    - `size`: the width and height of a panel, inches.
+    - `frame`: the width and height of the figure beside its panels, inches.
+    - `options`: those of `Figure.subplots`.
 
     **Returns:** the figure and its panels. The lowest panel of each column has labels below it.
     """
     columns = min(max_columns, count)
     rows = -(-count // columns)
-    figure = pyplot.figure(figsize=(width * columns, frame + height * rows), layout="constrained")
-    panels = list(figure.subplots(rows, columns, squeeze=False, sharex=True).flat)
-    for axes in panels[max(0, count - columns) : count]:
+    width, height = frame[0] + size[0] * columns, frame[1] + size[1] * rows
+    figure, grid = panels(rows, columns, width, height, sharex=True, **options)
+    for axes in grid.flat[max(0, count - columns) : count]:
         axes.tick_params(labelbottom=True)
-    for axes in panels[count:]:
+    for axes in grid.flat[count:]:
         axes.set_axis_off()
-    return figure, panels[:count]
+    return figure, list(grid.flat[:count])
+
+
+def without_frame(*panels: Axes) -> None:
+    """Removes the frame, the grid and the marks of ticks from panels that are filled with colours;
+    the texts of ticks stay."""
+    for axes in panels:
+        axes.tick_params(length=0)
+        axes.grid(visible=False)
+        axes.spines[:].set_visible(False)
+
+
+def write(axes: Axes, text: str, at: tuple[Any, Any], shift=(0, 0), *, size=9, **look: Any) -> None:
+    """Writes a note at a point, muted unless another colour is given.
+
+    **Arguments:**
+
+    - `at`: the point, in the units of the axes unless `xycoords` is given.
+    - `shift`: the distance of the text from the point, points.
+    - `size`: the size of the letters on a screen.
+    - `look`: other properties of `Axes.annotate`.
+    """
+    look = {"color": palette().muted, "fontsize": points(size), **look}
+    axes.annotate(text, at, shift, textcoords="offset points", **look)
 
 
 def title_aside(axes: Axes, text: str) -> None:
@@ -43,6 +90,15 @@ def title_aside(axes: Axes, text: str) -> None:
     axes.set_title(
         text, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
     )
+
+
+def caption(figure: Figure, text: str) -> None:
+    """Writes a note below all panels."""
+    figure.supxlabel(text, fontsize=points(9), color=palette().muted, x=0.01, ha="left")
+
+
+ABOVE_RIGHT = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
+"""The place of a legend above axes whose curves would cross it anywhere inside."""
 
 
 def legend_beside(axes: Axes, *, reverse: bool = False) -> None:
@@ -55,3 +111,30 @@ def legend_below(axes: Axes) -> None:
     axes.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, fontsize=points(9), frameon=False
     )
+
+
+Outside = Literal["outside lower center", "outside lower right", "outside upper right"]
+
+
+def legend_of_all(figure: Figure, loc: Outside = "outside lower center") -> None:
+    """Writes one legend outside of all panels, with each of their labels once."""
+    entries: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(list(entries.values()), list(entries), loc=loc, ncols=5)
+
+
+def color_bar(beside: Axes | np.ndarray, scale: ScalarMappable, label: str = "", **size: Any):
+    """Draws the bar of a scale of colours beside a panel, or several.
+
+    **Arguments:**
+
+    - `size`: the options of `Figure.colorbar` for its size.
+
+    **Returns:** the bar.
+    """
+    figure = np.atleast_1d(np.asarray(beside, dtype=object)).flat[0].figure
+    bar = figure.colorbar(scale, ax=beside, label=label, **size)
+    bar.outline.set_visible(False)
+    return bar

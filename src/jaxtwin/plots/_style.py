@@ -303,6 +303,11 @@ def to_png(drawn: Figure | Axes, dpi: int = 150) -> bytes:
 SIGNS = {"degC": "°C", "ohm": "Ω", "^2": "²", "K2": "K²"}
 
 
+def with_unit(words: str, unit: str) -> str:
+    """Words for an axis or a title, and the unit behind a comma if there is one."""
+    return f"{words}, {unit_text(unit)}" if unit else words
+
+
 def unit_text(unit: str) -> str:
     """A unit with the usual signs: `Ω`, `°C`, `K²`, `W/(m² K)`."""
     for written, sign in SIGNS.items():

@@ -27,12 +27,8 @@ STEPS = (
 MAX_TICKS = 6
 
 
-def time_axis(
-    axes: Axes,
-    time: Float[np.ndarray, " times"],
-    start: datetime | None = None,
-) -> None:
-    """Labels the x axis of axes whose unit is a second.
+def time_axis(axes: Axes, time: Float[np.ndarray, " times"], start: datetime | None = None) -> None:
+    """Makes the x axis that of a time in seconds, from the first to the last.
 
     **Arguments:**
 
@@ -40,6 +36,7 @@ def time_axis(
     - `start`: the clock time at 0 s; None: it is not known.
     """
     first, last = float(np.min(time)), float(np.max(time))
+    axes.set_xlim(first, last)
     if start is not None:
         axes.xaxis.set_major_locator(_Ticks(start))
         axes.xaxis.set_major_formatter(FuncFormatter(_Clock(axes, start)))

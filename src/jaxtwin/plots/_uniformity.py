@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import CenteredNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ..control import ClosedLoopRun, OperatingPoint
 from ..errors import ControlError, SimulationError
@@ -24,54 +23,6 @@ from ._style import color_of, line_of, palette, styled
 from ._time_axis import time_axis
 
 MAP_WIDTH, ROOM_ABOVE = 3.6, 0.34  # width of a panel and room above it, inches
-
-
-@styled
-def plot_uniformity(runs: Sequence[Run]) -> Figure:
-    """Plots range (highest minus lowest) and standard deviation over the channels at each time.
-
-    A time at which a channel's sample is missing is a gap in the recorded line.
-
-    **Arguments:**
-
-    - `runs`: runs of experiments that have recorded temperatures, one column each.
-
-    **Returns:** the figure.
-
-    **Raises:** `SimulationError` if a run has nothing recorded to compare with.
-    """
-    figure = pyplot.figure(figsize=(0.9 + 3.7 * len(runs), 4.4), layout="constrained")
-    grid = figure.subplots(2, len(runs), sharex="col", sharey="row", squeeze=False)
-    for column, run in zip(grid.T, runs, strict=True):
-        recorded, twin = run.recorded_uniformity, run.uniformity
-        for axes, was, says, means in (
-            (column[0], recorded.range, twin.range, (recorded.mean_range, twin.mean_range)),
-            (
-                column[1],
-                recorded.std,
-                twin.std,
-                (recorded.mean_std, twin.mean_std),
-            ),
-        ):
-            axes.plot(run.time, was, color=palette().muted, lw=2.4, alpha=0.55)
-            axes.plot(run.time, says, color=palette().vermilion, lw=1.4)
-            title_aside(axes, f"mean {means[0]:.2f} K, twin {means[1]:.2f} K")
-        column[0].set_title(run.experiment.name or "recording")
-        column[1].set_xlim(run.time[0], run.time[-1])
-        time_axis(column[1], run.time, run.experiment.start)
-    for axes in grid[:, 0]:
-        axes.set_ylim(bottom=0)  # fixes the limits of the whole row
-    grid[0, 0].set_ylabel("highest − lowest, K")
-    grid[1, 0].set_ylabel("standard deviation, K")
-    figure.legend(
-        handles=[
-            Line2D([], [], color=palette().muted, lw=2.4, alpha=0.55, label="recorded channels"),
-            Line2D([], [], color=palette().vermilion, lw=1.4, label="the twin's channels"),
-        ],
-        loc="outside lower center",
-        ncols=2,
-    )
-    return figure
 
 
 @styled
