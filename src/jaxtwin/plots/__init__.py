@@ -6,7 +6,13 @@ dark notebook.
 """
 
 from ._animation import animate_plate
-from ._closed_loop import plot_closed_loop, plot_frontier, plot_retuned, plot_tuning
+from ._closed_loop import (
+    plot_closed_loop,
+    plot_frontier,
+    plot_plate_range,
+    plot_retuned,
+    plot_tuning,
+)
 from ._dc_sweep import plot_dc_curves, plot_dc_sweep
 from ._design import plot_design
 from ._distributions import plot_distributions
@@ -22,7 +28,13 @@ from ._index_curves import plot_convergence, plot_indices_over_time
 from ._monitoring import plot_diagnosis, plot_health, plot_isolability, plot_monitored
 from ._netlist import plot_netlist
 from ._observed import plot_observed
-from ._plate_map import plot_plate_map, plot_plate_seen, plot_plates, plot_rig_design
+from ._plates import (
+    plot_plate_beside,
+    plot_plate_map,
+    plot_plate_seen,
+    plot_plates,
+    plot_rig_design,
+)
 from ._recordings import (
     plot_bands,
     plot_comparison,
@@ -45,7 +57,6 @@ from ._sensitivity import (
     plot_tornado,
 )
 from ._style import style, styled, to_png
-from ._uniformity import plot_plate_beside, plot_plate_range
 
 __all__ = [
     "animate_plate",

@@ -2,7 +2,7 @@
 the trade between two aims.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,9 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..control import MEASURES, ClosedLoopRun, Frontier, Tuning
+from ..control import MEASURES, ClosedLoopRun, Frontier, OperatingPoint, Tuning
+from ..errors import ControlError
 from ..retuning import Retuned
-from ._panels import title_aside
+from ._panels import ABOVE_RIGHT, panels, title_aside, write
 from ._style import color_of, line_of, palette, points, rim, styled, unit_text
 from ._time_axis import time_axis
 
@@ -80,6 +81,44 @@ def _short(output: str) -> str:
     if len(names) <= MAX_NAMED:
         return output
     return f"mean of {names[0]}, {names[1]} and {len(names) - 2} more"
+
+
+@styled
+def plot_plate_range(
+    runs: Mapping[str, ClosedLoopRun], best: OperatingPoint | None = None
+) -> Figure:
+    """Plots the mean of the channels and the range of the plate, the difference between its hottest
+    and its coldest element, over time.
+
+    **Arguments:**
+
+    - `runs`: name -> closed loop of a rig with a plate.
+    - `best`: the most even steady state (`most_even_point`), whose range is a line.
+
+    **Returns:** the figure.
+
+    **Raises:** `ControlError` if there is no run, or one is of a rig without a plate.
+    """
+    if not runs:
+        raise ControlError("plot_plate_range: runs: expected at least one closed loop, got none")
+    figure, ((above,), (below,)) = panels(2, 1, 7.2, 4.8, sharex=True, height_ratios=(1, 1.3))
+    for number, (name, run) in enumerate(runs.items()):
+        look = {"color": color_of(number), "ls": line_of(number), "lw": 1.6}
+        above.plot(run.time, run.run.temperatures.mean(axis=1), label=name, **look)
+        below.plot(run.time, run.range, **look)
+    last = max(float(run.time[-1]) for run in runs.values())
+    if best is not None:
+        elements = next(iter(runs.values())).loop.elements
+        least = float(np.ptp(np.asarray(best.nodes)[:elements]))
+        below.axhline(least, color=palette().muted, ls=":", lw=1.2)
+        text = f"most even at rest, {least:.1f} K"
+        write(below, text, (last, least), (-2, -3), size=10, va="top", ha="right")
+    above.legend(ncols=3, **ABOVE_RIGHT)
+    above.set_ylabel("mean of the\nchannels, °C")
+    below.set_ylabel("range of the plate, K")
+    time_axis(below, np.array([0.0, last]))
+    below.set_ylim(bottom=0)
+    return figure
 
 
 @styled

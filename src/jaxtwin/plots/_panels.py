@@ -8,6 +8,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from ._style import palette, points
 
@@ -71,7 +72,15 @@ def without_frame(*panels: Axes) -> None:
         axes.spines[:].set_visible(False)
 
 
-def write(axes: Axes, text: str, at: tuple[Any, Any], shift=(0, 0), *, size=9, **look: Any) -> None:
+def write(
+    axes: Axes,
+    text: str,
+    at: tuple[Any, Any],
+    shift: tuple[float, float] = (0, 0),
+    *,
+    size: float = 9,
+    **look: Any,
+) -> None:
     """Writes a note at a point, muted unless another colour is given.
 
     **Arguments:**
@@ -85,11 +94,10 @@ def write(axes: Axes, text: str, at: tuple[Any, Any], shift=(0, 0), *, size=9, *
     axes.annotate(text, at, shift, textcoords="offset points", **look)
 
 
-def title_aside(axes: Axes, text: str) -> None:
+def title_aside(axes: Axes, text: str) -> Text:
     """Writes a note at the right end of the line of the title."""
-    axes.set_title(
-        text, loc="right", fontsize=points(9), fontweight="normal", color=palette().muted
-    )
+    look = {"fontsize": points(9), "fontweight": "normal", "color": palette().muted}
+    return axes.set_title(text, loc="right", **look)
 
 
 def caption(figure: Figure, text: str) -> None:
