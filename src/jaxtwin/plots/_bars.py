@@ -81,7 +81,7 @@ def draw_matrix(
     written: Bool[np.ndarray, "rows columns"],
     text: Callable[[float], str],
     *,
-    size: float,
+    size: float | int,
     **colors: Any,
 ) -> AxesImage:
     """Draws a matrix as coloured cells. The caller writes the names of rows and columns.

@@ -76,9 +76,9 @@ def write(
     axes: Axes,
     text: str,
     at: tuple[Any, Any],
-    shift: tuple[float, float] = (0, 0),
+    shift: tuple[float | int, float | int] = (0, 0),
     *,
-    size: float = 9,
+    size: float | int = 9,
     **look: Any,
 ) -> None:
     """Writes a note at a point, muted unless another colour is given.
