@@ -20,14 +20,14 @@ from ._estimates import (
     plot_correlation,
     plot_fit_difference,
     plot_group_values,
+    plot_health,
     plot_profile,
 )
 from ._fit import plot_history, plot_parameters
 from ._frequency_response import plot_bode, plot_bode_band, plot_nyquist
 from ._index_curves import plot_convergence, plot_indices_over_time
-from ._monitoring import plot_diagnosis, plot_health, plot_isolability, plot_monitored
+from ._monitoring import plot_diagnosis, plot_isolability, plot_monitored, plot_observed
 from ._netlist import plot_netlist
-from ._observed import plot_observed
 from ._plates import (
     plot_plate_beside,
     plot_plate_map,
@@ -42,12 +42,7 @@ from ._recordings import (
     plot_recordings,
     plot_uniformity,
 )
-from ._residuals import (
-    plot_camera_error,
-    plot_innovations,
-    plot_residual_tests,
-    plot_residuals,
-)
+from ._residuals import plot_camera_error, plot_innovations, plot_residual_tests, plot_residuals
 from ._sensitivity import (
     plot_index_bars,
     plot_morris_plane,

@@ -46,6 +46,19 @@ def label_rows(axes: Axes, names: Sequence[str], places: Float[np.ndarray, " par
     axes.tick_params(axis="y", length=0)
 
 
+def name_rows(axes: Axes, names: Sequence[tuple[str, bool]]) -> None:
+    """Writes names beside rows, the first on top.
+
+    **Arguments:**
+
+    - `names`: each name, and whether it is bold.
+    """
+    axes.set_yticks(range(len(names)), [name for name, _ in names])
+    for label, (_, is_bold) in zip(axes.get_yticklabels(), names, strict=True):
+        label.set_fontweight("bold" if is_bold else "normal")
+    axes.invert_yaxis()
+
+
 def draw_estimates(
     axes: Axes,
     places: Sequence[float] | np.ndarray,

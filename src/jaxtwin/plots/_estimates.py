@@ -1,5 +1,5 @@
-"""Estimates beside each other: the correlations of their errors, the profile of a likelihood,
-values of groups of recordings, and the differences between two fits.
+"""Estimates with their errors: the correlations of these, values of groups of recordings and of
+sessions, the profile of a likelihood, and the differences between two fits.
 """
 
 from collections.abc import Mapping, Sequence
@@ -8,16 +8,19 @@ from typing import NamedTuple, final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .._arguments import names_of, of_kind
 from .._normal_distribution import QUANTILE_975
+from .._number_text import short_number
 from ..errors import MatchError
 from ..matching import Fit, FitDifference, Profile
 from ..matching._fit import solution_of
 from ..matching._fitted_parameters import interval_95
+from ..prognostics import Health, ParameterHealth
 from ..rig import Parameter
 from ._bars import draw_bars, draw_estimates, logarithmic_values
-from ._panels import axes_or_new, panels_in_rows, write
+from ._panels import axes_or_new, legend_of_all, panels_in_rows, title_aside, write
 from ._sensitivity import draw_correlations
 from ._style import palette, styled, symbol, with_unit
 
@@ -170,6 +173,79 @@ def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
     axes.set_xticks(places, groups, rotation=30, ha="right")
     axes.set_xlim(-0.5, len(groups) - 0.5)
     axes.set_title(with_unit(symbol(row.parameter.name), row.parameter.unit))
+
+
+HEALTH_COLUMNS = 3
+
+# The largest number of parameters; those with limits are first, then those that changed most.
+MAX_PARAMETERS = 9
+
+
+@styled
+def plot_health(health: Health) -> Figure:
+    """Plots parameters over sessions, a panel for each.
+
+    A dot is what a session says by itself, with its 95 % interval. The line is the trend, with the
+    95 % interval of the trend (dark) and of the value of a session (light); it goes on as far as
+    limits are looked at. A dashed line is a limit.
+
+    **Arguments:**
+
+    - `health`: the result of `jaxtwin.health`.
+
+    **Returns:** the figure.
+    """
+    rows = sorted(health.parameters.values(), key=lambda row: row.limit is None)[:MAX_PARAMETERS]
+    figure, grid = panels_in_rows(len(rows), HEALTH_COLUMNS, (3.6, 2.3), (0.0, 1.0))
+    for axes, row in zip(grid, rows, strict=True):
+        _draw_health(axes, health, row)
+    for axes in grid[-HEALTH_COLUMNS:]:
+        axes.set_xlabel("session" if health.time_unit == "session" else "days")
+    legend_of_all(figure, "outside upper right")
+    return figure
+
+
+def _draw_health(axes: Axes, health: Health, row: ParameterHealth) -> None:
+    first, last = row.span
+    ahead = health.within if health.probabilities else 0.0
+    margin = 0.04 * (last - first + ahead)
+    times = np.linspace(first - margin, last + ahead + margin, 200)
+    value, lower, upper = row.at(times)
+    _, low, high = row.sessions_at(times)
+    ends = row.interval_of_sessions()
+    draw_estimates(axes, health.times, row.values, ends, label="session, 95 %")
+    axes.plot(times, value, color=palette().blue, label="trend")
+    light = {"color": palette().sky, "alpha": 0.25, "label": "a session's value, 95 %"}
+    axes.fill_between(times, low, high, lw=0, **light)
+    dark = {"color": palette().blue, "alpha": 0.35, "label": "trend, 95 %"}
+    axes.fill_between(times, lower, upper, lw=0, **dark)
+    _choose_range(axes, row, ends)
+    axes.set_title(with_unit(symbol(row.name), row.unit))
+    note = f"{100 * row.change:+.2g} %" if row.is_logarithmic else f"{row.change:+.2g}"
+    if ahead > 0:
+        axes.axvline(last, color=palette().muted, lw=0.8)
+    if row.limit is not None:
+        axes.axhline(row.limit, color=palette().ink, ls="--", lw=1.2, gid="limit", label="limit")
+        chance = 100 * row.probability_of_passing(health.within)
+        unit = health.time_unit if health.within == 1 else f"{health.time_unit}s"
+        note += f"; passes in {short_number(health.within, 3)} {unit}: {chance:.2g} %"
+    title_aside(axes, note)
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+
+
+def _choose_range(axes: Axes, row: ParameterHealth, ends: tuple[np.ndarray, np.ndarray]) -> None:
+    """A range of values that the sessions fill: a session that knows little may reach out of it."""
+    usual = row.errors <= 2 * np.nanmedian(row.errors)
+    known = np.concatenate([row.values[np.isfinite(row.values)], *(end[usual] for end in ends)])
+    if row.limit is not None:
+        known = np.append(known, row.limit)
+    if not row.is_logarithmic:
+        room = 0.12 * np.ptp(known)
+        axes.set_ylim(known.min() - room, known.max() + room)
+        return
+    room = np.exp(0.12 * np.log(known.max() / known.min()))
+    axes.set_ylim(known.min() / room, known.max() * room)
+    logarithmic_values(axes)
 
 
 # 95 % quantile of chi-squared with one degree of freedom.

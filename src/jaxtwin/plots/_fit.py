@@ -13,6 +13,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from .._number_text import interval_text, short_number
 from ..matching import Fit, FittedParameter
 from ..matching._fitted_parameters import interval_95
+from ._panels import legend_of_all, panels, write
 from ._style import palette, points, styled, symbol, unit_text
 
 HISTORY_COLUMNS = 6  # panels of parameters in a row
@@ -49,14 +50,13 @@ def plot_history(fit: Fit) -> Figure:
 
 
 def _draw_rmse(axes: Axes, fit: Fit) -> None:
-    numbers = [iteration.number for iteration in fit.history]
+    numbers = np.array([iteration.number for iteration in fit.history])
     rmse = np.array([iteration.rmse for iteration in fit.history])
-    accepted = np.array([iteration.accepted for iteration in fit.history])
+    refused = np.array([not iteration.accepted for iteration in fit.history])
     best = np.minimum.accumulate(rmse)
     axes.plot(numbers, best, color=palette().vermilion, lw=1.8)
-    axes.plot(
-        np.array(numbers)[~accepted], rmse[~accepted], "o", mfc="none", mec=palette().muted, ms=4
-    )
+    hollow = {"mfc": "none", "mec": palette().muted, "ms": 4, "label": "step taken back"}
+    axes.plot(numbers[refused], rmse[refused], "o", **hollow)
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_formatter("{x:g}")
@@ -64,13 +64,10 @@ def _draw_rmse(axes: Axes, fit: Fit) -> None:
     axes.set_ylim(best[-1] / 1.15, min(rmse.max(), 3 * best[0]) * 1.1)
     axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     axes.set(title="RMSE, K", xlabel="iteration")
-    if not accepted.all():
-        axes.plot([], [], "o", mfc="none", mec=palette().muted, ms=4, label="step taken back")
+    if refused.any():
         axes.legend(loc="upper right", handletextpad=0)
-    axes.annotate(
-        f"{best[-1]:.2f} K", (numbers[-1], best[-1]), xytext=(0, 7), textcoords="offset points",
-        ha="right", color=palette().vermilion, fontweight="bold",
-    )  # fmt: skip
+    look = {"size": 10, "ha": "right", "color": palette().vermilion, "fontweight": "bold"}
+    write(axes, f"{best[-1]:.2f} K", (numbers[-1], best[-1]), (0, 7), **look)
 
 
 def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
@@ -119,100 +116,68 @@ def plot_parameters(fit: Fit) -> Figure:
     **Returns:** the figure.
     """
     free = [parameter for parameter in fit.parameters.values() if parameter.free]
-    figure = pyplot.figure(figsize=(13.4, 1.3 + 0.3 * len(free)), layout="constrained")
-    table, scale = figure.subplots(1, 2, width_ratios=(1.0, 1.08), sharey=True)
+    size = (13.4, 1.3 + 0.3 * len(free))
+    figure, ((table, scale),) = panels(1, 2, *size, width_ratios=(1.0, 1.08), sharey=True)
     _write_table(table, free)
     for place, parameter in enumerate(free):
-        scale.plot(
-            [0, 1], [place, place], color=palette().faint, lw=7, solid_capstyle="round", zorder=1
-        )
-        if parameter.prior_value is not None:
-            span = [_position(end, parameter) for end in _prior_interval(parameter)]
-            scale.plot(
-                span, [place, place], color=palette().muted, lw=7, alpha=0.4,
-                solid_capstyle="butt", zorder=1.5, gid="prior",
-            )  # fmt: skip
-        ends = [_position(value, parameter) for value in (parameter.initial, parameter.value)]
-        scale.plot(ends, [place, place], color=palette().muted, lw=1.0, zorder=2)
-        if not math.isnan(parameter.interval[0]):
-            span = [_position(end, parameter) for end in parameter.interval]
-            scale.plot(
-                span, [place, place], color=palette().vermilion, lw=3.5, alpha=0.45,
-                solid_capstyle="butt",
-                zorder=2.5, gid="interval",
-            )  # fmt: skip
-        scale.plot(ends[0], place, "o", mfc=palette().ground, mec=palette().ink, ms=6, zorder=3)
-        if parameter.published is not None:
-            at = _position(parameter.published, parameter)
-            scale.plot(
-                at, place, "D", mfc=palette().ground, mec=palette().blue, mew=1.4, ms=5.5, zorder=4
-            )
-        scale.plot(ends[1], place, "o", color=palette().vermilion, ms=7, zorder=5)
-        color = palette().vermilion if parameter.at_bound else palette().ink
-        warnings = ", ".join(parameter.warnings)
-        _write(scale, 1.04, place, warnings, ha="left", color=color, fontsize=points(8.5))
+        _draw_position(scale, place, parameter)
     scale.set_ylim(len(free) - 0.4, -1.2)
     scale.set_xlim(-0.03, 1.42)
-    for text, at, ha in (("lower bound", 0, "left"), ("upper bound", 1, "right")):
-        scale.annotate(
-            text, (at, -0.8), ha=ha, va="center", fontsize=points(9), color=palette().muted
-        )
+    write(scale, "lower bound", (0, -0.8), ha="left", va="center")
+    write(scale, "upper bound", (1, -0.8), ha="right", va="center")
     scale.set_axis_off()
-    handles = [
-        scale.plot([], [], "o", mfc=palette().ground, mec=palette().ink, ms=6, label="initial")[0],
-        scale.plot(
-            [],
-            [],
-            "D",
-            mfc=palette().ground,
-            mec=palette().blue,
-            mew=1.4,
-            ms=5.5,
-            label="published",
-        )[0],
-        scale.plot([], [], "o", color=palette().vermilion, ms=7, label="matched")[0],
-        scale.plot(
-            [], [], color=palette().vermilion, lw=3.5, alpha=0.45, label="its 95 % interval"
-        )[0],
-    ]
-    if any(parameter.prior_value is not None for parameter in free):
-        handles += scale.plot(
-            [], [], color=palette().muted, lw=7, alpha=0.4, label="95 % of its prior"
-        )
-    if all(parameter.published is None for parameter in free):
-        del handles[1]
-    figure.legend(handles=handles, loc="outside lower right", ncols=5)
-    figure.suptitle(
-        f"{fit.twin.rig.name}: mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K",
-        x=0.01, ha="left",
-    )  # fmt: skip
+    legend_of_all(figure, "outside lower right")
+    quality = f"mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K"
+    figure.suptitle(f"{fit.twin.rig.name}: {quality}", x=0.01, ha="left")
     return figure
 
 
+def _draw_position(axes: Axes, place: int, parameter: FittedParameter) -> None:
+    """Draws where a parameter began, was published and ended between its bounds."""
+    colors = palette()
+    row = [place, place]
+    axes.plot([0, 1], row, color=colors.faint, lw=7, solid_capstyle="round", zorder=1)
+    if parameter.prior_value is not None:
+        span = [_position(end, parameter) for end in _prior_interval(parameter)]
+        look = {"alpha": 0.4, "solid_capstyle": "butt", "gid": "prior", "zorder": 1.5}
+        axes.plot(span, row, color=colors.muted, lw=7, label="95 % of its prior", **look)
+    initial, value = (_position(at, parameter) for at in (parameter.initial, parameter.value))
+    axes.plot([initial, value], row, color=colors.muted, lw=1.0, zorder=2)
+    if not math.isnan(parameter.interval[0]):
+        span = [_position(end, parameter) for end in parameter.interval]
+        look = {"alpha": 0.45, "solid_capstyle": "butt", "gid": "interval", "zorder": 2.5}
+        axes.plot(span, row, color=colors.vermilion, lw=3.5, label="its 95 % interval", **look)
+    look = {"mfc": colors.ground, "ms": 6, "zorder": 3}
+    axes.plot(initial, place, "o", mec=colors.ink, label="initial", **look)
+    if parameter.published is not None:
+        at = _position(parameter.published, parameter)
+        look = {"mfc": colors.ground, "mew": 1.4, "ms": 5.5, "zorder": 4}
+        axes.plot(at, place, "D", mec=colors.blue, label="published", **look)
+    axes.plot(value, place, "o", color=colors.vermilion, ms=7, zorder=5, label="matched")
+    color = colors.vermilion if parameter.at_bound else colors.ink
+    write(axes, ", ".join(parameter.warnings), (1.04, place), size=8.5, color=color, va="center")
+
+
 def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
+    matched = {"color": palette().vermilion, "fontweight": "bold"}
+    unit = {"ha": "left", "color": palette().muted, "size": 8.5}
     columns = {"initial": 0.27, "published": 0.43, "matched": 0.60, "95 % interval": 0.99}
     for heading, at in columns.items():
-        axes.annotate(
-            heading, (at, -0.8), ha="right", va="center", fontsize=points(9), color=palette().muted
-        )
+        write(axes, heading, (at, -0.8), ha="right", va="center")
     for place, parameter in enumerate(free):
-        _write(axes, 0.0, place, symbol(parameter.name), ha="left")
-        _write(axes, columns["initial"], place, short_number(parameter.initial))
         published = "-" if parameter.published is None else short_number(parameter.published)
-        _write(axes, columns["published"], place, published, color=palette().blue)
-        _write(
-            axes, columns["matched"], place, short_number(parameter.value),
-            color=palette().vermilion, fontweight="bold",
-        )  # fmt: skip
-        unit = unit_text(parameter.unit)
-        _write(axes, 0.62, place, unit, ha="left", color=palette().muted, fontsize=points(8.5))
-        _write(axes, columns["95 % interval"], place, interval_text(parameter.interval))
+        for at, text, look in (
+            (0.0, symbol(parameter.name), {"ha": "left"}),
+            (columns["initial"], short_number(parameter.initial), {}),
+            (columns["published"], published, {"color": palette().blue}),
+            (columns["matched"], short_number(parameter.value), matched),
+            (0.62, unit_text(parameter.unit), unit),
+            (columns["95 % interval"], interval_text(parameter.interval), {}),
+        ):
+            look = {"size": 10, "color": palette().ink, "ha": "right", "va": "center", **look}
+            write(axes, text, (at, place), **look)
     axes.set_xlim(0, 1)
     axes.set_axis_off()
-
-
-def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -> None:
-    axes.text(x, y, text, ha=ha, va="center", **look)
 
 
 def _prior_interval(parameter: FittedParameter) -> tuple[float, float]:

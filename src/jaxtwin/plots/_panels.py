@@ -94,6 +94,11 @@ def write(
     axes.annotate(text, at, shift, textcoords="offset points", **look)
 
 
+def write_in_the_middle(axes: Axes, text: str) -> None:
+    """Writes in the middle of a panel that has nothing to show."""
+    write(axes, text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
+
+
 def title_aside(axes: Axes, text: str) -> Text:
     """Writes a note at the right end of the line of the title."""
     look = {"fontsize": points(9), "fontweight": "normal", "color": palette().muted}
