@@ -15,7 +15,7 @@ from ..errors import ControlError
 from ..retuning import Retuned
 from ._bars import name_rows
 from ._panels import ABOVE_RIGHT, panels, title_aside, write
-from ._series import draw_band
+from ._series import draw_band, draw_lines
 from ._style import color_of, line_of, palette, rim, styled, unit_text, with_unit
 from ._time_axis import time_axis
 
@@ -44,8 +44,7 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
     for number, reference in enumerate(np.unique(run.reference, axis=1).T):
         above.step(run.time, reference, label=None if number else "reference", **look)
     names = [_short(name) for name in run.outputs]
-    for number, (name, output) in enumerate(zip(names, run.output.T, strict=True)):
-        above.plot(run.time, output, color=color_of(number), label=name)
+    draw_lines(above, run.time, run.output, names)
     above.set_ylabel("temperature, °C")
     above.legend(ncols=2 if any(len(name) > 20 for name in names) else 4, **ABOVE_RIGHT)
     for number, name in enumerate(run.run.experiment.cell_names):

@@ -18,7 +18,7 @@ from ..monitoring._finding_log import events
 from ..observers import Estimate, Observed
 from ._bars import draw_matrix
 from ._panels import color_bar, legend_beside, panels, title_aside, write_in_the_middle
-from ._series import draw_band, joined_samples
+from ._series import draw_band, draw_lines
 from ._style import color_of, palette, points, styled
 from ._time_axis import time_axis
 
@@ -71,10 +71,8 @@ def plot_observed(observed: Observed) -> Figure:
 
 def _draw_readings(axes: Axes, observed: Observed) -> None:
     """Draws the readings of the first channels as dots."""
-    readings = np.asarray(observed.experiment.temperatures).T
-    for number, series in enumerate(readings[:MAX_CHANNELS]):
-        samples = joined_samples(observed.time, series)
-        axes.plot(*samples, ".", ms=1.5, color=color_of(number))
+    readings = np.asarray(observed.experiment.temperatures)[:, :MAX_CHANNELS]
+    draw_lines(axes, observed.time, readings, ls="", marker=".", ms=1.5)
     axes.set(ylabel="channel, °C")
     axes.set_title(observed.experiment.name or "recording")
 
@@ -89,9 +87,8 @@ def _draw_bands(axes: Axes, observed: Observed, estimates: Mapping[str, Estimate
 def _draw_expected(axes: Axes, observed: Observed) -> None:
     """Draws the readings of the first channels, and what was expected of them as lines."""
     _draw_readings(axes, observed)
-    for number, channel in enumerate(observed.channels[:MAX_CHANNELS]):
-        expected = observed.expected.mean[:, number]
-        axes.plot(observed.time, expected, color=color_of(number), lw=0.8, label=channel)
+    expected = observed.expected.mean[:, :MAX_CHANNELS]
+    draw_lines(axes, observed.time, expected, observed.channels[:MAX_CHANNELS], lw=0.8)
     legend_beside(axes)
 
 

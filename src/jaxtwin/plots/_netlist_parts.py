@@ -441,10 +441,7 @@ def draw_network(picture: Picture) -> float:
     places, links, lost = layout = network_layout(netlist)
     columns, rows = layout.size
     middles = {
-        name: (
-            (column - (columns - 1) / 2) * COLUMN_PITCH,
-            0.35 + row * ROW_PITCH + BOX_HEIGHT / 2,
-        )
+        name: ((column - (columns - 1) / 2) * COLUMN_PITCH, 0.35 + row * ROW_PITCH + BOX_HEIGHT / 2)
         for name, (column, row) in places.items()
     }
     for (a, b), parallel in links.items():

@@ -52,11 +52,7 @@ def runs_of_plate(where: str, rig: Rig, runs: Mapping[str, Run | ClosedLoopRun])
 
 
 def samples_at(
-    where: str,
-    run: Run,
-    times: Sequence[float | int],
-    error: type[JaxtwinError],
-    of: str = "",
+    where: str, run: Run, times: Sequence[float | int], error: type[JaxtwinError], of: str = ""
 ) -> list[int]:
     """The samples of a run nearest to given times.
 

@@ -54,11 +54,7 @@ def plot_plate_map(
 
 @overload
 def plot_plate_map(
-    rig: Rig,
-    temperatures: Float[np.ndarray, "maps elements"],
-    titles: Sequence[str],
-    *,
-    ax: Axes,
+    rig: Rig, temperatures: Float[np.ndarray, "maps elements"], titles: Sequence[str], *, ax: Axes
 ) -> Axes: ...
 
 

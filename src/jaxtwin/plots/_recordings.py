@@ -19,6 +19,7 @@ from ..simulation import Run
 from ._panels import legend_of_all, panels, panels_in_rows, title_aside, write
 from ._series import (
     common_start,
+    draw_lines,
     joined_samples,
     label_channels,
     label_ends,
@@ -58,9 +59,7 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
         kind = "schedule" if experiment.temperatures is None else "recording"
         axes[0].set_title(experiment.name or kind)
         if experiment.temperatures is not None:
-            for number, readings in enumerate(experiment.temperatures.T):
-                points = joined_samples(experiment.time, readings)
-                axes[0].plot(*points, color=color_of(number), lw=1.1)
+            draw_lines(axes[0], experiment.time, experiment.temperatures, lw=1.1)
         for cells, color, dashes in _drives(experiment):
             duty = 100 * experiment.duty[:, cells[0]]
             axes[-1].step(experiment.time, duty, where="post", lw=1.4, color=color, ls=dashes)

@@ -2,11 +2,11 @@
 error that all channels share; and the tests of an observer's innovations.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import zip_longest
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,7 +17,7 @@ from ..matching import Fit
 from ..observers import Observed
 from ..simulation import Run
 from ._panels import legend_of_all, panels, title_aside
-from ._series import common_start, label_channels, recorded_temperatures, shade_masked
+from ._series import common_start, draw_lines, label_channels, recorded_temperatures, shade_masked
 from ._style import color_of, palette, points, styled
 from ._time_axis import time_axis
 
@@ -47,9 +47,8 @@ def plot_residuals(
         if weight is not None:
             shade_masked(axes, run, weight)
         residuals = recorded_temperatures(run) - run.temperatures
-        for number, series in enumerate(residuals.T):
-            axes.plot(run.time, series, color=color_of(number), lw=0.9)
-        axes.plot(run.time, _mean_of_samples(residuals, axis=1), **mean)
+        draw_lines(axes, run.time, residuals, lw=0.9)
+        axes.plot(run.time, _mean_of_channels(residuals), **mean)
         _entitle(axes, run.experiment.name or "recording", f"RMSE {run.rmse:.2f} K")
         time_axis(axes, run.time, common_start(runs))
     row[0].set_ylabel("recorded − twin, K")
@@ -79,7 +78,7 @@ def plot_camera_error(fit: Fit) -> Figure:
     figure, grid = panels(2, columns, 0.9 + 3.9 * columns, 4.6, sharex="col", sharey=True)
     for (above, below), (name, run) in zip(grid.T, fit.runs.items(), strict=True):
         camera = fit.camera[name]
-        shared = _mean_of_samples(recorded_temperatures(run) - run.temperatures, axis=1)
+        shared = _mean_of_channels(recorded_temperatures(run) - run.temperatures)
         left = shared - camera.offset
         above.plot(run.time, shared, color=palette().muted, lw=1.0, label="mean of the channels")
         offset = {"color": palette().vermilion, "lw": 1.6, "label": "given to the camera"}
@@ -132,22 +131,17 @@ def plot_residual_tests(runs: Sequence[Run]) -> Figure:
     figure, grid = panels(len(runs), 3, *size, width_ratios=(1.7, 1.15, 1))
     for (over_time, against_itself, against_normal), run in zip(grid, runs, strict=True):
         residuals = recorded_temperatures(run) - run.temperatures
-        counts = np.count_nonzero(run.experiment.sampled, axis=0)
         label = run.experiment.name or "the experiment"
-        _check_counts(label, run.channels, counts, MIN_SAMPLES, "samples", SimulationError)
+        _check_counts(label, run.channels, residuals, MIN_SAMPLES, "samples", SimulationError)
+        draw_lines(over_time, run.time, residuals, lw=0.9)
         sample = float(np.median(np.diff(run.time)))
-        lags = min(MAX_LAG, len(run.time) // 2)
-        for number, series in enumerate(residuals.T):
-            over_time.plot(run.time, series, color=color_of(number), lw=0.9)
-            itself = autocorrelation(series, lags)
-            lag = sample * np.arange(lags + 1)
-            against_itself.plot(lag, itself, color=color_of(number), lw=1.2)
+        lags = np.arange(min(MAX_LAG, len(run.time) // 2) + 1)
+        _draw_correlations(against_itself, residuals, lags, autocorrelation, sample)
         _draw_quantiles(against_normal, run.channels, [_standardised(s) for s in residuals.T])
         _entitle(over_time, run.experiment.name or "recording", f"RMSE {run.rmse:.2f} K")
         over_time.set_ylabel("recorded − twin, K")
         time_axis(over_time, run.time, run.experiment.start)
         label_channels(over_time, run.channels, residuals, part=20)
-        _draw_white_noise(against_itself, int(counts.max()))
         against_itself.set(ylabel="autocorrelation", ylim=(-1.05, 1.05))
         p = min(ljung_box(series).p_value for series in residuals.T)
         title_aside(against_itself, f"p = {p:.2g}" if p > 1e-99 else "p below 1e-99")
@@ -185,24 +179,20 @@ def plot_innovations(observed: Observed) -> Figure:
 
     **Raises:** `ObserverError` if a channel has fewer than 50 readings.
     """
-    counts = np.isfinite(observed.standardised).sum(axis=0)
-    label = observed.experiment.name or "experiment"
-    _check_counts(label, observed.channels, counts, MIN_READINGS, "readings", ObserverError)
+    series, label = observed.standardised, observed.experiment.name or "experiment"
+    _check_counts(label, observed.channels, series, MIN_READINGS, "readings", ObserverError)
     figure, ((quantiles, itself), (partial, ahead)) = panels(2, 2, 11.0, 6.4)
-    for number, series in enumerate(observed.standardised.T):
-        for axes, of in ((itself, autocorrelation), (partial, partial_autocorrelation)):
-            values = of(series, INNOVATION_LAGS)[1:]
-            lag = np.arange(1, INNOVATION_LAGS + 1)
-            axes.plot(lag, values, color=color_of(number), lw=1.2)
-    known = [series[np.isfinite(series)] for series in observed.standardised.T]
-    _draw_quantiles(quantiles, observed.channels, known)
+    _draw_quantiles(quantiles, observed.channels, [s[np.isfinite(s)] for s in series.T])
     quantiles.set(xlabel="normal quantile", ylabel="standardised innovation")
     title_aside(quantiles, f"mean square {np.nanmean(observed.nis):.2f}")
     if len(observed.channels) > 1:
         quantiles.legend(loc="upper left", fontsize=points(8))
-    for axes, label in ((itself, "autocorrelation"), (partial, "partial autocorrelation")):
-        _draw_white_noise(axes, int(counts.max()))
-        axes.set(xlabel="lag, samples", ylabel=label, ylim=(-0.5, 1.0))
+    for axes, of, words in (
+        (itself, autocorrelation, "autocorrelation"),
+        (partial, partial_autocorrelation, "partial autocorrelation"),
+    ):
+        _draw_correlations(axes, series, np.arange(1, INNOVATION_LAGS + 1), of)
+        axes.set(xlabel="lag, samples", ylabel=words, ylim=(-0.5, 1.0))
     _draw_forecast_errors(ahead, observed)
     figure.suptitle(observed.experiment.name or "recording")
     return figure
@@ -224,11 +214,12 @@ def _draw_forecast_errors(axes: Axes, observed: Observed) -> None:
 def _check_counts(
     where: str,
     channels: Sequence[str],
-    counts: np.ndarray,
+    columns: Float[np.ndarray, "times channels"],
     least: int,
     what: str,
     error: type[JaxtwinError],
 ) -> None:
+    counts = np.isfinite(columns).sum(axis=0)
     if counts.min() < least:
         raise error(
             f"{where}: channel {channels[int(counts.argmin())]}: expected at least {least} {what} "
@@ -257,23 +248,30 @@ def _draw_quantiles(axes: Axes, names: Sequence[str], columns: Sequence[np.ndarr
     axes.plot(line, line, color=palette().ink, lw=0.8, ls=(0, (4, 3)), zorder=0.6)
 
 
-def _draw_white_noise(axes: Axes, samples: int) -> None:
-    """Draws the band that contains 95 % of the autocorrelations of this many samples of noise."""
-    band = QUANTILE_975 / np.sqrt(samples)
+def _draw_correlations(
+    axes: Axes,
+    columns: Float[np.ndarray, "times channels"],
+    lags: Int[np.ndarray, " lags"],
+    of: Callable[..., np.ndarray],
+    sample: float = 1.0,
+) -> None:
+    """Draws the correlation of each column with itself at some lags, above the band that contains
+    95 % of those of white noise.
+
+    **Arguments:**
+
+    - `of`: the correlation, full or partial. `sample`: the time between two samples.
+    """
+    for number, series in enumerate(columns.T):
+        values = of(series, int(lags[-1]))[lags]
+        axes.plot(sample * lags, values, color=color_of(number), lw=1.2)
+    band = QUANTILE_975 / np.sqrt(np.isfinite(columns).sum(axis=0).max())
     axes.axhspan(-band, band, color=palette().faint, zorder=0.4, label="95 % of white noise")
     axes.axhline(0.0, color=palette().muted, lw=0.8, zorder=0.5)
 
 
-def _mean_of_samples(
-    values: Float[np.ndarray, "rows columns"], axis: int
-) -> Float[np.ndarray, " kept"]:
-    """Computes the mean along an axis over the samples that exist; NaN if there are none.
-
-    **Arguments:**
-
-    - `values`: the samples; NaN for a missing one.
-    """
-    there = ~np.isnan(values)
-    counts = there.sum(axis=axis)
-    sums = np.sum(values, axis=axis, where=there)
+def _mean_of_channels(values: Float[np.ndarray, "times channels"]) -> Float[np.ndarray, " times"]:
+    """The mean of the samples that exist at each time; NaN if there are none."""
+    counts = np.isfinite(values).sum(axis=1)
+    sums = np.nansum(values, axis=1)
     return np.divide(sums, counts, out=np.full(counts.shape, np.nan), where=counts > 0)

@@ -4,6 +4,7 @@ the ends of lines in place of a legend, and the shading of samples of a lower we
 
 from collections.abc import Sequence
 from datetime import datetime
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,21 @@ from ..io._gaps import GAP_FACTOR
 from ..simulation import Run
 from ._panels import write
 from ._style import color_of, palette
+
+
+def draw_lines(
+    axes: Axes, time: np.ndarray, columns: np.ndarray, names: Sequence[str] = (), **line: Any
+) -> None:
+    """Draws a line for each column, in the colours of several lines of one kind; where samples were
+    lost the lines have gaps.
+
+    **Arguments:**
+
+    - `names`: the labels of the lines, if they have any.
+    - `line`: properties of all lines.
+    """
+    for number, (series, name) in enumerate(zip_longest(columns.T, names)):
+        axes.plot(*joined_samples(time, series), color=color_of(number), label=name, **line)
 
 
 def draw_band(
