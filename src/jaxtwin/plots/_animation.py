@@ -16,10 +16,9 @@ from .._arguments import finite_number, whole_number
 from ..errors import ParameterError
 from ..rig import Rig
 from ..simulation import Run
-from ._panels import color_bar, legend_beside, title_aside
+from ._panels import color_bar, legend_beside, time_axis, title_aside
 from ._plate_map import draw_map, heat_scale, paint, range_text, runs_of_plate
 from ._style import color_of, line_of, palette, points, styled
-from ._time_axis import time_axis
 
 if TYPE_CHECKING:
     from ..control import ClosedLoopRun

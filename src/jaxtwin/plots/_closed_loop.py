@@ -13,11 +13,9 @@ from matplotlib.ticker import MaxNLocator
 from ..control import MEASURES, ClosedLoopRun, Frontier, OperatingPoint, Tuning
 from ..errors import ControlError
 from ..retuning import Retuned
-from ._bars import name_rows
-from ._panels import ABOVE_RIGHT, panels, title_aside, write
-from ._series import draw_band, draw_lines
+from ._layers import draw_band, draw_lines, name_rows
+from ._panels import ABOVE_RIGHT, panels, time_axis, title_aside, write
 from ._style import color_of, line_of, palette, rim, styled, unit_text, with_unit
-from ._time_axis import time_axis
 
 # The largest number of channels of an output that are named one by one.
 MAX_NAMED = 3

@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 
 from ..diagnosis._diagnosis import TIE
 from ..experiment_design import DiagnosisDesign, ExperimentDesign
-from ._panels import legend_below, panels
+from ._panels import legend_below, panels, time_axis
 from ._style import color_of, line_of, palette, styled, symbol
-from ._time_axis import time_axis
 
 MARKERS = "os^vDP"
 

@@ -19,9 +19,8 @@ from ..matching._fit import solution_of
 from ..matching._fitted_parameters import interval_95
 from ..prognostics import Health, ParameterHealth
 from ..rig import Parameter
-from ._bars import draw_bars, draw_estimates, logarithmic_values
+from ._layers import draw_bars, draw_correlations, draw_estimates, logarithmic_values
 from ._panels import axes_or_new, legend_of_all, panels_in_rows, title_aside, write
-from ._sensitivity import draw_correlations
 from ._style import palette, styled, symbol, with_unit
 
 # Correlations whose size is above this are written as numbers, if the cells are large enough.

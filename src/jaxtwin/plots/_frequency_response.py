@@ -12,8 +12,8 @@ from matplotlib.ticker import MultipleLocator
 
 from ..control import LinearModel, LoopMargins
 from ..errors import ControlError
+from ._layers import draw_band
 from ._panels import legend_of_all, panels
-from ._series import draw_band
 from ._style import color_of, line_of, palette, styled
 
 # The least gain, as a part of the largest, that is drawn by default.

@@ -11,10 +11,9 @@ from matplotlib.axes import Axes
 from .._name_suggestions import did_you_mean
 from ..errors import ParameterError
 from ..sensitivity_analysis import GlobalSensitivity, OneAtATime, indices_of
-from ._panels import axes_or_new, legend_beside, title_aside
-from ._series import draw_band
+from ._layers import draw_band
+from ._panels import axes_or_new, legend_beside, time_axis, title_aside
 from ._style import palette, points, styled, symbol
-from ._time_axis import time_axis
 
 # The number of lines with a colour and a name; the others are grey.
 MAX_NAMED_LINES = 6
@@ -46,11 +45,8 @@ def plot_indices_over_time(
     index of parameters.
     """
     rows = _rows(sensitivity, channel)
-    name = sensitivity.method.main if index is None else index
-    values = sensitivity[name]
-    if values.ndim != 2:
-        raise ParameterError(f"index: expected one of single parameters, got {name!r}")
-    values = values[rows]
+    name = _index_name(sensitivity, index)
+    values = sensitivity[name][rows]
     times = np.array([sensitivity.outputs[row].time for row in rows])
     interval = [end[rows] for end in interval_of(sensitivity.indices, name)]
     ax = axes_or_new(ax, 6.4, 3.8)
@@ -63,6 +59,14 @@ def plot_indices_over_time(
     if len(sensitivity.names) > MAX_NAMED_LINES:
         title_aside(ax, f"{len(sensitivity.names) - MAX_NAMED_LINES} weaker parameters in grey")
     return ax
+
+
+def _index_name(sensitivity: GlobalSensitivity, index: str | None) -> str:
+    """The index that is asked for, or the main one, which must be one of single parameters."""
+    name = sensitivity.method.main if index is None else index
+    if sensitivity[name].ndim != 2:
+        raise ParameterError(f"index: expected one of single parameters, got {name!r}")
+    return name
 
 
 def _rows(sensitivity: GlobalSensitivity, channel: str | None) -> list[int]:
@@ -114,9 +118,7 @@ def plot_convergence(
     **Raises:** `ParameterError` if there is no such output or index, or the method cannot be
     applied to a part of its draws: "oat" and "dgsm".
     """
-    row, name = sensitivity.row(output), index or sensitivity.method.main
-    if sensitivity[name].ndim != 2:
-        raise ParameterError(f"index: expected one of single parameters, got {name!r}")
+    row, name = sensitivity.row(output), _index_name(sensitivity, index)
     blocks = sensitivity.design.blocks
     has_parts = not (sensitivity.method.needs_slopes or isinstance(sensitivity.method, OneAtATime))
     if not has_parts or blocks < 2 * MIN_DRAWS:

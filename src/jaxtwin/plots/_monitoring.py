@@ -16,11 +16,9 @@ from ..diagnosis._diagnosis import HEALTHY, NONE_OF_THESE
 from ..monitoring import Monitored
 from ..monitoring._finding_log import events
 from ..observers import Estimate, Observed
-from ._bars import draw_matrix
-from ._panels import color_bar, legend_beside, panels, title_aside, write_in_the_middle
-from ._series import draw_band, draw_lines
+from ._layers import draw_band, draw_lines, draw_matrix
+from ._panels import color_bar, legend_beside, panels, time_axis, title_aside, write_in_the_middle
 from ._style import color_of, palette, points, styled
-from ._time_axis import time_axis
 
 # The largest number of channels or nodes with a line of their own, of rows of findings, and of
 # faults with a colour of their own.

@@ -1,5 +1,6 @@
 """The network of a rig as a picture: the plate at its true size, its cells below it."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,8 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._number_text import short_number
 from ..errors import ParameterError
@@ -16,21 +18,17 @@ from ..physics import Twin
 from ..physics._netlist import network_counts, network_text
 from ..physics._network_layout import network_layout
 from ..physics._twin import check_twin
+from ..rig import Plate
 from ..rig._plate import AMBIENT
 from ._netlist_parts import (
     COLUMN_PITCH,
     LEGEND_WIDTH,
     Picture,
-    centre,
     draw_bodies,
     draw_cells,
-    draw_contacts,
-    draw_links_on_plate,
+    draw_dot,
     draw_network,
     draw_ring,
-    draw_sensors,
-    draw_stub,
-    extent_cm,
     netlist_layout,
 )
 from ._panels import axes_or_new, color_bar, write
@@ -100,9 +98,9 @@ def plot_netlist(
     _draw_elements(picture, scale.to_rgba(on_plate), [text(value) for value in on_plate])
     _draw_conduction(picture)
     _draw_air(picture)
-    draw_contacts(picture)
-    draw_sensors(picture)
-    draw_links_on_plate(picture)
+    _draw_contacts(picture)
+    _draw_sensors(picture)
+    _draw_links_on_plate(picture)
     if twin.rig.has_plate:
         lowest = draw_bodies(picture, draw_cells(picture))
     else:
@@ -158,7 +156,7 @@ def _draw_elements(picture: Picture, colors: np.ndarray, texts: list[str]) -> No
     # Elements are light in every style.
     look = {"size": 7.5, "va": "top", "color": INK, "zorder": 6}
     for element, text, color in zip(plate.element_names, texts, colors, strict=True):
-        left, right, top, _ = extent_cm(plate, element)
+        left, right, top, _ = _extent_cm(plate, element)
         corner = (left, top)
         rim = {"ec": palette().ground, "lw": 1.5, "zorder": 1}
         ax.add_patch(rectangle(plate.extent(element), fc=color, **rim))
@@ -181,11 +179,11 @@ def _draw_conduction(picture: Picture) -> None:
     }
     widths = _widths(ax, list(links.values()), _WIDEST_CONDUCTION, "conduction", color)
     for (a, b), width in zip(links, widths, strict=True):
-        (x1, y1), (x2, y2) = centre(plate, a), centre(plate, b)
+        (x1, y1), (x2, y2) = _centre(plate, a), _centre(plate, b)
         ax.plot([x1, x2], [y1, y2], color=color, lw=width, solid_capstyle="butt", zorder=2)
     for element in plate.element_names:
         ground = palette().ground
-        ax.plot(*centre(plate, element), "o", color=color, ms=5, mec=ground, mew=1, zorder=5)
+        ax.plot(*_centre(plate, element), "o", color=color, ms=5, mec=ground, mew=1, zorder=5)
 
 
 def _draw_air(picture: Picture) -> None:
@@ -198,7 +196,7 @@ def _draw_air(picture: Picture) -> None:
     widths = _widths(picture.ax, list(conductances.values()), _WIDEST_FILM, "to the air", color)
     for element, width in zip(conductances, widths, strict=True):
         if conductances[element] > 0:
-            end = draw_stub(picture, element, 1, 1, color, width)
+            end = _draw_stub(picture, element, 1, 1, color, width)
             draw_ring(picture.ax, end, 5.5)
 
 
@@ -214,3 +212,133 @@ def _widths(
         text = f"{label}, {most * part:.2g} W/K"
         ax.plot([], [], color=color, lw=widest * part, label=text)
     return [max(_THINNEST, widest * value / most) for value in conductances]
+
+
+# The length of a stub, as a part of the smaller side of its element.
+STUB = 0.22
+
+
+def _draw_stub(
+    picture: Picture,
+    element: str,
+    right: float | int,
+    down: float | int,
+    color: str,
+    width: float = 2.0,
+) -> tuple[float, float]:
+    """Draws a line from the middle of an element that ends within it, and returns the end.
+
+    A stub ends with a name, like a net in a circuit diagram, because wires across the plate could
+    not be distinguished.
+
+    **Arguments:**
+
+    - `right`, `down`: the direction of the stub, in lengths of a stub.
+    """
+    plate = picture.twin.rig.plate
+    x, y = _centre(plate, element)
+    left_edge, right_edge, top, bottom = _extent_cm(plate, element)
+    reach = STUB * min(right_edge - left_edge, bottom - top)
+    end = x + right * reach, y + down * reach
+    look = {"zorder": 3, "solid_capstyle": "butt", "path_effects": _outlined(width)}
+    picture.ax.plot([x, end[0]], [y, end[1]], color=color, lw=width, **look)
+    return end
+
+
+def _draw_contacts(picture: Picture) -> None:
+    """Draws a stub from each element to each cell that touches it, with the contact's K/W, and to
+    each heater whose heat goes into it, with its power or resistance. A cell or heater that the rig
+    file places is drawn as it lies on the plate."""
+    ax, twin, color = picture.ax, picture.twin, palette().vermilion
+    bold = {"ha": "center", "va": "center", "fontweight": "bold", "path_effects": _outlined(2.0)}
+    for placement in twin.rig.placements:
+        corners = 100 * placement.outline(picture.values)
+        ax.add_patch(Polygon(corners, fc=color, ec=color, alpha=0.25, lw=2, zorder=2.5))
+        middle = tuple(corners.mean(axis=0))
+        write(ax, placement.name, middle, size=11, color=INK, zorder=7, **bold)
+    drawn = dict.fromkeys(twin.rig.plate.element_names, 0)
+    for element, name, text in _contacts(picture):
+        if element not in drawn:
+            continue
+        # A second cell at the same element stands to the left of the first.
+        end = _draw_stub(picture, element, 1 - 2 * drawn[element], -1, color)
+        drawn[element] += 1
+        draw_dot(ax, end, color)
+        left, right, _, _ = _extent_cm(twin.rig.plate, element)
+        is_upright = right - left < 0.6 * picture.layout.inch
+        gap = "  " if is_upright else "\n"
+        _name_stub(ax, f"{name}{gap}{text}", end, rotation=90 if is_upright else 0)
+
+
+def _contacts(picture: Picture) -> Iterator[tuple[str, str, str]]:
+    """Each element that a cell or heater touches, the name of the cell, and a number about it."""
+    placed = {placement.name for placement in picture.twin.rig.placements}
+    for cell in picture.twin.netlist.cells:
+        if cell.name in placed:
+            continue
+        for link in picture.twin.netlist.links:
+            if link.role == "contact" and link.b == cell.cold:
+                yield link.a, cell.name, picture.resistance(link)
+        if cell.is_heater:
+            yield cell.cold, cell.name, picture.heater(cell)
+
+
+def _name_stub(
+    ax: Axes, text: str, end: tuple[float, float], *, is_below: bool = False, rotation: int = 0
+) -> None:
+    """Writes the name and the number of what a stub leads to above its end, or below."""
+    shift, va = ((0, -5), "top") if is_below else ((0, 5), "bottom")
+    look = {"size": 7.5, "color": INK, "linespacing": 1.1, "zorder": 6}
+    write(ax, text, end, shift, ha="center", va=va, rotation=rotation, **look)
+
+
+# The directions of the stubs of an element's sensors, right and down: the first points down to the
+# left, where neither cells nor the air are drawn; the second straight down, the third to the left.
+DIRECTIONS = ((-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0))
+
+
+def _draw_sensors(picture: Picture) -> None:
+    """Draws a stub from each element to each sensor with a lag that touches it, with the lag.
+    Sensors on bodies are named there: see `draw_bodies`."""
+    drawn = dict.fromkeys(picture.twin.rig.plate.element_names, 0)
+    lags = picture.lags()
+    for link in picture.twin.netlist.links:
+        if link.b not in lags or link.a not in drawn:
+            continue
+        right, down = DIRECTIONS[drawn[link.a] % len(DIRECTIONS)]
+        drawn[link.a] += 1
+        end = _draw_stub(picture, link.a, right, down, palette().green)
+        draw_dot(picture.ax, end, palette().green, "s")
+        text = f"{link.b.removesuffix('.SENSOR')}\n{lags[link.b]:.3g} s"
+        _name_stub(picture.ax, text, end, is_below=True)
+
+
+def _draw_links_on_plate(picture: Picture) -> None:
+    """Draws the links that the file gives between two elements of the plate, such as heat pipes."""
+    plate = picture.twin.rig.plate
+    elements = set(plate.element_names)
+    for link in picture.twin.netlist.links:
+        is_given = link.role in ("body", "convection", "radiation")
+        if not is_given or not elements.issuperset((link.a, link.b)):
+            continue
+        (x1, y1), (x2, y2) = _centre(plate, link.a), _centre(plate, link.b)
+        look = {"ls": (0, (3, 1.5)), "zorder": 4, "path_effects": _outlined(2.0)}
+        picture.ax.plot([x1, x2], [y1, y2], color=palette().purple, lw=2, **look)
+        _name_stub(picture.ax, picture.resistance(link), ((x1 + x2) / 2, (y1 + y2) / 2))
+
+
+def _extent_cm(plate: Plate, element: str) -> tuple[float, float, float, float]:
+    """The left, right, top and bottom edge of an element, cm."""
+    left, right, top, bottom = plate.extent(element)
+    return 100 * left, 100 * right, 100 * top, 100 * bottom
+
+
+def _centre(plate: Plate, element: str) -> tuple[float, float]:
+    """The centre of an element, cm."""
+    left, right, top, bottom = _extent_cm(plate, element)
+    return (left + right) / 2, (top + bottom) / 2
+
+
+def _outlined(width: float) -> list[AbstractPathEffect]:
+    """A rim for a line of this width, so that it is visible over any colour."""
+    return [withStroke(linewidth=width + 1.6, foreground=palette().ground, alpha=0.75)]

@@ -1,5 +1,5 @@
-"""The layers of the picture of a network: on the plate its cells and sensors with a lag, below it
-cells, sinks, surroundings and bodies. The size of the picture is chosen such that all of it can be
+"""The layers of the picture of a network below its plate: cells, sinks, surroundings and bodies, or
+the nodes of a rig without a plate. The size of the picture is chosen such that all of it can be
 read.
 """
 
@@ -9,8 +9,7 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import FancyBboxPatch, Polygon
-from matplotlib.patheffects import AbstractPathEffect, withStroke
+from matplotlib.patches import FancyBboxPatch
 
 from .._celsius import ZERO_CELSIUS
 from .._number_text import short_number
@@ -21,7 +20,7 @@ from ..physics._sensors import sensor_name
 from ..rig import Body, Channel, Plate
 from ..rig._plate import AMBIENT
 from ._panels import write
-from ._style import INK, palette
+from ._style import palette
 
 WIDEST, HIGHEST = 11.0, 5.2
 """The largest size of a plate whose elements are readable at this size, inches."""
@@ -119,29 +118,20 @@ class Picture(NamedTuple):
         """The temperature at which a part is held as text."""
         return f"held at {part.temperature.evaluate(self.values) - ZERO_CELSIUS:.3g} °C"
 
+    def lags(self) -> dict[str, float]:
+        """The node of each sensor with a lag -> its lag, s."""
+        return {
+            sensor_name(channel.name): float(channel.lag.evaluate(self.values))
+            for channel in self.twin.rig.channels
+            if channel.lag is not None
+        }
+
     def heater(self, heater: ThermoelectricElement) -> str:
         """The power of a heater, or the resistance that the driver feeds, as text."""
         resistance = float(heater.electrical_resistance.evaluate(self.values))
         if heater.has_own_supply:
             return f"{short_number(OWN_VOLTAGE.factor**2 / resistance, 3)} W"
         return f"{short_number(resistance, 3)} Ω"
-
-
-def extent_cm(plate: Plate, element: str) -> tuple[float, float, float, float]:
-    """The left, right, top and bottom edge of an element, cm."""
-    left, right, top, bottom = plate.extent(element)
-    return 100 * left, 100 * right, 100 * top, 100 * bottom
-
-
-def centre(plate: Plate, element: str) -> tuple[float, float]:
-    """The centre of an element, cm."""
-    left, right, top, bottom = extent_cm(plate, element)
-    return (left + right) / 2, (top + bottom) / 2
-
-
-def outlined(width: float) -> list[AbstractPathEffect]:
-    """A rim for a line of this width, so that it is visible over any colour."""
-    return [withStroke(linewidth=width + 1.6, foreground=palette().ground, alpha=0.75)]
 
 
 def draw_dot(ax: Axes, at: tuple[float, float], color: str, marker: str = "o") -> None:
@@ -153,128 +143,6 @@ def draw_ring(ax: Axes, at: tuple[float, float], size: float | int) -> None:
     """Draws the end of a line to the surroundings."""
     look = {"mfc": palette().ground, "mec": palette().blue, "mew": size / 5}
     ax.plot(*at, "o", ms=size, zorder=4, **look)
-
-
-# The length of a stub, as a part of the smaller side of its element.
-STUB = 0.22
-
-
-def draw_stub(
-    picture: Picture,
-    element: str,
-    right: float | int,
-    down: float | int,
-    color: str,
-    width: float = 2.0,
-) -> tuple[float, float]:
-    """Draws a line from the middle of an element that ends within it, and returns the end.
-
-    A stub ends with a name, like a net in a circuit diagram, because wires across the plate could
-    not be distinguished.
-
-    **Arguments:**
-
-    - `right`, `down`: the direction of the stub, in lengths of a stub.
-    """
-    plate = picture.twin.rig.plate
-    x, y = centre(plate, element)
-    left_edge, right_edge, top, bottom = extent_cm(plate, element)
-    reach = STUB * min(right_edge - left_edge, bottom - top)
-    end = x + right * reach, y + down * reach
-    look = {"zorder": 3, "solid_capstyle": "butt", "path_effects": outlined(width)}
-    picture.ax.plot([x, end[0]], [y, end[1]], color=color, lw=width, **look)
-    return end
-
-
-def draw_contacts(picture: Picture) -> None:
-    """Draws a stub from each element to each cell that touches it, with the contact's K/W, and to
-    each heater whose heat goes into it, with its power or resistance. A cell or heater that the rig
-    file places is drawn as it lies on the plate."""
-    ax, twin, color = picture.ax, picture.twin, palette().vermilion
-    bold = {"ha": "center", "va": "center", "fontweight": "bold", "path_effects": outlined(2.0)}
-    for placement in twin.rig.placements:
-        corners = 100 * placement.outline(picture.values)
-        ax.add_patch(Polygon(corners, fc=color, ec=color, alpha=0.25, lw=2, zorder=2.5))
-        middle = tuple(corners.mean(axis=0))
-        write(ax, placement.name, middle, size=11, color=INK, zorder=7, **bold)
-    drawn = dict.fromkeys(twin.rig.plate.element_names, 0)
-    for element, name, text in _contacts(picture):
-        if element not in drawn:
-            continue
-        # A second cell at the same element stands to the left of the first.
-        end = draw_stub(picture, element, 1 - 2 * drawn[element], -1, color)
-        drawn[element] += 1
-        draw_dot(ax, end, color)
-        left, right, _, _ = extent_cm(twin.rig.plate, element)
-        is_upright = right - left < 0.6 * picture.layout.inch
-        gap = "  " if is_upright else "\n"
-        _name_stub(ax, f"{name}{gap}{text}", end, rotation=90 if is_upright else 0)
-
-
-def _contacts(picture: Picture) -> Iterator[tuple[str, str, str]]:
-    """Each element that a cell or heater touches, the name of the cell, and a number about it."""
-    placed = {placement.name for placement in picture.twin.rig.placements}
-    for cell in picture.twin.netlist.cells:
-        if cell.name in placed:
-            continue
-        for link in picture.twin.netlist.links:
-            if link.role == "contact" and link.b == cell.cold:
-                yield link.a, cell.name, picture.resistance(link)
-        if cell.is_heater:
-            yield cell.cold, cell.name, picture.heater(cell)
-
-
-def _name_stub(
-    ax: Axes, text: str, end: tuple[float, float], *, is_below: bool = False, rotation: int = 0
-) -> None:
-    """Writes the name and the number of what a stub leads to above its end, or below."""
-    shift, va = ((0, -5), "top") if is_below else ((0, 5), "bottom")
-    look = {"size": 7.5, "color": INK, "linespacing": 1.1, "zorder": 6}
-    write(ax, text, end, shift, ha="center", va=va, rotation=rotation, **look)
-
-
-# The directions of the stubs of an element's sensors, right and down: the first points down to the
-# left, where neither cells nor the air are drawn; the second straight down, the third to the left.
-DIRECTIONS = ((-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0))
-
-
-def draw_sensors(picture: Picture) -> None:
-    """Draws a stub from each element to each sensor with a lag that touches it, with the lag.
-    Sensors on bodies are named there: see `draw_bodies`."""
-    drawn = dict.fromkeys(picture.twin.rig.plate.element_names, 0)
-    lags = _lags(picture)
-    for link in picture.twin.netlist.links:
-        if link.b not in lags or link.a not in drawn:
-            continue
-        right, down = DIRECTIONS[drawn[link.a] % len(DIRECTIONS)]
-        drawn[link.a] += 1
-        end = draw_stub(picture, link.a, right, down, palette().green)
-        draw_dot(picture.ax, end, palette().green, "s")
-        text = f"{link.b.removesuffix('.SENSOR')}\n{lags[link.b]:.3g} s"
-        _name_stub(picture.ax, text, end, is_below=True)
-
-
-def _lags(picture: Picture) -> dict[str, float]:
-    """The node of each sensor with a lag -> its lag, s."""
-    return {
-        sensor_name(channel.name): float(channel.lag.evaluate(picture.values))
-        for channel in picture.twin.rig.channels
-        if channel.lag is not None
-    }
-
-
-def draw_links_on_plate(picture: Picture) -> None:
-    """Draws the links that the file gives between two elements of the plate, such as heat pipes."""
-    plate = picture.twin.rig.plate
-    elements = set(plate.element_names)
-    for link in picture.twin.netlist.links:
-        is_given = link.role in ("body", "convection", "radiation")
-        if not is_given or not elements.issuperset((link.a, link.b)):
-            continue
-        (x1, y1), (x2, y2) = centre(plate, link.a), centre(plate, link.b)
-        look = {"ls": (0, (3, 1.5)), "zorder": 4, "path_effects": outlined(2.0)}
-        picture.ax.plot([x1, x2], [y1, y2], color=palette().purple, lw=2, **look)
-        _name_stub(picture.ax, picture.resistance(link), ((x1 + x2) / 2, (y1 + y2) / 2))
 
 
 # The distance between the plate and the first box of a cell, inches.
@@ -401,7 +269,7 @@ def draw_bodies(picture: Picture, top: float) -> float:
 
 def _body_notes(picture: Picture, body: Body) -> Iterator[str]:
     """The heaters in a body, and what it is linked to."""
-    rig, netlist, lags = picture.twin.rig, picture.twin.netlist, _lags(picture)
+    rig, netlist, lags = picture.twin.rig, picture.twin.netlist, picture.lags()
     for heater in netlist.cells:
         if heater.is_heater and heater.cold == body.name:
             yield f"{heater.name}, {picture.heater(heater)}"

@@ -19,6 +19,7 @@ from ..physics import plate_map
 from ..rig import Rig
 from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
+from ._layers import recorded_temperatures
 from ._panels import color_bar, title_aside
 from ._plate_map import (
     draw_cells,
@@ -34,7 +35,6 @@ from ._plate_map import (
     write_extremes,
     write_inside,
 )
-from ._series import recorded_temperatures
 from ._style import palette, styled
 
 BAR = {"label": "temperature, °C", "shrink": 0.7, "pad": 0.02}

@@ -16,8 +16,7 @@ from ..errors import SimulationError
 from ..io import Experiment
 from ..observers import Forecast
 from ..simulation import Run
-from ._panels import legend_of_all, panels, panels_in_rows, title_aside, write
-from ._series import (
+from ._layers import (
     common_start,
     draw_lines,
     joined_samples,
@@ -25,8 +24,8 @@ from ._series import (
     label_ends,
     recorded_temperatures,
 )
+from ._panels import legend_of_all, panels, panels_in_rows, time_axis, title_aside, write
 from ._style import Dashes, color_of, line_of, palette, styled
-from ._time_axis import time_axis
 
 # The largest number of channels in a row.
 MAX_PANELS = 5

@@ -16,10 +16,9 @@ from ..errors import JaxtwinError, ObserverError, SimulationError
 from ..matching import Fit
 from ..observers import Observed
 from ..simulation import Run
-from ._panels import legend_of_all, panels, title_aside
-from ._series import common_start, draw_lines, label_channels, recorded_temperatures, shade_masked
+from ._layers import common_start, draw_lines, label_channels, recorded_temperatures, shade_masked
+from ._panels import legend_of_all, panels, time_axis, title_aside
 from ._style import color_of, palette, points, styled
-from ._time_axis import time_axis
 
 
 @styled

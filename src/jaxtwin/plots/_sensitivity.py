@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..sensitivity_analysis import GlobalSensitivity, Morris, Sensitivity
-from ._bars import draw_bars, draw_matrix, label_rows
 from ._index_curves import INDEX_WORDS, interval_of, title_output
-from ._panels import axes_or_new, color_bar, title_aside, write
+from ._layers import draw_bars, draw_correlations, label_rows
+from ._panels import axes_or_new, title_aside, write
 from ._style import palette, rim, styled, symbol, with_unit
 
 
@@ -36,16 +36,6 @@ def plot_sensitivity_matrix(sensitivity: Sensitivity, *, ax: Axes | None = None)
     ax.set_yticks(range(rows), sensitivity.channels)
     ax.set_title("Correlation of parameters with costs")
     return ax
-
-
-def draw_correlations(ax: Axes, correlation: np.ndarray, written: np.ndarray) -> None:
-    """Draws correlations, -1 to 1, as a matrix with a bar of its colours; see `draw_matrix`."""
-    image = draw_matrix(
-        ax, correlation, written, lambda value: f"{value:.2f}".replace("0.", "."), size=7.5,
-        cmap="RdBu_r", vmin=-1, vmax=1,
-    )  # fmt: skip
-    bar = color_bar(ax, image, fraction=0.03, pad=0.01, ticks=[-1, 0, 1])
-    bar.ax.tick_params(length=0, colors=palette().muted)
 
 
 @styled
