@@ -16,6 +16,7 @@ from .._arguments import finite_number, whole_number
 from ..errors import ParameterError
 from ..rig import Rig
 from ..simulation import Run
+from ._layers import draw_duty
 from ._panels import color_bar, legend_beside, time_axis, title_aside
 from ._plate_map import draw_map, heat_scale, paint, range_text, runs_of_plate
 from ._style import color_of, line_of, palette, points, styled
@@ -126,24 +127,17 @@ class _Film:
         below = figure.add_subplot(grid[1, :])
         if count == 1:
             self._title = maps[0].set_title("", fontsize=points(11))
-            self._draw_duty(below, next(iter(self._runs.values())))
+            (run,) = self._runs.values()
+            draw_duty(below, run.time, run.experiment.duty, self._rig.driven)
+            time_axis(below, run.time, run.experiment.start)
         else:
             self._title = figure.suptitle("", fontsize=points(11))
             self._draw_ranges(below)
+        legend_beside(below)
         color_bar(np.array(maps), self._scale, "temperature, °C", shrink=0.9, pad=0.02)
         self._now = below.axvline(self._times[0], color=palette().muted, lw=1.0)
         self.show(0)
         return figure
-
-    def _draw_duty(self, axes: Axes, run: Run) -> None:
-        for number, (name, duty) in enumerate(
-            zip(self._rig.driven, run.experiment.duty.T, strict=True)
-        ):
-            line = "-" if number == 0 else "--"  # cells are often driven alike
-            axes.step(run.time, 100 * duty, line, where="post", lw=1.5, label=name)
-        axes.set_ylabel("duty, %")
-        time_axis(axes, run.time, run.experiment.start)
-        legend_beside(axes)
 
     def _draw_ranges(self, axes: Axes) -> None:
         elements = len(self._rig.plate.element_names)
@@ -154,7 +148,6 @@ class _Film:
         axes.set_ylabel("range, K")
         time_axis(axes, self._times)
         axes.set_ylim(bottom=0)
-        legend_beside(axes)
 
     def show(self, number: int) -> list[Artist]:
         """Sets the picture of this number."""

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from ..control import MEASURES, ClosedLoopRun, Frontier, OperatingPoint, Tuning
 from ..errors import ControlError
 from ..retuning import Retuned
-from ._layers import draw_band, draw_lines, name_rows
+from ._layers import draw_band, draw_duty, draw_lines, name_rows
 from ._panels import ABOVE_RIGHT, panels, time_axis, title_aside, write
 from ._style import color_of, line_of, palette, rim, styled, unit_text, with_unit
 
@@ -45,12 +45,10 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
     draw_lines(above, run.time, run.output, names)
     above.set_ylabel("temperature, °C")
     above.legend(ncols=2 if any(len(name) > 20 for name in names) else 4, **ABOVE_RIGHT)
-    for number, name in enumerate(run.run.experiment.cell_names):
-        look = {"color": color_of(number), "lw": 1.4, "ls": line_of(number)}
-        duty.step(run.time, 100 * run.duty[:, number], where="post", label=name, **look)
-        power.plot(run.time, run.power[:, number], **look)
+    draw_duty(duty, run.time, run.duty, run.run.experiment.cell_names)
     duty.legend(ncols=len(run.duty.T), **ABOVE_RIGHT)
-    duty.set_ylabel("duty, %")
+    for number, watts in enumerate(run.power.T):
+        power.plot(run.time, watts, color=color_of(number), lw=1.4, ls=line_of(number))
     if len(run.power.T) > 1:
         look = {"color": palette().ink, "lw": 1.2, "label": "all cells"}
         power.plot(run.time, run.power.sum(axis=1), **look)

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from ..diagnosis._diagnosis import TIE
 from ..experiment_design import DiagnosisDesign, ExperimentDesign
+from ._layers import draw_duty
 from ._panels import legend_below, panels, time_axis
 from ._style import color_of, line_of, palette, styled, symbol
 
@@ -62,11 +63,9 @@ def _schedules(design: ExperimentDesign | DiagnosisDesign) -> list[tuple[Any, st
 
 def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> None:
     planned = design.schedule
-    for number, (name, duty) in enumerate(zip(planned.cell_names, planned.duty.T, strict=True)):
-        dashes = "-" if number == 0 else "--"
-        axes.step(planned.time, duty, dashes, where="post", color=color_of(number), label=name)
+    draw_duty(axes, planned.time, planned.duty, planned.cell_names)
     axes.axhline(0, color=palette().muted, lw=0.8)
-    axes.set(ylabel="duty cycle", title="designed schedule")
+    axes.set_title("designed schedule")
     time_axis(axes, planned.time)
     if planned.n_cells > 1:
         legend_below(axes)

@@ -18,7 +18,7 @@ from ..errors import SimulationError
 from ..io._gaps import GAP_FACTOR
 from ..simulation import Run
 from ._panels import color_bar, without_frame, write
-from ._style import INK, PALE, color_of, palette, points, symbol
+from ._style import INK, PALE, color_of, line_of, palette, points, symbol
 
 
 def draw_lines(
@@ -34,6 +34,14 @@ def draw_lines(
     """
     for number, (series, name) in enumerate(zip_longest(columns.T, names)):
         axes.plot(*joined_samples(time, series), color=color_of(number), label=name, **line)
+
+
+def draw_duty(axes: Axes, time: np.ndarray, duty: np.ndarray, names: Sequence[str]) -> None:
+    """Draws the duty of each cell in steps, dashed such that cells that are driven alike show."""
+    for number, (name, part) in enumerate(zip(names, duty.T, strict=True)):
+        look = {"color": color_of(number), "ls": line_of(number), "lw": 1.4}
+        axes.step(time, 100 * part, where="post", label=name, **look)
+    axes.set_ylabel("duty, %")
 
 
 def draw_band(
