@@ -118,7 +118,7 @@ def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None
         rows = {name: rows[name] for name in wanted}
     figure, panels = panels_in_rows(len(rows), GROUP_COLUMNS, (3.1, 2.1), (0.0, 0.6))
     for axes, row in zip(panels, rows.values(), strict=True):
-        _draw(axes, groups, row)
+        _draw_groups(axes, groups, row)
     return figure
 
 
@@ -161,7 +161,7 @@ def _of_several(fits: Mapping[str, Fit]) -> dict[str, _Row]:
     return rows
 
 
-def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
+def _draw_groups(axes: Axes, groups: Sequence[str], row: _Row) -> None:
     if row.shared is not None and np.isfinite(row.shared).all():
         axes.axhspan(*row.shared, color=palette().sky, alpha=0.25, lw=0, gid="shared")
     places = np.arange(len(groups))

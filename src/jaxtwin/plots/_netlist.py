@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.patches import Polygon, Rectangle
-from matplotlib.patheffects import AbstractPathEffect, withStroke
 
 from .._number_text import short_number
 from ..errors import ParameterError
@@ -33,7 +32,7 @@ from ._netlist_parts import (
 )
 from ._panels import axes_or_new, color_bar, write
 from ._plate_map import rectangle
-from ._style import INK, OF_FIXED_SIZE, palette, styled
+from ._style import INK, OF_FIXED_SIZE, palette, rim, styled
 
 _WIDEST_CONDUCTION, _WIDEST_FILM, _THINNEST = 6.0, 4.5, 0.7
 """The widths of the lines of the largest conductances, and of the thinnest line, points."""
@@ -154,18 +153,18 @@ def _draw_elements(picture: Picture, colors: np.ndarray, texts: list[str]) -> No
     longest = max(map(len, (*plate.element_names, *texts)), default=0)
     narrow = (0.06 + 0.075 * longest) * picture.layout.inch
     # Elements are light in every style.
-    look = {"size": 7.5, "va": "top", "color": INK, "zorder": 6}
+    letters = {"size": 7.5, "va": "top", "color": INK, "zorder": 6}
     for element, text, color in zip(plate.element_names, texts, colors, strict=True):
         left, right, top, _ = _extent_cm(plate, element)
         corner = (left, top)
-        rim = {"ec": palette().ground, "lw": 1.5, "zorder": 1}
-        ax.add_patch(rectangle(plate.extent(element), fc=color, **rim))
+        look = {"fc": color, "ec": palette().ground, "lw": 1.5, "zorder": 1}
+        ax.add_patch(rectangle(plate.extent(element), **look))
         if (right - left) / 2 > narrow:
-            write(ax, element, corner, (3, -3), fontweight="bold", **look)
-            write(ax, text, corner, (3, -13), **look)
+            write(ax, element, corner, (3, -3), fontweight="bold", **letters)
+            write(ax, text, corner, (3, -13), **letters)
         else:
             name = element.replace("_", r"\_")
-            write(ax, rf"$\bf{{{name}}}$  {text}", corner, (1.5, -3), rotation=90, **look)
+            write(ax, rf"$\bf{{{name}}}$  {text}", corner, (1.5, -3), rotation=90, **letters)
 
 
 def _draw_conduction(picture: Picture) -> None:
@@ -240,7 +239,7 @@ def _draw_stub(
     left_edge, right_edge, top, bottom = _extent_cm(plate, element)
     reach = STUB * min(right_edge - left_edge, bottom - top)
     end = x + right * reach, y + down * reach
-    look = {"zorder": 3, "solid_capstyle": "butt", "path_effects": _outlined(width)}
+    look = {"zorder": 3, "solid_capstyle": "butt", "path_effects": rim(width=width + 1.6)}
     picture.ax.plot([x, end[0]], [y, end[1]], color=color, lw=width, **look)
     return end
 
@@ -250,7 +249,7 @@ def _draw_contacts(picture: Picture) -> None:
     each heater whose heat goes into it, with its power or resistance. A cell or heater that the rig
     file places is drawn as it lies on the plate."""
     ax, twin, color = picture.ax, picture.twin, palette().vermilion
-    bold = {"ha": "center", "va": "center", "fontweight": "bold", "path_effects": _outlined(2.0)}
+    bold = {"ha": "center", "va": "center", "fontweight": "bold", "path_effects": rim()}
     for placement in twin.rig.placements:
         corners = 100 * placement.outline(picture.values)
         ax.add_patch(Polygon(corners, fc=color, ec=color, alpha=0.25, lw=2, zorder=2.5))
@@ -322,7 +321,7 @@ def _draw_links_on_plate(picture: Picture) -> None:
         if not is_given or not elements.issuperset((link.a, link.b)):
             continue
         (x1, y1), (x2, y2) = _centre(plate, link.a), _centre(plate, link.b)
-        look = {"ls": (0, (3, 1.5)), "zorder": 4, "path_effects": _outlined(2.0)}
+        look = {"ls": (0, (3, 1.5)), "zorder": 4, "path_effects": rim()}
         picture.ax.plot([x1, x2], [y1, y2], color=palette().purple, lw=2, **look)
         _name_stub(picture.ax, picture.resistance(link), ((x1 + x2) / 2, (y1 + y2) / 2))
 
@@ -337,8 +336,3 @@ def _centre(plate: Plate, element: str) -> tuple[float, float]:
     """The centre of an element, cm."""
     left, right, top, bottom = _extent_cm(plate, element)
     return (left + right) / 2, (top + bottom) / 2
-
-
-def _outlined(width: float) -> list[AbstractPathEffect]:
-    """A rim for a line of this width, so that it is visible over any colour."""
-    return [withStroke(linewidth=width + 1.6, foreground=palette().ground, alpha=0.75)]

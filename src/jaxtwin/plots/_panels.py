@@ -69,13 +69,12 @@ def panels_in_rows(
     return figure, list(grid.flat[:count])
 
 
-def without_frame(*panels: Axes) -> None:
-    """Removes the frame, the grid and the marks of ticks from panels that are filled with colours;
+def without_frame(axes: Axes) -> None:
+    """Removes the frame, the grid and the marks of ticks from a panel that is filled with colours;
     the texts of ticks stay."""
-    for axes in panels:
-        axes.tick_params(length=0)
-        axes.grid(visible=False)
-        axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
 
 
 def write(
@@ -153,8 +152,8 @@ def color_bar(beside: Axes | np.ndarray, scale: ScalarMappable, label: str = "",
 
     **Returns:** the bar.
     """
-    figure = np.atleast_1d(np.asarray(beside, dtype=object)).flat[0].figure
-    bar = figure.colorbar(scale, ax=beside, label=label, **size)
+    first = beside if isinstance(beside, Axes) else beside.flat[0]
+    bar = first.figure.colorbar(scale, ax=beside, label=label, **size)
     bar.outline.set_visible(False)
     return bar
 

@@ -13,7 +13,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon, Rectangle
-from matplotlib.patheffects import withStroke
 
 from ..control import ClosedLoopRun
 from ..errors import JaxtwinError, ParameterError
@@ -21,7 +20,7 @@ from ..rig import Cell, Channel, Heater, Plate, Rig
 from ..rig._plate_needed import check_has_plate
 from ..simulation import Run
 from ._panels import panels, title_aside, without_frame, write
-from ._style import INK, PALE, palette
+from ._style import INK, PALE, palette, rim
 
 # The colours of temperatures. The coldest is a dark violet, because black shows no differences.
 HEAT = ListedColormap(colormaps["inferno"](np.linspace(0.18, 1.0, 256)))
@@ -169,17 +168,16 @@ def write_extremes(axes: Axes, plate: Plate, values: Float[np.ndarray, " element
 def write_inside(axes: Axes, extent: Extent, text: str) -> None:
     """Writes in the middle of a place on the plate."""
     left, right, top, bottom = extent
-    rim = [withStroke(linewidth=2, foreground=INK)]
     middle = (50 * (left + right), 50 * (top + bottom))
-    write(axes, text, middle, size=8, ha="center", va="center", color=PALE, path_effects=rim)
+    look = {"ha": "center", "va": "center", "color": PALE, "path_effects": rim(INK, 2)}
+    write(axes, text, middle, size=8, **look)
 
 
 def draw_cells(axes: Axes, rig: Rig) -> None:
     """Draws a dashed line around each cell, where the rig file places it or around the elements
     that it touches, and its name; likewise heaters that are placed."""
-    rim = [withStroke(linewidth=2.6, foreground=INK, alpha=0.7)]
-    look = {"fc": "none", "ec": PALE, "lw": 1.2, "ls": (0, (4, 2)), "path_effects": rim}
-    _draw_outlines(axes, rig, PALE, INK, **look)
+    look = {"fc": "none", "ec": PALE, "lw": 1.2, "ls": (0, (4, 2))}
+    _draw_outlines(axes, rig, PALE, INK, path_effects=rim(INK, 2.2), **look)
 
 
 def draw_channels(axes: Axes, rig: Rig) -> None:
@@ -209,21 +207,19 @@ def _name_channel(axes: Axes, plate: Plate, channel: Channel) -> None:
         axes, channel.name, middle, (0, -11 if is_narrow and is_low else 0), size=7.5,
         ha="center", va="center", color=palette().ink,
         rotation=90 if is_narrow and not is_low else 0,
-        path_effects=[withStroke(linewidth=2.5, foreground=palette().faint)],
+        path_effects=rim(palette().faint, 2.5),
     )  # fmt: skip
 
 
-def _draw_outlines(axes: Axes, rig: Rig, color: str, rim: str, **look: Any) -> None:
+def _draw_outlines(axes: Axes, rig: Rig, color: str, around: str, **look: Any) -> None:
     """Draws the outline of each cell, and of heaters that are placed, with its name in the lower
     left corner."""
     placed = [heater for heater in rig.heaters if heater.placement is not None]
     for cell in (*rig.cells, *placed):
         outline, corner = _outline(rig, cell, **look)
         axes.add_patch(outline)
-        write(
-            axes, cell.name, corner, (4, 4), size=8, color=color, fontweight="bold",
-            path_effects=[withStroke(linewidth=2.2, foreground=rim)],
-        )  # fmt: skip
+        bold = {"fontweight": "bold", "path_effects": rim(around, 2.2)}
+        write(axes, cell.name, corner, (4, 4), size=8, color=color, **bold)
 
 
 def _outline(rig: Rig, cell: Cell | Heater, **look: Any) -> tuple[Patch, tuple[float, float]]:
