@@ -26,7 +26,7 @@ from jaxtwin.errors import ControlError, SimulationError
 from jaxtwin.matching import FitDifference, FittedParameters, ParameterDifference
 from jaxtwin.physics import ThermoelectricModule
 from jaxtwin.plots._fit import _position
-from jaxtwin.plots._recordings import space_apart
+from jaxtwin.plots._layers import space_apart
 from jaxtwin.plots._style import symbol
 from jaxtwin.rig import load_module
 from jaxtwin.simulation import Run

@@ -8,7 +8,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 
 from jaxtwin.errors import ParameterError
-from jaxtwin.plots._sensitivity_indices import _limits
+from jaxtwin.plots._index_curves import _limits
 from jaxtwin.sensitivity_analysis import (
     METHODS,
     GlobalSensitivity,

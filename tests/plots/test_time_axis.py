@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib import pyplot
 
-from jaxtwin.plots._time_axis import time_axis
+from jaxtwin.plots._panels import time_axis
 
 
 def labels(time: list[float], start: datetime | None = None) -> tuple[str, list[str]]:

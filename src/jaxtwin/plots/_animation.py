@@ -10,18 +10,16 @@ from matplotlib import pyplot, rcParams
 from matplotlib.animation import AbstractMovieWriter, FuncAnimation, writers
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from .._arguments import finite_number, whole_number
 from ..errors import ParameterError
 from ..rig import Rig
 from ..simulation import Run
-from ._panels import legend_beside
-from ._plate_map import HEAT, draw_cells, frame, rectangle, runs_of_plate
+from ._layers import draw_duty
+from ._panels import color_bar, legend_beside, time_axis, title_aside
+from ._plate_map import draw_map, heat_scale, paint, range_text, runs_of_plate
 from ._style import color_of, line_of, palette, points, styled
-from ._time_axis import time_axis
 
 if TYPE_CHECKING:
     from ..control import ClosedLoopRun
@@ -109,10 +107,7 @@ class _Film:
         self._plates: list[Float[np.ndarray, "frames elements"]] = [
             run.states[np.searchsorted(run.time, times - 1e-9), :elements] for run in runs.values()
         ]
-        everything = np.concatenate(self._plates)
-        self._scale = ScalarMappable(
-            Normalize(float(everything.min()), float(everything.max())), HEAT
-        )
+        self._scale = heat_scale(*self._plates)
 
     @styled
     def draw(self) -> Figure:
@@ -121,71 +116,47 @@ class _Film:
         width = 6.0 if count == 1 else 3.6 * count + 1.2
         height = (width - 1.2) / count * plate.height / plate.width + 1.9
         figure = pyplot.figure(figsize=(width, height), layout="constrained")
-        grid = figure.add_gridspec(
-            2, count, height_ratios=(height - 1.3, 1.0 if count == 1 else 1.3)
-        )
+        ratios = (height - 1.3, 1.0 if count == 1 else 1.3)
+        grid = figure.add_gridspec(2, count, height_ratios=ratios)
         maps = [figure.add_subplot(grid[0, number]) for number in range(count)]
-        self._patches, self._extremes = [], []
-        for axes, name in zip(maps, self._runs, strict=True):
-            axes.set_axis_off()
-            frame(axes, plate)
-            self._patches.append(
-                [
-                    axes.add_patch(rectangle(plate.extent(element_name)))
-                    for element_name in plate.element_names
-                ]
-            )
-            draw_cells(axes, self._rig)
-            axes.set_title(name, loc="left")
-            look = {"fontsize": points(9), "fontweight": "normal", "color": palette().muted}
-            self._extremes.append(axes.set_title("", loc="right", **look))
+        self._patches = [
+            draw_map(axes, self._rig, name, states[0], self._scale)
+            for axes, name, states in zip(maps, self._runs, self._plates, strict=True)
+        ]
+        self._notes = [title_aside(axes, "") for axes in maps]
         below = figure.add_subplot(grid[1, :])
         if count == 1:
             self._title = maps[0].set_title("", fontsize=points(11))
-            self._draw_duty(below, next(iter(self._runs.values())))
+            (run,) = self._runs.values()
+            draw_duty(below, run.time, run.experiment.duty, self._rig.driven)
+            time_axis(below, run.time, run.experiment.start)
         else:
             self._title = figure.suptitle("", fontsize=points(11))
             self._draw_ranges(below)
-        bar = figure.colorbar(self._scale, ax=maps, shrink=0.9, aspect=20, pad=0.02)
-        bar.set_label("temperature, °C")
-        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+        legend_beside(below)
+        color_bar(np.array(maps), self._scale, "temperature, °C", shrink=0.9, pad=0.02)
         self._now = below.axvline(self._times[0], color=palette().muted, lw=1.0)
         self.show(0)
         return figure
 
-    def _draw_duty(self, axes: Axes, run: Run) -> None:
-        time, duty = run.time, 100 * run.experiment.duty
-        for number, (name, each) in enumerate(zip(self._rig.driven, duty.T, strict=True)):
-            line = "-" if number == 0 else "--"  # cells are often driven alike
-            axes.step(time, each, line, where="post", lw=1.5, label=name)
-        axes.set(ylabel="duty, %", xlim=(time[0], time[-1]))
-        time_axis(axes, time, run.experiment.start)
-        legend_beside(axes)
-
     def _draw_ranges(self, axes: Axes) -> None:
         elements = len(self._rig.plate.element_names)
         for number, (name, run) in enumerate(self._runs.items()):
-            look = {"color": color_of(number), "lw": 1.5}
             spread = np.ptp(run.states[:, :elements], axis=1)
-            axes.plot(run.time, spread, ls=line_of(number), label=name, **look)
-        axes.set(ylabel="range, K", xlim=(self._times[0], self._times[-1]))
+            look = {"color": color_of(number), "ls": line_of(number), "lw": 1.5}
+            axes.plot(run.time, spread, label=name, **look)
+        axes.set_ylabel("range, K")
         time_axis(axes, self._times)
         axes.set_ylim(bottom=0)
-        legend_beside(axes)
 
     def show(self, number: int) -> list[Artist]:
         """Sets the picture of this number."""
+        for elements, note, plates in zip(self._patches, self._notes, self._plates, strict=True):
+            values = plates[number]
+            paint(elements, values, self._scale)
+            is_alone = len(self._plates) == 1
+            note.set_text(range_text(values) if is_alone else f"range {np.ptp(values):.1f} K")
         time = self._times[number]
-        for patches, extremes, plates in zip(
-            self._patches, self._extremes, self._plates, strict=True
-        ):
-            temperatures = plates[number]
-            for patch, color in zip(patches, self._scale.to_rgba(temperatures), strict=True):
-                patch.set(facecolor=color, edgecolor=color, linewidth=0.3)
-            text = f"{temperatures.min():.1f} … {temperatures.max():.1f} °C"
-            if len(self._plates) > 1:
-                text = f"range {np.ptp(temperatures):.1f} K"
-            extremes.set_text(text)
         self._title.set_text(f"{time:.0f} s")
         self._now.set_xdata([time, time])
         return [*(patch for each in self._patches for patch in each), self._title, self._now]

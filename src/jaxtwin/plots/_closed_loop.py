@@ -1,21 +1,21 @@
-"""Closed loops: a run, the course of the tuning of a controller, the trial of a retuned one, and
-the trade between two aims.
+"""Closed loops: a run, the evenness of the plate, the course of the tuning of a controller, the
+trial of a retuned one, and the trade between two aims.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..control import MEASURES, ClosedLoopRun, Frontier, Tuning
+from ..control import MEASURES, ClosedLoopRun, Frontier, OperatingPoint, Tuning
+from ..errors import ControlError
 from ..retuning import Retuned
-from ._panels import title_aside
-from ._style import color_of, line_of, palette, points, rim, styled, unit_text
-from ._time_axis import time_axis
+from ._layers import draw_band, draw_duty, draw_lines, name_rows
+from ._panels import ABOVE_RIGHT, panels, time_axis, title_aside, write
+from ._style import color_of, line_of, palette, rim, styled, unit_text, with_unit
 
 # The largest number of channels of an output that are named one by one.
 MAX_NAMED = 3
@@ -32,45 +32,29 @@ def plot_closed_loop(run: ClosedLoopRun) -> Figure:
 
     **Returns:** the figure.
     """
-    figure = pyplot.figure(figsize=(7.2, 6.4), layout="constrained")
-    above, duty, power = figure.subplots(3, 1, sharex=True, height_ratios=(4, 1.4, 1.4))
-    time, plate = run.time, np.asarray(run.loop.plate)
+    figure, grid = panels(3, 1, 7.2, 6.4, sharex=True, height_ratios=(4, 1.4, 1.4))
+    above, duty, power = grid[:, 0]
     if run.loop.elements:
-        above.fill_between(
-            time,
-            plate.min(axis=1),
-            plate.max(axis=1),
-            color=palette().faint,
-            lw=0,
-            label="plate, all elements",
-        )
-    references = np.unique(run.reference, axis=1).T
-    for number, reference in enumerate(references):
-        label = "reference" if number == 0 else None
-        above.step(
-            time, reference, where="post", color=palette().muted, ls="--", lw=1.2, label=label
-        )
-    for number, (name, output) in enumerate(zip(run.outputs, run.output.T, strict=True)):
-        above.plot(time, output, color=color_of(number), label=_short(name))
+        plate = np.asarray(run.loop.plate)
+        look = {"color": palette().faint, "lw": 0, "label": "plate, all elements"}
+        above.fill_between(run.time, plate.min(axis=1), plate.max(axis=1), **look)
+    look = {"where": "post", "color": palette().muted, "ls": "--", "lw": 1.2}
+    for number, reference in enumerate(np.unique(run.reference, axis=1).T):
+        above.step(run.time, reference, label=None if number else "reference", **look)
+    names = [_short(name) for name in run.outputs]
+    draw_lines(above, run.time, run.output, names)
     above.set_ylabel("temperature, °C")
-    # Legends are above the axes, because curves would cross them inside.
-    above_right = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
-    is_long = any(len(_short(name)) > 20 for name in run.outputs)
-    above.legend(ncols=2 if is_long else 4, **above_right)
-    names = run.run.experiment.cell_names
-    for number, (part, watts) in enumerate(zip(run.duty.T, run.power.T, strict=True)):
-        color = color_of(number)
-        look = {"color": color, "lw": 1.4, "ls": line_of(number)}
-        duty.step(time, 100 * part, where="post", label=names[number], **look)
-        power.plot(time, watts, **look)
-    duty.legend(ncols=len(run.duty.T), **above_right)
-    duty.set_ylabel("duty, %")
+    above.legend(ncols=2 if any(len(name) > 20 for name in names) else 4, **ABOVE_RIGHT)
+    draw_duty(duty, run.time, run.duty, run.run.experiment.cell_names)
+    duty.legend(ncols=len(run.duty.T), **ABOVE_RIGHT)
+    for number, watts in enumerate(run.power.T):
+        power.plot(run.time, watts, color=color_of(number), lw=1.4, ls=line_of(number))
     if len(run.power.T) > 1:
-        power.plot(time, run.power.sum(axis=1), color=palette().ink, lw=1.2, label="all cells")
-        power.legend(**above_right)
+        look = {"color": palette().ink, "lw": 1.2, "label": "all cells"}
+        power.plot(run.time, run.power.sum(axis=1), **look)
+        power.legend(**ABOVE_RIGHT)
     power.set_ylabel("power, W")
-    time_axis(power, time)
-    power.set_xlim(time[0], time[-1])
+    time_axis(power, run.time)
     return figure
 
 
@@ -97,36 +81,28 @@ def plot_tuning(tuning: Tuning) -> Figure:
 
     **Returns:** the figure.
     """
-    panels = 2 if tuning.sensitivity_limit is None else 3
-    figure = pyplot.figure(figsize=(1.5 + 3.9 * panels, 4.2), layout="constrained")
-    rounds, *middle, measures = figure.subplots(1, panels)
+    count = 2 if tuning.sensitivity_limit is None else 3
+    figure, ((rounds, *middle, measures),) = panels(1, count, 1.5 + 3.9 * count, 4.2)
     _draw_rounds(rounds, tuning)
-    if middle:
-        _draw_sensitivity(middle[0], tuning)
+    for axes in middle:
+        _draw_sensitivity(axes, tuning)
     _draw_measures(measures, tuning)
     return figure
 
 
 def _draw_rounds(axes: Axes, tuning: Tuning) -> None:
-    limit = tuning.sensitivity_limit
     shown = []
     for start in sorted({step.start for step in tuning.history}):
         steps = [s for s in tuning.history if s.start == start and np.isfinite(s.objective)]
-        if not steps:
-            continue
-        color = color_of(start)
-        taken = [step for step in steps if step.accepted]
+        taken = {step.round: step.objective for step in steps if step.accepted}
+        refused = {step.round: step.objective for step in steps if not step.accepted}
         label = "given controller" if start == 0 else f"random start {start}"
-        values = [step.objective for step in taken]
-        axes.plot(
-            [step.round for step in taken], values, color=color, label=label, marker="o", ms=3
-        )
-        shown += values
-        refused = [step for step in steps if not step.accepted]
-        axes.plot(
-            [step.round for step in refused], [step.objective for step in refused], "o", mfc="none",
-            mec=color, ms=4, alpha=0.6,
-        )  # fmt: skip
+        color = color_of(start)
+        if steps:
+            axes.plot(list(taken), list(taken.values()), "o-", ms=3, color=color, label=label)
+        hollow = {"mfc": "none", "ms": 4, "alpha": 0.6}
+        axes.plot(list(refused), list(refused.values()), "o", color=color, **hollow)
+        shown += taken.values()
     best = tuning.after.objective
     axes.axhline(best, color=palette().muted, lw=0.8, ls="--")
     if shown:
@@ -137,8 +113,8 @@ def _draw_rounds(axes: Axes, tuning: Tuning) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.set(xlabel="round", ylabel="objective", title="descents")
     axes.legend(loc="upper right")
-    if limit is not None:
-        title_aside(axes, f"$M_s$ at most {limit:g}")
+    if tuning.sensitivity_limit is not None:
+        title_aside(axes, f"$M_s$ at most {tuning.sensitivity_limit:g}")
 
 
 def _draw_sensitivity(axes: Axes, tuning: Tuning) -> None:
@@ -146,15 +122,14 @@ def _draw_sensitivity(axes: Axes, tuning: Tuning) -> None:
         (tuning.before, palette().blue, "before"),
         (tuning.after, palette().vermilion, "after"),
     ):
-        low, high = loop.sensitivity.min(axis=0), loop.sensitivity.max(axis=0)
-        axes.fill_between(tuning.omega, low, high, color=color, alpha=0.2, lw=0)
-        axes.loglog(tuning.omega, np.median(loop.sensitivity, axis=0), color=color, label=label)
+        low, middle, high = np.quantile(loop.sensitivity, [0.0, 0.5, 1.0], axis=0)
+        draw_band(axes, tuning.omega, (middle, low, high), color, label=label)
     limit = tuning.sensitivity_limit
     assert limit is not None
     axes.axhline(limit, color=palette().muted, lw=1.0, ls="--", label="limit")
     highest = max(loop.sensitivity.max() for loop in (tuning.before, tuning.after))
-    axes.set_ylim(0.01, max(3.0, 1.5 * highest))
-    axes.set_xlim(tuning.omega[0], tuning.omega[-1])
+    axes.set(xscale="log", xlim=(tuning.omega[0], tuning.omega[-1]))
+    axes.set(yscale="log", ylim=(0.01, max(3.0, 1.5 * highest)))
     axes.set(xlabel="frequency, rad/s", ylabel="sensitivity", title="linearised loop")
     axes.legend(loc="lower right")
 
@@ -167,23 +142,58 @@ def _draw_measures(axes: Axes, tuning: Tuning) -> None:
         if not (np.isfinite(before).all() and np.isfinite(after).all()) or abs(middle) < 1e-9:
             continue
         row = len(names)
-        names.append((name, tuning.weights[number] != 0))
-        for values, color, shift in (
-            (before, palette().blue, -0.13),
-            (after, palette().vermilion, 0.13),
+        names.append((name.replace("_", " "), bool(tuning.weights[number])))
+        for values, color, place in (
+            (before, palette().blue, row - 0.13),
+            (after, palette().vermilion, row + 0.13),
         ):
             low, median, high = np.quantile(values / middle, [0.05, 0.5, 0.95])
             largest = max(largest, high)
-            axes.plot([low, high], [row + shift] * 2, color=color, lw=2, alpha=0.6)
-            axes.plot([median], [row + shift], "o", color=color, ms=4)
+            axes.plot([low, high], [place, place], color=color, lw=2, alpha=0.6)
+            axes.plot([median], [place], "o", color=color, ms=4)
     axes.axvline(1, color=palette().muted, lw=0.8)
     if largest > 10:  # of an overshoot that was nearly nothing, say
         axes.set_xscale("log")
-    axes.set_yticks(range(len(names)), [name.replace("_", " ") for name, _ in names])
-    for label, (_, counts) in zip(axes.get_yticklabels(), names, strict=True):
-        label.set_fontweight("bold" if counts else "normal")
-    axes.invert_yaxis()
+    name_rows(axes, names)
     axes.set(xlabel="relative to the median before", title="measures")
+
+
+@styled
+def plot_plate_range(
+    runs: Mapping[str, ClosedLoopRun], best: OperatingPoint | None = None
+) -> Figure:
+    """Plots the mean of the channels and the range of the plate, the difference between its hottest
+    and its coldest element, over time.
+
+    **Arguments:**
+
+    - `runs`: name -> closed loop of a rig with a plate.
+    - `best`: the most even steady state (`most_even_point`), whose range is a line.
+
+    **Returns:** the figure.
+
+    **Raises:** `ControlError` if there is no run, or one is of a rig without a plate.
+    """
+    if not runs:
+        raise ControlError("plot_plate_range: runs: expected at least one closed loop, got none")
+    figure, ((above,), (below,)) = panels(2, 1, 7.2, 4.8, sharex=True, height_ratios=(1, 1.3))
+    for number, (name, run) in enumerate(runs.items()):
+        look = {"color": color_of(number), "ls": line_of(number), "lw": 1.6}
+        above.plot(run.time, run.run.temperatures.mean(axis=1), label=name, **look)
+        below.plot(run.time, run.range, **look)
+    last = max(float(run.time[-1]) for run in runs.values())
+    if best is not None:
+        elements = next(iter(runs.values())).loop.elements
+        least = float(np.ptp(np.asarray(best.nodes)[:elements]))
+        below.axhline(least, color=palette().muted, ls=":", lw=1.2)
+        text = f"most even at rest, {least:.1f} K"
+        write(below, text, (last, least), (-2, -3), size=10, va="top", ha="right")
+    above.legend(ncols=3, **ABOVE_RIGHT)
+    above.set_ylabel("mean of the\nchannels, °C")
+    below.set_ylabel("range of the plate, K")
+    time_axis(below, np.array([0.0, last]))
+    below.set_ylim(bottom=0)
+    return figure
 
 
 # The part of the range of a panel within which dots cover each other.
@@ -210,41 +220,46 @@ def plot_frontier(frontier: Frontier, measure: str, beside: Sequence[str]) -> Fi
 
     **Raises:** `ControlError` for an unknown measure.
     """
-    figure = pyplot.figure(figsize=(1 + 4.4 * len(beside), 4.2), layout="constrained")
-    panels = figure.subplots(1, len(beside), sharey=True, squeeze=False)[0]
+    figure, (row,) = panels(1, len(beside), 1 + 4.4 * len(beside), 4.2, sharey=True)
     y = _quantiles(frontier, measure)
-    for axes, name in zip(panels, beside, strict=True):
-        x = _quantiles(frontier, name)
-        is_shown = np.isfinite(x[1]) & np.isfinite(y[1])
-        order = np.flatnonzero(is_shown)[np.argsort(x[1][is_shown])]
-        best = [
-            point
-            for point in order
-            if not np.any((x[1][order] < x[1][point]) & (y[1][order] < y[1][point]))
-        ]
-        axes.plot(x[1][is_shown], y[1][is_shown], color=palette().faint, lw=1.2)
-        axes.plot(x[1][best], y[1][best], color=palette().blue, lw=1.2)
-        for point in order:
-            axes.plot(x[[0, 2], point], [y[1, point]] * 2, color=palette().blue, lw=1, alpha=0.5)
-            axes.plot([x[1, point]] * 2, y[[0, 2], point], color=palette().blue, lw=1, alpha=0.5)
-            fill = palette().blue if point in best else "none"
-            axes.plot(x[1, point], y[1, point], "o", mfc=fill, mec=palette().blue, ms=5)
-        for together in _neighbours(x[1], y[1], order):
-            axes.annotate(
-                ", ".join(f"{weight:g}" for weight in sorted(frontier.weights[together])),
-                (x[1, together[0]], y[1, together[0]]), (5, 5),
-                textcoords="offset points", fontsize=points(8), color=palette().muted,
-                path_effects=rim(),
-            )  # fmt: skip
-        axes.margins(x=0.1)
+    for axes, name in zip(row, beside, strict=True):
+        _draw_trade(axes, _quantiles(frontier, name), y, frontier.weights)
         axes.set_xlabel(_label(name))
-    panels[0].set_ylabel(_label(measure))
+    row[0].set_ylabel(_label(measure))
     unit = unit_text(MEASURES[frontier.against][1])
     unit = f"({unit})" if " " in unit else unit
-    panels[0].set_title(
-        f"weight of {frontier.against.replace('_', ' ')}" + (f", 1/{unit}" if unit else "")
-    )
+    weight = f"weight of {frontier.against.replace('_', ' ')}"
+    row[0].set_title(f"{weight}, 1/{unit}" if unit else weight)
     return figure
+
+
+def _draw_trade(
+    axes: Axes,
+    x: Float[np.ndarray, "3 points"],
+    y: Float[np.ndarray, "3 points"],
+    weights: Float[np.ndarray, " points"],
+) -> None:
+    """Draws two measures of several controllers, of which it finds those on the frontier."""
+    is_shown = np.isfinite(x[1]) & np.isfinite(y[1])
+    order = np.flatnonzero(is_shown)[np.argsort(x[1][is_shown])]
+    best = [
+        point
+        for point in order
+        if not np.any((x[1][order] < x[1][point]) & (y[1][order] < y[1][point]))
+    ]
+    color = palette().blue
+    axes.plot(x[1][is_shown], y[1][is_shown], color=palette().faint, lw=1.2)
+    axes.plot(x[1][best], y[1][best], color=color, lw=1.2)
+    for point in order:
+        axes.plot(x[[0, 2], point], y[[1, 1], point], color=color, lw=1, alpha=0.5)
+        axes.plot(x[[1, 1], point], y[[0, 2], point], color=color, lw=1, alpha=0.5)
+        fill = color if point in best else "none"
+        axes.plot(x[1, point], y[1, point], "o", mfc=fill, mec=color, ms=5)
+    for together in _neighbours(x[1], y[1], order):
+        text = ", ".join(f"{weight:g}" for weight in sorted(weights[together]))
+        first = (x[1, together[0]], y[1, together[0]])
+        write(axes, text, first, (5, 5), size=8, path_effects=rim())
+    axes.margins(x=0.1)
 
 
 def _quantiles(frontier: Frontier, name: str) -> Float[np.ndarray, "3 points"]:
@@ -271,8 +286,7 @@ def _neighbours(
 
 
 def _label(name: str) -> str:
-    unit = unit_text(MEASURES[name][1])
-    return name.replace("_", " ") + (f", {unit}" if unit else "")
+    return with_unit(name.replace("_", " "), MEASURES[name][1])
 
 
 @styled
@@ -288,21 +302,16 @@ def plot_retuned(retuned: Retuned) -> Figure:
     **Returns:** the figure.
     """
     tried = [trial for trial in retuned.trials if np.isfinite(trial.present.cost)]
-    figure = pyplot.figure(figsize=(6.0, 1.4 + 0.26 * len(tried)), layout="constrained")
-    axes = figure.subplots()
+    figure, ((axes,),) = panels(1, 1, 6.0, 1.4 + 0.26 * len(tried))
     for row, trial in enumerate(tried):
         costs = trial.present.cost, trial.candidate.cost
-        color = palette().vermilion
-        face = color if trial.passed else "none"
+        face = palette().vermilion if trial.passed else "none"
         axes.plot(costs, [row, row], color=palette().muted, lw=1.0)
         axes.plot(costs[:1], [row], "o", color=palette().blue, ms=5)
-        axes.plot(costs[1:], [row], "o", mfc=face, mec=color, ms=5)
+        axes.plot(costs[1:], [row], "o", mfc=face, mec=palette().vermilion, ms=5)
     axes.plot([], [], "o", color=palette().blue, label="present controller")
     axes.plot([], [], "o", color=palette().vermilion, label="candidate")
-    axes.set_yticks(range(len(tried)), [trial.scenario.name for trial in tried])
-    for label, trial in zip(axes.get_yticklabels(), tried, strict=True):
-        label.set_fontweight("normal" if trial.passed else "bold")
-    axes.invert_yaxis()
+    name_rows(axes, [(trial.scenario.name, not trial.passed) for trial in tried])
     axes.set(xlabel="cost", title=f"trial: {retuned.decision}")
     axes.legend(loc="best")
     return figure

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import colormaps, pyplot
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..physics import DCSweep, ThermoelectricModule
 from ..rig import Datasheet
-from ._style import palette, points, rim, styled
+from ._panels import caption, panels, write
+from ._style import palette, rim, styled
 
 
 @styled
@@ -45,20 +46,16 @@ def plot_dc_sweep(
     differences = np.asarray(delta_T, float)
     currents = np.linspace(0.0, 1.12 * module.optimum_current(T_hot), 300)
     sweep = module.dc_sweep(currents, differences, T_hot)
-    figure = pyplot.figure(figsize=(10.4, 4.3), layout="constrained")
+    figure, heat, cop = _draw_curves(sweep)
     figure.suptitle(title, x=0.01, ha="left")
-    heat, cop = figure.subplots(1, 2)
-    _draw_curves(heat, cop, sweep)
     best_cops: list[float] = []
     for difference, color in zip(differences, _colors(sweep), strict=True):
         best = module.optimum_current(T_hot - difference)
         most = module.dc_sweep([best], [difference], T_hot).heat_flow.item()
         if most > 0:
             _mark(heat, best, most, color)
-            heat.annotate(
-                f"{difference:g} K", (best, most), xytext=(0, 6), textcoords="offset points",
-                ha="center", color=palette().ink, fontsize=points(9), path_effects=rim(),
-            )  # fmt: skip
+            look = {"ha": "center", "color": palette().ink, "path_effects": rim()}
+            write(heat, f"{difference:g} K", (best, most), (0, 6), **look)
         if difference > 0:
             best = _best_cop_current(module, difference, T_hot)
             best_cops.append(module.dc_sweep([best], [difference], T_hot).cop.item())
@@ -70,10 +67,7 @@ def plot_dc_sweep(
         most = module.dc_sweep([datasheet.maximum_current], [0.0], T_hot).heat_flow.item()
         _draw_datasheet(heat, datasheet, most)
         note += f"; squares: datasheet, $T_h$ = {datasheet.hot_side_temperature:g} K"
-    figure.supxlabel(
-        note,
-        fontsize=points(9), color=palette().muted, x=0.01, ha="left",
-    )  # fmt: skip
+    caption(figure, note)
     return figure
 
 
@@ -87,9 +81,7 @@ def plot_dc_curves(sweep: DCSweep) -> Figure:
 
     **Returns:** the figure.
     """
-    figure = pyplot.figure(figsize=(10.4, 4.3), layout="constrained")
-    heat, cop = figure.subplots(1, 2)
-    _draw_curves(heat, cop, sweep)
+    figure, _, cop = _draw_curves(sweep)
     # Without a temperature difference it has no limit as the current falls to 0.
     driven = sweep.cop[sweep.delta_T > 0]
     cop.set_ylim(0, 1.08 * max(4.0 if driven.size == 0 else float(np.nanmax(driven)), 0.1))
@@ -104,21 +96,20 @@ def _draw_datasheet(heat: Axes, sheet: Datasheet, computed: float) -> None:
         stated.append((sheet.maximum_heat_flow, f"{sheet.maximum_heat_flow:g} W at 0 K"))
         low, high = sorted((sheet.maximum_heat_flow, computed))
         heat.vlines(sheet.maximum_current, low, high, color=palette().vermilion, lw=1.4, zorder=3)
+    color = palette().vermilion
     for pumped, words in stated:
-        heat.plot(
-            [sheet.maximum_current], [pumped], "s", mfc=palette().ground, mec=palette().vermilion,
-            mew=1.8, ms=8, clip_on=False, zorder=4, gid="datasheet",
-        )  # fmt: skip
-        heat.annotate(
-            words, (sheet.maximum_current, pumped), xytext=(-9, 0), textcoords="offset points",
-            ha="right", va="bottom" if pumped == 0 else "center", zorder=4,
-            color=palette().vermilion, fontsize=points(8.5), fontweight="bold",
-            path_effects=rim(),
-        )  # fmt: skip
+        at = (sheet.maximum_current, pumped)
+        look = {"mfc": palette().ground, "mec": color, "mew": 1.8, "ms": 8, "clip_on": False}
+        heat.plot(*at, "s", zorder=4, gid="datasheet", **look)
+        va = "bottom" if pumped == 0 else "center"
+        look = {"size": 8.5, "color": color, "fontweight": "bold", "path_effects": rim()}
+        write(heat, words, at, (-9, 0), ha="right", va=va, zorder=4, **look)
     heat.set_ylim(top=max(heat.get_ylim()[1], 1.13 * max(pumped for pumped, _ in stated)))
 
 
-def _draw_curves(heat: Axes, cop: Axes, sweep: DCSweep) -> None:
+def _draw_curves(sweep: DCSweep) -> tuple[Figure, Axes, Axes]:
+    """Draws the curves, and returns the figure and its panels."""
+    figure, ((heat, cop),) = panels(1, 2, 10.4, 4.3)
     curves = zip(sweep.delta_T, _colors(sweep), sweep.heat_flow, sweep.cop, strict=True)
     for difference, color, pumped, performance in curves:
         heat.plot(sweep.current, pumped, color=color)
@@ -129,16 +120,15 @@ def _draw_curves(heat: Axes, cop: Axes, sweep: DCSweep) -> None:
     for axes in (heat, cop):
         axes.set_xlim(0, sweep.current.max())
     cop.legend(title="$\\Delta T$", ncols=2)
+    return figure, heat, cop
 
 
 def _colors(sweep: DCSweep) -> np.ndarray:
     return colormaps["viridis"](np.linspace(0.0, 0.85, len(sweep.delta_T)))
 
 
-def _mark(axes, current: float, value: float, color) -> None:
-    axes.plot(
-        [current], [value], "o", color=color, mec=palette().ground, mew=1.2, ms=7, clip_on=True
-    )
+def _mark(axes: Axes, current: float, value: float, color: np.ndarray) -> None:
+    axes.plot(current, value, "o", color=color, mec=palette().ground, mew=1.2, ms=7)
 
 
 def _best_cop_current(module: ThermoelectricModule, difference: float, T_hot: float) -> float:

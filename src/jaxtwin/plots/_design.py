@@ -1,15 +1,16 @@
 """A designed experiment: its schedule, and the expected standard errors."""
 
+from typing import Any
+
 import numpy as np
-from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..diagnosis import TIE
 from ..experiment_design import DiagnosisDesign, ExperimentDesign
-from ._panels import legend_below
+from ._layers import draw_duty
+from ._panels import legend_below, panels, time_axis
 from ._style import color_of, line_of, palette, styled, symbol
-from ._time_axis import time_axis
 
 MARKERS = "os^vDP"
 
@@ -28,8 +29,7 @@ def plot_design(design: ExperimentDesign | DiagnosisDesign) -> Figure:
     **Returns:** the figure.
     """
     count = len(design.names) if isinstance(design, ExperimentDesign) else 0
-    figure = pyplot.figure(figsize=(10.0, max(3.2, 1.2 + 0.28 * count)), layout="constrained")
-    schedule, gained = figure.subplots(1, 2)
+    figure, ((schedule, gained),) = panels(1, 2, 10.0, max(3.2, 1.2 + 0.28 * count))
     _draw_schedule(schedule, design)
     if isinstance(design, ExperimentDesign):
         _draw_errors(gained, design)
@@ -39,9 +39,7 @@ def plot_design(design: ExperimentDesign | DiagnosisDesign) -> Figure:
 
 
 def _draw_odds(axes: Axes, design: DiagnosisDesign) -> None:
-    for number, planned in enumerate([design.best, *design.references.values()]):
-        color = palette().vermilion if number == 0 else palette().cycle[number + 1]
-        label = planned.name + ("" if planned.is_allowed else " (too hot)")
+    for number, (planned, color, label) in enumerate(_schedules(design)):
         odds = np.maximum(planned.odds, 0.0)
         axes.plot(planned.time, odds, color=color, ls=line_of(number), label=label)
         if np.isfinite(planned.separation):
@@ -51,23 +49,23 @@ def _draw_odds(axes: Axes, design: DiagnosisDesign) -> None:
     axes.set_ylim(0, 3 * np.log(TIE))
     first, second = design.best.hardest
     axes.set(ylabel="logarithm of the odds", title=f"{first} or {second}?")
-    time_axis(axes, design.best.time)
+    time_axis(axes, design.schedule.time)
     legend_below(axes)
+
+
+def _schedules(design: ExperimentDesign | DiagnosisDesign) -> list[tuple[Any, str, str]]:
+    """The design and its references, each with its colour and its label."""
+    planned = [design.best, *design.references.values()]
+    colors = [palette().vermilion, *(color_of(number + 1) for number in range(1, len(planned)))]
+    labels = [each.name + ("" if each.is_allowed else " (too hot)") for each in planned]
+    return list(zip(planned, colors, labels, strict=True))
 
 
 def _draw_schedule(axes: Axes, design: ExperimentDesign | DiagnosisDesign) -> None:
     planned = design.schedule
-    for cell in range(planned.n_cells):
-        axes.step(
-            planned.time,
-            planned.duty[:, cell],
-            where="post",
-            color=color_of(cell),
-            ls="-" if cell == 0 else "--",
-            label=planned.cell_names[cell],
-        )
+    draw_duty(axes, planned.time, planned.duty, planned.cell_names)
     axes.axhline(0, color=palette().muted, lw=0.8)
-    axes.set(ylabel="duty cycle", title="designed schedule")
+    axes.set_title("designed schedule")
     time_axis(axes, planned.time)
     if planned.n_cells > 1:
         legend_below(axes)
@@ -77,23 +75,13 @@ def _draw_errors(axes: Axes, design: ExperimentDesign) -> None:
     rows = np.arange(len(design.names))
     today = np.array([design.standard_errors[name] for name in design.names])
     known = np.isfinite(today)
-    schedules = [design.best, *design.references.values()]
-    for number, planned in enumerate(schedules):
+    for number, (planned, color, label) in enumerate(_schedules(design)):
         errors = np.array([planned.standard_errors[name] for name in design.names])
         relative = np.full(len(rows), np.nan)
         relative[known] = 100 * errors[known] / today[known]
-        label = planned.name + ("" if planned.is_allowed else " (too hot)")
-        axes.plot(
-            relative,
-            rows,
-            MARKERS[number % len(MARKERS)],
-            color=palette().vermilion
-            if number == 0
-            else palette().cycle[(number + 1) % len(palette().cycle)],
-            mfc=None if number == 0 else "none",
-            label=label,
-            zorder=3 if number == 0 else 2,
-        )
+        look = {"color": color, "label": label, "zorder": 2 if number else 3}
+        face = {"mfc": "none"} if number else {}
+        axes.plot(relative, rows, MARKERS[number % len(MARKERS)], **face, **look)
     axes.axvline(100, color=palette().muted, lw=0.8)
     axes.set_xlim(0, None)
     names = [

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from ..errors import SimulationError
-from ._style import palette, points, styled, unit_text
+from ._panels import caption, panels, write_in_the_middle
+from ._style import palette, styled, unit_text
 
 if TYPE_CHECKING:
     import xarray
@@ -66,12 +66,11 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
     across = math.ceil(len(names) / lines)
     heights = [_rows(labels) for labels, _ in quantities]
     tallest = [max(heights[line * across : (line + 1) * across]) for line in range(lines)]
-    figure = pyplot.figure(
-        figsize=(1.0 + 3.2 * across, 0.3 + lines + 0.24 * sum(tallest)), layout="constrained"
-    )
-    grid = figure.add_gridspec(lines, across, height_ratios=tallest)
-    for number, (name, (labels, values)) in enumerate(zip(names, quantities, strict=True)):
-        axes = figure.add_subplot(grid[divmod(number, across)])
+    size = (1.0 + 3.2 * across, 0.3 + lines + 0.24 * sum(tallest))
+    figure, grid = panels(lines, across, *size, height_ratios=tallest)
+    for axes in grid.flat[len(names) :]:
+        axes.remove()
+    for axes, name, (labels, values) in zip(grid.flat, names, quantities, strict=False):
         unit = unit_text(str(draws[name].attrs.get("units", "")))
         axes.set_title(name)
         if len(labels) > MAX_ROWS:
@@ -80,11 +79,7 @@ def plot_distributions(draws: "xarray.Dataset") -> Figure:
         else:
             _draw_rows(axes, labels, values)
             axes.set_xlabel(", ".join(filter(None, (unit, _infinite(values)))))
-    figure.supxlabel(
-        f"{first.sizes['draw']} draws: median, quartiles, 5 to 95 %", fontsize=points(9),
-        color=palette().muted,
-        x=0.01, ha="left",
-    )  # fmt: skip
+    caption(figure, f"{first.sizes['draw']} draws: median, quartiles, 5 to 95 %")
     return figure
 
 
@@ -104,10 +99,7 @@ def _draw_rows(axes: Axes, labels: list[str], values: Float[np.ndarray, "draws r
     axes.set_ylim(len(labels) - 0.4, -0.6)
     if np.isnan(median).all():
         axes.set_xticks([])
-        axes.text(
-            0.5, 0.5, "no finite value", transform=axes.transAxes, ha="center", va="center",
-            color=palette().muted, fontsize=points(9),
-        )  # fmt: skip
+        write_in_the_middle(axes, "no finite value")
         return
     axes.set_xlim(_widened(*axes.get_xlim()))
     axes.xaxis.set_major_locator(MaxNLocator(3, steps=(1, 2, 5, 10), min_n_ticks=2))

@@ -1,26 +1,18 @@
-"""The result of a match: its course (Fig. 14 of the paper), the parameters beside their initial and
-published values (Table 4), their profile likelihoods, and how they differ between groups of
-recordings or between two fits.
+"""The result of a match: its course (Fig. 14 of the paper), and the parameters beside their initial
+and published values (Table 4).
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple, final
 
 import numpy as np
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator
 
-from .._arguments import names_of, of_kind
 from .._number_text import interval_text, short_number
-from .._statistics import QUANTILE_975
-from ..errors import MatchError
-from ..matching import Fit, FitDifference, FittedParameter, Profile, interval_95, solution_of
-from ..rig import Parameter
-from ._panels import axes_or_new, panel_grid
-from ._sensitivity_indices import label_rows
+from ..matching import Fit, FittedParameter, interval_95
+from ._panels import legend_of_all, panels, write
 from ._style import palette, points, styled, symbol, unit_text
 
 HISTORY_COLUMNS = 6  # panels of parameters in a row
@@ -57,14 +49,13 @@ def plot_history(fit: Fit) -> Figure:
 
 
 def _draw_rmse(axes: Axes, fit: Fit) -> None:
-    numbers = [iteration.number for iteration in fit.history]
+    numbers = np.array([iteration.number for iteration in fit.history])
     rmse = np.array([iteration.rmse for iteration in fit.history])
-    accepted = np.array([iteration.accepted for iteration in fit.history])
+    refused = np.array([not iteration.accepted for iteration in fit.history])
     best = np.minimum.accumulate(rmse)
     axes.plot(numbers, best, color=palette().vermilion, lw=1.8)
-    axes.plot(
-        np.array(numbers)[~accepted], rmse[~accepted], "o", mfc="none", mec=palette().muted, ms=4
-    )
+    hollow = {"mfc": "none", "mec": palette().muted, "ms": 4, "label": "step taken back"}
+    axes.plot(numbers[refused], rmse[refused], "o", **hollow)
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_formatter("{x:g}")
@@ -72,13 +63,10 @@ def _draw_rmse(axes: Axes, fit: Fit) -> None:
     axes.set_ylim(best[-1] / 1.15, min(rmse.max(), 3 * best[0]) * 1.1)
     axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
     axes.set(title="RMSE, K", xlabel="iteration")
-    if not accepted.all():
-        axes.plot([], [], "o", mfc="none", mec=palette().muted, ms=4, label="step taken back")
+    if refused.any():
         axes.legend(loc="upper right", handletextpad=0)
-    axes.annotate(
-        f"{best[-1]:.2f} K", (numbers[-1], best[-1]), xytext=(0, 7), textcoords="offset points",
-        ha="right", color=palette().vermilion, fontweight="bold",
-    )  # fmt: skip
+    look = {"size": 10, "ha": "right", "color": palette().vermilion, "fontweight": "bold"}
+    write(axes, f"{best[-1]:.2f} K", (numbers[-1], best[-1]), (0, 7), **look)
 
 
 def _draw_parameter(axes: Axes, fit: Fit, parameter: FittedParameter) -> None:
@@ -127,100 +115,68 @@ def plot_parameters(fit: Fit) -> Figure:
     **Returns:** the figure.
     """
     free = [parameter for parameter in fit.parameters.values() if parameter.free]
-    figure = pyplot.figure(figsize=(13.4, 1.3 + 0.3 * len(free)), layout="constrained")
-    table, scale = figure.subplots(1, 2, width_ratios=(1.0, 1.08), sharey=True)
+    size = (13.4, 1.3 + 0.3 * len(free))
+    figure, ((table, scale),) = panels(1, 2, *size, width_ratios=(1.0, 1.08), sharey=True)
     _write_table(table, free)
     for place, parameter in enumerate(free):
-        scale.plot(
-            [0, 1], [place, place], color=palette().faint, lw=7, solid_capstyle="round", zorder=1
-        )
-        if parameter.prior_value is not None:
-            span = [_position(end, parameter) for end in _prior_interval(parameter)]
-            scale.plot(
-                span, [place, place], color=palette().muted, lw=7, alpha=0.4,
-                solid_capstyle="butt", zorder=1.5, gid="prior",
-            )  # fmt: skip
-        ends = [_position(value, parameter) for value in (parameter.initial, parameter.value)]
-        scale.plot(ends, [place, place], color=palette().muted, lw=1.0, zorder=2)
-        if not math.isnan(parameter.interval[0]):
-            span = [_position(end, parameter) for end in parameter.interval]
-            scale.plot(
-                span, [place, place], color=palette().vermilion, lw=3.5, alpha=0.45,
-                solid_capstyle="butt",
-                zorder=2.5, gid="interval",
-            )  # fmt: skip
-        scale.plot(ends[0], place, "o", mfc=palette().ground, mec=palette().ink, ms=6, zorder=3)
-        if parameter.published is not None:
-            at = _position(parameter.published, parameter)
-            scale.plot(
-                at, place, "D", mfc=palette().ground, mec=palette().blue, mew=1.4, ms=5.5, zorder=4
-            )
-        scale.plot(ends[1], place, "o", color=palette().vermilion, ms=7, zorder=5)
-        color = palette().vermilion if parameter.at_bound else palette().ink
-        warnings = ", ".join(parameter.warnings)
-        _write(scale, 1.04, place, warnings, ha="left", color=color, fontsize=points(8.5))
+        _draw_position(scale, place, parameter)
     scale.set_ylim(len(free) - 0.4, -1.2)
     scale.set_xlim(-0.03, 1.42)
-    for text, at, ha in (("lower bound", 0, "left"), ("upper bound", 1, "right")):
-        scale.annotate(
-            text, (at, -0.8), ha=ha, va="center", fontsize=points(9), color=palette().muted
-        )
+    write(scale, "lower bound", (0, -0.8), ha="left", va="center")
+    write(scale, "upper bound", (1, -0.8), ha="right", va="center")
     scale.set_axis_off()
-    handles = [
-        scale.plot([], [], "o", mfc=palette().ground, mec=palette().ink, ms=6, label="initial")[0],
-        scale.plot(
-            [],
-            [],
-            "D",
-            mfc=palette().ground,
-            mec=palette().blue,
-            mew=1.4,
-            ms=5.5,
-            label="published",
-        )[0],
-        scale.plot([], [], "o", color=palette().vermilion, ms=7, label="matched")[0],
-        scale.plot(
-            [], [], color=palette().vermilion, lw=3.5, alpha=0.45, label="its 95 % interval"
-        )[0],
-    ]
-    if any(parameter.prior_value is not None for parameter in free):
-        handles += scale.plot(
-            [], [], color=palette().muted, lw=7, alpha=0.4, label="95 % of its prior"
-        )
-    if all(parameter.published is None for parameter in free):
-        del handles[1]
-    figure.legend(handles=handles, loc="outside lower right", ncols=5)
-    figure.suptitle(
-        f"{fit.twin.rig.name}: mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K",
-        x=0.01, ha="left",
-    )  # fmt: skip
+    legend_of_all(figure, "outside lower right")
+    quality = f"mean fit {fit.mean_fit_percent:.1f} %, RMSE {fit.rmse:.2f} K"
+    figure.suptitle(f"{fit.twin.rig.name}: {quality}", x=0.01, ha="left")
     return figure
 
 
+def _draw_position(axes: Axes, place: int, parameter: FittedParameter) -> None:
+    """Draws where a parameter began, was published and ended between its bounds."""
+    colors = palette()
+    row = [place, place]
+    axes.plot([0, 1], row, color=colors.faint, lw=7, solid_capstyle="round", zorder=1)
+    if parameter.prior_value is not None:
+        span = [_position(end, parameter) for end in _prior_interval(parameter)]
+        look = {"alpha": 0.4, "solid_capstyle": "butt", "gid": "prior", "zorder": 1.5}
+        axes.plot(span, row, color=colors.muted, lw=7, label="95 % of its prior", **look)
+    initial, value = (_position(at, parameter) for at in (parameter.initial, parameter.value))
+    axes.plot([initial, value], row, color=colors.muted, lw=1.0, zorder=2)
+    if not math.isnan(parameter.interval[0]):
+        span = [_position(end, parameter) for end in parameter.interval]
+        look = {"alpha": 0.45, "solid_capstyle": "butt", "gid": "interval", "zorder": 2.5}
+        axes.plot(span, row, color=colors.vermilion, lw=3.5, label="its 95 % interval", **look)
+    look = {"mfc": colors.ground, "ms": 6, "zorder": 3}
+    axes.plot(initial, place, "o", mec=colors.ink, label="initial", **look)
+    if parameter.published is not None:
+        at = _position(parameter.published, parameter)
+        look = {"mfc": colors.ground, "mew": 1.4, "ms": 5.5, "zorder": 4}
+        axes.plot(at, place, "D", mec=colors.blue, label="published", **look)
+    axes.plot(value, place, "o", color=colors.vermilion, ms=7, zorder=5, label="matched")
+    color = colors.vermilion if parameter.at_bound else colors.ink
+    write(axes, ", ".join(parameter.warnings), (1.04, place), size=8.5, color=color, va="center")
+
+
 def _write_table(axes: Axes, free: list[FittedParameter]) -> None:
+    matched = {"color": palette().vermilion, "fontweight": "bold"}
+    unit = {"ha": "left", "color": palette().muted, "size": 8.5}
     columns = {"initial": 0.27, "published": 0.43, "matched": 0.60, "95 % interval": 0.99}
     for heading, at in columns.items():
-        axes.annotate(
-            heading, (at, -0.8), ha="right", va="center", fontsize=points(9), color=palette().muted
-        )
+        write(axes, heading, (at, -0.8), ha="right", va="center")
     for place, parameter in enumerate(free):
-        _write(axes, 0.0, place, symbol(parameter.name), ha="left")
-        _write(axes, columns["initial"], place, short_number(parameter.initial))
         published = "-" if parameter.published is None else short_number(parameter.published)
-        _write(axes, columns["published"], place, published, color=palette().blue)
-        _write(
-            axes, columns["matched"], place, short_number(parameter.value),
-            color=palette().vermilion, fontweight="bold",
-        )  # fmt: skip
-        unit = unit_text(parameter.unit)
-        _write(axes, 0.62, place, unit, ha="left", color=palette().muted, fontsize=points(8.5))
-        _write(axes, columns["95 % interval"], place, interval_text(parameter.interval))
+        for at, text, look in (
+            (0.0, symbol(parameter.name), {"ha": "left"}),
+            (columns["initial"], short_number(parameter.initial), {}),
+            (columns["published"], published, {"color": palette().blue}),
+            (columns["matched"], short_number(parameter.value), matched),
+            (0.62, unit_text(parameter.unit), unit),
+            (columns["95 % interval"], interval_text(parameter.interval), {}),
+        ):
+            look = {"size": 10, "color": palette().ink, "ha": "right", "va": "center", **look}
+            write(axes, text, (at, place), **look)
     axes.set_xlim(0, 1)
     axes.set_axis_off()
-
-
-def _write(axes: Axes, x: float, y: int, text: str, ha: str = "right", **look) -> None:
-    axes.text(x, y, text, ha=ha, va="center", **look)
 
 
 def _prior_interval(parameter: FittedParameter) -> tuple[float, float]:
@@ -242,184 +198,3 @@ def _position(value: float, parameter: FittedParameter) -> float:
     if parameter.is_logarithmic and lower > 0:
         value, lower, upper = math.log(value), math.log(lower), math.log(upper)
     return (value - lower) / (upper - lower)
-
-
-GROUP_COLUMNS = 4
-
-
-@final
-class _Row(NamedTuple):
-    """The values of a parameter in each group, with their 95 % intervals, and the interval in which
-    the value that all groups share is expected."""
-
-    parameter: Parameter
-    values: list[float]
-    intervals: list[tuple[float, float]]
-    shared: tuple[float, float] | None
-
-
-@styled
-def plot_group_values(fits: Fit | Mapping[str, Fit], names: Sequence[str] | None = None) -> Figure:
-    """Draws the values of parameters over groups of recordings, with their 95 % intervals, a panel
-    for each parameter.
-
-    **Arguments:**
-
-    - `fits`: a match of several groups, whose values of each group are drawn beside the band of the
-      value that all groups share; or a match of each group by itself, group -> fit, in order.
-    - `names`: the parameters to draw; by default those with a value for each group, or all that
-      are free in the first fit and have one value.
-
-    **Returns:** the figure.
-
-    **Raises:** `MatchError` for a match of a single group, no fits, or a parameter without a value
-    for each group.
-    """
-    if isinstance(fits, Fit):
-        groups, rows = list(dict.fromkeys(fits.groups.values())), _of_one_match(fits)
-    else:
-        groups, rows = list(fits), _of_several(fits)
-    if names is not None:
-        wanted = names_of("plot_group_values: names", names, MatchError)
-        missing = [name for name in wanted if name not in rows]
-        if missing:
-            raise MatchError(
-                f"plot_group_values: expected names among {', '.join(rows)}, which have a value "
-                f"for each group, got {missing[0]!r}"
-            )
-        rows = {name: rows[name] for name in wanted}
-    figure, panels = panel_grid(len(rows), GROUP_COLUMNS, width=3.1, height=2.1, frame=0.6)
-    for axes, row in zip(panels, rows.values(), strict=True):
-        _draw(axes, groups, row)
-    return figure
-
-
-def _of_one_match(fit: Fit) -> dict[str, _Row]:
-    problem = solution_of(fit).problem
-    parameters, _ = problem.unknowns.rows_of_groups()
-    if len(problem.group_names) < 2 or not parameters:
-        raise MatchError(
-            "plot_group_values: expected a match of several groups with parameters of scope group, "
-            f"got {fit!r}; pass groups=[...] to match, or a fit of each group"
-        )
-    errors, values = fit.uncertainty.standard_errors, fit.group_values
-    rows = {}
-    for parameter in parameters:
-        name, result, intervals = parameter.name, [], []
-        for group in problem.group_names:
-            value, error = values[group][name], errors[f"{name}[{group}]"]
-            logarithmic = parameter.is_logarithmic
-            relative = error / value if logarithmic else error
-            result.append(value)
-            intervals.append(interval_95(value, relative, is_logarithmic=logarithmic))
-        rows[name] = _Row(parameter, result, intervals, fit[name].interval)
-    return rows
-
-
-def _of_several(fits: Mapping[str, Fit]) -> dict[str, _Row]:
-    if not isinstance(fits, Mapping) or not fits:
-        raise MatchError(f"plot_group_values: expected a fit or group -> fit, got {fits!r}")
-    several = [of_kind("plot_group_values", f, Fit, "a Fit", MatchError) for f in fits.values()]
-    rows = {}
-    for name, fitted in several[0].parameters.items():
-        if fitted.free and fitted.scope != "recording":
-            result = [fit[name] for fit in several]
-            rows[name] = _Row(
-                several[0].twin.rig.parameters[name],
-                [row.value for row in result],
-                [row.interval for row in result],
-                None,
-            )
-    return rows
-
-
-def _draw(axes: Axes, groups: Sequence[str], row: _Row) -> None:
-    places = np.arange(len(groups))
-    if row.shared is not None and np.isfinite(row.shared).all():
-        axes.axhspan(*row.shared, color=palette().sky, alpha=0.25, lw=0, gid="shared")
-    lower, upper = np.array(row.intervals).T
-    axes.vlines(places, lower, upper, color=palette().vermilion, lw=3, alpha=0.45, gid="interval")
-    axes.plot(places, row.values, "o", color=palette().vermilion, ms=6)
-    if row.parameter.is_logarithmic:
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(_log_ticks(*axes.get_ylim()))
-        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_xticks(places, groups, rotation=30, ha="right")
-    axes.set_xlim(-0.5, len(groups) - 0.5)
-    unit = unit_text(row.parameter.unit)
-    axes.set_title(symbol(row.parameter.name) + (f", {unit}" if unit else ""))
-
-
-def _log_ticks(low: float, high: float) -> Locator:
-    """Ticks at 1, 2 and 5 times powers of ten, or at round numbers if fewer than two of the former
-    lie in the range."""
-    powers = LogLocator(subs=(1, 2, 5))
-    seen = [tick for tick in powers.tick_values(low, high) if low <= tick <= high]
-    return powers if len(seen) > 1 else MaxNLocator(4)
-
-
-# 95 % quantile of chi-squared with one degree of freedom.
-CHI2_95 = 3.841
-
-
-@styled
-def plot_profile(profile: Profile, *, ax: Axes | None = None) -> Axes:
-    """Plots the increase of the cost with a parameter held at other values.
-
-    Values below the dashed line at 3.84 are inside the 95 % interval, which is shaded as far as the
-    profile reaches.
-
-    **Arguments:**
-
-    - `profile`: the result of `jaxtwin.profile`.
-    - `ax`: axes to draw into, or None for a new figure.
-
-    **Returns:** the axes.
-    """
-    ax = axes_or_new(ax, 5.6, 3.6)
-    low, high = np.clip(profile.interval, profile.values[0], profile.values[-1])
-    ax.axvspan(low, high, color=palette().sky, alpha=0.35, lw=0, label="95 % interval")
-    ax.plot(profile.values, profile.excess, "o-", color=palette().vermilion, ms=5)
-    ax.axhline(CHI2_95, color=palette().muted, lw=1.0, ls=(0, (4, 3)))
-    ax.annotate(
-        f"{CHI2_95:.2f}", (1, CHI2_95), xycoords=("axes fraction", "data"), xytext=(3, 0),
-        textcoords="offset points", va="center", color=palette().ink, fontsize=points(9),
-    )  # fmt: skip
-    ax.set_ylim(bottom=min(0.0, float(profile.excess.min())))
-    unit = f", {profile.unit}" if profile.unit else ""
-    ax.set(
-        title="Profile likelihood",
-        xlabel=f"{symbol(profile.name)}{unit}",
-        ylabel="excess of twice the cost",
-    )
-    ax.legend(loc="upper center")
-    return ax
-
-
-@styled
-def plot_fit_difference(difference: FitDifference, *, ax: Axes | None = None) -> Axes:
-    """Plots the difference of each parameter in standard errors, the largest on top.
-
-    95 % of the differences between two matches of one rig to different recordings lie in the
-    band. Parameters without a standard error are left out.
-
-    **Arguments:**
-
-    - `difference`: the result of `jaxtwin.compare_fits`.
-    - `ax`: axes to draw into, or None for a new figure.
-
-    **Returns:** the axes.
-    """
-    known = [row for row in difference.rows if row.error > 0]
-    known.sort(key=lambda row: -abs(row.standard_errors))
-    sizes = np.array([row.standard_errors for row in known])
-    places = np.arange(len(known), dtype=float)[::-1]
-    ax = axes_or_new(ax, 5.6, 1.4 + 0.29 * len(known))
-    ax.axvspan(-QUANTILE_975, QUANTILE_975, color=palette().faint, lw=0, zorder=0)
-    colors = [palette().blue if size < 0 else palette().vermilion for size in sizes]
-    ax.barh(places, sizes, color=colors, height=0.66, alpha=0.9, zorder=2)
-    label_rows(ax, [row.name for row in known], places)
-    ax.set(xlabel="new less old, standard errors of the difference")
-    ax.set_title("difference between two fits; shaded: 95 %")
-    return ax

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Complex, Float
-from matplotlib import pyplot
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MultipleLocator
 
 from ..control import LinearModel, LoopMargins
 from ..errors import ControlError
+from ._layers import draw_band
+from ._panels import legend_of_all, panels
 from ._style import color_of, line_of, palette, styled
 
 # The least gain, as a part of the largest, that is drawn by default.
@@ -51,38 +51,24 @@ def plot_bode(
         )
     first = next(iter(named.values()))
     frequencies = bode_frequencies(first) if omega is None else np.asarray(omega, float)
-    columns = len(first.input_names)
-    figure = pyplot.figure(figsize=(1.2 + 4.2 * columns, 5.4), layout="constrained")
-    grid = figure.subplots(2, columns, sharex=True, sharey="row", squeeze=False)
+    figure, grid = _bode_panels(first.input_names, frequencies, 5.4, (1, 1))
     for number, (label, model) in enumerate(named.items()):
-        color = color_of(number)
         response = np.asarray(model.frequency_response(frequencies))
         for column, (gain, phase) in enumerate(grid.T):
-            channels = np.abs(response[:, :, column])
-            mean = response[:, :, column].mean(axis=1)
-            gain.fill_between(
-                frequencies, channels.min(axis=1), channels.max(axis=1), color=color, alpha=0.15,
-                lw=0,
-            )  # fmt: skip
-            look = {"color": color, "ls": line_of(number)}
-            gain.loglog(frequencies, np.abs(mean), label=label, **look)
-            phase.semilogx(frequencies, np.degrees(np.unwrap(np.angle(mean))), **look)
-    for column, (gain, phase) in enumerate(grid.T):
-        gain.set_title(f"duty of {first.input_names[column]}")
-        phase.set(xlabel="frequency, rad/s", xlim=(frequencies[0], frequencies[-1]))
-        phase.yaxis.set_major_locator(MultipleLocator(90))
-        if first.is_lagged:
-            for axes in (gain, phase):
-                axes.axvline(1 / float(first.lag_s), color=palette().muted, lw=0.8, ls="--")
-    gains, phases = (
-        np.concatenate([line.get_ydata() for axes in row for line in axes.lines[: len(named)]])
-        for row in grid
-    )
-    largest = float(gains.max())
-    least = max(float(gains.min()), largest * MIN_GAIN)
-    grid[0, 0].set(ylabel="gain, K per unit of duty", ylim=(least / 2, largest * 5))
+            channels, mean = np.abs(response[:, :, column]), response[:, :, column].mean(axis=1)
+            band = (np.abs(mean), channels.min(axis=1), channels.max(axis=1))
+            look = {"ls": line_of(number), "label": label}
+            draw_band(gain, frequencies, band, color_of(number), alpha=0.15, **look)
+            phase.plot(frequencies, _degrees(mean), color=color_of(number), **look)
+    if first.is_lagged:
+        for axes in grid.flat:
+            axes.axvline(1 / float(first.lag_s), color=palette().muted, lw=0.8, ls="--")
+    means = np.stack([_of_mean(model, frequencies) for model in named.values()])
+    gains, phases = np.abs(means), _degrees(np.moveaxis(means, 1, -1))
+    least = max(float(gains.min()), float(gains.max()) * MIN_GAIN)
+    grid[0, 0].set_ylim(least / 2, float(gains.max()) * 5)
     low, high = np.floor(phases.min() / 90) * 90, np.ceil(phases.max() / 90) * 90
-    grid[1, 0].set(ylabel="phase, degrees", ylim=(low - 10, high + 10))
+    grid[1, 0].set_ylim(low - 10, high + 10)
     if len(named) > 1:
         grid[0, 0].legend(loc="lower left")
     return figure
@@ -130,26 +116,42 @@ def plot_bode_band(
             f"({', '.join(model.input_names)}), got {' and '.join(inputs) or 'none'}"
         )
     frequencies = bode_frequencies(model) if omega is None else np.asarray(omega, float)
-    columns = len(model.input_names)
-    figure = pyplot.figure(figsize=(1.2 + 4.2 * columns, 6.4), layout="constrained")
-    grid = figure.subplots(
-        3, columns, sharex=True, sharey="row", squeeze=False, height_ratios=(3, 3, 2)
-    )
+    figure, grid = _bode_panels(model.input_names, frequencies, 6.4, (3, 3, 2))
     nominal = _of_mean(model, frequencies)
     many = np.stack([_of_mean(draw, frequencies) for draw in draws])
+    band = {"color": palette().blue, "alpha": 0.25, "lw": 0, "label": "90 % of the draws"}
+    line = {"color": palette().vermilion, "lw": 1.2, "label": "model"}
     for column, (gain, phase, ratio) in enumerate(grid.T):
         own, drawn = nominal[:, column], many[:, :, column]
-        _draw(gain, frequencies, np.abs(own), np.abs(drawn))
-        _draw(phase, frequencies, _degrees(own), _degrees(drawn))
-        _draw(ratio, frequencies, np.ones(len(own)), np.abs(drawn) / np.abs(own))
-        gain.set(xscale="log", yscale="log", title=f"duty of {model.input_names[column]}")
-        phase.yaxis.set_major_locator(MultipleLocator(90))
-        ratio.set(xlabel="frequency, rad/s", xlim=(frequencies[0], frequencies[-1]))
-    grid[0, 0].set_ylabel("gain, K per unit of duty")
-    grid[1, 0].set_ylabel("phase, degrees")
+        for axes, middle, values in (
+            (gain, np.abs(own), np.abs(drawn)),
+            (phase, _degrees(own), _degrees(drawn)),
+            (ratio, np.ones(len(own)), np.abs(drawn) / np.abs(own)),
+        ):
+            axes.fill_between(frequencies, *np.quantile(values, SHARES, axis=0), **band)
+            axes.plot(frequencies, middle, **line)
     grid[2, 0].set_ylabel("relative gain")
     grid[0, 0].legend(loc="lower left")
     return figure
+
+
+def _bode_panels(
+    inputs: Sequence[str],
+    omega: Float[np.ndarray, " frequency"],
+    height: float,
+    height_ratios: Sequence[int],
+) -> tuple[Figure, np.ndarray]:
+    """Panels of gain, phase and further values over frequency, a column for each input."""
+    columns, shared = len(inputs), {"sharex": True, "sharey": "row"}
+    size = (1.2 + 4.2 * columns, height)
+    figure, grid = panels(len(height_ratios), columns, *size, height_ratios=height_ratios, **shared)
+    for column, name in zip(grid.T, inputs, strict=True):
+        column[0].set(xscale="log", yscale="log", title=f"duty of {name}")
+        column[1].yaxis.set_major_locator(MultipleLocator(90))
+        column[-1].set(xlabel="frequency, rad/s", xlim=(omega[0], omega[-1]))
+    grid[0, 0].set_ylabel("gain, K per unit of duty")
+    grid[1, 0].set_ylabel("phase, degrees")
+    return figure, grid
 
 
 def _of_mean(
@@ -162,19 +164,6 @@ def _degrees(
     response: Complex[np.ndarray, "*draws frequency"],
 ) -> Float[np.ndarray, "*draws frequency"]:
     return np.degrees(np.unwrap(np.angle(response), axis=-1))
-
-
-def _draw(
-    axes: Axes,
-    omega: Float[np.ndarray, " frequency"],
-    nominal: Float[np.ndarray, " frequency"],
-    draws: Float[np.ndarray, "draws frequency"],
-) -> None:
-    low, high = np.quantile(draws, SHARES, axis=0)
-    axes.fill_between(
-        omega, low, high, color=palette().blue, alpha=0.25, lw=0, label="90 % of the draws"
-    )
-    axes.plot(omega, nominal, color=palette().vermilion, lw=1.2, label="model")
 
 
 LEAST, MOST = 1.8, 6.0
@@ -197,37 +186,28 @@ def plot_nyquist(margins: LoopMargins) -> Figure:
 
     **Returns:** the figure.
     """
-    figure = pyplot.figure(figsize=(5.4, 4.6), layout="constrained")
-    axes = figure.subplots()
+    figure, ((axes,),) = panels(1, 1, 5.4, 4.6)
     low, high = margins.disk.gain
     shown = LEAST
     if low > 0 and np.isfinite(high):
         left, right = -1 / low, -1 / high
         shown = float(np.clip(-1.1 * left, LEAST, MOST))
-        axes.add_patch(
-            Circle(
-                ((left + right) / 2, 0),
-                (right - left) / 2,
-                fc=palette().vermilion,
-                ec=palette().vermilion,
-                alpha=0.25,
-                lw=1,
-                label=f"disk margin {margins.disk.margin:.2f}",
-            )
-        )
+        color, label = palette().vermilion, f"disk margin {margins.disk.margin:.2f}"
+        look = {"fc": color, "ec": color, "alpha": 0.25, "lw": 1, "label": label}
+        axes.add_patch(Circle(((left + right) / 2, 0), (right - left) / 2, **look))
     curves = _curves(margins.response)
+    at = int(np.abs(np.log(margins.omega / margins.disk.omega)).argmin())
     for number, curve in enumerate(curves.T):
-        color = color_of(number)
+        look = {"color": color_of(number), "ls": line_of(number)}
         name = "loop" if curves.shape[1] == 1 else f"eigenvalue {number + 1}"
-        axes.plot(curve.real, curve.imag, color=color, ls=line_of(number), label=name)
-        axes.plot(curve.real, -curve.imag, color=color, ls=line_of(number), lw=0.8, alpha=0.5)
-        at = int(np.abs(np.log(margins.omega / margins.disk.omega)).argmin())
-        axes.plot(curve[at].real, curve[at].imag, "o", ms=4, color=color)
+        axes.plot(curve.real, curve.imag, label=name, **look)
+        axes.plot(curve.real, -curve.imag, lw=0.8, alpha=0.5, **look)
+        axes.plot(curve[at].real, curve[at].imag, "o", ms=4, color=color_of(number))
     axes.plot(-1, 0, "+", ms=9, mew=1.6, color=palette().ink)
     axes.set(xlabel="real part", ylabel="imaginary part", aspect="equal")
     axes.set(xlim=(-shown, shown / 3), ylim=(-0.6 * shown, 0.6 * shown))
-    figure.legend(loc="outside lower center", ncols=3)
     axes.set_title(f"nearest to instability at {margins.disk.omega:.2g} rad/s")
+    legend_of_all(figure)
     return figure
 
 

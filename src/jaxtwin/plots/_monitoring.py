@@ -1,30 +1,92 @@
-"""Recordings that were watched: findings of a monitor, the probabilities of a diagnosis, which
-faults can be told apart, and the health of a rig over sessions.
+"""Recordings that were watched: the estimates of an observer, the findings of a monitor, the
+probabilities of a diagnosis, and which faults can be told apart.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
-from jaxtyping import Float
-from matplotlib import pyplot
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, NullFormatter, StrMethodFormatter
 
 from .._number_text import short_number
 from ..diagnosis import HEALTHY, NONE_OF_THESE, Diagnosis, Isolability
 from ..monitoring import Monitored, events
-from ..observers import Observed
-from ..prognostics import Health, ParameterHealth
-from ._panels import legend_beside, panel_grid, title_aside
-from ._recordings import joined_samples
-from ._style import color_of, palette, points, styled, symbol, unit_text
-from ._time_axis import time_axis
+from ..observers import Estimate, Observed
+from ._layers import draw_band, draw_lines, draw_matrix
+from ._panels import color_bar, legend_beside, panels, time_axis, title_aside, write_in_the_middle
+from ._style import color_of, palette, points, styled
 
-# The largest number of channels with a line of their own, of rows of findings, and of faults with a
-# colour of their own.
+# The largest number of channels or nodes with a line of their own, of rows of findings, and of
+# faults with a colour of their own.
 MAX_CHANNELS = 8
+
+
+@styled
+def plot_observed(observed: Observed) -> Figure:
+    """Plots what was read, and what the observer says of the rig, with 95 % bands.
+
+    The panels are the readings, the nodes that no channel sees directly (estimates, not
+    measurements), the heats that the twin does not explain, and the room. Heats that are within
+    their bands all the time have no panel, but a note.
+
+    **Arguments:**
+
+    - `observed`: the result of `jaxtwin.observe`.
+
+    **Returns:** the figure.
+    """
+    estimates = observed.estimates
+    heats = {cell: estimates.heat(cell) for cell in estimates.cells}
+    is_seen = any(np.any((heat.lower > 0) | (heat.upper < 0)) for heat in heats.values())
+    ratios = (1.4, 1.4, *((1.0,) if is_seen else ()), 1.0)
+    size = (9.6, 1.75 * sum(ratios))
+    figure, grid = panels(len(ratios), 1, *size, sharex=True, height_ratios=ratios)
+    read, hidden, *middle, room = grid[:, 0]
+    _draw_readings(read, observed)
+    _draw_bands(read, observed, {name: estimates.channel(name) for name in observed.channels})
+    unseen = [name for name in estimates.nodes if name not in observed.channels]
+    inner = [name for name in unseen if "." in name] or unseen
+    _draw_bands(hidden, observed, {name: estimates.node(name) for name in inner})
+    hidden.set_ylabel("estimated, °C")
+    for axes in middle:
+        _draw_bands(axes, observed, heats)
+        axes.set_ylabel("unexplained heat, W")
+    if heats and not is_seen:
+        widest = max(float(np.max(heat.upper - heat.lower)) / 2 for heat in heats.values())
+        title_aside(read, f"no unexplained heat, ± {short_number(widest, 2)} W")
+    band = (estimates.room.mean, estimates.room.lower, estimates.room.upper)
+    draw_band(room, observed.time, band, palette().vermilion, lw=1.2, label="room")
+    room.set_ylabel("room, °C")
+    time_axis(room, observed.time, observed.experiment.start)
+    for axes in grid[:, 0]:
+        legend_beside(axes)
+    return figure
+
+
+def _draw_readings(axes: Axes, observed: Observed) -> None:
+    """Draws the readings of the first channels as dots."""
+    readings = np.asarray(observed.experiment.temperatures)[:, :MAX_CHANNELS]
+    draw_lines(axes, observed.time, readings, ls="", marker=".", ms=1.5)
+    axes.set(ylabel="channel, °C")
+    axes.set_title(observed.experiment.name or "recording")
+
+
+def _draw_bands(axes: Axes, observed: Observed, estimates: Mapping[str, Estimate]) -> None:
+    """Draws the first of several estimates with their 95 % bands."""
+    for number, (name, estimate) in enumerate(list(estimates.items())[:MAX_CHANNELS]):
+        band = (estimate.mean, estimate.lower, estimate.upper)
+        draw_band(axes, observed.time, band, color_of(number), lw=1.2, label=name)
+
+
+def _draw_expected(axes: Axes, observed: Observed) -> None:
+    """Draws the readings of the first channels, and what was expected of them as lines."""
+    _draw_readings(axes, observed)
+    expected = observed.expected.mean[:, :MAX_CHANNELS]
+    draw_lines(axes, observed.time, expected, observed.channels[:MAX_CHANNELS], lw=0.8)
+    legend_beside(axes)
+
 
 # The kinds of findings, each with its colour.
 KINDS = ("sudden", "gone", "frozen", "implausible", "drift", "impossible", "changed")
@@ -52,62 +114,50 @@ def plot_monitored(monitored: Monitored) -> Figure:
 
     **Returns:** the figure.
     """
-    rows = list(dict.fromkeys((finding.kind, finding.channel) for finding in monitored.findings))[
-        :MAX_CHANNELS
-    ]
+    rows = list(dict.fromkeys((finding.kind, finding.channel) for finding in monitored.findings))
+    rows = rows[:MAX_CHANNELS]
     height = 0.6 + 0.3 * max(len(rows), 1)
-    figure = pyplot.figure(figsize=(9.6, 4.8 + height), layout="constrained")
-    grid = figure.subplots(3, 1, sharex=True, height_ratios=(2.6, height, 1.6))
-    draw_readings(grid[0], monitored.observed)
+    ratios = (2.6, height, 1.6)
+    figure, grid = panels(3, 1, 9.6, 4.8 + height, sharex=True, height_ratios=ratios)
+    above, timeline, scores = grid[:, 0]
+    _draw_expected(above, monitored.observed)
     if monitored.findings:
         (first, *others), *later = events(monitored.findings)
         more = len(others) + sum(map(len, later))
-        title_aside(grid[0], f"{first.detail}{f'; {more} more findings' if more else ''}")
-    _timeline(grid[1], monitored, rows)
-    _scores(grid[2], monitored)
-    grid[2].set_xlim(monitored.time[0], monitored.time[-1])
-    time_axis(grid[2], monitored.time, monitored.observed.experiment.start)
+        title_aside(above, f"{first.detail}{f'; {more} more findings' if more else ''}")
+    _draw_timeline(timeline, monitored, rows)
+    _draw_scores(scores, monitored)
+    time_axis(scores, monitored.time, monitored.observed.experiment.start)
     return figure
 
 
-def _timeline(axes: Axes, monitored: Monitored, rows: list[tuple[str, str]]) -> None:
+def _draw_timeline(axes: Axes, monitored: Monitored, rows: list[tuple[str, str]]) -> None:
     end = float(monitored.time[-1])
     for finding in monitored.findings:
         if (finding.kind, finding.channel) not in rows:
             continue
         row, since = rows.index((finding.kind, finding.channel)), float(finding.since or 0.0)
         until = end if finding.until is None else float(finding.until)
-        color, alpha = _color(finding.kind), 1.0 if finding.is_alarm else 0.45
-        axes.barh(row, until - since, left=since, height=0.55, color=color, alpha=alpha)
+        look = {"color": color_of(KINDS.index(finding.kind)), "height": 0.55}
+        axes.barh(row, until - since, left=since, alpha=1.0 if finding.is_alarm else 0.45, **look)
         axes.plot(float(finding.found or since), row, ".", ms=6, color=palette().ink, zorder=3)
     axes.set_yticks(range(len(rows)), [f"{kind} {channel or 'all'}" for kind, channel in rows])
     axes.set_ylim(max(len(rows), 1) - 0.4, -0.6)
     axes.grid(visible=False, axis="y")
     if not rows:
-        axes.text(0.5, 0.5, "nothing found", transform=axes.transAxes, ha="center", va="center",
-                  color=palette().muted)  # fmt: skip
+        write_in_the_middle(axes, "nothing found")
 
 
-def _color(kind: str) -> str:
-    """The colour of a kind of findings."""
-    return palette().cycle[KINDS.index(kind) % len(palette().cycle)]
-
-
-def _scores(axes: Axes, monitored: Monitored) -> None:
+def _draw_scores(axes: Axes, monitored: Monitored) -> None:
     for number, (label, tests) in enumerate(TESTS.items()):
-        scores = [getattr(monitored.evidences, test).score for test in tests]
-        largest = _largest(np.concatenate(scores, axis=1))
-        if largest is not None:
-            color = palette().cycle[number]
-            axes.plot(monitored.time, np.clip(largest, 0.0, 2.0), color=color, lw=1.0, label=label)
+        each = [getattr(monitored.evidences, test).score for test in tests]
+        scores = np.concatenate(each, axis=1)
+        if scores.shape[1]:  # else there is nothing to test
+            largest = np.clip(scores.max(axis=1), 0.0, 2.0)
+            axes.plot(monitored.time, largest, color=color_of(number), lw=1.0, label=label)
     axes.axhline(1.0, color=palette().ink, lw=0.8, ls=(0, (4, 3)))
     axes.set(ylabel="score", ylim=(0.0, 2.05))
     legend_beside(axes)
-
-
-def _largest(scores: Float[np.ndarray, "times members"]) -> Float[np.ndarray, " times"] | None:
-    """The largest score at each time; None for a test that has nothing to test."""
-    return scores.max(axis=1) if scores.shape[1] else None
 
 
 # A fault that is never likelier than this is among the others.
@@ -127,59 +177,32 @@ def plot_diagnosis(diagnosis: Diagnosis) -> Figure:
 
     **Returns:** the figure.
     """
-    figure = pyplot.figure(figsize=(9.6, 5.4), layout="constrained")
-    grid = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
-    draw_readings(grid[0], diagnosis.observed)
-    _probabilities(grid[1], diagnosis)
-    for axes in grid:
+    figure, grid = panels(2, 1, 9.6, 5.4, sharex=True, height_ratios=(1.4, 1.0))
+    above, below = grid[:, 0]
+    _draw_expected(above, diagnosis.observed)
+    _draw_probabilities(below, diagnosis)
+    for axes in (above, below):
         for cause in diagnosis.causes:
             axes.axvline(cause.onset, color=palette().ink, lw=0.8, ls=(0, (4, 3)))
-    grid[1].set_xlim(diagnosis.time[0], diagnosis.time[-1])
-    time_axis(grid[1], diagnosis.time, diagnosis.experiment.start)
+    time_axis(below, diagnosis.time, diagnosis.experiment.start)
     return figure
 
 
-def _probabilities(axes: Axes, diagnosis: Diagnosis) -> None:
-    table = diagnosis.probabilities
-    names = list(diagnosis.names)
-    largest = table.max(axis=0)
-    order = np.argsort(-largest)
-    shown = [
-        int(n) for n in order if names[n] not in (HEALTHY, NONE_OF_THESE) and largest[n] >= SEEN
-    ]
-    shown = sorted(shown[:MAX_CHANNELS], key=lambda n: int(table[:, n].argmax()))
-    rest = [
-        n for n, name in enumerate(names) if n not in shown and name not in (HEALTHY, NONE_OF_THESE)
-    ]
-    layers = [(HEALTHY, table[:, names.index(HEALTHY)], palette().faint)]
-    layers += [(names[n], table[:, n], color_of(place)) for place, n in enumerate(shown)]
-    layers += [
-        ("other suspects", table[:, rest].sum(axis=1), palette().muted),
-        (NONE_OF_THESE, table[:, names.index(NONE_OF_THESE)], palette().ink),
-    ]
-    kept = [layer for layer in layers if layer[1].max() >= SEEN]
-    axes.stackplot(
-        diagnosis.time,
-        [row[1] for row in kept],
-        colors=[row[2] for row in kept],
-        labels=[row[0] for row in kept],
-        linewidth=0,
-    )
+def _draw_probabilities(axes: Axes, diagnosis: Diagnosis) -> None:
+    columns = dict(zip(diagnosis.names, diagnosis.probabilities.T, strict=True))
+    healthy, none = columns.pop(HEALTHY), columns.pop(NONE_OF_THESE)
+    seen = [name for name in columns if columns[name].max() >= SEEN]
+    likeliest = sorted(seen, key=lambda name: -columns[name].max())[:MAX_CHANNELS]
+    shown = sorted(likeliest, key=lambda name: int(columns[name].argmax()))
+    rest = [column for name, column in columns.items() if name not in shown]
+    layers = [(HEALTHY, healthy, palette().faint)]
+    layers += [(name, columns[name], color_of(place)) for place, name in enumerate(shown)]
+    layers += [("other suspects", np.sum([0.0 * healthy, *rest], axis=0), palette().muted)]
+    layers += [(NONE_OF_THESE, none, palette().ink)]
+    labels, parts, colors = zip(*[row for row in layers if row[1].max() >= SEEN], strict=True)
+    axes.stackplot(diagnosis.time, *parts, labels=labels, colors=colors, linewidth=0)
     axes.set(ylabel="probability", ylim=(0, 1))
     legend_beside(axes, reverse=True)
-
-
-def draw_readings(axes: Axes, observed: Observed) -> None:
-    """Draws the readings of the first channels as dots and what was expected as lines."""
-    readings = np.asarray(observed.experiment.temperatures)
-    for number, channel in enumerate(observed.channels[:MAX_CHANNELS]):
-        color = color_of(number)
-        axes.plot(*joined_samples(observed.time, readings[:, number]), ".", ms=1.5, color=color)
-        expected = observed.expected.mean[:, number]
-        axes.plot(observed.time, expected, color=color, lw=0.8, label=channel)
-    axes.set(ylabel="channel, °C")
-    axes.set_title(observed.experiment.name or "recording")
-    legend_beside(axes)
 
 
 # The largest number of faults whose times are written into the matrix.
@@ -203,118 +226,23 @@ def plot_isolability(isolability: Isolability) -> Figure:
     names = isolability.names
     count = len(names)
     side = max(3.0, 0.34 * count if count <= MAX_LABELLED_FAULTS else 0.2 * count)
-    figure = pyplot.figure(figsize=(side + 3.6, side + 1.8), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, max(count, 2)))
-    norm = LogNorm(1.0, max(isolability.duration, 2.0))
-    colors = pyplot.get_cmap("viridis_r").with_extremes(bad=palette().faint)
-    image = None
-    for axes, times in (
-        (left, isolability.detection[:, None]), (right, isolability.separation)
-    ):  # fmt: skip
-        shown = np.ma.masked_invalid(np.maximum(times, 1.0))
-        image = axes.imshow(shown, norm=norm, cmap=colors, aspect="auto")
-        axes.grid(visible=False)
-        axes.tick_params(length=0)
-        axes.spines[:].set_visible(False)
-        if count <= MAX_LABELLED_FAULTS:
-            for row, column in np.argwhere(np.isfinite(times)):
-                dark = float(times[row, column]) > isolability.duration**0.5
-                axes.annotate(
-                    f"{times[row, column]:.0f}", (column, row), ha="center", va="center",
-                    fontsize=points(7), color="#ffffff" if dark else "#000000",
-                )  # fmt: skip
+    figure, ((left, right),) = panels(
+        1, 2, side + 3.6, side + 1.8, sharey=True, width_ratios=(1, max(count, 2))
+    )
+    scale = {
+        "norm": LogNorm(1.0, max(isolability.duration, 2.0)),
+        "cmap": colormaps["viridis_r"].with_extremes(bad=palette().faint),
+    }
+    for axes, times in ((left, isolability.detection[:, None]), (right, isolability.separation)):
+        happens = np.isfinite(times)
+        written = happens & (count <= MAX_LABELLED_FAULTS)
+        shown = np.where(happens, np.maximum(times, 1.0), np.nan)
+        image = draw_matrix(axes, shown, written, "{:.0f}".format, size=7, **scale)
     size = points(8 if count <= MAX_LABELLED_FAULTS else 6)
     left.set_yticks(range(count), names, fontsize=size)
     left.set_xticks([0], ["found"], rotation=90, fontsize=size)
     right.set_xticks(range(count), names, rotation=90, fontsize=size)
     title = f"{isolability.rig}, {len(isolability.channels)} channels"
     figure.suptitle(f"{title}: time until found, and until told apart, s")
-    assert image is not None
-    bar = figure.colorbar(image, ax=right, fraction=0.03, pad=0.01)
-    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    color_bar(right, image, fraction=0.03, pad=0.01)
     return figure
-
-
-HEALTH_COLUMNS = 3
-
-# The largest number of parameters; those with limits are first, then those that changed most.
-MAX_PARAMETERS = 9
-
-
-@styled
-def plot_health(health: Health) -> Figure:
-    """Plots parameters over sessions, a panel for each.
-
-    A dot is what a session says by itself, with its 95 % interval. The line is the trend, with the
-    95 % interval of the trend (dark) and of the value of a session (light); it goes on as far as
-    limits are looked at. A dashed line is a limit.
-
-    **Arguments:**
-
-    - `health`: the result of `jaxtwin.health`.
-
-    **Returns:** the figure.
-    """
-    rows = sorted(health.parameters.values(), key=lambda row: row.limit is None)[:MAX_PARAMETERS]
-    figure, panels = panel_grid(len(rows), HEALTH_COLUMNS, width=3.6, height=2.3, frame=1.0)
-    ahead = health.within if health.probabilities else 0.0
-    for axes, row in zip(panels, rows, strict=True):
-        _draw(axes, health, row, ahead)
-    for axes in panels[-HEALTH_COLUMNS:]:
-        axes.set_xlabel("session" if health.time_unit == "session" else "days")
-    color = palette().vermilion
-    handles = [
-        Line2D([], [], color=color, marker="o", lw=3, alpha=0.6, label="session, 95 %"),
-        Line2D([], [], color=palette().blue, label="trend"),
-        Patch(color=palette().blue, alpha=0.35, lw=0, label="trend, 95 %"),
-        Patch(color=palette().sky, alpha=0.25, lw=0, label="a session's value, 95 %"),
-    ]
-    if any(row.limit is not None for row in rows):
-        handles.append(Line2D([], [], color=palette().ink, ls="--", label="limit"))
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-    return figure
-
-
-def _draw(axes: Axes, health: Health, row: ParameterHealth, ahead: float) -> None:
-    first, last = row.span
-    margin = 0.04 * (last - first + ahead)
-    times = np.linspace(first - margin, last + ahead + margin, 200)
-    value, lower, upper = row.at(times)
-    _, low, high = row.sessions_at(times)
-    axes.fill_between(times, low, high, color=palette().sky, alpha=0.25, lw=0)
-    axes.fill_between(times, lower, upper, color=palette().blue, alpha=0.35, lw=0)
-    axes.plot(times, value, color=palette().blue)
-    ends = row.interval_of_sessions()
-    axes.vlines(health.times, *ends, color=palette().vermilion, lw=3, alpha=0.45, gid="interval")
-    axes.plot(health.times, row.values, "o", color=palette().vermilion, ms=5)
-    _choose_range(axes, row, ends)
-    quantity = unit_text(row.unit)
-    axes.set_title(symbol(row.name) + (f", {quantity}" if quantity else ""))
-    note = f"{100 * row.change:+.2g} %" if row.is_logarithmic else f"{row.change:+.2g}"
-    if ahead > 0:
-        axes.axvline(last, color=palette().muted, lw=0.8)
-    if row.limit is not None:
-        axes.axhline(row.limit, color=palette().ink, ls="--", lw=1.2, gid="limit")
-        chance = 100 * row.probability_of_passing(health.within)
-        unit = health.time_unit if health.within == 1 else f"{health.time_unit}s"
-        note += f"; passes in {short_number(health.within, 3)} {unit}: {chance:.2g} %"
-    title_aside(axes, note)
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-
-
-def _choose_range(axes: Axes, row: ParameterHealth, ends: tuple[np.ndarray, np.ndarray]) -> None:
-    """A range of values that the sessions fill: a session that knows little may reach out of it."""
-    usual = row.errors <= 2 * np.nanmedian(row.errors)
-    known = np.concatenate([row.values[np.isfinite(row.values)], *(end[usual] for end in ends)])
-    if row.limit is not None:
-        known = np.append(known, row.limit)
-    if not row.is_logarithmic:
-        room = 0.12 * np.ptp(known)
-        axes.set_ylim(known.min() - room, known.max() + room)
-        return
-    axes.set_yscale("log")
-    room = np.exp(0.12 * np.log(known.max() / known.min()))
-    axes.set_ylim(known.min() / room, known.max() * room)
-    axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())

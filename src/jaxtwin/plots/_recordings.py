@@ -1,23 +1,37 @@
-"""Recorded responses and the drive behind them, Fig. 6 of the paper.
-
-Also what all pictures of recordings share: labels at the ends of lines in place of a legend, and
-the marks of samples that are missing or have a lower weight in a match.
+"""Recordings, Fig. 6 of the paper, and the twin beside them: its temperatures (Fig. 15), the band
+in which readings are expected, and the uniformity of its channels.
 """
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from ..io import GAP_FACTOR, Experiment
+from .._statistics import fit_text, mean_fit_percent
+from ..errors import SimulationError
+from ..io import Experiment
+from ..observers import Forecast
 from ..simulation import Run
-from ._style import Dashes, color_of, line_of, palette, points, styled
-from ._time_axis import time_axis
+from ._layers import (
+    common_start,
+    draw_lines,
+    joined_samples,
+    label_channels,
+    label_ends,
+    recorded_temperatures,
+)
+from ._panels import legend_of_all, panels, panels_in_rows, time_axis, title_aside, write
+from ._style import Dashes, color_of, line_of, palette, styled
+
+# The largest number of channels in a row.
+MAX_PANELS = 5
+
+# The smallest width of a comparison, whose heading and legend stand beside each other, inches.
+MIN_WIDTH = 6.4
 
 
 @styled
@@ -36,49 +50,36 @@ def plot_recordings(experiments: Sequence[Experiment]) -> Figure:
     columns = len(experiments)
     has_temperatures = any(experiment.temperatures is not None for experiment in experiments)
     heights = (4, 1) if has_temperatures else (1,)
-    size = (0.9 + 3.7 * columns, 5.0 if has_temperatures else 1.9)
-    figure = pyplot.figure(figsize=size, layout="constrained")
-    grid = figure.subplots(
-        len(heights), columns, sharex="col", sharey="row", height_ratios=heights, squeeze=False
-    )
+    figure, grid = panels(
+        len(heights), columns, 0.9 + 3.7 * columns, 5.0 if has_temperatures else 1.9,
+        sharex="col", sharey="row", height_ratios=heights,
+    )  # fmt: skip
     for axes, experiment in zip(grid.T, experiments, strict=True):
         kind = "schedule" if experiment.temperatures is None else "recording"
         axes[0].set_title(experiment.name or kind)
         if experiment.temperatures is not None:
-            for number, temperature in enumerate(experiment.temperatures.T):
-                axes[0].plot(
-                    *joined_samples(experiment.time, temperature),
-                    color=color_of(number),
-                    lw=1.1,
-                )
+            draw_lines(axes[0], experiment.time, experiment.temperatures, lw=1.1)
         for cells, color, dashes in _drives(experiment):
             duty = 100 * experiment.duty[:, cells[0]]
             axes[-1].step(experiment.time, duty, where="post", lw=1.4, color=color, ls=dashes)
-        axes[-1].set_xlim(experiment.time[0], experiment.time[-1])
         time_axis(axes[-1], experiment.time, experiment.start)
     if has_temperatures:
         grid[0, 0].set_ylabel("temperature, °C")
     grid[-1, 0].set_ylabel("duty, %")
     _fit_duty(grid[-1, 0], experiments)
     for axes, experiment in zip(grid.T, experiments, strict=True):
-        label_ends(axes[-1], _cells_by_drive(experiment), spacing=0.2)
+        ends = [
+            (
+                100 * float(experiment.duty[-1, cells[0]]),
+                ", ".join(experiment.cell_names[cell] for cell in cells),
+                color,
+            )
+            for cells, color, _ in _drives(experiment)
+        ]
+        label_ends(axes[-1], ends, spacing=0.2)
         if experiment.temperatures is not None:
-            tail = means_of_last_samples(experiment.temperatures, len(experiment.time) // 50)
-            colors = [color_of(number) for number in range(len(tail))]
-            label_ends(axes[0], list(zip(tail.tolist(), experiment.channels, colors, strict=True)))
+            label_channels(axes[0], experiment.channels, experiment.temperatures, part=50)
     return figure
-
-
-def _cells_by_drive(experiment: Experiment) -> list[tuple[float, str, str]]:
-    """The label of each different drive: the cells that it drives."""
-    return [
-        (
-            100 * float(experiment.duty[-1, cells[0]]),
-            ", ".join(experiment.cell_names[cell] for cell in cells),
-            color,
-        )
-        for cells, color, _ in _drives(experiment)
-    ]
 
 
 def _drives(experiment: Experiment) -> list[tuple[list[int], str, str | Dashes]]:
@@ -86,11 +87,7 @@ def _drives(experiment: Experiment) -> list[tuple[list[int], str, str | Dashes]]
     drives: dict[bytes, list[int]] = {}
     for cell, duty in enumerate(experiment.duty.T):
         drives.setdefault(duty.tobytes(), []).append(cell)
-    cycle = palette().cycle
-    return [
-        (cells, cycle[number % len(cycle)], line_of(number))
-        for number, cells in enumerate(drives.values())
-    ]
+    return [(cells, color_of(n), line_of(n)) for n, cells in enumerate(drives.values())]
 
 
 def _fit_duty(axes: Axes, experiments: Sequence[Experiment]) -> None:
@@ -109,132 +106,175 @@ def _fit_duty(axes: Axes, experiments: Sequence[Experiment]) -> None:
     axes.set_yticks(np.arange(first, last + step / 2, step))
 
 
-def weights_of_samples(
-    run: Run, weights: Float[np.ndarray, "times channels"]
-) -> Float[np.ndarray, "times channels"]:
-    """Returns the weights of a run's samples. A missing sample gets the weight 1, because it is
-    already a gap in the line."""
-    return np.where(run.experiment.sampled, weights, 1.0)
+RECORDED, TWIN = 5.0, 1.0
+"""The widths of the lines, points. The twin's is thin, so that the recording shows on both sides of
+it where they agree."""
 
 
-def shade_masked(
-    axes: Axes, time: Float[np.ndarray, " times"], weights: Float[np.ndarray, "times channels"]
-) -> None:
-    """Shades the times at which a sample of any channel has a weight below 1; lower weights are
-    darker.
+@styled
+def plot_comparison(runs: Sequence[Run]) -> Figure:
+    """Plots simulated and recorded temperatures, a panel for each channel with its NRMSE fit.
 
     **Arguments:**
 
-    - `axes`: axes with the time as x axis, s.
-    - `weights`: the weights of the samples, 0 to 1.
+    - `runs`: runs of experiments that have recorded temperatures; the runs of a match are
+      `list(fit.runs.values())`.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` if a run has nothing recorded to compare with.
     """
-    weight = weights.min(axis=1)
-    edges = np.flatnonzero(np.diff(weight)) + 1
-    for part in np.split(np.arange(len(time)), edges):
-        if (missing := 1 - float(weight[part[0]])) > 0:
-            end = time[min(part[-1] + 1, len(time) - 1)]
-            axes.axvspan(
-                float(time[part[0]]), float(end), color=palette().faint,
-                alpha=0.35 + 0.65 * missing, lw=0,
-                zorder=0.4, gid="masked",
-            )  # fmt: skip
+    fits = [run.fit_percent for run in runs]
+    rows = [
+        (run, fit, run.channels[start : start + MAX_PANELS])
+        for run, fit in zip(runs, fits, strict=True)
+        for start in range(0, len(run.channels), MAX_PANELS)
+    ]
+    columns = max(len(channels) for _, _, channels in rows)
+    width, height = max(1.0 + 2.35 * columns, MIN_WIDTH), 0.8 + 1.95 * len(rows)
+    figure, grid = panels(len(rows), columns, width, height, sharex=True, sharey=True)
+    recorded = {"color": palette().muted, "alpha": 0.4, "solid_joinstyle": "round"}
+    twin = {"color": palette().vermilion, "lw": TWIN, "label": "twin, with its fit"}
+    for row, (run, fit, channels) in zip(grid, rows, strict=True):
+        for axes, channel in zip(row, channels, strict=False):
+            readings = recorded_temperatures(run)[:, run.channels.index(channel)]
+            points = joined_samples(run.time, readings)
+            axes.plot(*points, **recorded, lw=RECORDED, label="recorded")
+            axes.plot(run.time, run.channel(channel), **twin)
+            axes.set_title(channel)
+            text = fit_text(fit[channel], " %") if channel in fit else "no sample"
+            axes.set_title(text, loc="right", color=palette().vermilion)
+        for axes in row[len(channels) :]:
+            axes.set_axis_off()
+        row[0].set_ylabel("temperature, °C")
+        write(row[0], run.experiment.name, (0, 1), (0, 18), xycoords="axes fraction")
+    for axes in grid[-1]:
+        time_axis(axes, np.concatenate([run.time for run in runs]), common_start(runs))
+    legend_of_all(figure, "outside upper right")
+    mean = mean_fit_percent(value for fit in fits for value in fit.values())
+    figure.suptitle(f"{runs[0].rig}: mean fit {mean:.1f} %", x=0.01, ha="left")
+    return figure
 
 
-def masked_key(weights: Iterable[Float[np.ndarray, "_ _"]]) -> list[Patch]:
-    """Returns the legend entry of the shading; empty if nothing is shaded."""
-    shaded = any(bool((weight < 1).any()) for weight in weights)
-    return [Patch(color=palette().faint, lw=0, label="counted less")] if shaded else []
+@styled
+def plot_bands(
+    run: Run,
+    low: Float[np.ndarray, "times channels"],
+    high: Float[np.ndarray, "times channels"],
+    *,
+    level: float = 0.95,
+) -> Figure:
+    """Plots a run with the band in which a reading is expected, a panel for each channel.
 
-
-def mean_of_samples(
-    values: Float[np.ndarray, "rows columns"], axis: int
-) -> Float[np.ndarray, " kept"]:
-    """Computes the mean along an axis over the samples that exist; NaN if there are none.
+    The number in a panel is the part of the recorded samples that lies inside.
 
     **Arguments:**
 
-    - `values`: the samples; NaN for a missing one.
+    - `run`: the prediction of the twin; recorded temperatures are drawn if there are any.
+    - `low`, `high`: the edges of the band, degC.
+    - `level`: the share of readings that are expected in the band, for the legend.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` if the band has another shape than the run.
     """
-    there = ~np.isnan(values)
-    counts = there.sum(axis=axis)
-    sums = np.sum(values, axis=axis, where=there)
-    return np.divide(sums, counts, out=np.full(counts.shape, np.nan), where=counts > 0)
+    for name, edge in (("low", low), ("high", high)):
+        if np.shape(edge) != run.temperatures.shape:
+            raise SimulationError(
+                f"{name}: expected shape {run.temperatures.shape}, got {np.shape(edge)}"
+            )
+    band = (run.temperatures, low, high)
+    recorded = run.experiment.temperatures
+    return _draw_bands(run.time, run.channels, band, recorded, f"{100 * level:g} % band", "twin")
 
 
-def means_of_last_samples(
-    values: Float[np.ndarray, "times channels"], samples: int
-) -> Float[np.ndarray, " channels"]:
-    """Computes the mean of the last existing samples of each channel; NaN if it has none.
+@styled
+def plot_forecast(forecast: Forecast) -> Figure:
+    """Plots expected readings with their 95 % bands, a panel for each channel.
+
+    The number in a panel is the part of the recorded samples that lies inside.
 
     **Arguments:**
 
-    - `samples`: the number of samples; at least one is used.
+    - `forecast`: the result of `Observed.ahead`, `Observed.forecast` or `Observed.expected`.
+
+    **Returns:** the figure.
     """
-    ends = [column[~np.isnan(column)][-max(1, samples) :] for column in values.T]
-    return np.array([end.mean() if end.size else np.nan for end in ends])
+    is_ahead = math.isfinite(forecast.lead)
+    label = f"expected {forecast.lead:g} s before" if is_ahead else "expected"
+    return _draw_bands(
+        forecast.time, forecast.channels, (forecast.mean, forecast.lower, forecast.upper),
+        forecast.recorded, "95 % band", label,
+    )  # fmt: skip
 
 
-def joined_samples(
-    time: Float[np.ndarray, " times"], readings: Float[np.ndarray, " times"]
-) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """The samples that exist, as the points of a line: a sensor that is read less often than the
-    recording has rows is a line as well, and where samples were lost the line has a gap."""
-    there = ~np.isnan(readings)
-    if np.count_nonzero(there) < 2 or np.median(np.diff(np.flatnonzero(there))) <= 1:
-        return time, readings  # as often as the rows
-    result, values = time[there], readings[there]
-    steps = np.diff(result)
-    (lost,) = np.nonzero(steps > GAP_FACTOR * np.median(steps))
-    return np.insert(result, lost + 1, np.nan), np.insert(values, lost + 1, np.nan)
-
-
-def label_ends(
-    axes: Axes, ends: Sequence[tuple[float, str, str]], *, spacing: float = 0.055
-) -> None:
-    """Writes a label to the right of each line's end, moved up or down if two would overlap.
+def _draw_bands(
+    time: Float[np.ndarray, " times"],
+    channels: Sequence[str],
+    band: tuple[np.ndarray, np.ndarray, np.ndarray],
+    recorded: Float[np.ndarray, "times channels"] | None,
+    *labels: str,
+) -> Figure:
+    """Draws a panel for each channel.
 
     **Arguments:**
 
-    - `axes`: the axes with the lines, whose y limits are fixed from then on.
-    - `ends`: the last value, the label and the colour of each line; a line without a value (NaN)
-      has no label.
-    - `spacing`: the distance between two labels, as a part of the height of the axes.
+    - `band`: the middle, the lower and the upper edge of the band, each `(times, channels)`.
+    - `labels`: those of the band and of its middle.
     """
-    ends = [end for end in ends if not np.isnan(end[0])]
-    if not ends:
-        return
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high)
-    heights = (np.array([value for value, _, _ in ends]) - low) / (high - low)
-    for (_, label, color), height in zip(ends, space_apart(heights, spacing), strict=True):
-        axes.annotate(
-            label,
-            (1.0, height),
-            xycoords="axes fraction",
-            xytext=(4, 0),
-            textcoords="offset points",
-            color=color,
-            fontsize=points(9),
-            va="center",
-            annotation_clip=False,
-        )
+    size = (2.5 if len(channels) > 1 else 5.0, 2.3)
+    figure, grid = panels_in_rows(len(channels), MAX_PANELS, size, (1.0, 0.8), sharey=True)
+    for number, (axes, channel) in enumerate(zip(grid, channels, strict=True)):
+        middle, low, high = (edge[:, number] for edge in band)
+        axes.fill_between(time, low, high, color=palette().sky, alpha=0.45, lw=0, label=labels[0])
+        if recorded is not None:
+            readings = recorded[:, number]
+            points = joined_samples(time, readings)
+            axes.plot(*points, color=palette().muted, lw=1.0, label="recorded")
+            there = ~np.isnan(readings)
+            inside = np.count_nonzero((low <= readings) & (readings <= high)) / max(1, there.sum())
+            title_aside(axes, f"{100 * inside:.0f} % inside" if there.any() else "no sample")
+        axes.plot(time, middle, color=palette().vermilion, lw=1.2, label=labels[1])
+        axes.set_title(channel)
+    for axes in grid[-MAX_PANELS:]:
+        time_axis(axes, time)
+    for axes in grid[::MAX_PANELS]:
+        axes.set_ylabel("temperature, °C")
+    legend_of_all(figure)
+    return figure
 
 
-def space_apart(positions: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " n"]:
-    """Moves positions so that they are at least `spacing` apart, as little as possible.
+@styled
+def plot_uniformity(runs: Sequence[Run]) -> Figure:
+    """Plots range (highest minus lowest) and standard deviation over the channels at each time.
 
-    This is isotonic regression: the positions minus multiples of the spacing must not decrease, and
-    neighbours that do are pooled.
+    A time at which a channel's sample is missing is a gap in the recorded line.
+
+    **Arguments:**
+
+    - `runs`: runs of experiments that have recorded temperatures, one column each.
+
+    **Returns:** the figure.
+
+    **Raises:** `SimulationError` if a run has nothing recorded to compare with.
     """
-    order = np.argsort(positions, kind="stable")
-    wanted = positions[order] - spacing * np.arange(len(positions))
-    pools: list[list[float]] = []
-    for value in wanted:
-        pools.append([value])
-        while len(pools) > 1 and np.mean(pools[-2]) > np.mean(pools[-1]):
-            last = pools.pop()
-            pools[-1] += last
-    level = np.concatenate([np.full(len(pool), np.mean(pool)) for pool in pools])
-    moved = np.empty_like(positions)
-    moved[order] = level + spacing * np.arange(len(positions))
-    return moved
+    size = (0.9 + 3.7 * len(runs), 4.4)
+    figure, grid = panels(2, len(runs), *size, sharex="col", sharey="row")
+    was = {"color": palette().muted, "lw": 2.4, "alpha": 0.55, "label": "recorded channels"}
+    says = {"color": palette().vermilion, "lw": 1.4, "label": "the twin's channels"}
+    for (above, below), run in zip(grid.T, runs, strict=True):
+        recorded, twin = run.recorded_uniformity, run.uniformity
+        above.plot(run.time, recorded.range, **was)
+        above.plot(run.time, twin.range, **says)
+        title_aside(above, f"mean {recorded.mean_range:.2f} K, twin {twin.mean_range:.2f} K")
+        below.plot(run.time, recorded.std, **was)
+        below.plot(run.time, twin.std, **says)
+        title_aside(below, f"mean {recorded.mean_std:.2f} K, twin {twin.mean_std:.2f} K")
+        above.set_title(run.experiment.name or "recording")
+        time_axis(below, run.time, run.experiment.start)
+    for axes in grid[:, 0]:
+        axes.set_ylim(bottom=0)  # fixes the limits of the whole row
+    grid[0, 0].set_ylabel("highest − lowest, K")
+    grid[1, 0].set_ylabel("standard deviation, K")
+    legend_of_all(figure)
+    return figure

@@ -176,9 +176,10 @@ def line_of(number: int) -> str | Dashes:
     return ("-", (0.0, (5.0, 3.0)), (0.0, (2.0, 2.0)), (0.0, (7.0, 2.0, 1.5, 2.0)))[number % 4]
 
 
-def rim() -> list[AbstractPathEffect]:
-    """A rim of the background around text, so that it is read where a curve crosses it."""
-    return [withStroke(linewidth=3, foreground=palette().ground)]
+def rim(color: str | None = None, width: float | int = 3) -> list[AbstractPathEffect]:
+    """A rim around text or a line, so that it is seen on what it crosses; of the background unless
+    another colour is given."""
+    return [withStroke(linewidth=width, foreground=color or palette().ground)]
 
 
 def points(size: float | int) -> float:
@@ -301,6 +302,11 @@ def to_png(drawn: Figure | Axes, dpi: int = 150) -> bytes:
 
 # What a unit of a rig file or a dataset has, and what is shown for it.
 SIGNS = {"degC": "°C", "ohm": "Ω", "^2": "²", "K2": "K²"}
+
+
+def with_unit(words: str, unit: str) -> str:
+    """Words for an axis or a title, and the unit behind a comma if there is one."""
+    return f"{words}, {unit_text(unit)}" if unit else words
 
 
 def unit_text(unit: str) -> str:

@@ -1,0 +1,54 @@
+# Public names of jaxtwin.plots. `__init__.py` imports each when it is first used.
+
+from ._animation import animate_plate as animate_plate
+from ._closed_loop import plot_closed_loop as plot_closed_loop
+from ._closed_loop import plot_frontier as plot_frontier
+from ._closed_loop import plot_plate_range as plot_plate_range
+from ._closed_loop import plot_retuned as plot_retuned
+from ._closed_loop import plot_tuning as plot_tuning
+from ._dc_sweep import plot_dc_curves as plot_dc_curves
+from ._dc_sweep import plot_dc_sweep as plot_dc_sweep
+from ._design import plot_design as plot_design
+from ._distributions import plot_distributions as plot_distributions
+from ._estimates import plot_correlation as plot_correlation
+from ._estimates import plot_fit_difference as plot_fit_difference
+from ._estimates import plot_group_values as plot_group_values
+from ._estimates import plot_health as plot_health
+from ._estimates import plot_profile as plot_profile
+from ._fit import plot_history as plot_history
+from ._fit import plot_parameters as plot_parameters
+from ._frequency_response import plot_bode as plot_bode
+from ._frequency_response import plot_bode_band as plot_bode_band
+from ._frequency_response import plot_nyquist as plot_nyquist
+from ._index_curves import plot_convergence as plot_convergence
+from ._index_curves import plot_indices_over_time as plot_indices_over_time
+from ._monitoring import plot_diagnosis as plot_diagnosis
+from ._monitoring import plot_isolability as plot_isolability
+from ._monitoring import plot_monitored as plot_monitored
+from ._monitoring import plot_observed as plot_observed
+from ._netlist import plot_netlist as plot_netlist
+from ._plates import plot_plate_beside as plot_plate_beside
+from ._plates import plot_plate_map as plot_plate_map
+from ._plates import plot_plate_seen as plot_plate_seen
+from ._plates import plot_plates as plot_plates
+from ._plates import plot_rig_design as plot_rig_design
+from ._recordings import plot_bands as plot_bands
+from ._recordings import plot_comparison as plot_comparison
+from ._recordings import plot_forecast as plot_forecast
+from ._recordings import plot_recordings as plot_recordings
+from ._recordings import plot_uniformity as plot_uniformity
+from ._residuals import plot_camera_error as plot_camera_error
+from ._residuals import plot_innovations as plot_innovations
+from ._residuals import plot_residual_tests as plot_residual_tests
+from ._residuals import plot_residuals as plot_residuals
+from ._sensitivity import plot_index_bars as plot_index_bars
+from ._sensitivity import plot_morris_plane as plot_morris_plane
+from ._sensitivity import plot_sensitivity_indices as plot_sensitivity_indices
+from ._sensitivity import plot_sensitivity_matrix as plot_sensitivity_matrix
+from ._sensitivity import plot_sobol_bars as plot_sobol_bars
+from ._sensitivity import plot_tornado as plot_tornado
+from ._style import style as style
+from ._style import styled as styled
+from ._style import to_png as to_png
+
+__all__: list[str]
