@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption
 from ._output import (
-    aligned,
     check_folder,
     check_json,
     make_folder,

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from .._display import aligned
 from ._options import (
     JsonOption,
     NoiseOption,
@@ -13,7 +14,7 @@ from ._options import (
     SeedOption,
     SetOption,
 )
-from ._output import aligned, check_json, check_output, say, say_written, write_json
+from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 

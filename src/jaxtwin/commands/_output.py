@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -122,12 +122,3 @@ def say_written(*paths: Path | None, json_path: Path | None = None) -> None:
 def printable(text: str) -> str:
     """Removes control characters, which a terminal would obey, from text of unknown origin."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "�" for letter in text)
-
-
-def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
-    """Formats rows of text in columns, each as wide as its widest entry."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        gap.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption, RigArgument
-from ._output import STDOUT, aligned, check_json, check_output, say, say_written, write_json
+from ._output import STDOUT, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption, ParameterFileOption, RigArgument, SetOption
-from ._output import aligned, check_json, check_output, say, say_written, write_json
+from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 

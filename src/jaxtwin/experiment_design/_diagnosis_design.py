@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 from jaxtyping import Float, Int
 
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
 from .._json_values import json_value
+from .._result import AbstractResult, dataset, table
 from ..diagnosis._diagnosis import TIE
 from ..diagnosis._isolability import evidence_of, grams_of
 from ..diagnosis._signatures import suspected
@@ -96,7 +97,7 @@ class PlannedTest:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class DiagnosisDesign:
+class DiagnosisDesign(AbstractResult):
     """A duty schedule that tells faults apart as soon as possible.
 
     **Arguments:**
@@ -150,8 +151,6 @@ class DiagnosisDesign:
         """A table with a row for each schedule: the time after which the faults are told apart, the
         two that are the hardest, their odds at the end, the highest temperatures, and whether it is
         allowed."""
-        import pandas
-
         rows = [
             {
                 "schedule": candidate.name,
@@ -164,34 +163,23 @@ class DiagnosisDesign:
             }
             for candidate in self._planned()
         ]
-        return pandas.DataFrame(rows).set_index("schedule")
+        return table(rows, "schedule")
 
     def to_xarray(self) -> "xarray.Dataset":
         """The odds (schedule, since_start), the times of separation (schedule), and the designed
         duty (time, cell)."""
-        import xarray
-
-        planned = self._planned()
-        return xarray.Dataset(
+        planned, schedule = self._planned(), self.schedule
+        return dataset(
             {
-                "odds": (
-                    ("schedule", "since_start"),
-                    np.stack([candidate.odds for candidate in planned]),
-                ),
-                "separation": (
-                    "schedule",
-                    [candidate.separation for candidate in planned],
-                    {"units": "s"},
-                ),
-                "duty": (("time", "cell"), self.schedule.duty, {"units": "1"}),
+                "odds": ("schedule since_start", [candidate.odds for candidate in planned], "1"),
+                "separation": ("schedule", [candidate.separation for candidate in planned], "s"),
+                "duty": ("time cell", schedule.duty, "1"),
+                "since_start": ("since_start", self.best.time, "s"),
+                "time": ("time", schedule.time, "s"),
             },
-            coords={
-                "schedule": [candidate.name for candidate in planned],
-                "since_start": ("since_start", self.best.time, {"units": "s"}),
-                "time": ("time", self.schedule.time, {"units": "s"}),
-                "cell": list(self.schedule.cell_names),
-            },
-            attrs={"rig": self.rig, "faults": list(self.faults), "hold_s": self.hold},
+            {"rig": self.rig, "faults": list(self.faults), "hold_s": self.hold},
+            schedule=[candidate.name for candidate in planned],
+            cell=schedule.cell_names,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -226,8 +214,8 @@ class DiagnosisDesign:
             for candidate in self._planned()
         ]
 
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), ("schedule", "faults"), self._rows())
+    def _overview(self) -> "pandas.DataFrame":
+        return table(self._rows(), columns=("schedule", "faults"))
 
     def __repr__(self) -> str:
         return (

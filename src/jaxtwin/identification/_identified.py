@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from .._arguments import finite_number, whole_number
-from .._display import html_table
 from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
+from .._result import AbstractResult, table
 from .._toml_text import toml_inline, toml_key
 from ..errors import MatchError
 from ..io import Experiment
@@ -91,7 +91,7 @@ class Candidate:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Identified:
+class Identified(AbstractResult):
     """A twin that was found from recordings alone.
 
     **Arguments:**
@@ -224,29 +224,27 @@ class Identified:
 
     def to_dict(self) -> dict[str, Any]:
         """The identification as values of JSON."""
-        return {
-            "structure": self.candidates[0].structure,
-            "candidates": [json_value(row.__dict__) for row in self.candidates],
-            "baselines": dict(self.baselines),
-            "notes": list(self.notes),
-            "fit": self.fit.to_dict(),
-        }
+        return json_value(
+            {
+                "structure": self.candidates[0].structure,
+                "candidates": [row.__dict__ for row in self.candidates],
+                "baselines": self.baselines,
+                "notes": self.notes,
+                "fit": self.fit.to_dict(),
+            }
+        )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each structure."""
-        import pandas
-
-        return pandas.DataFrame(
-            [
-                {
-                    "structure": row.structure,
-                    "unknowns": row.unknowns,
-                    "cost": row.cost,
-                    "held-out RMSE, K": row.held_out_rmse,
-                    **{f"RMSE {channel}, K": error for channel, error in row.rmse.items()},
-                }
-                for row in self.candidates
-            ]
+        return table(
+            {
+                "structure": row.structure,
+                "unknowns": row.unknowns,
+                "cost": row.cost,
+                "held-out RMSE, K": row.held_out_rmse,
+                **{f"RMSE {channel}, K": error for channel, error in row.rmse.items()},
+            }
+            for row in self.candidates
         )
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -263,9 +261,5 @@ class Identified:
             f"RMSE {self.fit.rmse:.3g} K>"
         )
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (row.structure, str(row.unknowns), f"{row.cost:.1f}", f"{row.held_out_rmse:.3g}")
-            for row in self.candidates
-        ]
-        return html_table(repr(self), ("structure", "unknowns", "cost", "held out, K"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        return self.to_dataframe().filter(["structure", "unknowns", "cost", "held-out RMSE, K"])

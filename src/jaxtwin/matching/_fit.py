@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from .._by_recording import ByRecording
-from .._display import html_table, picture, report
+from .._display import picture, report
 from .._goodness_of_fit import mean_fit_percent
 from .._json_values import json_value
+from .._result import AbstractResult, table
 from ..errors import MatchError, SimulationError
 from ..io import Experiment
 from ..io._duty_of_rig import of_rig
@@ -56,7 +57,7 @@ class Solution:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Fit:
+class Fit(AbstractResult):
     """A twin matched to recordings.
 
     `fit["R_E"].value` and `fit["R_E"].standard_error` are the matched values. A fit that `load`
@@ -266,41 +267,36 @@ class Fit:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain types for JSON; infinite and missing numbers become None."""
-        rows = [
-            {
-                field: json_value(getattr(row, field))
-                for field in FittedParameter.__dataclass_fields__
-            }
-            for row in self.parameters.values()
-        ]
-        fits: dict[str, dict[str, float | None]] = {name: {} for name in self.recordings}
+        fits: dict[str, dict[str, float]] = {name: {} for name in self.recordings}
         for (recording, channel), value in self.fit_percent.items():
-            fits[recording][channel] = json_value(value)
-        return {
-            "rig": self.twin.rig.name,
-            "mean_fit_percent": json_value(self.mean_fit_percent),
-            "rmse_K": self.rmse,
-            "status": self.status,
-            "converged": self.converged,
-            "iterations": self.history[-1].number,
-            "wall_time_s": self.wall_time,
-            "parameters": rows,
-            "recordings": {name: dict(values) for name, values in self.recording_values.items()},
-            "fit_percent": fits,
-            "optima": [
-                {
-                    "start": optimum.start,
-                    "cost": json_value(optimum.cost),
-                    "apart_K": json_value(optimum.apart),
-                    "rmse_K": json_value(optimum.rmse),
-                    "iterations": optimum.iterations,
-                    "status": optimum.status,
-                    "converged": optimum.converged,
-                    "values": {name: json_value(v) for name, v in optimum.values.items()},
-                }
-                for optimum in self.optima
-            ],
-        }
+            fits[recording][channel] = value
+        return json_value(
+            {
+                "rig": self.twin.rig.name,
+                "mean_fit_percent": self.mean_fit_percent,
+                "rmse_K": self.rmse,
+                "status": self.status,
+                "converged": self.converged,
+                "iterations": self.history[-1].number,
+                "wall_time_s": self.wall_time,
+                "parameters": [asdict(row) for row in self.parameters.values()],
+                "recordings": self.recording_values,
+                "fit_percent": fits,
+                "optima": [
+                    {
+                        "start": optimum.start,
+                        "cost": optimum.cost,
+                        "apart_K": optimum.apart,
+                        "rmse_K": optimum.rmse,
+                        "iterations": optimum.iterations,
+                        "status": optimum.status,
+                        "converged": optimum.converged,
+                        "values": optimum.values,
+                    }
+                    for optimum in self.optima
+                ],
+            }
+        )
 
     def plot(self) -> "Figure":
         """Plots the simulated beside the recorded temperatures, or the parameters if the fit was
@@ -341,12 +337,8 @@ class Fit:
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for every parameter, its name as index and the fields of
         `FittedParameter` as columns; `warnings` as a single text."""
-        import pandas
-
-        rows = [
-            asdict(row) | {"warnings": ", ".join(row.warnings)} for row in self.parameters.values()
-        ]
-        return pandas.DataFrame(rows).set_index("name")
+        rows = self.parameters.values()
+        return table([asdict(row) | {"warnings": ", ".join(row.warnings)} for row in rows], "name")
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the fit as a TOML file, as a whole or not at all.
@@ -398,20 +390,17 @@ class Fit:
             )
         return self.comparisons
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                row.name,
-                f"{row.value:.4g}",
-                f"{row.standard_error:.2g}",
-                row.unit,
-                ", ".join(row.warnings),
-            )
-            for row in self.parameters.values()
-            if row.free
-        ]
-        head = ("parameter", "value", "standard error", "unit", "warnings")
-        return html_table(repr(self), head, rows)
+    def _overview(self) -> "pandas.DataFrame":
+        rows = [row for row in self.parameters.values() if row.free]
+        return table(
+            {
+                "parameter": [row.name for row in rows],
+                "value": [row.value for row in rows],
+                "standard error": [float(f"{row.standard_error:.2g}") for row in rows],
+                "unit": [row.unit for row in rows],
+                "warnings": [", ".join(row.warnings) for row in rows],
+            }
+        )
 
     def __repr__(self) -> str:
         return (

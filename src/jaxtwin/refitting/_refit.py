@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind, whole_number
-from .._display import html_table
 from .._json_values import json_value
+from .._result import AbstractResult, dataset, table
 from .._waiting import announced
 from ..control.controllers._controller import AbstractController
 from ..errors import MatchError
@@ -54,7 +54,7 @@ LEAD = 60.0
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Refit:
+class Refit(AbstractResult):
     """A refitted twin, and whether it replaces the last one.
 
     **Arguments:**
@@ -106,50 +106,37 @@ class Refit:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain types for JSON; numbers that are not finite become None."""
-        return {
-            "rig": self.last.twin.rig.name,
-            "decision": self.decision,
-            "reason": self.reason,
-            "changed": list(self.changed),
-            "is_alarm": self.is_alarm,
-            "converged": self.converged,
-            "checks": [
-                {key: json_value(value) for key, value in asdict(check).items()}
-                for check in self.checks
-            ],
-            "fit": None if self.fit is None else self.fit.to_dict(),
-        }
+        return json_value(
+            {
+                "rig": self.last.twin.rig.name,
+                "decision": self.decision,
+                "reason": self.reason,
+                "changed": self.changed,
+                "is_alarm": self.is_alarm,
+                "converged": self.converged,
+                "checks": [asdict(check) for check in self.checks],
+                "fit": None if self.fit is None else self.fit.to_dict(),
+            }
+        )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each check, its name as index."""
-        import pandas
-
-        return pandas.DataFrame([asdict(check) for check in self.checks]).set_index("name")
+        return table(self.checks, "name")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns the numbers of the checks: passed, value and limit (check)."""
-        import xarray
-
-        columns = {
-            "passed": [check.passed for check in self.checks],
-            "value": [check.value for check in self.checks],
-            "limit": [check.limit for check in self.checks],
-        }
-        return xarray.Dataset(
-            {name: ("check", values) for name, values in columns.items()},
-            {"check": [check.name for check in self.checks]},
-            {"decision": self.decision, "reason": self.reason},
-        )
+        checks = self.to_dataframe()
+        numbers = {name: ("check", checks[name]) for name in ("passed", "value", "limit")}
+        attributes = {"decision": self.decision, "reason": self.reason}
+        return dataset(numbers, attributes, check=checks.index)
 
     def __repr__(self) -> str:
         return f"<Refit of {self.last.twin.rig.name}: {self.decision}: {self.reason}>"
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (check.name, "passed" if check.passed else "not passed", check.sentence)
-            for check in self.checks
-        ]
-        return html_table(repr(self), ("check", "", "what was found"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        headings = {"sentence": "what was found"}
+        rows = self.to_dataframe().filter(["passed", "sentence"]).rename_axis("check")
+        return rows.rename(columns=headings)
 
 
 @announced("refit")

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, final
 
-from .._display import html_table, picture
+from .._display import picture
 from .._json_values import json_value
+from .._result import AbstractResult, dataset, table
 from ..control import Tuning
 from ..control.controllers._controller import AbstractController
 from ._loop_band import LoopBand
-from ._trial import LoopTrial, ScenarioTrial
+from ._trial import ScenarioTrial
 
 if TYPE_CHECKING:
     import pandas
@@ -20,7 +21,7 @@ Decision = Literal["accepted", "unchanged", "rejected"]
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Retuned:
+class Retuned(AbstractResult):
     """A controller that was tuned on a new twin, and whether it may replace the present one.
 
     **Arguments:**
@@ -80,26 +81,28 @@ class Retuned:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain types for JSON; numbers that are not finite become None."""
-        return {
-            "rig": self.rig,
-            "decision": self.decision,
-            "reason": self.reason,
-            "parameters": {name: [old, new] for name, old, new in self._parameters},
-            "sensitivity_peak": json_value(self.sensitivity_peak),
-            "scenarios": [
-                {
-                    "name": trial.scenario.name,
-                    "description": trial.scenario.description,
-                    "passed": trial.passed,
-                    "sentence": trial.sentence,
-                    "present": _plain(trial.present),
-                    "candidate": _plain(trial.candidate),
-                }
-                for trial in self.trials
-            ],
-            "band": None if self.band is None else self.band.to_dict(),
-            "wall_time_s": self.wall_time,
-        }
+        return json_value(
+            {
+                "rig": self.rig,
+                "decision": self.decision,
+                "reason": self.reason,
+                "parameters": {name: (old, new) for name, old, new in self._parameters},
+                "sensitivity_peak": self.sensitivity_peak,
+                "scenarios": [
+                    {
+                        "name": trial.scenario.name,
+                        "description": trial.scenario.description,
+                        "passed": trial.passed,
+                        "sentence": trial.sentence,
+                        "present": trial.present._asdict(),
+                        "candidate": trial.candidate._asdict(),
+                    }
+                    for trial in self.trials
+                ],
+                "band": None if self.band is None else self.band.to_dict(),
+                "wall_time_s": self.wall_time,
+            }
+        )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each scenario, its name as index; empty without a trial."""
@@ -110,11 +113,14 @@ class Retuned:
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns the numbers of the trial for each scenario (dimension name)."""
-        units = {"hottest": "degC", "error_at_rest": "K"}
-        dataset = self.to_dataframe().select_dtypes(["number", "bool"]).to_xarray()
-        for name, values in dataset.items():
-            values.attrs["units"] = units.get(str(name).partition(".")[2], "")
-        return dataset.assign_attrs(rig=self.rig, decision=self.decision, reason=self.reason)
+        rows = self.to_dataframe().select_dtypes(["number", "bool"])
+        units = {"kept": ["1"], "hottest": ["degC"], "error_at_rest": ["K"]}
+        numbers = {
+            str(name): ("name", values, *units.get(str(name).partition(".")[2], []))
+            for name, values in rows.items()
+        }
+        attributes = {"rig": self.rig, "decision": self.decision, "reason": self.reason}
+        return dataset(numbers, attributes, name=rows.index)
 
     def plot(self) -> "Figure":
         """Plots the costs of both controllers in each scenario: `jaxtwin.plots.plot_retuned`."""
@@ -123,26 +129,20 @@ class Retuned:
     def __repr__(self) -> str:
         return f"<Retuned {self.rig}: {self.decision}: {self.reason}>"
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                trial.scenario.name,
-                f"{trial.present.cost:.4g}",
-                f"{trial.candidate.cost:.4g}",
-                _mark(trial),
-                trial.sentence,
-            )
-            for trial in self.trials
-        ]
-        head = ("scenario", "present", "candidate", "", "what was found")
-        return html_table(repr(self), head, rows or [("no trial", "", "", "", "")])
+    def _overview(self) -> "pandas.DataFrame":
+        trials = self.trials
+        return table(
+            {
+                "scenario": [trial.scenario.name for trial in trials],
+                "present": [trial.present.cost for trial in trials],
+                "candidate": [trial.candidate.cost for trial in trials],
+                "": [_mark(trial) for trial in trials],
+                "what was found": [trial.sentence for trial in trials],
+            }
+        )
 
 
 def _mark(trial: ScenarioTrial) -> str:
     if not trial.is_tried:
         return "not tried"
     return "ok " if trial.passed else "NOT"
-
-
-def _plain(loop: LoopTrial) -> dict[str, Any]:
-    return {name: json_value(value) for name, value in loop._asdict().items()}
