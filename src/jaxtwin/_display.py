@@ -11,11 +11,16 @@ from typing import Any
 MAX_ROWS = 40
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Formats rows of text in columns, each as wide as its widest entry."""
+def aligned(rows: Sequence[Sequence[str]], right: slice = slice(0)) -> str:
+    """Formats rows of text in columns, each as wide as its widest entry, to the left or, those of
+    `right`, to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    justified = [str.ljust] * len(widths)
+    justified[right] = [str.rjust] * len(widths[right])
     return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        "  ".join(
+            put(cell, width) for put, cell, width in zip(justified, row, widths, strict=True)
+        ).rstrip()
         for row in rows
     )
 

@@ -5,8 +5,10 @@ else follows: the table, plain values for JSON, and what a notebook and a termin
 whose usual table is another one, such as a row for each parameter, has its own `to_dataframe`.
 """
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +16,8 @@ import numpy as np
 from ._display import aligned, html_table
 from ._json_values import json_value
 from ._number_text import short_number
+from ._whole_file import check_ending, whole_file
+from .errors import RecordingError
 
 if TYPE_CHECKING:
     import pandas
@@ -32,15 +36,35 @@ class AbstractResult(ABC):
         return self.to_xarray().to_dataframe()
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything in the dataset by its name, as plain types for JSON; numbers that are not
-        finite become None."""
+        """The result as plain types for JSON; numbers that are not finite become None."""
+        return json_value(self._for_json())
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Writes the dataset as netCDF 3 (.nc), which needs no further library, as a whole or not
+        at all.
+
+        **Returns:** the path.
+
+        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
+        """
+        check_ending(path, [".nc"], RecordingError)
         data = self.to_xarray()
-        values = {str(name): variable.to_numpy() for name, variable in data.variables.items()}
-        return json_value(data.attrs | values)
+        for name, variable in data.variables.items():
+            if variable.dtype == bool:  # which netCDF 3 does not have
+                data[name] = data[name].astype("int8")
+        with whole_file(path, RecordingError) as stream:
+            data.to_netcdf(stream.name, engine="scipy")
+        return Path(path)
 
     def summary(self) -> str:
         """The result in a line, and the table that a notebook shows as text."""
         return "\n".join([repr(self), aligned(_texts(self._overview()))])
+
+    def _for_json(self) -> dict[str, Any]:
+        """What `to_dict` gives, if that is not everything in the dataset by its name."""
+        data = self.to_xarray()
+        values = {str(name): variable.to_numpy() for name, variable in data.variables.items()}
+        return data.attrs | values
 
     def _overview(self) -> "pandas.DataFrame":
         """What a notebook shows, if that is not the whole of `to_dataframe`: numbers with four

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from .._json_values import json_value
 from .._whole_file import write_whole_file
 from ..errors import JaxtwinError
 
@@ -96,14 +97,16 @@ def check_json(path: Path | None) -> None:
 
 
 def write_json(path: Path | None, numbers: object) -> None:
-    """Writes numbers as JSON to a file or to standard output; nothing if the path is None."""
+    """Writes numbers as JSON to a file or to standard output; nothing if the path is None. What is
+    not finite becomes null."""
     if path is None:
         return
-    text = json.dumps(numbers, indent=2, ensure_ascii=False) + "\n"
+    plain = json_value(numbers)
+    text = json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
     if path == STDOUT:
         encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
         is_writable = text.encode(encoding, "replace").decode(encoding) == text
-        sys.stdout.write(text if is_writable else json.dumps(numbers, indent=2) + "\n")
+        sys.stdout.write(text if is_writable else json.dumps(plain, indent=2) + "\n")
     else:
         write_whole_file(path, text.encode(), JaxtwinError)
 

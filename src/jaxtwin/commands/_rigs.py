@@ -56,7 +56,7 @@ def check(
     result: dict[str, Any] = {"rig": loaded.name, "free": free, "network": counts}
     if grid is not None:
         convergence = _grid_convergence(loaded, grid, duty, duration)
-        say(f"\n{convergence}", json)
+        say(f"\n{convergence.summary()}", json)
         rows = convergence.to_dataframe().to_dict("records")
         result["grid"] = {"resolution_m": convergence.resolution, "grids": rows}
     write_json(json, result)

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from .._display import picture
-from .._json_values import json_value
 from .._number_text import short_number
 from .._result import AbstractResult, dataset, table
 from ..io import Experiment
@@ -263,9 +262,8 @@ class Diagnosis(AbstractResult):
             answer=self.names,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Returns everything but the probabilities over time as plain numbers and texts, for
-        JSON."""
+    def _for_json(self) -> dict[str, Any]:
+        keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
         return {
             "recording": self.experiment.name,
             "duration_s": self.experiment.duration,
@@ -275,8 +273,12 @@ class Diagnosis(AbstractResult):
                     "found_s": cause.found,
                     "until_s": cause.until,
                     "misfit": cause.misfit,
-                    "tie": list(cause.tie),
-                    "explanations": [_plain(explanation) for explanation in cause.explanations],
+                    "tie": cause.tie,
+                    "explanations": [
+                        {keys.get(key, key): value for key, value in explanation._asdict().items()}
+                        | {"phrase": explanation.phrase}
+                        for explanation in cause.explanations
+                    ],
                 }
                 for cause in self.causes
             ],
@@ -299,10 +301,3 @@ class Diagnosis(AbstractResult):
         headings = {"name": "fault", "onset": "onset, s"}
         rows = self.to_dataframe().filter(["name", "probability", "size", "onset"])
         return rows.rename(columns=headings)
-
-
-def _plain(explanation: Explanation) -> dict[str, object]:
-    """An explanation for JSON, which has no NaN."""
-    keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
-    named = {keys.get(key, key): value for key, value in explanation._asdict().items()}
-    return json_value(named | {"phrase": explanation.phrase})

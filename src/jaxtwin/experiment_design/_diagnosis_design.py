@@ -19,7 +19,6 @@ from jaxtyping import Float, Int
 
 from .._display import picture
 from .._jax_settings import own_settings
-from .._json_values import json_value
 from .._result import AbstractResult, dataset, table
 from ..diagnosis._diagnosis import TIE
 from ..diagnosis._isolability import evidence_of, grams_of
@@ -139,7 +138,9 @@ class DiagnosisDesign(AbstractResult):
     def summary(self) -> str:
         """After what time each schedule tells the faults apart, and the schedule in words."""
         lines = [f"{self.rig}: {', '.join(self.faults)}"]
-        lines += [f"  {name}: {of}" for name, of in self._rows()]
+        for candidate in self._planned():
+            too_hot = "" if candidate.is_allowed else " (too hot)"
+            lines.append(f"  {candidate.name}: told apart {_after(candidate.separation)}{too_hot}")
         return "\n".join([*lines, self.text])
 
     def plot(self) -> "Figure":
@@ -182,9 +183,7 @@ class DiagnosisDesign(AbstractResult):
             cell=schedule.cell_names,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as plain Python objects, for JSON; times that are infinite, and those of
-        schedules that are too hot, are None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "faults": list(self.faults),
@@ -194,28 +193,13 @@ class DiagnosisDesign(AbstractResult):
             "highest_reading_degC": self.best.highest_reading,
             "hardest": list(self.best.hardest),
             "separation_s": {
-                candidate.name: json_value(candidate.separation) if candidate.is_allowed else None
+                candidate.name: candidate.separation if candidate.is_allowed else None
                 for candidate in self._planned()
             },
         }
 
     def _planned(self) -> list[PlannedTest]:
         return [self.best, *self.references.values()]
-
-    def _rows(self) -> list[tuple[str, str]]:
-        return [
-            (
-                candidate.name,
-                (
-                    f"told apart {_after(candidate.separation)}"
-                    f"{'' if candidate.is_allowed else ' (too hot)'}"
-                ),
-            )
-            for candidate in self._planned()
-        ]
-
-    def _overview(self) -> "pandas.DataFrame":
-        return table(self._rows(), columns=("schedule", "faults"))
 
     def __repr__(self) -> str:
         return (

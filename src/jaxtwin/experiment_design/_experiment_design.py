@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Int
 
 from .._display import picture
-from .._json_values import json_value
 from .._result import AbstractResult, dataset, table
 from ..io import Experiment, write_recording
 from ._schedules import text_of
@@ -125,6 +124,12 @@ class ExperimentDesign(AbstractResult):
         `jaxtwin.plots.plot_design`."""
         return picture("plot_design", self)
 
+    def summary(self) -> str:
+        """The predicted standard errors, the highest temperatures, and the schedule in words."""
+        reading, side = self.best.highest_reading, self.best.highest_side
+        hottest = f"highest reading {reading:.1f} degC, highest cell side {side:.1f} degC"
+        return "\n".join([super().summary(), hottest, self.text])
+
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each parameter (its name is the index): unit, value, and the
         standard errors today, after the designed recording, and after each of the references."""
@@ -152,23 +157,20 @@ class ExperimentDesign(AbstractResult):
             cell=schedule.cell_names,
         ).set_coords("unit")
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as plain Python objects, for JSON; infinite errors are None."""
-        return json_value(
-            {
-                "rig": self.rig,
-                "criterion": self.criterion,
-                "schedule": self.text,
-                "duration_s": self.schedule.duration,
-                "hold_s": self.hold,
-                "highest_reading_degC": self.best.highest_reading,
-                "mean_error": {
-                    planned.name: planned.mean_error if planned.is_allowed else None
-                    for planned in (self.best, *self.references.values())
-                },
-                "standard_errors": self._all_errors(),
-            }
-        )
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "rig": self.rig,
+            "criterion": self.criterion,
+            "schedule": self.text,
+            "duration_s": self.schedule.duration,
+            "hold_s": self.hold,
+            "highest_reading_degC": self.best.highest_reading,
+            "mean_error": {
+                planned.name: planned.mean_error if planned.is_allowed else None
+                for planned in (self.best, *self.references.values())
+            },
+            "standard_errors": self._all_errors(),
+        }
 
     def _all_errors(self) -> dict[str, Mapping[str, float]]:
         references = {name: planned.standard_errors for name, planned in self.references.items()}

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from .._arguments import finite_number, whole_number
-from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
 from .._result import AbstractResult, table
 from .._toml_text import toml_inline, toml_key
@@ -222,17 +221,14 @@ class Identified(AbstractResult):
             lines.append(f"far from what was expected: {', '.join(best.far_from_prior)}")
         return "\n".join([*lines, *self.notes])
 
-    def to_dict(self) -> dict[str, Any]:
-        """The identification as values of JSON."""
-        return json_value(
-            {
-                "structure": self.candidates[0].structure,
-                "candidates": [row.__dict__ for row in self.candidates],
-                "baselines": self.baselines,
-                "notes": self.notes,
-                "fit": self.fit.to_dict(),
-            }
-        )
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "structure": self.candidates[0].structure,
+            "candidates": [row.__dict__ for row in self.candidates],
+            "baselines": self.baselines,
+            "notes": self.notes,
+            "fit": self.fit.to_dict(),
+        }
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each structure."""
@@ -260,6 +256,3 @@ class Identified(AbstractResult):
             f"<Identified {self.rig.name}: {self.candidates[0].structure}, "
             f"RMSE {self.fit.rmse:.3g} K>"
         )
-
-    def _overview(self) -> "pandas.DataFrame":
-        return self.to_dataframe().filter(["structure", "unknowns", "cost", "held-out RMSE, K"])

@@ -499,6 +499,17 @@ class Experiment(AbstractResult):
         columns |= {f"input_{name}": values for name, values in self.inputs.items()}
         return table(columns, "time_s")
 
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Writes it to a .csv or a netCDF (.nc) file, as `write_recording` does.
+
+        **Returns:** the path.
+
+        **Raises:** the errors of `write_recording`.
+        """
+        from ._write import write_recording
+
+        return write_recording(self, Path(path))
+
     def plot(self) -> "Figure":
         """Plots the channels' temperatures above the cells' duty cycles. Several
         experiments side by side are drawn by `jaxtwin.plots.plot_recordings`."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from .._arguments import of_kind
 from .._display import aligned, picture
-from .._json_values import json_value
 from .._number_text import short_number
 from .._result import AbstractResult, dataset, table
 from ..errors import MatchError
@@ -75,13 +74,11 @@ class FitDifference(AbstractResult):
             lines += [f"only in the {label} fit: {', '.join(names)}"] * bool(names)
         return "\n".join(lines) or "no difference"
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
+    def _for_json(self) -> dict[str, Any]:
         rows = {row.name: asdict(row) for row in self.rows}
         fields = ("unit", "old", "new", "standard_errors", "notes")
         parameters = {name: {field: row[field] for field in fields} for name, row in rows.items()}
-        whole = {"parameters": parameters, "only_old": self.only_old, "only_new": self.only_new}
-        return json_value(whole)
+        return {"parameters": parameters, "only_old": self.only_old, "only_new": self.only_new}
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for every parameter, its name as index and the fields of

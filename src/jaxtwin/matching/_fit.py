@@ -12,7 +12,6 @@ from jaxtyping import Float
 from .._by_recording import ByRecording
 from .._display import picture, report
 from .._goodness_of_fit import mean_fit_percent
-from .._json_values import json_value
 from .._result import AbstractResult, table
 from ..errors import MatchError, SimulationError
 from ..io import Experiment
@@ -265,38 +264,35 @@ class Fit(AbstractResult):
         """
         return summary_table(self, style)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; infinite and missing numbers become None."""
+    def _for_json(self) -> dict[str, Any]:
         fits: dict[str, dict[str, float]] = {name: {} for name in self.recordings}
         for (recording, channel), value in self.fit_percent.items():
             fits[recording][channel] = value
-        return json_value(
-            {
-                "rig": self.twin.rig.name,
-                "mean_fit_percent": self.mean_fit_percent,
-                "rmse_K": self.rmse,
-                "status": self.status,
-                "converged": self.converged,
-                "iterations": self.history[-1].number,
-                "wall_time_s": self.wall_time,
-                "parameters": [asdict(row) for row in self.parameters.values()],
-                "recordings": self.recording_values,
-                "fit_percent": fits,
-                "optima": [
-                    {
-                        "start": optimum.start,
-                        "cost": optimum.cost,
-                        "apart_K": optimum.apart,
-                        "rmse_K": optimum.rmse,
-                        "iterations": optimum.iterations,
-                        "status": optimum.status,
-                        "converged": optimum.converged,
-                        "values": optimum.values,
-                    }
-                    for optimum in self.optima
-                ],
-            }
-        )
+        return {
+            "rig": self.twin.rig.name,
+            "mean_fit_percent": self.mean_fit_percent,
+            "rmse_K": self.rmse,
+            "status": self.status,
+            "converged": self.converged,
+            "iterations": self.history[-1].number,
+            "wall_time_s": self.wall_time,
+            "parameters": [asdict(row) for row in self.parameters.values()],
+            "recordings": self.recording_values,
+            "fit_percent": fits,
+            "optima": [
+                {
+                    "start": optimum.start,
+                    "cost": optimum.cost,
+                    "apart_K": optimum.apart,
+                    "rmse_K": optimum.rmse,
+                    "iterations": optimum.iterations,
+                    "status": optimum.status,
+                    "converged": optimum.converged,
+                    "values": optimum.values,
+                }
+                for optimum in self.optima
+            ],
+        }
 
     def plot(self) -> "Figure":
         """Plots the simulated beside the recorded temperatures, or the parameters if the fit was
@@ -340,12 +336,14 @@ class Fit(AbstractResult):
         rows = self.parameters.values()
         return table([asdict(row) | {"warnings": ", ".join(row.warnings)} for row in rows], "name")
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the fit as a TOML file, as a whole or not at all.
 
         The file is a parameter file that `read_parameters`, `Twin` and the command line accept.
         Further tables hold what `load` needs: uncertainty, fits, history, fingerprints of the
         recordings, versions.
+
+        **Returns:** the path.
 
         **Raises:** `ParameterError` if the file name does not end in .toml or the file cannot be
         written.
@@ -353,6 +351,7 @@ class Fit(AbstractResult):
         from ._save_fit import save_fit
 
         save_fit(self, path)
+        return Path(path)
 
     @classmethod
     def load(
@@ -391,16 +390,9 @@ class Fit(AbstractResult):
         return self.comparisons
 
     def _overview(self) -> "pandas.DataFrame":
-        rows = [row for row in self.parameters.values() if row.free]
-        return table(
-            {
-                "parameter": [row.name for row in rows],
-                "value": [row.value for row in rows],
-                "standard error": [float(f"{row.standard_error:.2g}") for row in rows],
-                "unit": [row.unit for row in rows],
-                "warnings": [", ".join(row.warnings) for row in rows],
-            }
-        )
+        rows = self.to_dataframe().query("free").rename_axis("parameter")
+        rounded = {"standard error": [float(f"{error:.2g}") for error in rows["standard_error"]]}
+        return rows.assign(**rounded).filter(["value", "standard error", "unit", "warnings"])
 
     def __repr__(self) -> str:
         return (

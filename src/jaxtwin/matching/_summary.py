@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from .._display import aligned
 from .._goodness_of_fit import fit_text
 from .._number_text import interval_text, short_number
 from .._result import dataset
@@ -95,8 +96,6 @@ def fit_dataset(fit: "Fit") -> "xarray.Dataset":
 
 
 def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
-    table = [COLUMNS, *rows]
-    widths = [max(len(row[column]) for row in table) for column in range(len(COLUMNS))]
     lines = [
         f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}",
         (
@@ -110,12 +109,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         lines[3:3] = [f"steps of the match too long for these values: {fit.solver_gap:.2g} K off"]
     for note in fit.notes:
         lines[-1:-1] = wrap(note, WIDTH, subsequent_indent="  ")
-    for row in table:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        cells[NUMBERS] = [
-            cell.rjust(width) for cell, width in zip(row[NUMBERS], widths[NUMBERS], strict=True)
-        ]
-        lines.append("  ".join(cells).rstrip())
+    lines.append(aligned([COLUMNS, *rows], right=NUMBERS))
     held = [row for row in fit.parameters.values() if not row.free]
     replaced = frozenset[str]()
     if all(sample.ambient is not None for sample in fit.first_samples):

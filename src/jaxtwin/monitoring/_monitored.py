@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from .._display import picture
-from .._json_values import json_value
 from .._normal_distribution import QUANTILE_975
 from .._result import AbstractResult, dataset, table
 from ..io import Experiment
@@ -104,18 +103,15 @@ class Monitored(AbstractResult):
             test=self.evidences._fields,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Returns everything as plain numbers and texts, for JSON."""
-        return json_value(
-            {
-                "recording": self.experiment.name,
-                "duration_s": self.experiment.duration,
-                "false_alarm_days": self.false_alarm_time / DAY,
-                "alarms": len(self.alarms),
-                "findings": [dict(zip(COLUMNS, row, strict=True)) for row in self._rows()],
-                "thresholds": self._thresholds(),
-            }
-        )
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "recording": self.experiment.name,
+            "duration_s": self.experiment.duration,
+            "false_alarm_days": self.false_alarm_time / DAY,
+            "alarms": len(self.alarms),
+            "findings": [dict(zip(COLUMNS, row, strict=True)) for row in self._rows()],
+            "thresholds": self._thresholds(),
+        }
 
     def summary(self) -> str:
         """What was found as text: a line for each event, which are findings that overlap in time.
@@ -145,10 +141,6 @@ class Monitored(AbstractResult):
         name = self.experiment.name or "a recording"
         kinds = ", ".join(sorted({finding.kind for finding in self.findings})) or "nothing found"
         return f"<Monitored {name}: {_count(len(self.alarms))}; {kinds}>"
-
-    def _overview(self) -> "pandas.DataFrame":
-        rows = self.to_dataframe().filter(["kind", "channel", "since_s", "detail"])
-        return rows.rename(columns={"since_s": "since, s", "detail": "what"})
 
     def _rows(self) -> list[tuple[Any, ...]]:
         fields = [name.removesuffix("_s") for name in COLUMNS]

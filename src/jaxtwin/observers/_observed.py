@@ -15,7 +15,7 @@ from .._compilation import persistent_jit
 from .._display import picture
 from .._jax_settings import own_settings
 from .._padded_rows import first_rows, padded_rows
-from .._result import AbstractResult, dataset, table
+from .._result import AbstractResult, table
 from ..errors import ObserverError
 from ..io import Experiment
 from ..simulation._input_levels import input_levels
@@ -299,18 +299,14 @@ class Observed(AbstractResult):
         """Returns the filtered estimates as `Estimates.to_xarray`, with recorded and expected
         readings, the spread of the latter, standardised innovations (time, channel) and nis
         (time)."""
-        readings = "time channel"
-        more = dataset(
-            {
-                "recorded": (readings, self._recorded, "degC"),
-                "expected": (readings, self.expected.mean, "degC"),
-                "expected_spread": (readings, self.expected.spread, "K"),
-                "standardised_innovation": (readings, self.standardised, "1"),
-                "nis": ("time", self.nis, "1"),
-            },
-            {},
-        )
-        return self.estimates.to_xarray().assign(more).assign_attrs(recording=self.experiment.name)
+        data = self.estimates.to_xarray().assign_attrs(recording=self.experiment.name)
+        dims, celsius = ("time", "channel"), {"units": "degC"}
+        data["recorded"] = (dims, self._recorded, celsius)
+        data["expected"] = (dims, self.expected.mean, celsius)
+        data["expected_spread"] = (dims, self.expected.spread, {"units": "K"})
+        data["standardised_innovation"] = (dims, self.standardised, {"units": "1"})
+        data["nis"] = ("time", self.nis, {"units": "1"})
+        return data
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each sample and channel: what was expected, as

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from .._display import aligned, picture
-from .._json_values import json_value
 from .._name_suggestions import unknown_name
 from .._number_text import short_number
 from .._result import AbstractResult, dataset, table
@@ -213,23 +212,20 @@ class Health(AbstractResult):
             lines.append(f"not determined by three sessions: {', '.join(self.undetermined)}")
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
-        return json_value(
-            {
-                "rig": self.rig,
-                "sessions": self.sessions,
-                "times": self.times,
-                "time_unit": self.time_unit,
-                "converged": self.converged,
-                "within": self.within,
-                "undetermined": self.undetermined,
-                "parameters": {
-                    name: {"values": row.values, "errors": row.errors, **self._numbers(row)}
-                    for name, row in self.parameters.items()
-                },
-            }
-        )
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "rig": self.rig,
+            "sessions": self.sessions,
+            "times": self.times,
+            "time_unit": self.time_unit,
+            "converged": self.converged,
+            "within": self.within,
+            "undetermined": self.undetermined,
+            "parameters": {
+                name: {"values": row.values, "errors": row.errors, **self._numbers(row)}
+                for name, row in self.parameters.items()
+            },
+        }
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each parameter, its name as index: value at the last session,

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind, whole_number
-from .._json_values import json_value
 from .._result import AbstractResult, dataset, table
 from .._waiting import announced
 from ..control.controllers._controller import AbstractController
@@ -104,20 +103,17 @@ class Refit(AbstractResult):
         ]
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
-        return json_value(
-            {
-                "rig": self.last.twin.rig.name,
-                "decision": self.decision,
-                "reason": self.reason,
-                "changed": self.changed,
-                "is_alarm": self.is_alarm,
-                "converged": self.converged,
-                "checks": [asdict(check) for check in self.checks],
-                "fit": None if self.fit is None else self.fit.to_dict(),
-            }
-        )
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "rig": self.last.twin.rig.name,
+            "decision": self.decision,
+            "reason": self.reason,
+            "changed": self.changed,
+            "is_alarm": self.is_alarm,
+            "converged": self.converged,
+            "checks": [asdict(check) for check in self.checks],
+            "fit": None if self.fit is None else self.fit.to_dict(),
+        }
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each check, its name as index."""
@@ -130,13 +126,11 @@ class Refit(AbstractResult):
         attributes = {"decision": self.decision, "reason": self.reason}
         return dataset(numbers, attributes, check=checks.index)
 
+    def _overview(self) -> "pandas.DataFrame":
+        return self.to_dataframe().filter(["passed", "sentence"])
+
     def __repr__(self) -> str:
         return f"<Refit of {self.last.twin.rig.name}: {self.decision}: {self.reason}>"
-
-    def _overview(self) -> "pandas.DataFrame":
-        headings = {"sentence": "what was found"}
-        rows = self.to_dataframe().filter(["passed", "sentence"]).rename_axis("check")
-        return rows.rename(columns=headings)
 
 
 @announced("refit")

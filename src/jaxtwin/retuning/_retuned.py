@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, final
 
 from .._display import picture
-from .._json_values import json_value
-from .._result import AbstractResult, dataset, table
+from .._result import AbstractResult, dataset
 from ..control import Tuning
 from ..control.controllers._controller import AbstractController
 from ._loop_band import LoopBand
@@ -79,30 +78,27 @@ class Retuned(AbstractResult):
         ]
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
-        return json_value(
-            {
-                "rig": self.rig,
-                "decision": self.decision,
-                "reason": self.reason,
-                "parameters": {name: (old, new) for name, old, new in self._parameters},
-                "sensitivity_peak": self.sensitivity_peak,
-                "scenarios": [
-                    {
-                        "name": trial.scenario.name,
-                        "description": trial.scenario.description,
-                        "passed": trial.passed,
-                        "sentence": trial.sentence,
-                        "present": trial.present._asdict(),
-                        "candidate": trial.candidate._asdict(),
-                    }
-                    for trial in self.trials
-                ],
-                "band": None if self.band is None else self.band.to_dict(),
-                "wall_time_s": self.wall_time,
-            }
-        )
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "rig": self.rig,
+            "decision": self.decision,
+            "reason": self.reason,
+            "parameters": {name: (old, new) for name, old, new in self._parameters},
+            "sensitivity_peak": self.sensitivity_peak,
+            "scenarios": [
+                {
+                    "name": trial.scenario.name,
+                    "description": trial.scenario.description,
+                    "passed": trial.passed,
+                    "sentence": trial.sentence,
+                    "present": trial.present._asdict(),
+                    "candidate": trial.candidate._asdict(),
+                }
+                for trial in self.trials
+            ],
+            "band": None if self.band is None else self.band.to_dict(),
+            "wall_time_s": self.wall_time,
+        }
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each scenario, its name as index; empty without a trial."""
@@ -130,16 +126,8 @@ class Retuned(AbstractResult):
         return f"<Retuned {self.rig}: {self.decision}: {self.reason}>"
 
     def _overview(self) -> "pandas.DataFrame":
-        trials = self.trials
-        return table(
-            {
-                "scenario": [trial.scenario.name for trial in trials],
-                "present": [trial.present.cost for trial in trials],
-                "candidate": [trial.candidate.cost for trial in trials],
-                "": [_mark(trial) for trial in trials],
-                "what was found": [trial.sentence for trial in trials],
-            }
-        )
+        shown = ["present.cost", "candidate.cost", "passed", "sentence"]
+        return self.to_dataframe().filter(shown)
 
 
 def _mark(trial: ScenarioTrial) -> str:

@@ -1,6 +1,5 @@
 """The result of a global sensitivity analysis."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
@@ -9,7 +8,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._display import picture
-from .._json_values import json_value
 from .._name_suggestions import did_you_mean
 from .._result import AbstractResult, dataset
 from ..errors import ParameterError
@@ -229,35 +227,23 @@ class GlobalSensitivity(AbstractResult):
         """
         return self.design.inputs.to_salib()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Returns the indices as plain types for JSON; NaN becomes None."""
-        return json_value(
-            {
-                "rig": self.rig,
-                "method": self.method.name,
-                "runs": len(self.failed),
-                "failed": int(self.failed.sum()),
-                "blocks": self.design.blocks,
-                "counted": dict(zip(self.labels, self.counted, strict=True)),
-                "seed": self.seed,
-                "wall_time_s": self.wall_time,
-                "parameters": self.names,
-                "indices": {
-                    name: dict(zip(self.labels, values, strict=True))
-                    for name, values in self.indices.items()
-                },
-                "ranking": self.ranking(),
-            }
-        )
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything as netCDF (.nc), as a whole or not at all.
-
-        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
-        """
-        from ..io._write import save_dataset
-
-        save_dataset(self.to_xarray(), path)
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "rig": self.rig,
+            "method": self.method.name,
+            "runs": len(self.failed),
+            "failed": int(self.failed.sum()),
+            "blocks": self.design.blocks,
+            "counted": dict(zip(self.labels, self.counted, strict=True)),
+            "seed": self.seed,
+            "wall_time_s": self.wall_time,
+            "parameters": self.names,
+            "indices": {
+                name: dict(zip(self.labels, values, strict=True))
+                for name, values in self.indices.items()
+            },
+            "ranking": self.ranking(),
+        }
 
     def _overview(self) -> "pandas.DataFrame":
         output = self.labels[self.row()]

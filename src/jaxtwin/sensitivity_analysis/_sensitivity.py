@@ -1,6 +1,5 @@
 """The result of a sensitivity analysis."""
 
-import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, final
 
@@ -113,7 +112,7 @@ class Sensitivity(AbstractResult):
                 "rank_correlation": (matrix, self.rank_correlation, "1"),
                 "rank_interval": (intervals, self.rank_interval, "1"),
                 "sample": ("draw parameter", self.samples),
-                "cost": ("draw channel", self.cost, "K2"),
+                "cost": ("draw channel", self.cost, "K^2"),
                 "failed": ("draw", self.failed),
                 "value": ("parameter", self.values),
             },
@@ -154,8 +153,7 @@ class Sensitivity(AbstractResult):
             "dists": ["truncnorm"] * len(self.names),
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Correlations and their intervals in plain types for JSON."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "draws": len(self.samples),
@@ -170,19 +168,9 @@ class Sensitivity(AbstractResult):
             "ranking": list(self.ranking()),
         }
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything as netCDF (.nc), as a whole or not at all.
-
-        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
-        """
-        from ..io._write import save_dataset
-
-        save_dataset(self.to_xarray(), path)
-
     def _overview(self) -> "pandas.DataFrame":
         rows = self.to_dataframe().loc[MEAN].loc[list(self.ranking())]
-        headings = {"correlation": "correlation with the mean cost"}
-        return rows.filter(["correlation", "lower", "upper"]).rename(columns=headings)
+        return rows.rename_axis("parameter, for the mean cost")
 
     def _by_name(self, numbers: Float[np.ndarray, "channels parameters *bounds"]) -> dict[str, Any]:
         return {
@@ -199,5 +187,8 @@ class Sensitivity(AbstractResult):
         return self.channels.index(channel)
 
     def __repr__(self) -> str:
+        failed = int(self.failed.sum())
+        lost = f" ({failed} failed, left out)" if failed else ""
         strongest = ", ".join(self.ranking()[:3])
-        return f"<Sensitivity of {self.rig}: {len(self.samples)} draws, strongest {strongest}>"
+        draws = f"{len(self.samples)} draws{lost}"
+        return f"<Sensitivity of {self.rig}: {draws}, strongest {strongest}>"

@@ -89,21 +89,14 @@ class GridConvergence(AbstractResult):
         grids, along = self.to_dataframe(), "resolution"
         return dataset({name: (along, grids[name], unit) for name, unit in units.items()}, {})
 
-    def __str__(self) -> str:
-        return self.summary()
-
     def __repr__(self) -> str:
         return f"<GridConvergence of {self.name}: {self._end}>"
 
     def _overview(self) -> "pandas.DataFrame":
-        return table(
-            {
-                "resolution, cm": [100 * grid.resolution for grid in self.grids],
-                "elements": [grid.elements for grid in self.grids],
-                "change, K": [grid.change for grid in self.grids],
-                "to the finest, K": [grid.error for grid in self.grids],
-            }
-        )
+        rows = self.to_dataframe()
+        rows["resolution"] *= 100
+        headings = {"resolution": "resolution, cm", "change": "change, K", "error": "error, K"}
+        return rows.rename(columns=headings)
 
     @property
     def _end(self) -> str:

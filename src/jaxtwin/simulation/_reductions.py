@@ -124,7 +124,7 @@ def _std(temperatures: Array) -> Array:
 
 
 REDUCTIONS: dict[ReductionName, Reduction] = {
-    "cost": Reduction("padded_trajectory", mean_squared_error, "channel", "K2", True),
+    "cost": Reduction("padded_trajectory", mean_squared_error, "channel", "K^2", True),
     "final": Reduction("end", _as_read, "channel", "degC"),
     "minimum": Reduction("padded_trajectory", _minimum, "channel", "degC"),
     "maximum": Reduction("padded_trajectory", _maximum, "channel", "degC"),

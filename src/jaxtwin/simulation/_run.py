@@ -364,7 +364,7 @@ class Run(AbstractResult):
             group=self.experiment.group,
         )
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the run to a file, whose ending selects the format. If writing fails, the file is
         left as it was.
 
@@ -374,15 +374,15 @@ class Run(AbstractResult):
           table of times, duty cycles, simulated readings and the ambient temperature in the form of
           a recording, which `read_recording` reads.
 
+        **Returns:** the path.
+
         **Raises:** `RecordingError` for another ending, and if the file cannot be written.
         """
         from ..io import write_recording
-        from ..io._write import save_dataset
 
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
-            save_dataset(self.to_xarray(), path)
-        else:
-            write_recording(self._as_recorded(), Path(path))
+            return super().save(path)
+        return write_recording(self._as_recorded(), Path(path))
 
     def __repr__(self) -> str:
         low, high = self.temperatures.min(), self.temperatures.max()

@@ -165,8 +165,7 @@ class Sweep(AbstractResult):
     def _overview(self) -> "pandas.DataFrame":
         return table(self.to_dict().items(), columns=("", "value"))
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers of draws as plain types for JSON."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "folder": str(self.folder),
             "rig": self.rig,

@@ -12,7 +12,6 @@ from jaxtyping import Float
 from .._by_recording import ByRecording
 from .._display import aligned, picture
 from .._goodness_of_fit import fit_text, mean_fit_percent
-from .._json_values import json_value
 from .._residual_statistics import about_mean, ljung_box
 from .._result import AbstractResult, table
 from ..matching import Band, Fit, estimate_noise
@@ -114,6 +113,17 @@ class ChannelAccuracy(NamedTuple):
             return "-", "-"
         return f"{100 * self.coverage:.1f}", f"{self.width:.2f}"
 
+
+# Number of a `ChannelAccuracy` -> its unit.
+UNITS = {
+    "fit_percent": "%",
+    "rmse": "K",
+    "mean_error": "K",
+    "coverage": "1",
+    "width": "K",
+    "p_value": "1",
+    "autocorrelation_time": "s",
+}
 
 MATCHED_LABEL = "matched, not a prediction: the fit has seen this recording"
 
@@ -312,7 +322,10 @@ class Validation(AbstractResult):
     def to_xarray(self) -> "xarray.Dataset":
         """The columns of `to_dataframe` as a dataset, each (recording, channel), NaN if a recording
         does not have the channel. The runs have their own `to_xarray`."""
-        return self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
+        data = self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
+        for name, unit in UNITS.items():
+            data[name].attrs["units"] = unit
+        return data
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each recording and channel, its index, and the columns fit_percent
@@ -321,31 +334,18 @@ class Validation(AbstractResult):
         rows = [row for prediction in self.predictions for row in prediction._accuracy]
         return table(rows, "recording", "channel")
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
-        return json_value(
-            {
-                "rig": self.rig,
-                "kind": self.kind,
-                "mean_fit_percent": self.mean_fit_percent,
-                "rmse_K": self.rmse,
-                "coverage_of_95_percent_bands": self.coverage,
-                "band_width_K": self.band_width,
-                "recordings": {
-                    prediction.name: _prediction(prediction) for prediction in self.predictions
-                },
-            }
-        )
-
-    def _overview(self) -> "pandas.DataFrame":
-        headings = {
-            "fit_percent": "fit, %",
-            "rmse": "RMSE, K",
-            "coverage": "inside, %",
-            "width": "95 % band, K",
+    def _for_json(self) -> dict[str, Any]:
+        return {
+            "rig": self.rig,
+            "kind": self.kind,
+            "mean_fit_percent": self.mean_fit_percent,
+            "rmse_K": self.rmse,
+            "coverage_of_95_percent_bands": self.coverage,
+            "band_width_K": self.band_width,
+            "recordings": {
+                prediction.name: _prediction(prediction) for prediction in self.predictions
+            },
         }
-        rows = self.to_dataframe().filter(headings)
-        return rows.assign(coverage=100 * rows["coverage"]).rename(columns=headings)
 
     def __repr__(self) -> str:
         return (

@@ -3,12 +3,12 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Float
 
-from ..._arguments import path_of
 from ..._display import picture
 from ..._jax_settings import own_settings
 from ..._result import AbstractResult, dataset, table
@@ -258,19 +258,18 @@ class ClosedLoopRun(AbstractResult):
         """Plots outputs, references, duty and power: `jaxtwin.plots.plot_closed_loop`."""
         return picture("plot_closed_loop", self)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the run, as a whole or not at all: a .nc file with the contents of `to_xarray`, or
         a .csv file as `Run.save` writes it.
+
+        **Returns:** the path.
 
         **Raises:** `RecordingError` if the file name has another ending or the file cannot be
         written.
         """
-        from ...io._write import save_dataset
-
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
-            save_dataset(self.to_xarray(), path_of("save: path", path, RecordingError))
-        else:
-            self.run.save(path)
+            return super().save(path)
+        return self.run.save(path)
 
     def __repr__(self) -> str:
         ends = ", ".join(

@@ -29,14 +29,6 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-TABLE_MEASURES = (
-    "settling_time",
-    "overshoot",
-    "largest_plate_range",
-    "plate_range_at_rest",
-    "energy",
-)
-
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
@@ -110,10 +102,6 @@ class Frontier(AbstractResult):
             f"<Frontier of {first.rig}: {len(self.weights)} controllers, weight of {self.against} "
             f"from {self.weights[0]:g} to {self.weights[-1]:g}>"
         )
-
-    def _overview(self) -> "pandas.DataFrame":
-        rows = self.to_dataframe().rename_axis(f"weight of {self.against}")
-        return rows.filter(TABLE_MEASURES)
 
 
 @twin_first

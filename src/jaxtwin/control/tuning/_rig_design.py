@@ -401,11 +401,7 @@ class RigDesign(AbstractResult):
                 "duty": ("rig cell", numbers[..., 2], "1"),
                 "plate_range": ("rig", ranges, "K"),
             },
-            {
-                "rig_name": self.rig.name,
-                "objective": self.objective,
-                "mean_degC": self.temperature,
-            },
+            {"rig_name": self.rig.name, "objective": self.objective, "mean_degC": self.temperature},
             rig=["before", "after"],
             cell=list(names),
             axis=["x", "y"],
