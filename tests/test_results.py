@@ -318,7 +318,9 @@ def test_the_tables_hold_the_numbers_of_the_results():
 
 def test_a_notebook_and_a_summary_show_the_same_numbers_with_four_digits():
     """With a sign where there is none."""
-    found = GridConvergence((Grid(0.02, 8, math.nan, 0.34567), Grid(0.01, 32, 0.3, 0.0)), 0.1, "rig")
+    found = GridConvergence(
+        (Grid(0.02, 8, math.nan, 0.34567), Grid(0.01, 32, 0.3, 0.0)), 0.1, "rig"
+    )
     assert "<tr><th>2</th><td>8</td><td>-</td><td>0.3457</td></tr>" in found._repr_html_()
     head, first, _ = found.summary().splitlines()[1:]
     assert head.split("  ") == ["resolution, cm", "elements", "change, K", "error, K"]

@@ -58,7 +58,7 @@ class AbstractResult(ABC):
 
     def summary(self) -> str:
         """The result in a line, and the table that a notebook shows as text."""
-        return "\n".join([repr(self), aligned(_texts(self._overview()))])
+        return "\n".join([repr(self).strip("<>"), aligned(_texts(self._overview()))])
 
     def _for_json(self) -> dict[str, Any]:
         """What `to_dict` gives, if that is not everything in the dataset by its name."""
@@ -114,6 +114,7 @@ def table(
     - `data`: name -> values of a column; or rows, which are dataclasses, dictionaries, named
       tuples, or tuples for `columns`.
     - `index`: the columns that name the rows. Without them the rows have numbers.
+    - `columns`: the names of the columns of tuples.
     """
     import pandas
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from .._json_values import json_value
 from .._whole_file import write_whole_file
 from ..errors import JaxtwinError
 
@@ -101,6 +100,8 @@ def write_json(path: Path | None, numbers: object) -> None:
     not finite becomes null."""
     if path is None:
         return
+    from .._json_values import json_value  # which loads NumPy, that --help does without
+
     plain = json_value(numbers)
     text = json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
     if path == STDOUT:

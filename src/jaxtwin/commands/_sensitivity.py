@@ -1,7 +1,7 @@
 """`jaxtwin sensitivity`: which parameters matter."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -16,10 +16,6 @@ from ._options import (
 from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
-
-if TYPE_CHECKING:
-    pass
-
 
 # The method of the paper.
 PAPERS = "correlations"

@@ -391,6 +391,7 @@ class Fit(AbstractResult):
 
     def _overview(self) -> "pandas.DataFrame":
         rows = self.to_dataframe().query("free").rename_axis("parameter")
+        # An error is hardly known better than to two digits.
         rounded = {"standard error": [float(f"{error:.2g}") for error in rows["standard_error"]]}
         return rows.assign(**rounded).filter(["value", "standard error", "unit", "warnings"])
 

@@ -306,6 +306,7 @@ class Forecast(AbstractResult):
 
     def _overview(self) -> "pandas.DataFrame":
         there = np.isfinite(self.residuals)
+        # NaN for a channel that was never read.
         counts = np.where(there.any(axis=0), there.sum(axis=0), math.nan)
         squares = np.where(there, self.residuals, 0.0) ** 2
         return table(

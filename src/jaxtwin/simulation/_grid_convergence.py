@@ -94,7 +94,7 @@ class GridConvergence(AbstractResult):
 
     def _overview(self) -> "pandas.DataFrame":
         rows = self.to_dataframe()
-        rows["resolution"] *= 100
+        rows["resolution"] *= 100  # cm, as rig files state it
         headings = {"resolution": "resolution, cm", "change": "change, K", "error": "error, K"}
         return rows.rename(columns=headings)
 

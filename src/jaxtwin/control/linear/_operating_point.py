@@ -93,8 +93,8 @@ class OperatingPoint(eqx.Module, AbstractResult):
         rows = []
         for name, values in self.to_xarray().data_vars.items():
             quantity = {"state": "node", "temperature": "channel"}.get(str(name), name)
-            labels = [label for dimension in values.dims for label in values[dimension].to_numpy()]
-            numbers = zip(labels or [""], np.atleast_1d(values.to_numpy()).tolist(), strict=True)
+            names = values[values.dims[0]].values if values.dims else [""]
+            numbers = zip(names, np.atleast_1d(values).tolist(), strict=True)
             rows += [(quantity, *number, values.attrs["units"]) for number in numbers]
         return table(rows, "quantity", "name", columns=["quantity", "name", "value", "unit"])
 

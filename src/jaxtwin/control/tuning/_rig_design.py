@@ -421,7 +421,7 @@ class RigDesign(AbstractResult):
     def _overview(self) -> "pandas.DataFrame":
         rows = self.to_dataframe()
         for place in ("x before", "y before", "x", "y"):
-            rows[place] *= 100
+            rows[place] *= 100  # cm, as rig files state places
         return rows.rename(columns=lambda name: name if "duty" in name else f"{name}, cm")
 
 
