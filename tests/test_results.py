@@ -335,6 +335,21 @@ def test_json_has_everything_in_a_dataset_and_null_where_there_is_no_number():
     assert numbers["cop"][0][0] is None  # without current there is no power
 
 
+@pytest.mark.slow
+def test_draws_that_failed_are_said():
+    failed = np.arange(20) < 3
+    assert "20 draws (3 failed, left out), strongest" in repr(replace(analysis(), failed=failed))
+
+
+@pytest.mark.slow
+def test_the_table_of_a_validation_is_a_dataset_with_units():
+    run = fit().runs["synthetic-A"]
+    made = Prediction("synthetic-A", run, fit().twin, {}, (), fit())
+    data = jt.validation.Validation("made", "predicted", (made,)).to_xarray()
+    units = {name: data[name].attrs["units"] for name in ("fit_percent", "rmse", "coverage")}
+    assert units == {"fit_percent": "%", "rmse": "K", "coverage": "1"}
+
+
 def test_a_saved_dataset_reads_back_the_same(tmp_path: Path):
     curves = dc_sweep()
     with xarray.open_dataset(curves.save(tmp_path / "curves.nc"), engine="scipy") as data:
