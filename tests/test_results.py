@@ -1,6 +1,7 @@
 """Whatever a public function gives can be plotted, printed, and taken to xarray and pandas."""
 
 import inspect
+import json
 import math
 import pickle
 import typing
@@ -176,6 +177,9 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
 # Of these, those that are a few numbers: they have a table and a dataset, but no picture.
 NUMBERS = {"OperatingPoint", "UltimatePoint", "GridConvergence", "Refit"}
 
+# Of these, those that are saved as something other than their dataset: the ending of the file.
+ENDINGS = {"Fit": ".toml", "RigDesign": ".toml"}
+
 # Of these, those that take more than some seconds, nearly all of it compilation.
 LONG = {
     "Band",
@@ -262,6 +266,11 @@ def test_every_result_shows_itself_and_can_be_taken_along(kind: str, tmp_path: P
     assert isinstance(table, pandas.DataFrame)
     assert len(table) > 0
     assert isinstance(result.to_xarray(), xarray.Dataset)
+    assert json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert len(result.summary().splitlines()) > 1
+    file = tmp_path / f"result{ENDINGS.get(kind, '.nc')}"
+    assert result.save(file) == file
+    assert file.stat().st_size > 0
     if kind in NUMBERS:
         return
     picture = result.plot()
@@ -305,6 +314,48 @@ def test_the_tables_hold_the_numbers_of_the_results():
     assert three == pytest.approx(3 / np.sqrt(2))
     curves = dc_sweep()
     assert curves.to_dataframe().loc[(20.0, 3.0), "heat_flow"] == curves.heat_flow[1, -1]
+
+
+def test_a_notebook_and_a_summary_show_the_same_numbers_with_four_digits():
+    """With a sign where there is none."""
+    found = GridConvergence(
+        (Grid(0.02, 8, math.nan, 0.34567), Grid(0.01, 32, 0.3, 0.0)), 0.1, "rig"
+    )
+    assert "<tr><th>2</th><td>8</td><td>-</td><td>0.3457</td></tr>" in found._repr_html_()
+    head, first, _ = found.summary().splitlines()[1:]
+    assert head.split("  ") == ["resolution, cm", "elements", "change, K", "error, K"]
+    assert first.split() == ["2", "8", "-", "0.3457"]
+
+
+def test_json_has_everything_in_a_dataset_and_null_where_there_is_no_number():
+    curves = dc_sweep()
+    numbers = curves.to_dict()
+    assert list(numbers) == ["T_hot_K", "heat_flow", "power", "cop", "delta_T", "current"]
+    assert numbers["heat_flow"] == curves.heat_flow.tolist()
+    assert numbers["cop"][0][0] is None  # without current there is no power
+
+
+@pytest.mark.slow
+def test_draws_that_failed_are_said():
+    failed = np.arange(20) < 3
+    assert "20 draws (3 failed, left out), strongest" in repr(replace(analysis(), failed=failed))
+
+
+@pytest.mark.slow
+def test_the_table_of_a_validation_is_a_dataset_with_units():
+    run = fit().runs["synthetic-A"]
+    made = Prediction("synthetic-A", run, fit().twin, {}, (), fit())
+    data = jt.validation.Validation("made", "predicted", (made,)).to_xarray()
+    units = {name: data[name].attrs["units"] for name in ("fit_percent", "rmse", "coverage")}
+    assert units == {"fit_percent": "%", "rmse": "K", "coverage": "1"}
+
+
+def test_a_saved_dataset_reads_back_the_same(tmp_path: Path):
+    curves = dc_sweep()
+    with xarray.open_dataset(curves.save(tmp_path / "curves.nc"), engine="scipy") as data:
+        xarray.testing.assert_identical(data.load(), curves.to_xarray())
+    with pytest.raises(jt.errors.RecordingError, match=r"expected \.nc"):
+        curves.save(tmp_path / "curves.csv")
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The display of results: as a table in a notebook, as a picture, and as a report."""
+"""The display of results: as a table of text or in a notebook, as a picture, and as a report."""
 
 import importlib
 import os
@@ -9,6 +9,20 @@ from typing import Any
 
 # The largest number of rows of a table in a notebook; a last row says how many more there are.
 MAX_ROWS = 40
+
+
+def aligned(rows: Sequence[Sequence[str]], right: slice = slice(0)) -> str:
+    """Formats rows of text in columns, each as wide as its widest entry, to the left or, those of
+    `right`, to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    justified = [str.ljust] * len(widths)
+    justified[right] = [str.rjust] * len(widths[right])
+    return "\n".join(
+        "  ".join(
+            put(cell, width) for put, cell, width in zip(justified, row, widths, strict=True)
+        ).rstrip()
+        for row in rows
+    )
 
 
 def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -333,8 +333,8 @@ def test_the_command_writes_a_plan_a_table_and_a_picture(
     shown = capsys.readouterr().out
     assert design.text in shown
     assert "PRBS" in shown
-    gained = f"designed {100 * design.best.mean_error:.1f} %, "
-    assert f"mean standard error by the D criterion, of today's: {gained}" in shown
+    gained = f"errors {100 * design.best.mean_error:.3g} % of today's"
+    assert f"{gained} (D-optimal; " in shown
     assert read_recording("plan.csv") == design.schedule
     numbers = json.loads(Path("plan.json").read_text())
     assert numbers["schedule"] == design.text

@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption
-from ._output import aligned, check_json, say, write_json
+from ._output import check_json, say, write_json
 from ._show_progress import show_progress
 
 

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption
 from ._output import (
-    aligned,
     check_folder,
     check_json,
     make_folder,
@@ -85,7 +85,6 @@ def _table(
 def _save(module: "ThermoelectricModule", sheet: "Datasheet", folder: Path) -> None:
     import numpy as np
 
-    from ..io import save_dataset
     from ..plots import plot_dc_sweep
 
     name, T_hot = sheet.name, sheet.hot_side_temperature
@@ -93,5 +92,5 @@ def _save(module: "ThermoelectricModule", sheet: "Datasheet", folder: Path) -> N
     currents = np.linspace(0.0, 1.12 * module.optimum_current(T_hot), 200)
     sweep = module.dc_sweep(currents, np.arange(0.0, 80.0, 10.0), T_hot)
     make_folder(folder)
-    save_dataset(sweep.to_xarray(), folder / f"{name}.nc")
+    sweep.save(folder / f"{name}.nc")
     write_pictures(folder, [(name, picture)])

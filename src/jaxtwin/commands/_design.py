@@ -13,7 +13,7 @@ from ._options import (
     SeedOption,
     SetOption,
 )
-from ._output import aligned, check_json, check_output, say, say_written, write_json
+from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
@@ -133,7 +133,7 @@ def design(
         result.save(out)
         if plot is not None:
             _draw(result, plot)
-    say(_table(result) if isinstance(result, ExperimentDesign) else result.summary(), json)
+    say(result.summary(), json)
     say_written(out, plot, json_path=json)
     write_json(json, result.to_dict())
 
@@ -164,29 +164,6 @@ def _bounds(text: str) -> tuple[float, float]:
             f"--bounds: expected LOW:HIGH such as -0.5:0.8, got {text!r}"
         ) from None
     return low, high
-
-
-def _table(result: "ExperimentDesign") -> str:
-    table = result.to_dataframe()
-    names = [name for name in table.columns if name not in ("unit", "value")]
-    rows = [("standard error", *names, "unit")]
-    rows += [
-        (str(parameter), *(f"{row[name]:.3g}" for name in names), str(row["unit"]))
-        for parameter, row in table.iterrows()
-    ]
-    hot = [planned.name for planned in result.references.values() if not planned.is_allowed]
-    tail = f"\ntoo hot for the limits of the rig: {', '.join(hot)}" if hot else ""
-    means = [
-        f"{planned.name} {100 * planned.mean_error:.1f} %"
-        for planned in (result.best, *result.references.values())
-        if planned.is_allowed
-    ]
-    return (
-        f"{aligned(rows)}{tail}\nmean standard error by the {result.criterion} criterion, of "
-        f"today's: {', '.join(means)}\n"
-        f"highest reading {result.best.highest_reading:.1f} degC, highest cell side "
-        f"{result.best.highest_side:.1f} degC\n{result.text}"
-    )
 
 
 def _draw(result: "ExperimentDesign | DiagnosisDesign", path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._output import aligned
+from .._display import aligned
 
 if TYPE_CHECKING:
     from ..io import Experiment, TextTable

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, final
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption, OverwriteOption
-from ._output import aligned, check_json, check_new_output, say, write_json
+from ._output import check_json, check_new_output, say, write_json
 
 if TYPE_CHECKING:
     from ..io import Experiment

@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -96,14 +96,18 @@ def check_json(path: Path | None) -> None:
 
 
 def write_json(path: Path | None, numbers: object) -> None:
-    """Writes numbers as JSON to a file or to standard output; nothing if the path is None."""
+    """Writes numbers as JSON to a file or to standard output; nothing if the path is None. What is
+    not finite becomes null."""
     if path is None:
         return
-    text = json.dumps(numbers, indent=2, ensure_ascii=False) + "\n"
+    from .._json_values import json_value  # which loads NumPy, that --help does without
+
+    plain = json_value(numbers)
+    text = json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
     if path == STDOUT:
         encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
         is_writable = text.encode(encoding, "replace").decode(encoding) == text
-        sys.stdout.write(text if is_writable else json.dumps(numbers, indent=2) + "\n")
+        sys.stdout.write(text if is_writable else json.dumps(plain, indent=2) + "\n")
     else:
         write_whole_file(path, text.encode(), JaxtwinError)
 
@@ -122,12 +126,3 @@ def say_written(*paths: Path | None, json_path: Path | None = None) -> None:
 def printable(text: str) -> str:
     """Removes control characters, which a terminal would obey, from text of unknown origin."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "�" for letter in text)
-
-
-def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
-    """Formats rows of text in columns, each as wide as its widest entry."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        gap.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )

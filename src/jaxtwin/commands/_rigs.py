@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption, RigArgument
-from ._output import STDOUT, aligned, check_json, check_output, say, say_written, write_json
+from ._output import STDOUT, check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def check(
     result: dict[str, Any] = {"rig": loaded.name, "free": free, "network": counts}
     if grid is not None:
         convergence = _grid_convergence(loaded, grid, duty, duration)
-        say(f"\n{convergence}", json)
+        say(f"\n{convergence.summary()}", json)
         rows = convergence.to_dataframe().to_dict("records")
         result["grid"] = {"resolution_m": convergence.resolution, "grids": rows}
     write_json(json, result)

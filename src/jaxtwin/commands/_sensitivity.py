@@ -1,7 +1,7 @@
 """`jaxtwin sensitivity`: which parameters matter."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -13,13 +13,9 @@ from ._options import (
     SeedOption,
     SetOption,
 )
-from ._output import aligned, check_json, check_output, say, say_written, write_json
+from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_recordings, open_twins
-
-if TYPE_CHECKING:
-    from ..sensitivity_analysis import GlobalSensitivity, Sensitivity
-
 
 # The method of the paper.
 PAPERS = "correlations"
@@ -88,49 +84,12 @@ def sensitivity(
             options["draws"] = draws
         if method == PAPERS:
             result = papers_analysis(twins, experiments, **options)
-            text = _table(result)
         else:
             options |= {"inputs": inputs, "outputs": tuple(output)}
             options["method"] = Sobol(second_order=True) if second_order else method
             result = global_sensitivity(twins, experiments, **options)
-            text = _indices(result)
         progress.step(f"writing {out}")
         result.save(out)
-    say(text, json)
+    say(result.summary(), json)
     say_written(out, json_path=json)
     write_json(json, result.to_dict())
-
-
-def _indices(result: "GlobalSensitivity") -> str:
-    """The indices of the mean cost, or of the first output."""
-    label = result.labels[result.row()]
-    table = result.to_dataframe().loc[label]
-    rows = [("parameter", *table.columns)]
-    rows += [(name, *(f"{value:.3g}" for value in table.loc[name])) for name in result.ranking()]
-    failed, left = int(result.failed.sum()), result.design.blocks - int(result.counted.min())
-    tail = ""
-    if failed:
-        tail = (
-            f"\n{failed} of {len(result.failed)} runs failed; {left} of {result.design.blocks} "
-            "blocks of runs do not count"
-        )
-    return f"{label}, {len(result.failed)} runs\n{aligned(rows)}{tail}"
-
-
-def _table(result: "Sensitivity") -> str:
-    table = result.to_dataframe().loc["mean"]
-    rows = [("parameter", "correlation", "95 % interval", "rank correlation", "95 % interval")]
-    for name in result.ranking():
-        row = table.loc[name]
-        rows.append(
-            (
-                name,
-                f"{row.correlation:+.3f}",
-                f"{row.lower:+.3f} ... {row.upper:+.3f}",
-                f"{row.rank_correlation:+.3f}",
-                f"{row.rank_lower:+.3f} ... {row.rank_upper:+.3f}",
-            )
-        )
-    failed = int(result.failed.sum())
-    tail = f"\n{failed} of {len(result.failed)} draws failed and do not count" if failed else ""
-    return f"correlation with the mean cost of all channels\n{aligned(rows)}{tail}"

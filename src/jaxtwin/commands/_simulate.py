@@ -1,14 +1,14 @@
 """`jaxtwin simulate`: one run of a rig."""
 
-import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .._display import aligned
 from ._options import JsonOption, ParameterFileOption, RigArgument, SetOption
-from ._output import aligned, check_json, check_output, say, say_written, write_json
+from ._output import check_json, check_output, say, say_written, write_json
 from ._show_progress import show_progress
 from ._sources import open_fit, open_recordings, open_twin
 
@@ -106,33 +106,25 @@ def _numbers(run: "Run", wall_time: float) -> dict[str, Any]:
     if run.experiment.temperatures is not None:
         from .._statistics import mean_fit_percent
 
-        fits = run.fit_percent
         numbers["rmse_K"] = run.rmse
-        mean = mean_fit_percent(fits.values())
-        numbers["mean_fit_percent"] = None if math.isnan(mean) else mean
-        # JSON has no NaN: the fit of a channel that never changes is null.
-        numbers["fit_percent"] = {c: None if math.isnan(fit) else fit for c, fit in fits.items()}
+        numbers["mean_fit_percent"] = mean_fit_percent(run.fit_percent.values())
+        numbers["fit_percent"] = run.fit_percent
     numbers["beyond_limits"] = list(run.beyond_limits)
     return numbers
 
 
 def _table(run: "Run", numbers: dict[str, Any]) -> str:
+    from .._statistics import fit_text
     from ..io import gap_sentences
 
     fits = numbers.get("fit_percent")
     head = ["channel", f"degC at {run.time[-1]:g} s"] + (["fit, %"] if fits else [])
     rows = [head]
     for channel, final in numbers["final_degC"].items():
-        rows.append([channel, f"{final:.2f}"] + ([_fit(fits[channel])] if fits else []))
+        rows.append([channel, f"{final:.2f}"] + ([fit_text(fits[channel])] if fits else []))
     text = aligned(rows)
     if fits:
-        mean = _fit(numbers["mean_fit_percent"], " %")
+        mean = fit_text(numbers["mean_fit_percent"], " %")
         text += f"\nmean fit {mean}, RMSE {numbers['rmse_K']:.2f} K"
     gaps = gap_sentences(run.experiment)
     return "\n".join([text, *gaps, *(f"warning: {beyond}" for beyond in run.beyond_limits)])
-
-
-def _fit(percent: float | None, unit: str = "") -> str:
-    from .._statistics import fit_text
-
-    return fit_text(math.nan if percent is None else percent, unit)

@@ -1,16 +1,15 @@
 """A recording that was diagnosed: the causes of what changed in it."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
 
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import picture
 from .._number_text import short_number
+from .._result import AbstractResult, dataset, table
 from ..io import Experiment
 from ..observers import Observed
 from ._suspects import Suspect
@@ -187,7 +186,7 @@ class Cause:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis:
+class Diagnosis(AbstractResult):
     """What `jaxtwin.diagnose` found in a recording.
 
     **Arguments:**
@@ -241,23 +240,30 @@ class Diagnosis:
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each explanation of each cause; a recording without causes
         has the row "healthy"."""
-        import pandas
-
-        return pandas.DataFrame(self._rows())
+        if not self.causes:
+            healthy = float(self.probabilities[-1, -1])
+            return table([{"cause": 0, "name": HEALTHY, "probability": healthy}])
+        return table(
+            {"cause": number}
+            | explanation._asdict()
+            | {"found": cause.found, "until": cause.until, "misfit": cause.misfit}
+            for number, cause in enumerate(self.causes)
+            for explanation in cause.explanations
+        )
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset: probability (time, answer)."""
-        import xarray
-
-        return xarray.Dataset(
-            {"probability": (("time", "answer"), self.probabilities)},
-            {"time": ("time", self.time, {"units": "s"}), "answer": list(self.names)},
+        return dataset(
+            {
+                "probability": ("time answer", self.probabilities, "1"),
+                "time": ("time", self.time, "s"),
+            },
             {"recording": self.experiment.name},
+            answer=self.names,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Returns everything but the probabilities over time as plain numbers and texts, for
-        JSON."""
+    def _for_json(self) -> dict[str, Any]:
+        keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
         return {
             "recording": self.experiment.name,
             "duration_s": self.experiment.duration,
@@ -267,8 +273,12 @@ class Diagnosis:
                     "found_s": cause.found,
                     "until_s": cause.until,
                     "misfit": cause.misfit,
-                    "tie": list(cause.tie),
-                    "explanations": [_plain(explanation) for explanation in cause.explanations],
+                    "tie": cause.tie,
+                    "explanations": [
+                        {keys.get(key, key): value for key, value in explanation._asdict().items()}
+                        | {"phrase": explanation.phrase}
+                        for explanation in cause.explanations
+                    ],
                 }
                 for cause in self.causes
             ],
@@ -287,38 +297,7 @@ class Diagnosis:
             f"<Diagnosis {name}: {'; '.join(cause.best.text for cause in self.causes) or HEALTHY}>"
         )
 
-    def _repr_html_(self) -> str:
-        rows: Sequence[Sequence[str]] = [
-            (
-                explanation.name,
-                f"{explanation.probability:.2g}",
-                f"{explanation.size:.3g}",
-                f"{explanation.onset:.0f}",
-            )
-            for cause in self.causes
-            for explanation in cause.explanations
-        ]
-        head = ("fault", "probability", "size", "onset, s")
-        return html_table(repr(self)[1:-1], head, rows or [(HEALTHY, "", "", "")])
-
-    def _rows(self) -> list[dict[str, Any]]:
-        if not self.causes:
-            return [{"cause": 0, "name": HEALTHY, "probability": float(self.probabilities[-1, -1])}]
-        return [
-            {
-                "cause": number,
-                **explanation._asdict(),
-                "found": cause.found,
-                "until": cause.until,
-                "misfit": cause.misfit,
-            }
-            for number, cause in enumerate(self.causes)
-            for explanation in cause.explanations
-        ]
-
-
-def _plain(explanation: Explanation) -> dict[str, object]:
-    """An explanation for JSON, which has no NaN."""
-    keys = {"onset": "onset_s", "onset_lower": "onset_lower_s", "onset_upper": "onset_upper_s"}
-    result = {keys.get(key, key): json_value(value) for key, value in explanation._asdict().items()}
-    return {**result, "phrase": explanation.phrase}
+    def _overview(self) -> "pandas.DataFrame":
+        headings = {"name": "fault", "onset": "onset, s"}
+        rows = self.to_dataframe().filter(["name", "probability", "size", "onset"])
+        return rows.rename(columns=headings)

@@ -20,9 +20,10 @@ from jaxtyping import Array, Bool, Float
 
 from .._arguments import finite_number, names_of
 from .._compilation import persistent_jit
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
 from .._name_suggestions import unknown_name
+from .._result import AbstractResult, dataset, table
 from ..errors import ObserverError
 from ..io import Experiment
 from ..matching import Fit
@@ -48,7 +49,7 @@ USUAL = "0:0.5,300:0.8,500:0.3"
 
 @final
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Isolability:
+class Isolability(AbstractResult):
     """What a diagnosis can say, as `jaxtwin.isolability` finds it.
 
     **Arguments:**
@@ -113,32 +114,28 @@ class Isolability:
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each fault: its usual size, the time after which it is
         found, the smallest size that is found, and the times after which it is told from others."""
-        import pandas
-
-        table = pandas.DataFrame(
-            {
-                "size": [suspect.size for suspect in self.suspects],
-                "unit": [suspect.unit for suspect in self.suspects],
-                "detection_s": self.detection,
-                "smallest": self.smallest,
-            },
-            index=pandas.Index(self.names, name="fault"),
-        )
-        return table.join(pandas.DataFrame(self.separation, self.names, list(self.names)))
+        columns = {
+            "fault": self.names,
+            "size": [suspect.size for suspect in self.suspects],
+            "unit": [suspect.unit for suspect in self.suspects],
+            "detection_s": self.detection,
+            "smallest": self.smallest,
+        }
+        others = dict(zip(self.names, self.separation.T, strict=True))
+        return table(columns | others, "fault")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset: detection and smallest (fault), separation (fault,
         other)."""
-        import xarray
-
-        return xarray.Dataset(
+        return dataset(
             {
-                "detection": ("fault", self.detection, {"units": "s"}),
+                "detection": ("fault", self.detection, "s"),
                 "smallest": ("fault", self.smallest),
-                "separation": (("fault", "other"), self.separation, {"units": "s"}),
+                "separation": ("fault other", self.separation, "s"),
             },
-            {"fault": list(self.names), "other": list(self.names)},
             {"rig": self.rig},
+            fault=self.names,
+            other=self.names,
         )
 
     def plot(self) -> "Figure":
@@ -156,14 +153,9 @@ class Isolability:
             "told apart>"
         )
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (suspect.name, f"{suspect.size:.3g}", f"{time:.0f}", f"{smallest:.3g}")
-            for suspect, time, smallest in zip(
-                self.suspects, self.detection, self.smallest, strict=True
-            )
-        ]
-        return html_table(repr(self)[1:-1], ("fault", "size", "found, s", "smallest"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        rows = self.to_dataframe().filter(["size", "unit", "detection_s", "smallest"])
+        return rows.rename(columns={"detection_s": "found, s"})
 
 
 def isolability(

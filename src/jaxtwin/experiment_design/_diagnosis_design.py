@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 from jaxtyping import Float, Int
 
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
-from .._json_values import json_value
+from .._result import AbstractResult, dataset, table
 from ..diagnosis import TIE, Faults, chosen, evidence_of, grams_of, suspected
 from ..errors import MatchError
 from ..io import Experiment, write_recording
@@ -98,7 +98,7 @@ class PlannedTest:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class DiagnosisDesign:
+class DiagnosisDesign(AbstractResult):
     """A duty schedule that tells faults apart as soon as possible.
 
     **Arguments:**
@@ -140,7 +140,9 @@ class DiagnosisDesign:
     def summary(self) -> str:
         """After what time each schedule tells the faults apart, and the schedule in words."""
         lines = [f"{self.rig}: {', '.join(self.faults)}"]
-        lines += [f"  {name}: {of}" for name, of in self._rows()]
+        for candidate in self._planned():
+            too_hot = "" if candidate.is_allowed else " (too hot)"
+            lines.append(f"  {candidate.name}: told apart {_after(candidate.separation)}{too_hot}")
         return "\n".join([*lines, self.text])
 
     def plot(self) -> "Figure":
@@ -152,8 +154,6 @@ class DiagnosisDesign:
         """A table with a row for each schedule: the time after which the faults are told apart, the
         two that are the hardest, their odds at the end, the highest temperatures, and whether it is
         allowed."""
-        import pandas
-
         rows = [
             {
                 "schedule": candidate.name,
@@ -166,39 +166,26 @@ class DiagnosisDesign:
             }
             for candidate in self._planned()
         ]
-        return pandas.DataFrame(rows).set_index("schedule")
+        return table(rows, "schedule")
 
     def to_xarray(self) -> "xarray.Dataset":
         """The odds (schedule, since_start), the times of separation (schedule), and the designed
         duty (time, cell)."""
-        import xarray
-
-        planned = self._planned()
-        return xarray.Dataset(
+        planned, schedule = self._planned(), self.schedule
+        return dataset(
             {
-                "odds": (
-                    ("schedule", "since_start"),
-                    np.stack([candidate.odds for candidate in planned]),
-                ),
-                "separation": (
-                    "schedule",
-                    [candidate.separation for candidate in planned],
-                    {"units": "s"},
-                ),
-                "duty": (("time", "cell"), self.schedule.duty, {"units": "1"}),
+                "odds": ("schedule since_start", [candidate.odds for candidate in planned], "1"),
+                "separation": ("schedule", [candidate.separation for candidate in planned], "s"),
+                "duty": ("time cell", schedule.duty, "1"),
+                "since_start": ("since_start", self.best.time, "s"),
+                "time": ("time", schedule.time, "s"),
             },
-            coords={
-                "schedule": [candidate.name for candidate in planned],
-                "since_start": ("since_start", self.best.time, {"units": "s"}),
-                "time": ("time", self.schedule.time, {"units": "s"}),
-                "cell": list(self.schedule.cell_names),
-            },
-            attrs={"rig": self.rig, "faults": list(self.faults), "hold_s": self.hold},
+            {"rig": self.rig, "faults": list(self.faults), "hold_s": self.hold},
+            schedule=[candidate.name for candidate in planned],
+            cell=schedule.cell_names,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as plain Python objects, for JSON; times that are infinite, and those of
-        schedules that are too hot, are None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "faults": list(self.faults),
@@ -208,28 +195,13 @@ class DiagnosisDesign:
             "highest_reading_degC": self.best.highest_reading,
             "hardest": list(self.best.hardest),
             "separation_s": {
-                candidate.name: json_value(candidate.separation) if candidate.is_allowed else None
+                candidate.name: candidate.separation if candidate.is_allowed else None
                 for candidate in self._planned()
             },
         }
 
     def _planned(self) -> list[PlannedTest]:
         return [self.best, *self.references.values()]
-
-    def _rows(self) -> list[tuple[str, str]]:
-        return [
-            (
-                candidate.name,
-                (
-                    f"told apart {_after(candidate.separation)}"
-                    f"{'' if candidate.is_allowed else ' (too hot)'}"
-                ),
-            )
-            for candidate in self._planned()
-        ]
-
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), ("schedule", "faults"), self._rows())
 
     def __repr__(self) -> str:
         return (

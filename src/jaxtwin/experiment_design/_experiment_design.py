@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, final
 import numpy as np
 from jaxtyping import Int
 
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import picture
+from .._result import AbstractResult, dataset, table
 from ..io import Experiment, write_recording
 from ._schedules import text_of
 
@@ -73,7 +73,7 @@ class PlannedSchedule:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class ExperimentDesign:
+class ExperimentDesign(AbstractResult):
     """A duty schedule whose recording is the most informative about a rig.
 
     **Arguments:**
@@ -124,40 +124,40 @@ class ExperimentDesign:
         `jaxtwin.plots.plot_design`."""
         return picture("plot_design", self)
 
+    def summary(self) -> str:
+        """The predicted standard errors, the highest temperatures, and the schedule in words."""
+        reading, side = self.best.highest_reading, self.best.highest_side
+        hottest = f"highest reading {reading:.1f} degC, highest cell side {side:.1f} degC"
+        return "\n".join([super().summary(), hottest, self.text])
+
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each parameter (its name is the index): unit, value, and the
         standard errors today, after the designed recording, and after each of the references."""
-        import pandas
-
-        columns: dict[str, Any] = {"unit": self.units, "value": self.values}
-        for name, errors in self._all_errors().items():
-            columns[name] = [errors[parameter] for parameter in self.names]
-        return pandas.DataFrame(columns, index=pandas.Index(self.names, name="parameter"))
+        columns: dict[str, Any] = {"parameter": self.names, "unit": self.units}
+        columns["value"] = self.values
+        for schedule, errors in self._all_errors().items():
+            columns[schedule] = [errors[name] for name in self.names]
+        return table(columns, "parameter")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Standard errors (schedule, parameter), today's being the first, and the designed duty
         (time, cell)."""
-        import xarray
-
-        errors = self._all_errors()
-        table = [[of[name] for name in self.names] for of in errors.values()]
-        return xarray.Dataset(
+        errors, schedule = self._all_errors(), self.schedule
+        numbers = [[of[name] for name in self.names] for of in errors.values()]
+        return dataset(
             {
-                "standard_error": (("schedule", "parameter"), table),
-                "duty": (("time", "cell"), self.schedule.duty, {"units": "1"}),
+                "standard_error": ("schedule parameter", numbers),
+                "duty": ("time cell", schedule.duty, "1"),
+                "unit": ("parameter", self.units),
+                "time": ("time", schedule.time, "s"),
             },
-            coords={
-                "schedule": list(errors),
-                "parameter": list(self.names),
-                "unit": ("parameter", list(self.units)),
-                "time": ("time", self.schedule.time, {"units": "s"}),
-                "cell": list(self.schedule.cell_names),
-            },
-            attrs={"rig": self.rig, "criterion": self.criterion, "hold_s": self.hold},
-        )
+            {"rig": self.rig, "criterion": self.criterion, "hold_s": self.hold},
+            schedule=list(errors),
+            parameter=self.names,
+            cell=schedule.cell_names,
+        ).set_coords("unit")
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers as plain Python objects, for JSON; infinite errors are None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "criterion": self.criterion,
@@ -169,23 +169,16 @@ class ExperimentDesign:
                 planned.name: planned.mean_error if planned.is_allowed else None
                 for planned in (self.best, *self.references.values())
             },
-            "standard_errors": {
-                name: {key: json_value(value) for key, value in of.items()}
-                for name, of in self._all_errors().items()
-            },
+            "standard_errors": self._all_errors(),
         }
 
     def _all_errors(self) -> dict[str, Mapping[str, float]]:
         references = {name: planned.standard_errors for name, planned in self.references.items()}
         return {"today": self.standard_errors, "designed": self.best.standard_errors} | references
 
-    def _repr_html_(self) -> str:
-        errors = self._all_errors()
-        rows = [
-            (name, *(f"{of[name]:.3g}" for of in errors.values()), unit)
-            for name, unit in zip(self.names, self.units, strict=True)
-        ]
-        return html_table(repr(self), ("standard error", *errors, "unit"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        rows = self.to_dataframe().rename_axis("standard error")
+        return rows.filter([*self._all_errors(), "unit"])
 
     def __repr__(self) -> str:
         compared = ", ".join(

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from .._arguments import finite_number, whole_number
-from .._display import html_table
-from .._json_values import json_value
+from .._result import AbstractResult, table
 from .._statistics import QUANTILE_975
 from .._toml_text import toml_inline, toml_key
 from ..errors import MatchError
@@ -91,7 +90,7 @@ class Candidate:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Identified:
+class Identified(AbstractResult):
     """A twin that was found from recordings alone.
 
     **Arguments:**
@@ -222,31 +221,26 @@ class Identified:
             lines.append(f"far from what was expected: {', '.join(best.far_from_prior)}")
         return "\n".join([*lines, *self.notes])
 
-    def to_dict(self) -> dict[str, Any]:
-        """The identification as values of JSON."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "structure": self.candidates[0].structure,
-            "candidates": [json_value(row.__dict__) for row in self.candidates],
-            "baselines": dict(self.baselines),
-            "notes": list(self.notes),
+            "candidates": [row.__dict__ for row in self.candidates],
+            "baselines": self.baselines,
+            "notes": self.notes,
             "fit": self.fit.to_dict(),
         }
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each structure."""
-        import pandas
-
-        return pandas.DataFrame(
-            [
-                {
-                    "structure": row.structure,
-                    "unknowns": row.unknowns,
-                    "cost": row.cost,
-                    "held-out RMSE, K": row.held_out_rmse,
-                    **{f"RMSE {channel}, K": error for channel, error in row.rmse.items()},
-                }
-                for row in self.candidates
-            ]
+        return table(
+            {
+                "structure": row.structure,
+                "unknowns": row.unknowns,
+                "cost": row.cost,
+                "held-out RMSE, K": row.held_out_rmse,
+                **{f"RMSE {channel}, K": error for channel, error in row.rmse.items()},
+            }
+            for row in self.candidates
         )
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -262,10 +256,3 @@ class Identified:
             f"<Identified {self.rig.name}: {self.candidates[0].structure}, "
             f"RMSE {self.fit.rmse:.3g} K>"
         )
-
-    def _repr_html_(self) -> str:
-        rows = [
-            (row.structure, str(row.unknowns), f"{row.cost:.1f}", f"{row.held_out_rmse:.3g}")
-            for row in self.candidates
-        ]
-        return html_table(repr(self), ("structure", "unknowns", "cost", "held out, K"), rows)

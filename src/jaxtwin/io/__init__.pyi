@@ -49,4 +49,3 @@ from ._text_table import is_data as is_data
 from ._timestamps import is_time as is_time
 from ._timestamps import is_timestamp_title as is_timestamp_title
 from ._title_units import unit_of_title as unit_of_title
-from ._write import save_dataset as save_dataset

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
 
@@ -15,8 +14,9 @@ from jaxtyping import Bool, Float, Shaped
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, is_ordered, of_kind
-from .._display import picture
+from .._display import aligned, html_table, picture
 from .._name_suggestions import did_you_mean
+from .._result import AbstractResult, dataset, table
 from .._temperature_schedule import scheduled_temperatures
 from ..errors import JaxtwinError, RecordingError
 from ..rig import Rig
@@ -50,7 +50,7 @@ EXPERIMENT = "an Experiment, as read_recording, Experiment.schedule and .from_da
 
 @final
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Experiment:
+class Experiment(AbstractResult):
     """The inputs, the outputs and the ambient temperature of one run of a rig. They are checked,
     read-only and in float64.
 
@@ -468,44 +468,47 @@ class Experiment:
         (a number or (time,)), degC; `input_NAME` (time) for each other input. Units are attributes;
         cells are named by `cells`, or else P1, P2, ...
         """
-        import xarray
-
-        degC = {"units": "degC"}
-        variables: dict[str, tuple] = {
-            "duty": (("time", "cell"), self.duty, {"units": "1", "long_name": "duty cycle"})
+        variables: dict[str, Any] = {
+            "duty": ("time cell", self.duty, "1", "duty cycle"),
+            "time": ("time", self.time, "s"),
         }
+        labels = {"cell": self.cell_names}
         if self.temperatures is not None:
-            variables["temperature"] = (("time", "channel"), self.temperatures, degC)
+            variables["temperature"] = ("time channel", self.temperatures, "degC")
         for name, values in self.inputs.items():
-            variables[f"input_{name}"] = (("time",), values)
+            variables[f"input_{name}"] = ("time", values)
         if self.ambient is not None:
-            dims = ("time",) if isinstance(self.ambient, np.ndarray) else ()
-            variables["ambient"] = (dims, self.ambient, degC | {"long_name": "ambient temperature"})
-        coordinates: dict[str, object] = {
-            "time": ("time", self.time, {"units": "s"}),
-            "cell": list(self.cell_names),
-        }
+            dimensions = "time" if isinstance(self.ambient, np.ndarray) else ""
+            variables["ambient"] = (dimensions, self.ambient, "degC", "ambient temperature")
         if self.channels:
-            coordinates["channel"] = list(self.channels)
-        return xarray.Dataset(variables, coordinates, attrs={"name": self.name})
+            labels["channel"] = self.channels
+        return dataset(variables, {"name": self.name}, **labels)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The experiment as a table with the columns of a .csv recording, which `from_dataframe`
         reads back: a row for each sample, its index `time_s`; `duty_P1`, ..., `T11_degC`, ... and,
         if it is known, `ambient_degC`. A missing temperature is NaN."""
-        import pandas
-
-        columns = {f"duty_{n}": duty for n, duty in zip(self.cell_names, self.duty.T, strict=True)}
-        for number, channel in enumerate(self.channels):
-            columns[f"{channel}_degC"] = (
-                np.full(len(self.time), np.nan)
-                if self.temperatures is None
-                else self.temperatures[:, number]
-            )
+        readings = self.temperatures
+        if readings is None:
+            readings = np.full((len(self.time), len(self.channels)), np.nan)
+        columns = {"time_s": self.time}
+        columns |= {f"duty_{n}": duty for n, duty in zip(self.cell_names, self.duty.T, strict=True)}
+        columns |= {f"{n}_degC": read for n, read in zip(self.channels, readings.T, strict=True)}
         if self.ambient is not None:
             columns["ambient_degC"] = np.broadcast_to(self.ambient, self.time.shape)
         columns |= {f"input_{name}": values for name, values in self.inputs.items()}
-        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time_s"))
+        return table(columns, "time_s")
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Writes it to a .csv or a netCDF (.nc) file, as `write_recording` does.
+
+        **Returns:** the path.
+
+        **Raises:** the errors of `write_recording`.
+        """
+        from ._write import write_recording
+
+        return write_recording(self, Path(path))
 
     def plot(self) -> "Figure":
         """Plots the channels' temperatures above the cells' duty cycles. Several
@@ -524,12 +527,12 @@ class Experiment:
     def __repr__(self) -> str:
         return f"<Experiment {'; '.join(f'{row}: {text}' for row, text in self._summary())}>"
 
+    def summary(self) -> str:
+        """What it is made of, a line each."""
+        return aligned(self._summary())
+
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th>{escape(row)}</th><td>{escape(text)}</td></tr>"
-            for row, text in self._summary()
-        )
-        return f"<table><caption>Experiment</caption>{rows}</table>"
+        return html_table("Experiment", ("", ""), self._summary())
 
     def _summary(self) -> list[tuple[str, str]]:
         step = np.median(np.diff(self.time))

@@ -6,18 +6,14 @@ import sqlite3
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .._arguments import of_kind, path_of
-from .._whole_file import check_ending, whole_file
+from .._whole_file import whole_file
 from ..errors import RecordingError
 from ._csv import write_csv
 from ._experiment import EXPERIMENT, Experiment
 from ._netcdf import write_netcdf
 from ._session import Session
-
-if TYPE_CHECKING:
-    import xarray
 
 
 def write_recording(
@@ -59,21 +55,6 @@ def write_recording(
         else:
             write_csv(experiment, stream, history)
     return file
-
-
-def save_dataset(dataset: "xarray.Dataset", path: str | os.PathLike[str]) -> None:
-    """Writes labelled results as netCDF 3, which needs no extra library to write or read.
-
-    **Raises:** `RecordingError` for another ending than .nc, and if the file cannot be written.
-    """
-    check_ending(path, [".nc"], RecordingError)
-    plain = dataset.copy()
-    for name, variable in plain.variables.items():
-        # netCDF 3 has no booleans.
-        if variable.dtype == bool:
-            plain[name] = plain[name].astype("int8")
-    with whole_file(path, RecordingError) as stream:
-        write_netcdf(plain, stream)
 
 
 # Copies a recording while it grows, with a checksum in a second file.

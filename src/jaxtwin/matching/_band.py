@@ -23,10 +23,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._arguments import finite_number, of_kind, whole_number
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean
 from .._progress import announced
+from .._result import AbstractResult, dataset, table
 from ..errors import MatchError
 from ..io import Experiment, as_experiments
 from ..physics import Twin
@@ -106,7 +107,7 @@ LEVEL = 0.95
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Band:
+class Band(AbstractResult):
     """The interval in which a reading lies with a given probability, for each channel and time.
 
     **Arguments:**
@@ -172,19 +173,17 @@ class Band:
 
     def to_xarray(self) -> "xarray.Dataset":
         """The band as a dataset: lower, middle and upper (time, channel), degC."""
-        import xarray
-
-        edges = {"lower": self.lower, "middle": self.middle, "upper": self.upper}
-        return xarray.Dataset(
-            {name: (("time", "channel"), edge, {"units": "degC"}) for name, edge in edges.items()},
-            coords={"time": ("time", self.time, {"units": "s"}), "channel": list(self.channels)},
-            attrs={"rig": self.run.rig, "level": self.level},
+        band = "time channel"
+        return dataset(
+            {
+                "lower": (band, self.lower, "degC"),
+                "middle": (band, self.middle, "degC"),
+                "upper": (band, self.upper, "degC"),
+                "time": ("time", self.time, "s"),
+            },
+            {"rig": self.run.rig, "level": self.level},
+            channel=self.channels,
         )
-
-    def to_dataframe(self) -> "pandas.DataFrame":
-        """A table with a row for each time and channel (its index) and the columns lower, middle
-        and upper, degC."""
-        return self.to_xarray().to_dataframe()
 
     def __repr__(self) -> str:
         return (
@@ -192,16 +191,16 @@ class Band:
             f"average, {len(self.time)} times, {len(self.channels)} channels>"
         )
 
-    def _repr_html_(self) -> str:
-        largest = (self.upper - self.lower).max(axis=0)
-        columns = {"mean width, K": self.width, "largest, K": largest}
+    def _overview(self) -> "pandas.DataFrame":
+        widths = self.upper - self.lower
+        columns = {
+            "channel": self.channels,
+            "mean width, K": self.width,
+            "largest, K": widths.max(axis=0),
+        }
         if self.run.experiment.temperatures is not None:
             columns["samples inside, %"] = 100 * self.coverage
-        rows = [
-            (channel, *(f"{numbers[place]:.2f}" for numbers in columns.values()))
-            for place, channel in enumerate(self.channels)
-        ]
-        return html_table(repr(self), ("channel", *columns), rows)
+        return table(columns)
 
 
 @announced("prediction band")

@@ -1,15 +1,15 @@
 """The difference between two fits, in standard errors."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from .._arguments import of_kind
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import aligned, picture
 from .._number_text import short_number
+from .._result import AbstractResult, dataset, table
 from ..errors import MatchError
 from ._fit import Fit
 from ._fitted_parameters import FittedParameter
@@ -48,7 +48,7 @@ class ParameterDifference:
 
 @final
 @dataclass(frozen=True, repr=False)
-class FitDifference:
+class FitDifference(AbstractResult):
     """The differences between two fits of one rig.
 
     **Arguments:**
@@ -69,50 +69,29 @@ class FitDifference:
 
     def summary(self) -> str:
         """A text table of the parameters that differ, largest difference first."""
-        lines = []
-        rows = self._rows()
-        if rows:
-            table = [TABLE_HEAD, *rows]
-            widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-            lines = [
-                "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-                for row in table
-            ]
+        lines = [aligned([TABLE_HEAD, *rows]) for rows in [self._rows()] if rows]
         for label, names in (("old", self.only_old), ("new", self.only_new)):
             lines += [f"only in the {label} fit: {', '.join(names)}"] * bool(names)
         return "\n".join(lines) or "no difference"
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
-        return {
-            "parameters": {
-                row.name: {
-                    "unit": row.unit,
-                    "old": row.old,
-                    "new": row.new,
-                    "standard_errors": json_value(row.standard_errors),
-                    "notes": list(row.notes),
-                }
-                for row in self.rows
-            },
-            "only_old": list(self.only_old),
-            "only_new": list(self.only_new),
-        }
+    def _for_json(self) -> dict[str, Any]:
+        rows = {row.name: asdict(row) for row in self.rows}
+        fields = ("unit", "old", "new", "standard_errors", "notes")
+        parameters = {name: {field: row[field] for field in fields} for name, row in rows.items()}
+        return {"parameters": parameters, "only_old": self.only_old, "only_new": self.only_new}
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for every parameter, its name as index and the fields of
         `ParameterDifference` as columns; `notes` is a single text."""
-        import pandas
-
-        rows = [vars(row) | {"notes": ", ".join(row.notes)} for row in self.rows]
-        return pandas.DataFrame(rows).set_index("name")
+        return table([asdict(row) | {"notes": ", ".join(row.notes)} for row in self.rows], "name")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns the numbers of `to_dataframe` as a dataset: old, new, error and standard_errors
         (parameter), with the units as a coordinate."""
-        table = self.to_dataframe().rename_axis("parameter")
-        numbers = table[["old", "new", "error", "standard_errors"]].to_xarray()
-        return numbers.assign_coords(unit=("parameter", table["unit"].tolist()))
+        rows = self.to_dataframe()
+        numbers = ("old", "new", "error", "standard_errors", "unit")
+        columns = {name: ("parameter", rows[name]) for name in numbers}
+        return dataset(columns, {}, parameter=rows.index).set_coords("unit")
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Plots the differences in standard errors, the largest on top
@@ -140,8 +119,8 @@ class FitDifference:
             "standard errors>"
         )
 
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), TABLE_HEAD, self._rows())
+    def _overview(self) -> "pandas.DataFrame":
+        return table(self._rows(), columns=TABLE_HEAD)
 
 
 def compare_fits(old: Fit, new: Fit) -> FitDifference:

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from .._by_recording import ByRecording
-from .._display import html_table, picture, report
-from .._json_values import json_value
+from .._display import picture, report
+from .._result import AbstractResult, table
 from .._statistics import mean_fit_percent
 from ..errors import MatchError, SimulationError
 from ..io import Experiment, of_rig
@@ -55,7 +55,7 @@ class Solution:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Fit:
+class Fit(AbstractResult):
     """A twin matched to recordings.
 
     `fit["R_E"].value` and `fit["R_E"].standard_error` are the matched values. A fit that `load`
@@ -263,39 +263,31 @@ class Fit:
         """
         return summary_table(self, style)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; infinite and missing numbers become None."""
-        rows = [
-            {
-                field: json_value(getattr(row, field))
-                for field in FittedParameter.__dataclass_fields__
-            }
-            for row in self.parameters.values()
-        ]
-        fits: dict[str, dict[str, float | None]] = {name: {} for name in self.recordings}
+    def _for_json(self) -> dict[str, Any]:
+        fits: dict[str, dict[str, float]] = {name: {} for name in self.recordings}
         for (recording, channel), value in self.fit_percent.items():
-            fits[recording][channel] = json_value(value)
+            fits[recording][channel] = value
         return {
             "rig": self.twin.rig.name,
-            "mean_fit_percent": json_value(self.mean_fit_percent),
+            "mean_fit_percent": self.mean_fit_percent,
             "rmse_K": self.rmse,
             "status": self.status,
             "converged": self.converged,
             "iterations": self.history[-1].number,
             "wall_time_s": self.wall_time,
-            "parameters": rows,
-            "recordings": {name: dict(values) for name, values in self.recording_values.items()},
+            "parameters": [asdict(row) for row in self.parameters.values()],
+            "recordings": self.recording_values,
             "fit_percent": fits,
             "optima": [
                 {
                     "start": optimum.start,
-                    "cost": json_value(optimum.cost),
-                    "apart_K": json_value(optimum.apart),
-                    "rmse_K": json_value(optimum.rmse),
+                    "cost": optimum.cost,
+                    "apart_K": optimum.apart,
+                    "rmse_K": optimum.rmse,
                     "iterations": optimum.iterations,
                     "status": optimum.status,
                     "converged": optimum.converged,
-                    "values": {name: json_value(v) for name, v in optimum.values.items()},
+                    "values": optimum.values,
                 }
                 for optimum in self.optima
             ],
@@ -340,19 +332,17 @@ class Fit:
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for every parameter, its name as index and the fields of
         `FittedParameter` as columns; `warnings` as a single text."""
-        import pandas
+        rows = self.parameters.values()
+        return table([asdict(row) | {"warnings": ", ".join(row.warnings)} for row in rows], "name")
 
-        rows = [
-            asdict(row) | {"warnings": ", ".join(row.warnings)} for row in self.parameters.values()
-        ]
-        return pandas.DataFrame(rows).set_index("name")
-
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the fit as a TOML file, as a whole or not at all.
 
         The file is a parameter file that `read_parameters`, `Twin` and the command line accept.
         Further tables hold what `load` needs: uncertainty, fits, history, fingerprints of the
         recordings, versions.
+
+        **Returns:** the path.
 
         **Raises:** `ParameterError` if the file name does not end in .toml or the file cannot be
         written.
@@ -360,6 +350,7 @@ class Fit:
         from ._save_fit import save_fit
 
         save_fit(self, path)
+        return Path(path)
 
     @classmethod
     def load(
@@ -397,20 +388,11 @@ class Fit:
             )
         return self.comparisons
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                row.name,
-                f"{row.value:.4g}",
-                f"{row.standard_error:.2g}",
-                row.unit,
-                ", ".join(row.warnings),
-            )
-            for row in self.parameters.values()
-            if row.free
-        ]
-        head = ("parameter", "value", "standard error", "unit", "warnings")
-        return html_table(repr(self), head, rows)
+    def _overview(self) -> "pandas.DataFrame":
+        rows = self.to_dataframe().query("free").rename_axis("parameter")
+        # An error is hardly known better than to two digits.
+        rounded = {"standard error": [float(f"{error:.2g}") for error in rows["standard_error"]]}
+        return rows.assign(**rounded).filter(["value", "standard error", "unit", "warnings"])
 
     def __repr__(self) -> str:
         return (

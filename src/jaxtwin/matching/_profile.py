@@ -27,11 +27,12 @@ import numpy as np
 from jaxtyping import Float
 
 from .._arguments import check_callable, of_kind, whole_number
-from .._display import html_table, picture
+from .._display import picture
 from .._lapack import one_blas_thread
 from .._name_suggestions import did_you_mean
 from .._number_text import short_number
 from .._progress import announced
+from .._result import AbstractResult, dataset
 from ..errors import MatchError, ParameterError
 from ._descent import descend
 from ._descent_result import DescentStep, Iteration, make_iteration
@@ -58,7 +59,7 @@ MIN_POINTS = 3
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Profile:
+class Profile(AbstractResult):
     """A profile likelihood.
 
     **Arguments:**
@@ -85,29 +86,21 @@ class Profile:
 
     def to_xarray(self) -> "xarray.Dataset":
         """The profile as a dataset: excess (value); the interval is an attribute."""
-        import xarray
-
-        return xarray.Dataset(
-            {"excess": ("value", self.excess, {"units": "1"})},
-            coords={"value": ("value", self.values, {"units": self.unit or "1"})},
-            attrs={"parameter": self.name, "lower": self.interval[0], "upper": self.interval[1]},
+        return dataset(
+            {
+                "excess": ("value", self.excess, "1"),
+                "value": ("value", self.values, self.unit or "1"),
+            },
+            {"parameter": self.name, "lower": self.interval[0], "upper": self.interval[1]},
         )
-
-    def to_dataframe(self) -> "pandas.DataFrame":
-        """A table with a row for each value of the parameter (its index) and the column excess."""
-        return self.to_xarray().to_dataframe()
 
     def __repr__(self) -> str:
         low, high = map(short_number, self.interval)
         interval = f"{low} to {high} {self.unit}".rstrip()
         return f"<Profile of {self.name}: 95 % interval {interval}, {len(self.values)} points>"
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (short_number(value), f"{excess:.2f}")
-            for value, excess in zip(self.values.tolist(), self.excess.tolist(), strict=True)
-        ]
-        return html_table(repr(self), (f"{self.name}, {self.unit or '1'}", "excess"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        return self.to_dataframe().rename_axis(f"{self.name}, {self.unit or '1'}")
 
 
 @announced("profile likelihood")

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from .._display import aligned
 from .._number_text import interval_text, short_number
+from .._result import dataset
 from .._statistics import fit_text
 from ._start import replaced_by_recorded_room, room_parameters
 
@@ -58,53 +60,42 @@ def summary_table(fit: "Fit", style: Style = "text") -> str:
 
 def fit_dataset(fit: "Fit") -> "xarray.Dataset":
     """Implements `Fit.to_xarray`."""
-    import xarray
-
-    table = tuple(fit.parameters.values())
-    numbers = {
-        name: ("parameter", [getattr(row, name) for row in table])
-        for name in ("value", "initial", "standard_error", "lower", "upper")
-    }
-    own = list(next(iter(fit.recording_values.values())))
+    table, recordings = tuple(fit.parameters.values()), fit.recording_values.values()
+    own = list(next(iter(recordings)))
+    own_values = [[values[name] for name in own] for values in recordings]
     channels = list(dict.fromkeys(channel for names in fit.channels for channel in names))
     fits = [
         [fit.fit_percent.get((name, channel), math.nan) for channel in channels]
         for name in fit.recordings
     ]
-    own_values = [[values[n] for n in own] for values in fit.recording_values.values()]
-    entries = ("entry", "other_entry")
-    return xarray.Dataset(
+    numbers = {
+        name: ("parameter", [getattr(row, name) for row in table])
+        for name in ("value", "initial", "standard_error", "lower", "upper", "free", "unit")
+    }
+    labels, by_recording = fit.uncertainty.labels, "recording own_parameter"
+    return dataset(
         {
             **numbers,
-            "free": ("parameter", [row.free for row in table]),
-            "interval": (("parameter", "bound"), [row.interval for row in table]),
-            "recording_value": (
-                ("recording", "own_parameter"),
-                np.reshape(own_values, (len(fit.recordings), len(own))),
-            ),
-            "fit_percent": (("recording", "channel"), fits, {"units": "%"}),
-            "covariance": (entries, fit.uncertainty.covariance),
-            "correlation": (entries, fit.uncertainty.correlation, {"units": "1"}),
-            "rmse": ("iteration", [step.rmse for step in fit.history], {"units": "K"}),
+            "interval": ("parameter bound", [row.interval for row in table]),
+            "recording_value": (by_recording, np.reshape(own_values, (len(recordings), len(own)))),
+            "fit_percent": ("recording channel", fits, "%"),
+            "covariance": ("entry other_entry", fit.uncertainty.covariance),
+            "correlation": ("entry other_entry", fit.uncertainty.correlation, "1"),
+            "rmse": ("iteration", [step.rmse for step in fit.history], "K"),
         },
-        coords={
-            "parameter": [row.name for row in table],
-            "unit": ("parameter", [row.unit for row in table]),
-            "bound": ["lower", "upper"],
-            "recording": list(fit.recordings),
-            "own_parameter": own,
-            "channel": channels,
-            "entry": list(fit.uncertainty.labels),
-            "other_entry": list(fit.uncertainty.labels),
-            "iteration": [step.number for step in fit.history],
-        },
-        attrs={"rig": fit.twin.rig.name, "status": fit.status, "date": fit.date},
-    )
+        {"rig": fit.twin.rig.name, "status": fit.status, "date": fit.date},
+        parameter=[row.name for row in table],
+        bound=["lower", "upper"],
+        recording=fit.recordings,
+        own_parameter=own,
+        channel=channels,
+        entry=labels,
+        other_entry=labels,
+        iteration=[step.number for step in fit.history],
+    ).set_coords("unit")
 
 
 def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
-    table = [COLUMNS, *rows]
-    widths = [max(len(row[column]) for row in table) for column in range(len(COLUMNS))]
     lines = [
         f"{fit.twin.rig.name} matched to {', '.join(fit.recordings)}",
         (
@@ -118,12 +109,7 @@ def _text(fit: "Fit", rows: list[tuple[str, ...]]) -> str:
         lines[3:3] = [f"steps of the match too long for these values: {fit.solver_gap:.2g} K off"]
     for note in fit.notes:
         lines[-1:-1] = wrap(note, WIDTH, subsequent_indent="  ")
-    for row in table:
-        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=True)]
-        cells[NUMBERS] = [
-            cell.rjust(width) for cell, width in zip(row[NUMBERS], widths[NUMBERS], strict=True)
-        ]
-        lines.append("  ".join(cells).rstrip())
+    lines.append(aligned([COLUMNS, *rows], right=NUMBERS))
     held = [row for row in fit.parameters.values() if not row.free]
     replaced = frozenset[str]()
     if all(sample.ambient is not None for sample in fit.first_samples):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from jaxtyping import Float
 
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import picture
+from .._result import AbstractResult, dataset, table
 from .._statistics import QUANTILE_975
 from ..io import Experiment
 from ..live.safety._interlock import Finding
@@ -33,7 +33,7 @@ COLUMNS = ("kind", "channel", "since_s", "found_s", "until_s", "size", "unit", "
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Monitored:
+class Monitored(AbstractResult):
     """What `jaxtwin.monitor` found in a recording.
 
     **Arguments:**
@@ -82,46 +82,35 @@ class Monitored:
         simulations that it comes from with their hours, and the 95 % interval of the mean time
         between its false alarms that the extrapolation leaves, days; NaN if it is a usual one, or
         if the recordings hardly know."""
-        import pandas
-
-        return pandas.DataFrame(self._thresholds()).set_index("statistic")
+        return table(self._thresholds(), "statistic")
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each finding."""
-        import pandas
-
-        return pandas.DataFrame(self._rows(), columns=list(COLUMNS))
+        return table(self._rows(), columns=COLUMNS)
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset: score (time, test), the largest score of each test, which is
         a finding from 1 on; and the columns of `to_dataframe` (finding)."""
-        import xarray
-
-        scores = np.stack(
-            [evidence.score.max(axis=1, initial=0.0) for evidence in self.evidences], axis=1
-        )
-        table = self.to_dataframe()
-        columns = {name: ("finding", table[name].to_numpy()) for name in COLUMNS}
-        return xarray.Dataset(
-            {"score": (("time", "test"), scores), **columns},
-            {"time": ("time", self.time, {"units": "s"}), "test": list(self.evidences._fields)},
+        scores = [evidence.score.max(axis=1, initial=0.0) for evidence in self.evidences]
+        found = self.to_dataframe()
+        return dataset(
+            {
+                "score": ("time test", np.transpose(scores), "1"),
+                "time": ("time", self.time, "s"),
+                **{name: ("finding", found[name]) for name in COLUMNS},
+            },
             {"recording": self.experiment.name},
+            test=self.evidences._fields,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Returns everything as plain numbers and texts, for JSON."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "recording": self.experiment.name,
             "duration_s": self.experiment.duration,
             "false_alarm_days": self.false_alarm_time / DAY,
             "alarms": len(self.alarms),
-            "findings": [
-                {key: json_value(value) for key, value in zip(COLUMNS, row, strict=True)}
-                for row in self._rows()
-            ],
-            "thresholds": [
-                {key: json_value(value) for key, value in row.items()} for row in self._thresholds()
-            ],
+            "findings": [dict(zip(COLUMNS, row, strict=True)) for row in self._rows()],
+            "thresholds": self._thresholds(),
         }
 
     def summary(self) -> str:
@@ -153,20 +142,9 @@ class Monitored:
         kinds = ", ".join(sorted({finding.kind for finding in self.findings})) or "nothing found"
         return f"<Monitored {name}: {_count(len(self.alarms))}; {kinds}>"
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (finding.kind, finding.channel, f"{finding.since:.0f}", finding.detail)
-            for finding in self.findings
-        ]
-        return html_table(repr(self)[1:-1], ("kind", "channel", "since, s", "what"), rows)
-
     def _rows(self) -> list[tuple[Any, ...]]:
-        return [
-            (finding.kind, finding.channel, finding.since, finding.found, finding.until,
-            finding.size, finding.unit,
-             finding.probability, finding.severity, finding.detail)
-            for finding in self.findings
-        ]  # fmt: skip
+        fields = [name.removesuffix("_s") for name in COLUMNS]
+        return [tuple(getattr(finding, field) for field in fields) for finding in self.findings]
 
     def _thresholds(self) -> list[dict[str, Any]]:
         each, rows = self.false_alarm_time * len(FAMILIES), []

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._name_suggestions import did_you_mean
+from .._result import dataset
 from .._statistics import QUANTILE_975
 from ..errors import ObserverError
 from ._augmented_model import AugmentedModel
@@ -164,36 +165,25 @@ class Estimates:
         (time, cell), room, common_error (time) and parameter (time, name), each with its standard
         deviation under the same name and `_spread`; for parameters `parameter_lower` and
         `parameter_upper`. The attribute `status` says that they are estimates."""
-        import xarray
-
-        celsius, kelvin = {"units": "degC"}, {"units": "K"}
-        variables: dict[str, Any] = {}
-        for name, moment, dims, units in (
-            ("node", self.moments.nodes, ("time", "node_name"), celsius),
-            ("channel_temperature", self.moments.channels, ("time", "channel"), celsius),
-            ("heat", self.moments.heats, ("time", "cell"), {"units": "W"}),
-            ("room", _only(self.moments.room), ("time",), celsius),
-            ("common_error", _only(self.moments.common), ("time",), kelvin),
-        ):  # fmt: skip
-            variables[name] = (dims, moment.mean, units)
-            variables[f"{name}_spread"] = (
-                dims,
-                moment.spread,
-                kelvin if units == celsius else units,
-            )
-        coordinates: dict[str, Any] = {
-            "time": ("time", self.time, {"units": "s"}),
-            "node_name": list(self.nodes),
-            "channel": list(self.channels),
-            "cell": list(self.cells),
-        }
+        variables: dict[str, Any] = {"time": ("time", self.time, "s")}
+        for name, moment, dimensions, unit in (
+            ("node", self.moments.nodes, "time node_name", "degC"),
+            ("channel_temperature", self.moments.channels, "time channel", "degC"),
+            ("heat", self.moments.heats, "time cell", "W"),
+            ("room", _only(self.moments.room), "time", "degC"),
+            ("common_error", _only(self.moments.common), "time", "K"),
+        ):
+            variables[name] = (dimensions, moment.mean, unit)
+            spread_unit = "K" if unit == "degC" else unit
+            variables[f"{name}_spread"] = (dimensions, moment.spread, spread_unit)
+        labels = {"node_name": self.nodes, "channel": self.channels, "cell": self.cells}
         parameters = self.parameters
         if parameters:
-            coordinates["parameter_name"] = list(parameters)
+            labels["parameter_name"] = tuple(parameters)
             for suffix, place in (("", 0), ("_lower", 1), ("_upper", 2)):
                 table = np.stack([parameter[place] for parameter in parameters.values()], axis=1)
-                variables[f"parameter{suffix}"] = (("time", "parameter_name"), table)
-        return xarray.Dataset(variables, coordinates, {"status": f"estimates, {self.kind}"})
+                variables[f"parameter{suffix}"] = ("time parameter_name", table)
+        return dataset(variables, {"status": f"estimates, {self.kind}"}, **labels)
 
     def __repr__(self) -> str:
         return (

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._compilation import persistent_jit, persistent_jit_unoptimised
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
 from .._padded_rows import first_rows, padded_count
+from .._result import AbstractResult, dataset, table
 from .._statistics import QUANTILE_975
 from ._augmented_model import Transition
 from ._estimates import Moment
@@ -197,7 +198,7 @@ def forecast_from(
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Forecast:
+class Forecast(AbstractResult):
     """Expected readings with the bands in which 95 % of them lie.
 
     **Arguments:**
@@ -275,26 +276,18 @@ class Forecast:
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset: mean, lower, upper and, if there is any, recorded, all
         (time, channel) in degC, and spread in K."""
-        import xarray
-
-        dims, celsius = ("time", "channel"), {"units": "degC"}
-        variables: dict[str, Any] = {
-            "mean": (dims, self.mean, celsius),
-            "lower": (dims, self.lower, celsius),
-            "upper": (dims, self.upper, celsius),
-            "spread": (dims, self.spread, {"units": "K"}),
+        readings = "time channel"
+        variables = {
+            "mean": (readings, self.mean, "degC"),
+            "lower": (readings, self.lower, "degC"),
+            "upper": (readings, self.upper, "degC"),
+            "spread": (readings, self.spread, "K"),
+            "time": ("time", self.time, "s"),
         }
         if self.recorded is not None:
-            variables["recorded"] = (dims, self.recorded, celsius)
-        return xarray.Dataset(
-            variables,
-            {"time": ("time", self.time, {"units": "s"}), "channel": list(self.channels)},
-            {"recording": self.name, "lead_s": self.lead},
-        )
-
-    def to_dataframe(self) -> "pandas.DataFrame":
-        """Returns a table with a row for each time and channel, and the columns of `to_xarray`."""
-        return self.to_xarray().to_dataframe()
+            variables["recorded"] = (readings, self.recorded, "degC")
+        attributes = {"recording": self.name, "lead_s": self.lead}
+        return dataset(variables, attributes, channel=self.channels)
 
     def plot(self) -> "Figure":
         """Draws what was expected with its bands, a panel for each channel, and what was read.
@@ -311,14 +304,16 @@ class Forecast:
             text += f": RMSE {self.rmse:.3f} K, {100 * self.coverage:.1f} % inside"
         return f"{text}, bands of {self.band_width:.2f} K>"
 
-    def _repr_html_(self) -> str:
-        rows = []
-        for number, channel in enumerate(self.channels):
-            residuals = self.residuals[:, number]
-            there = np.isfinite(residuals)
-            inside = self._inside[there, number]
-            error = f"{np.sqrt(np.mean(residuals[there] ** 2)):.3f}" if there.any() else ""
-            share = f"{100 * inside.mean():.1f}" if there.any() else ""
-            width = f"{2 * QUANTILE_975 * self.spread[:, number].mean():.2f}"
-            rows.append((channel, error, share, width))
-        return html_table(repr(self)[1:-1], ("channel", "RMSE, K", "inside, %", "band, K"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        there = np.isfinite(self.residuals)
+        # NaN for a channel that was never read.
+        counts = np.where(there.any(axis=0), there.sum(axis=0), math.nan)
+        squares = np.where(there, self.residuals, 0.0) ** 2
+        return table(
+            {
+                "channel": self.channels,
+                "RMSE, K": np.sqrt(squares.sum(axis=0) / counts),
+                "inside, %": 100 * self._inside.sum(axis=0) / counts,
+                "band, K": 2 * QUANTILE_975 * self.spread.mean(axis=0),
+            }
+        )

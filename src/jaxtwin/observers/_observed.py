@@ -12,9 +12,10 @@ from jaxtyping import Array, Bool, Float
 
 from .._arguments import finite_number
 from .._compilation import persistent_jit
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
 from .._padded_rows import first_rows, padded_rows
+from .._result import AbstractResult, table
 from ..errors import ObserverError
 from ..io import Experiment
 from ..simulation import input_levels
@@ -104,7 +105,7 @@ def _before_readings(after: Adjoint, correction: GaussianUpdate) -> Adjoint:
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class Observed:
+class Observed(AbstractResult):
     """A recording that `jaxtwin.observe` followed: what was expected of each reading, and what the
     readings say of the rig.
 
@@ -298,21 +299,20 @@ class Observed:
         """Returns the filtered estimates as `Estimates.to_xarray`, with recorded and expected
         readings, the spread of the latter, standardised innovations (time, channel) and nis
         (time)."""
-        dataset = self.estimates.to_xarray()
+        data = self.estimates.to_xarray().assign_attrs(recording=self.experiment.name)
         dims, celsius = ("time", "channel"), {"units": "degC"}
-        dataset["recorded"] = (dims, self._recorded, celsius)
-        dataset["expected"] = (dims, self.expected.mean, celsius)
-        dataset["expected_spread"] = (dims, self.expected.spread, {"units": "K"})
-        dataset["standardised_innovation"] = (dims, self.standardised)
-        dataset["nis"] = ("time", self.nis)
-        return dataset.assign_attrs(recording=self.experiment.name)
+        data["recorded"] = (dims, self._recorded, celsius)
+        data["expected"] = (dims, self.expected.mean, celsius)
+        data["expected_spread"] = (dims, self.expected.spread, {"units": "K"})
+        data["standardised_innovation"] = (dims, self.standardised, {"units": "1"})
+        data["nis"] = ("time", self.nis, {"units": "1"})
+        return data
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each sample and channel: what was expected, as
         `Forecast.to_dataframe`, and the standardised innovation."""
-        table = self.expected.to_dataframe()
-        table["standardised_innovation"] = self.standardised.ravel()
-        return table
+        innovations = self.standardised.ravel()
+        return self.expected.to_dataframe().assign(standardised_innovation=innovations)
 
     def plot(self) -> "Figure":
         """Draws readings and estimates over time with their bands.
@@ -336,17 +336,16 @@ class Observed:
             f"{self.expected.rmse:.3f} K, normalised innovation squared {np.nanmean(self.nis):.2f}>"
         )
 
-    def _repr_html_(self) -> str:
+    def _overview(self) -> "pandas.DataFrame":
         end = self.estimates
-        rows = [
-            (name, f"{band.mean[-1]:.2f}", f"{band.upper[-1] - band.mean[-1]:.2f}")
-            for name, band in (
-                *((f"{node}, °C", end.node(node)) for node in end.nodes),
-                ("room, °C", end.room),
-                *((f"heat at {cell}, W", end.heat(cell)) for cell in end.cells),
-            )
-        ]
-        return html_table(repr(self)[1:-1], ("estimate at the end", "value", "± 95 %"), rows)
+        named = {
+            **{f"{node}, °C": end.node(node) for node in end.nodes},
+            "room, °C": end.room,
+            **{f"heat at {cell}, W": end.heat(cell) for cell in end.cells},
+        }
+        means = [band.mean[-1] for band in named.values()]
+        reaches = [band.upper[-1] - band.mean[-1] for band in named.values()]
+        return table({"estimate at the end": list(named), "value": means, "± 95 %": reaches})
 
     @property
     def _levels(self) -> Float[np.ndarray, "samples inputs"] | None:

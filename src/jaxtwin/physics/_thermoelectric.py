@@ -22,8 +22,9 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, ArrayLike, Float
 
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
+from .._result import AbstractResult, dataset, table
 from ..errors import ParameterError
 from ..rig import load_module
 
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, repr=False)
-class DCSweep:
+class DCSweep(AbstractResult):
     """Curves over the current, one for each temperature difference, Fig. 11 of the paper.
 
     **Arguments:**
@@ -64,11 +65,6 @@ class DCSweep:
         """Plots the curves over the current: `jaxtwin.plots.plot_dc_curves`."""
         return picture("plot_dc_curves", self)
 
-    def to_dataframe(self) -> "pandas.DataFrame":
-        """Returns a table with a row for each temperature difference and current (its index) and
-        the columns heat_flow (W), power (W) and cop."""
-        return self.to_xarray().to_dataframe()
-
     def __repr__(self) -> str:
         low, high = self.current.min(), self.current.max()
         return (
@@ -76,30 +72,23 @@ class DCSweep:
             f"{high:g} A, at {len(self.delta_T)} differences>"
         )
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (f"{difference:g}", f"{pumped.max():.3g}", f"{self.current[pumped.argmax()]:.3g}")
-            for difference, pumped in zip(self.delta_T, self.heat_flow, strict=True)
-        ]
-        return html_table(repr(self), ("delta_T, K", "most heat, W", "at, A"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        most, at = self.heat_flow.max(axis=1), self.current[self.heat_flow.argmax(axis=1)]
+        return table({"delta_T, K": self.delta_T, "most heat, W": most, "at, A": at})
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns the curves as a dataset with dimensions (delta_T, current) and units in the
         attributes."""
-        import xarray
-
-        dims = ("delta_T", "current")
-        return xarray.Dataset(
+        curves = "delta_T current"
+        return dataset(
             {
-                "heat_flow": (dims, self.heat_flow, {"units": "W"}),
-                "power": (dims, self.power, {"units": "W"}),
-                "cop": (dims, self.cop, {"units": "1"}),
+                "heat_flow": (curves, self.heat_flow, "W"),
+                "power": (curves, self.power, "W"),
+                "cop": (curves, self.cop, "1"),
+                "delta_T": ("delta_T", self.delta_T, "K"),
+                "current": ("current", self.current, "A"),
             },
-            coords={
-                "delta_T": ("delta_T", self.delta_T, {"units": "K"}),
-                "current": ("current", self.current, {"units": "A"}),
-            },
-            attrs={"T_hot_K": self.T_hot},
+            {"T_hot_K": self.T_hot},
         )
 
 

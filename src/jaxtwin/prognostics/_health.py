@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import aligned, picture
 from .._name_suggestions import unknown_name
 from .._number_text import short_number
+from .._result import AbstractResult, dataset, table
 from ..errors import ParameterError
 from ._trend import Trend
 
@@ -145,7 +145,7 @@ class ParameterHealth:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Health:
+class Health(AbstractResult):
     """The health of a rig over sessions.
 
     **Arguments:**
@@ -206,33 +206,23 @@ class Health:
             for row in self.parameters.values()
             if row.last_p_value * len(self.parameters) < 0.05
         ]
-        table = [TABLE_HEAD, *self._rows()]
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        lines += [
-            "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
-            for row in table
-        ]
+        lines.append(aligned([TABLE_HEAD, *self._rows()]))
         lines += [self._passing(self.parameters[name], limit) for name, limit in self._limits()]
         if self.undetermined:
             lines.append(f"not determined by three sessions: {', '.join(self.undetermined)}")
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
-            "sessions": list(self.sessions),
-            "times": self.times.tolist(),
+            "sessions": self.sessions,
+            "times": self.times,
             "time_unit": self.time_unit,
-            "converged": list(self.converged),
+            "converged": self.converged,
             "within": self.within,
-            "undetermined": list(self.undetermined),
+            "undetermined": self.undetermined,
             "parameters": {
-                name: {
-                    "values": json_value(row.values),
-                    "errors": json_value(row.errors),
-                    **{key: json_value(value) for key, value in self._numbers(row).items()},
-                }
+                name: {"values": row.values, "errors": row.errors, **self._numbers(row)}
                 for name, row in self.parameters.items()
             },
         }
@@ -242,28 +232,24 @@ class Health:
         change with the ends of its interval, slope with its error, p_value, spread between sessions
         with the ends of its interval, distance of the last session from those before with its
         p-value, limit, and the probability of passing it."""
-        import pandas
-
-        rows = [{"name": row.name, **self._numbers(row)} for row in self.parameters.values()]
-        return pandas.DataFrame(rows).set_index("name")
+        rows = self.parameters.values()
+        return table([{"name": row.name, **self._numbers(row)} for row in rows], "name")
 
     def to_xarray(self) -> "xarray.Dataset":
         """The numbers as a dataset: what each session says, session_value and session_error
         (session, parameter), and the numeric columns of `to_dataframe` (parameter)."""
-        table = self.to_dataframe().rename_axis("parameter")
-        units, rows = table.pop("unit").tolist(), self.parameters.values()
-        over_sessions = {
-            "session_value": np.stack([row.values for row in rows], axis=1),
-            "session_error": np.stack([row.errors for row in rows], axis=1),
-        }
-        numbers = table.to_xarray().assign_coords(
-            unit=("parameter", units),
-            session=list(self.sessions),
-            time=("session", self.times, {"units": self.time_unit}),
-        )
-        return numbers.assign(
-            {name: (("session", "parameter"), values) for name, values in over_sessions.items()}
-        )
+        columns, rows = self.to_dataframe(), self.parameters.values()
+        return dataset(
+            {
+                "session_value": ("session parameter", np.transpose([row.values for row in rows])),
+                "session_error": ("session parameter", np.transpose([row.errors for row in rows])),
+                **{str(name): ("parameter", values) for name, values in columns.items()},
+                "time": ("session", self.times, self.time_unit),
+            },
+            {},
+            session=self.sessions,
+            parameter=columns.index,
+        ).set_coords(["unit", "time"])
 
     def plot(self) -> "Figure":
         """Plots the parameters over the sessions (`jaxtwin.plots.plot_health`)."""
@@ -320,8 +306,8 @@ class Health:
             f"{len(self.sessions)} sessions>"
         )
 
-    def _repr_html_(self) -> str:
-        return html_table(repr(self), TABLE_HEAD, self._rows())
+    def _overview(self) -> "pandas.DataFrame":
+        return table(self._rows(), columns=TABLE_HEAD)
 
 
 def _amount(row: ParameterHealth, change: float) -> str:

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arguments import finite_number, of_kind, whole_number
-from .._display import html_table
-from .._json_values import json_value
 from .._progress import announced
+from .._result import AbstractResult, dataset, table
 from ..control import AbstractController
 from ..errors import MatchError
 from ..io import Experiment, Recordings, as_experiments
@@ -50,7 +49,7 @@ LEAD = 60.0
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Refit:
+class Refit(AbstractResult):
     """A refitted twin, and whether it replaces the last one.
 
     **Arguments:**
@@ -100,52 +99,34 @@ class Refit:
         ]
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.last.twin.rig.name,
             "decision": self.decision,
             "reason": self.reason,
-            "changed": list(self.changed),
+            "changed": self.changed,
             "is_alarm": self.is_alarm,
             "converged": self.converged,
-            "checks": [
-                {key: json_value(value) for key, value in asdict(check).items()}
-                for check in self.checks
-            ],
+            "checks": [asdict(check) for check in self.checks],
             "fit": None if self.fit is None else self.fit.to_dict(),
         }
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each check, its name as index."""
-        import pandas
-
-        return pandas.DataFrame([asdict(check) for check in self.checks]).set_index("name")
+        return table(self.checks, "name")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns the numbers of the checks: passed, value and limit (check)."""
-        import xarray
+        checks = self.to_dataframe()
+        numbers = {name: ("check", checks[name]) for name in ("passed", "value", "limit")}
+        attributes = {"decision": self.decision, "reason": self.reason}
+        return dataset(numbers, attributes, check=checks.index)
 
-        columns = {
-            "passed": [check.passed for check in self.checks],
-            "value": [check.value for check in self.checks],
-            "limit": [check.limit for check in self.checks],
-        }
-        return xarray.Dataset(
-            {name: ("check", values) for name, values in columns.items()},
-            {"check": [check.name for check in self.checks]},
-            {"decision": self.decision, "reason": self.reason},
-        )
+    def _overview(self) -> "pandas.DataFrame":
+        return self.to_dataframe().filter(["passed", "sentence"])
 
     def __repr__(self) -> str:
         return f"<Refit of {self.last.twin.rig.name}: {self.decision}: {self.reason}>"
-
-    def _repr_html_(self) -> str:
-        rows = [
-            (check.name, "passed" if check.passed else "not passed", check.sentence)
-            for check in self.checks
-        ]
-        return html_table(repr(self), ("check", "", "what was found"), rows)
 
 
 @announced("refit")

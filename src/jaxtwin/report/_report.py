@@ -84,10 +84,7 @@ def write_report(
             progress.step("drawing the plate")
             even, evenness = uniformity_section(fit)
             sections.append(even)
-            numbers["uniformity"] = {
-                name: {key: json_value(value) for key, value in row.items()}
-                for name, row in evenness.items()
-            }
+            numbers["uniformity"] = json_value(evenness)
         files = FILES
         if draws:
             sensed, analysis = sensitivity_section(fit, draws, progress)

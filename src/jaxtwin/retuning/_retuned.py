@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, final
 
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import picture
+from .._result import AbstractResult, dataset
 from ..control import AbstractController, Tuning
 from ._loop_band import LoopBand
-from ._trial import LoopTrial, ScenarioTrial
+from ._trial import ScenarioTrial
 
 if TYPE_CHECKING:
     import pandas
@@ -19,7 +19,7 @@ Decision = Literal["accepted", "unchanged", "rejected"]
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Retuned:
+class Retuned(AbstractResult):
     """A controller that was tuned on a new twin, and whether it may replace the present one.
 
     **Arguments:**
@@ -77,22 +77,21 @@ class Retuned:
         ]
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "decision": self.decision,
             "reason": self.reason,
-            "parameters": {name: [old, new] for name, old, new in self._parameters},
-            "sensitivity_peak": json_value(self.sensitivity_peak),
+            "parameters": {name: (old, new) for name, old, new in self._parameters},
+            "sensitivity_peak": self.sensitivity_peak,
             "scenarios": [
                 {
                     "name": trial.scenario.name,
                     "description": trial.scenario.description,
                     "passed": trial.passed,
                     "sentence": trial.sentence,
-                    "present": _plain(trial.present),
-                    "candidate": _plain(trial.candidate),
+                    "present": trial.present._asdict(),
+                    "candidate": trial.candidate._asdict(),
                 }
                 for trial in self.trials
             ],
@@ -109,11 +108,14 @@ class Retuned:
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns the numbers of the trial for each scenario (dimension name)."""
-        units = {"hottest": "degC", "error_at_rest": "K"}
-        dataset = self.to_dataframe().select_dtypes(["number", "bool"]).to_xarray()
-        for name, values in dataset.items():
-            values.attrs["units"] = units.get(str(name).partition(".")[2], "")
-        return dataset.assign_attrs(rig=self.rig, decision=self.decision, reason=self.reason)
+        rows = self.to_dataframe().select_dtypes(["number", "bool"])
+        units = {"kept": ["1"], "hottest": ["degC"], "error_at_rest": ["K"]}
+        numbers = {
+            str(name): ("name", values, *units.get(str(name).partition(".")[2], []))
+            for name, values in rows.items()
+        }
+        attributes = {"rig": self.rig, "decision": self.decision, "reason": self.reason}
+        return dataset(numbers, attributes, name=rows.index)
 
     def plot(self) -> "Figure":
         """Plots the costs of both controllers in each scenario: `jaxtwin.plots.plot_retuned`."""
@@ -122,26 +124,12 @@ class Retuned:
     def __repr__(self) -> str:
         return f"<Retuned {self.rig}: {self.decision}: {self.reason}>"
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                trial.scenario.name,
-                f"{trial.present.cost:.4g}",
-                f"{trial.candidate.cost:.4g}",
-                _mark(trial),
-                trial.sentence,
-            )
-            for trial in self.trials
-        ]
-        head = ("scenario", "present", "candidate", "", "what was found")
-        return html_table(repr(self), head, rows or [("no trial", "", "", "", "")])
+    def _overview(self) -> "pandas.DataFrame":
+        shown = ["present.cost", "candidate.cost", "passed", "sentence"]
+        return self.to_dataframe().filter(shown)
 
 
 def _mark(trial: ScenarioTrial) -> str:
     if not trial.is_tried:
         return "not tried"
     return "ok " if trial.passed else "NOT"
-
-
-def _plain(loop: LoopTrial) -> dict[str, Any]:
-    return {name: json_value(value) for name, value in loop._asdict().items()}

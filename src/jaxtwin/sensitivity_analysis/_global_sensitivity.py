@@ -1,6 +1,5 @@
 """The result of a global sensitivity analysis."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
@@ -8,9 +7,9 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import picture
 from .._name_suggestions import did_you_mean
+from .._result import AbstractResult, dataset
 from ..errors import ParameterError
 from ._method import AbstractMethod, Design
 from ._outputs import Output, labels_of
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class GlobalSensitivity:
+class GlobalSensitivity(AbstractResult):
     """Sensitivity indices of several outputs, all from the same runs.
 
     `result["ST"]` is the index of that name, `(outputs, parameters)`, NaN for an output that does
@@ -166,18 +165,14 @@ class GlobalSensitivity:
         An index of an output as a whole, such as `R2`, is in each of its rows. Indices of pairs are
         in `pairs_to_dataframe`.
         """
-        import pandas
-
-        shape = (len(self.outputs), len(self.names))
+        dimensions = ("", "output", "output parameter")
         columns = {
-            name: np.broadcast_to(values if values.ndim == 2 else values[:, None], shape).ravel()
+            name: (dimensions[values.ndim], values)
             for name, values in self.indices.items()
             if values.ndim < 3
         }
-        rows = pandas.MultiIndex.from_product(
-            [self.labels, self.names], names=["output", "parameter"]
-        )
-        return pandas.DataFrame(columns, index=rows)
+        labelled = dataset(columns, {}, output=self.labels, parameter=self.names)
+        return labelled.to_dataframe(dim_order=["output", "parameter"])
 
     def pairs_to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each output and pair of parameters (its index), and a
@@ -201,33 +196,29 @@ class GlobalSensitivity:
     def to_xarray(self) -> "xarray.Dataset":
         """Returns all numbers as a labelled dataset with the dimensions output, parameter, other
         (of a pair) and run."""
-        import xarray
-
-        dims = ("output", "parameter", "other")
+        dimensions = ("", "output", "output parameter", "output parameter other")
         variables: dict[str, Any] = {
-            name: (dims[: values.ndim], values) for name, values in self.indices.items()
+            name: (dimensions[values.ndim], values) for name, values in self.indices.items()
         }
         variables |= {
-            "sample": (("run", "parameter"), self.samples),
-            "value": (("run", "output"), self.values),
+            "sample": ("run parameter", self.samples),
+            "value": ("run output", self.values),
             "failed": ("run", self.failed),
             "counted": ("output", self.counted),
         }
-        coords: dict[str, Any] = {"output": list(self.labels), "parameter": list(self.names)}
+        described = ("quantity", "channel", "time", "recording", "unit")
+        for name in described:
+            variables[name] = ("output", [getattr(each, name) for each in self.outputs])
+        labels = {"output": self.labels, "parameter": self.names}
         if any(values.ndim == 3 for values in self.indices.values()):
-            coords["other"] = list(self.names)
-        for name in ("quantity", "channel", "time", "recording", "unit"):
-            coords[name] = ("output", [getattr(each, name) for each in self.outputs])
-        return xarray.Dataset(
-            variables,
-            coords=coords,
-            attrs={
-                "rig": self.rig,
-                "method": self.method.name,
-                "seed": self.seed,
-                "block": self.design.block,
-            },
-        )
+            labels["other"] = self.names
+        attributes = {
+            "rig": self.rig,
+            "method": self.method.name,
+            "seed": self.seed,
+            "block": self.design.block,
+        }
+        return dataset(variables, attributes, **labels).set_coords(described)
 
     def to_salib(self) -> dict[str, Any]:
         """Returns the problem in SALib's form, for its samplers and analysers.
@@ -236,41 +227,28 @@ class GlobalSensitivity:
         """
         return self.design.inputs.to_salib()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Returns the indices as plain types for JSON; NaN becomes None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "method": self.method.name,
             "runs": len(self.failed),
             "failed": int(self.failed.sum()),
             "blocks": self.design.blocks,
-            "counted": dict(zip(self.labels, self.counted.tolist(), strict=True)),
+            "counted": dict(zip(self.labels, self.counted, strict=True)),
             "seed": self.seed,
             "wall_time_s": self.wall_time,
-            "parameters": list(self.names),
+            "parameters": self.names,
             "indices": {
-                name: {
-                    label: json_value(row) for label, row in zip(self.labels, values, strict=True)
-                }
+                name: dict(zip(self.labels, values, strict=True))
                 for name, values in self.indices.items()
             },
-            "ranking": list(self.ranking()),
+            "ranking": self.ranking(),
         }
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything as netCDF (.nc), as a whole or not at all.
-
-        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
-        """
-        from ..io import save_dataset
-
-        save_dataset(self.to_xarray(), path)
-
-    def _repr_html_(self) -> str:
-        label = self.labels[self.row()]
-        table = self.to_dataframe().loc[label]
-        rows = [(name, *(f"{value:.3g}" for value in table.loc[name])) for name in self.ranking()]
-        return html_table(f"{self!r}, {label}", ("parameter", *table.columns), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        output = self.labels[self.row()]
+        rows = self.to_dataframe().loc[output].loc[list(self.ranking())]
+        return rows.rename_axis(f"parameter, for {output}")
 
     def __repr__(self) -> str:
         indices = self[self.method.main][self.row()]

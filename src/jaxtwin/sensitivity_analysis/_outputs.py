@@ -168,7 +168,7 @@ def with_mean_cost(columns: list[Column]) -> list[Column]:
     costs = [column for output, column in columns if output.quantity == "cost"]
     if not costs:
         return columns
-    return [*columns, (Output("cost", MEAN, unit="K2"), np.mean(costs, axis=0))]
+    return [*columns, (Output("cost", MEAN, unit="K^2"), np.mean(costs, axis=0))]
 
 
 def labels_of(outputs: Sequence[Output]) -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """The result of a sensitivity analysis."""
 
-import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, final
 
@@ -8,8 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._arguments import true_or_false
-from .._display import html_table, picture
+from .._display import picture
 from .._name_suggestions import did_you_mean
+from .._result import AbstractResult, dataset
 from ..errors import ParameterError
 from ._sampling import limits
 
@@ -24,7 +24,7 @@ MEAN = "mean"
 
 @final
 @dataclass(frozen=True, repr=False)
-class Sensitivity:
+class Sensitivity(AbstractResult):
     """The correlations of parameters with costs over random draws.
 
     **Arguments:**
@@ -104,41 +104,28 @@ class Sensitivity:
     def to_xarray(self) -> "xarray.Dataset":
         """Returns all numbers as a labelled dataset with the dimensions draw, channel, parameter
         and bound."""
-        import xarray
-
-        return xarray.Dataset(
+        matrix, intervals = "channel parameter", "channel parameter bound"
+        return dataset(
             {
-                "correlation": (("channel", "parameter"), self.correlation, {"units": "1"}),
-                "interval": (("channel", "parameter", "bound"), self.interval, {"units": "1"}),
-                "rank_correlation": (
-                    ("channel", "parameter"),
-                    self.rank_correlation,
-                    {"units": "1"},
-                ),
-                "rank_interval": (
-                    ("channel", "parameter", "bound"),
-                    self.rank_interval,
-                    {"units": "1"},
-                ),
-                "sample": (("draw", "parameter"), self.samples),
-                "cost": (("draw", "channel"), self.cost, {"units": "K2"}),
+                "correlation": (matrix, self.correlation, "1"),
+                "interval": (intervals, self.interval, "1"),
+                "rank_correlation": (matrix, self.rank_correlation, "1"),
+                "rank_interval": (intervals, self.rank_interval, "1"),
+                "sample": ("draw parameter", self.samples),
+                "cost": ("draw channel", self.cost, "K^2"),
                 "failed": ("draw", self.failed),
                 "value": ("parameter", self.values),
             },
-            coords={
-                "channel": list(self.channels),
-                "parameter": list(self.names),
-                "bound": ["lower", "upper"],
-            },
-            attrs={"rig": self.rig, "spread": self.spread, "seed": self.seed},
+            {"rig": self.rig, "spread": self.spread, "seed": self.seed},
+            channel=self.channels,
+            parameter=self.names,
+            bound=["lower", "upper"],
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns the correlations as a table with a row for each channel and parameter (its
         index), and the columns correlation, lower, upper, rank_correlation, rank_lower and
         rank_upper."""
-        import pandas
-
         columns = {
             "correlation": self.correlation,
             "lower": self.interval[..., 0],
@@ -147,10 +134,8 @@ class Sensitivity:
             "rank_lower": self.rank_interval[..., 0],
             "rank_upper": self.rank_interval[..., 1],
         }
-        rows = pandas.MultiIndex.from_product(
-            [self.channels, self.names], names=["channel", "parameter"]
-        )
-        return pandas.DataFrame({name: part.ravel() for name, part in columns.items()}, index=rows)
+        matrices = {name: ("channel parameter", values) for name, values in columns.items()}
+        return dataset(matrices, {}, channel=self.channels, parameter=self.names).to_dataframe()
 
     def to_salib(self) -> dict[str, Any]:
         """Returns the problem in SALib's form, for its samplers and analysers.
@@ -168,8 +153,7 @@ class Sensitivity:
             "dists": ["truncnorm"] * len(self.names),
         }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Correlations and their intervals in plain types for JSON."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "draws": len(self.samples),
@@ -184,24 +168,9 @@ class Sensitivity:
             "ranking": list(self.ranking()),
         }
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything as netCDF (.nc), as a whole or not at all.
-
-        **Raises:** `RecordingError` for another ending, and if the file cannot be written.
-        """
-        from ..io import save_dataset
-
-        save_dataset(self.to_xarray(), path)
-
-    def _repr_html_(self) -> str:
-        table = self.to_dataframe().loc[MEAN]
-        rows = [
-            (name, f"{row.correlation:+.3f}", f"{row.lower:+.3f} to {row.upper:+.3f}")
-            for name in self.ranking()
-            for row in [table.loc[name]]
-        ]
-        head = ("parameter", "correlation with the mean cost", "95 % interval")
-        return html_table(repr(self), head, rows)
+    def _overview(self) -> "pandas.DataFrame":
+        rows = self.to_dataframe().loc[MEAN].loc[list(self.ranking())]
+        return rows.rename_axis("parameter, for the mean cost")
 
     def _by_name(self, numbers: Float[np.ndarray, "channels parameters *bounds"]) -> dict[str, Any]:
         return {
@@ -218,5 +187,8 @@ class Sensitivity:
         return self.channels.index(channel)
 
     def __repr__(self) -> str:
+        failed = int(self.failed.sum())
+        lost = f" ({failed} failed, left out)" if failed else ""
         strongest = ", ".join(self.ranking()[:3])
-        return f"<Sensitivity of {self.rig}: {len(self.samples)} draws, strongest {strongest}>"
+        draws = f"{len(self.samples)} draws{lost}"
+        return f"<Sensitivity of {self.rig}: {draws}, strongest {strongest}>"

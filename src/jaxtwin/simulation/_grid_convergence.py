@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from .._arguments import finite_number
-from .._display import html_table
+from .._result import AbstractResult, dataset, table
 from ..errors import SimulationError
 from ..io import Experiment
 from ..physics import MAX_ELEMENTS, Twin, check_twin
@@ -21,7 +21,7 @@ from ..rig import check_has_plate, with_resolution
 from ._simulate import simulate
 
 if TYPE_CHECKING:
-    import pandas as pd
+    import pandas
     import xarray
 
 # The resolution of the first grid, as a fraction of the smaller side of the plate.
@@ -49,8 +49,8 @@ class Grid:
 
 
 @final
-@dataclass(frozen=True)
-class GridConvergence:
+@dataclass(frozen=True, repr=False)
+class GridConvergence(AbstractResult):
     """Readings on finer and finer grids, the result of `grid_convergence`.
 
     - `grids`: from the coarsest to the finest.
@@ -75,56 +75,31 @@ class GridConvergence:
             kept = grid.resolution
         return kept
 
-    def to_dataframe(self) -> "pd.DataFrame":
+    def to_dataframe(self) -> "pandas.DataFrame":
         """The grids as a table of pandas, a row for each, with resolutions in m and changes and
         errors in K."""
-        import pandas as pd
-
-        return pd.DataFrame([vars(grid) for grid in self.grids])
+        return table(self.grids)
 
     def to_xarray(self) -> "xarray.Dataset":
         """The grids as a labelled dataset along their resolution, with units in the attributes."""
-        import xarray
+        units = {"resolution": "m", "elements": "1", "change": "K", "error": "K"}
+        grids, along = self.to_dataframe(), "resolution"
+        return dataset({name: (along, grids[name], unit) for name, unit in units.items()}, {})
 
-        table = self.to_dataframe()
-        units = {"elements": "1", "change": "K", "error": "K"}
-        return xarray.Dataset(
-            {
-                name: ("resolution", table[name].to_numpy(), {"units": unit})
-                for name, unit in units.items()
-            },
-            coords={"resolution": ("resolution", table["resolution"].to_numpy(), {"units": "m"})},
-        )
+    def __repr__(self) -> str:
+        return f"<GridConvergence of {self.name}: {self._end}>"
 
-    def __str__(self) -> str:
-        rows = [("resolution", "elements", "change", "to finest"), *self._rows()]
-        lines = ["".join(text.rjust(12) for text in row) for row in rows]
-        return "\n".join([self._title, "", *lines, "", self._end])
-
-    def _repr_html_(self) -> str:
-        head = ("resolution", "elements", "change", "to finest")
-        return html_table(f"{self._title}; {self._end}", head, self._rows())
-
-    @property
-    def _title(self) -> str:
-        return f"{self.name}: largest change of a reading with the grid"
+    def _overview(self) -> "pandas.DataFrame":
+        rows = self.to_dataframe()
+        rows["resolution"] *= 100  # cm, as rig files state it
+        headings = {"resolution": "resolution, cm", "change": "change, K", "error": "error, K"}
+        return rows.rename(columns=headings)
 
     @property
     def _end(self) -> str:
         if self.resolution is None:
             return f"no grid keeps {self.tolerance:g} K; the cells may be too small for the plate"
         return f'resolution = "{100 * self.resolution:.3g} cm" keeps {self.tolerance:g} K'
-
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        return [
-            (
-                f"{100 * grid.resolution:.3g} cm",
-                str(grid.elements),
-                "" if math.isnan(grid.change) else f"{grid.change:.3f} K",
-                f"{grid.error:.3f} K",
-            )
-            for grid in self.grids
-        ]
 
 
 def grid_convergence(

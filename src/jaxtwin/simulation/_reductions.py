@@ -16,8 +16,9 @@ from jaxtyping import Array, Float, Shaped
 
 from .._arguments import names_of
 from .._compilation import persistent_jit
-from .._display import html_table, picture
+from .._display import picture
 from .._name_suggestions import did_you_mean
+from .._result import AbstractResult, dataset, table
 from ..errors import SimulationError
 from ..io import Experiment
 from ..rig import Rig, check_has_plate
@@ -122,7 +123,7 @@ def _std(temperatures: Array) -> Array:
 
 
 REDUCTIONS: dict[ReductionName, Reduction] = {
-    "cost": Reduction("padded_trajectory", mean_squared_error, "channel", "K2", True),
+    "cost": Reduction("padded_trajectory", mean_squared_error, "channel", "K^2", True),
     "final": Reduction("end", _as_read, "channel", "degC"),
     "minimum": Reduction("padded_trajectory", _minimum, "channel", "degC"),
     "maximum": Reduction("padded_trajectory", _maximum, "channel", "degC"),
@@ -136,7 +137,7 @@ REDUCTIONS: dict[ReductionName, Reduction] = {
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Reductions:
+class Reductions(AbstractResult):
     """The results of the reductions that were requested of many draws. A field that was not
     requested is None; `reductions["hottest"]` returns a result by its name.
 
@@ -210,19 +211,16 @@ class Reductions:
         """Returns a labelled dataset: failed (draw), and each result (draw, channel) or (draw),
         with its unit in the attributes if it is known. The result of a user's function has the
         dimension draw and further dimensions with its name."""
-        import xarray
-
         variables: dict[str, Any] = {"failed": ("draw", self.failed)}
         for name, reduction in REDUCTIONS.items():
             if (values := getattr(self, name)) is not None:
-                dims = ("draw", "channel")[: values.ndim]
-                variables[name] = (dims, values, {"units": reduction.unit})
+                dimensions = "draw channel" if values.ndim > 1 else "draw"
+                variables[name] = (dimensions, values, reduction.unit)
         for name, values in self.custom.items():
-            dims = ("draw", *(f"{name}_{axis}" for axis in range(1, values.ndim)))
-            known = {"units": self.custom_units[name]} if name in self.custom_units else {}
-            variables[name] = (dims, values, known)
-        draws = np.arange(len(self.failed))
-        return xarray.Dataset(variables, coords={"draw": draws, "channel": list(self.channels)})
+            dimensions = " ".join(["draw", *(f"{name}_{axis}" for axis in range(1, values.ndim))])
+            unit = [self.custom_units[name]] if name in self.custom_units else []
+            variables[name] = (dimensions, values, *unit)
+        return dataset(variables, {}, draw=np.arange(len(self.failed)), channel=self.channels)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each draw, and a column for each result: `energy`, or, for
@@ -234,16 +232,15 @@ class Reductions:
         failed = int(np.count_nonzero(self.failed))
         return f"<Reductions of {len(self.failed)} draws: {named}; {failed} failed>"
 
-    def _repr_html_(self) -> str:
+    def _overview(self) -> "pandas.DataFrame":
         rows = []
         for name, values in self.to_xarray().data_vars.items():
             if name != "failed" and np.isfinite(values).any():
                 # Between two infinite values, such as settling times, nothing can be interpolated.
                 method = "nearest" if np.isinf(values).any() else "linear"
                 quantiles = np.nanquantile(values, (0.05, 0.5, 0.95), method=method)
-                unit = str(values.attrs.get("units", ""))
-                rows.append((str(name), *(f"{value:.4g}" for value in quantiles), unit))
-        return html_table(repr(self), ("", "5 %", "median", "95 %", "unit"), rows)
+                rows.append((name, *quantiles, values.attrs.get("units", "")))
+        return table(rows, columns=("", "5 %", "median", "95 %", "unit"))
 
     @property
     def rmse(self) -> Float[np.ndarray, " draws"]:

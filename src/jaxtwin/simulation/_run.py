@@ -4,17 +4,18 @@ import os
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from jaxtyping import Float
 
 from .._arguments import finite_number, whole_number
 from .._celsius import ZERO_CELSIUS
-from .._display import html_table, picture
+from .._display import picture
 from .._jax_settings import own_settings
 from .._name_suggestions import did_you_mean, unknown_name
 from .._padded_rows import padded
+from .._result import AbstractResult, dataset, table
 from .._statistics import fit_percent, fit_text, rmse
 from .._whole_file import check_ending
 from ..errors import RecordingError, SimulationError
@@ -101,7 +102,7 @@ def _mean(values: Float[np.ndarray, " times"]) -> float:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Run:
+class Run(AbstractResult):
     """The temperatures of a twin over one experiment.
 
     **Arguments:**
@@ -281,45 +282,37 @@ class Run:
         state (time, node), duty (time, cell), channel_range, channel_std, and with a plate
         plate_range and plate_std (time). If they are known, recorded (time, channel),
         recorded_range, recorded_std and ambient (time) follow."""
-        import pandas
-        import xarray
-
-        duty = self.experiment.duty
-        celsius = {"units": "degC"}
-        variables: dict[str, Any] = {
-            "temperature": (("time", "channel"), self.temperatures, celsius),
-            "state": (("time", "node"), self.states, celsius),
-            "duty": (("time", "cell"), duty, {"units": "1"}),
+        experiment = self.experiment
+        variables = {
+            "temperature": ("time channel", self.temperatures, "degC"),
+            "state": ("time node", self.states, "degC"),
+            "duty": ("time cell", experiment.duty, "1"),
+            "time": ("time", self.time, "s"),
         }
         uniformities = {"channel": self.uniformity}
         if self.elements:
             uniformities["plate"] = self.plate_uniformity
-        if self.experiment.temperatures is not None:
-            variables["recorded"] = (("time", "channel"), self._recorded, celsius)
+        if experiment.temperatures is not None:
+            variables["recorded"] = ("time channel", experiment.temperatures, "degC")
             uniformities["recorded"] = self.recorded_uniformity
         for prefix, over_channels in uniformities.items():
-            variables[f"{prefix}_range"] = ("time", over_channels.range, {"units": "K"})
-            variables[f"{prefix}_std"] = ("time", over_channels.std, {"units": "K"})
-        if self.experiment.ambient is not None:
-            ambient = np.broadcast_to(self.experiment.ambient, self.time.shape)
-            variables["ambient"] = ("time", ambient, celsius)
-        cells = self.experiment.cell_names
-        names = {"channel": self.channels, "node": self.nodes, "cell": cells}
-        # The coordinates are indices of pandas. To convert other sequences, xarray imports pint if
-        # it is installed, which takes 0.3 s.
-        indices = {name: pandas.Index(labels) for name, labels in names.items()}
-        return xarray.Dataset(
+            variables[f"{prefix}_range"] = ("time", over_channels.range, "K")
+            variables[f"{prefix}_std"] = ("time", over_channels.std, "K")
+        if experiment.ambient is not None:
+            ambient = np.broadcast_to(experiment.ambient, self.time.shape)
+            variables["ambient"] = ("time", ambient, "degC")
+        return dataset(
             variables,
-            coords={"time": ("time", pandas.Index(self.time), {"units": "s"}), **indices},
-            attrs={"rig": self.rig, "experiment": self.experiment.name},
+            {"rig": self.rig, "experiment": experiment.name},
+            channel=self.channels,
+            node=self.nodes,
+            cell=experiment.cell_names,
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each time, s, and a column for each channel, degC."""
-        import pandas
-
-        index = pandas.Index(self.time, name="time")
-        return pandas.DataFrame(self.temperatures, index=index, columns=list(self.channels))
+        readings = dict(zip(self.channels, self.temperatures.T, strict=True))
+        return table({"time": self.time, **readings}, "time")
 
     def plot(self) -> "Figure":
         """Plots the run beside its recording (`jaxtwin.plots.plot_comparison`), or above its duty
@@ -371,7 +364,7 @@ class Run:
             group=self.experiment.group,
         )
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the run to a file, whose ending selects the format. If writing fails, the file is
         left as it was.
 
@@ -381,14 +374,15 @@ class Run:
           table of times, duty cycles, simulated readings and the ambient temperature in the form of
           a recording, which `read_recording` reads.
 
+        **Returns:** the path.
+
         **Raises:** `RecordingError` for another ending, and if the file cannot be written.
         """
-        from ..io import save_dataset, write_recording
+        from ..io import write_recording
 
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
-            save_dataset(self.to_xarray(), path)
-        else:
-            write_recording(self._as_recorded(), Path(path))
+            return super().save(path)
+        return write_recording(self._as_recorded(), Path(path))
 
     def __repr__(self) -> str:
         low, high = self.temperatures.min(), self.temperatures.max()
@@ -398,20 +392,17 @@ class Run:
             f"{low:.2f} to {high:.2f} degC{beyond}>"
         )
 
-    def _repr_html_(self) -> str:
+    def _overview(self) -> "pandas.DataFrame":
         fits = {} if self.experiment.temperatures is None else self.fit_percent
-        rows = [
-            (
-                channel,
-                f"{column.min():.2f}",
-                f"{column.max():.2f}",
-                f"{column[-1]:.2f}",
-                fit_text(fits[channel]) if channel in fits else "-",
-            )
-            for channel, column in zip(self.channels, self.temperatures.T, strict=True)
-        ]
-        head = ("channel", "lowest, degC", "highest, degC", "at the end, degC", "fit, %")
-        return html_table(repr(self), head, rows)
+        return table(
+            {
+                "channel": self.channels,
+                "lowest, degC": self.temperatures.min(axis=0),
+                "highest, degC": self.temperatures.max(axis=0),
+                "at the end, degC": self.temperatures[-1],
+                "fit, %": [fit_text(fits[name]) if name in fits else "-" for name in self.channels],
+            }
+        )
 
 
 def _position(name: str, names: tuple[str, ...], kind: str) -> int:

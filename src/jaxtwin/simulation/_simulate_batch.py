@@ -11,6 +11,7 @@ from .._arguments import check_callable, mapping_of, whole_number
 from .._executor import Executor, check_executor
 from .._name_suggestions import did_you_mean
 from .._progress import announced, counting
+from .._result import dataset
 from ..errors import JaxtwinError, ParameterError, SimulationError
 from ..io import Experiment
 from ..physics import Twin
@@ -69,28 +70,22 @@ class BatchTemperatures(np.ndarray):
 
         **Raises:** `SimulationError` for a part of a batch: choose it in the dataset.
         """
-        import xarray
-
         if self.labels is None:
             raise SimulationError(
                 "to_xarray: expected the whole result of simulate_batch, got a part of it or what "
                 "was computed from it; take the dataset first and choose there"
             )
         draws, units, time, channels, rig, experiment = self.labels
-        parameters = {
-            name: ("draw", np.asarray(values), {"units": units[name]})
-            for name, values in draws.items()
-        }
-        return xarray.Dataset(
-            {"temperature": (("draw", "time", "channel"), np.asarray(self), {"units": "degC"})},
-            coords={
-                "draw": np.arange(len(self)),
-                "time": ("time", time, {"units": "s"}),
-                "channel": list(channels),
-                **parameters,
+        return dataset(
+            {
+                "temperature": ("draw time channel", self, "degC"),
+                "time": ("time", time, "s"),
+                **{name: ("draw", values, units[name]) for name, values in draws.items()},
             },
-            attrs={"rig": rig, "experiment": experiment},
-        )
+            {"rig": rig, "experiment": experiment},
+            draw=np.arange(len(self)),
+            channel=channels,
+        ).set_coords(draws)
 
 
 # Draws that are solved again come in chunks at least as large as those of a 64th of all draws. Of

@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import Shaped
 
 from .._arguments import check_callable, path_of
-from .._display import html_table, picture
+from .._display import picture
 from .._executor import Executor, check_executor, work_in_units
 from .._progress import silent
+from .._result import AbstractResult, table
 from ..errors import SimulationError
 from ..io import Experiment
 from ..matching import Fit
@@ -116,7 +117,7 @@ CHUNK = 65536
 
 @final
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(AbstractResult):
     """The state of a sweep.
 
     **Arguments:**
@@ -160,12 +161,10 @@ class Sweep:
         `jaxtwin.plots.plot_distributions`."""
         return picture("plot_distributions", self.to_xarray())
 
-    def _repr_html_(self) -> str:
-        rows = [(name, str(value)) for name, value in self.to_dict().items()]
-        return html_table(f"Sweep of {self.rig}", ("", ""), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        return table(self.to_dict().items(), columns=("", "value"))
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers of draws as plain types for JSON."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "folder": str(self.folder),
             "rig": self.rig,

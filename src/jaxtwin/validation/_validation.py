@@ -4,14 +4,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 from jaxtyping import Float
 
 from .._by_recording import ByRecording
-from .._display import html_table, picture
-from .._json_values import json_value
+from .._display import aligned, picture
+from .._result import AbstractResult, table
 from .._statistics import about_mean, fit_text, ljung_box, mean_fit_percent
 from ..matching import Band, Fit, estimate_noise
 from ..matching._recording_notes import recording_notes
@@ -85,6 +85,45 @@ def holm_adjusted(p_values: Sequence[float]) -> list[float]:
     return adjusted.tolist()
 
 
+@final
+class ChannelAccuracy(NamedTuple):
+    """The accuracy with which a channel of a recording was predicted.
+
+    - `fit_percent`: %. `rmse`, `mean_error`: K.
+    - `coverage`: the part of the samples inside the 95 % band, 0 to 1. `width`: of the band, K. NaN
+      without a band.
+    - `p_value`, `autocorrelation_time`: of the test of whiteness; the time in s.
+    """
+
+    recording: str
+    channel: str
+    fit_percent: float
+    rmse: float
+    mean_error: float
+    coverage: float
+    width: float
+    p_value: float
+    autocorrelation_time: float
+
+    @property
+    def band_texts(self) -> tuple[str, str]:
+        """Coverage, %, and width, K, for tables."""
+        if math.isnan(self.width):
+            return "-", "-"
+        return f"{100 * self.coverage:.1f}", f"{self.width:.2f}"
+
+
+# Number of a `ChannelAccuracy` -> its unit.
+UNITS = {
+    "fit_percent": "%",
+    "rmse": "K",
+    "mean_error": "K",
+    "coverage": "1",
+    "width": "K",
+    "p_value": "1",
+    "autocorrelation_time": "s",
+}
+
 MATCHED_LABEL = "matched, not a prediction: the fit has seen this recording"
 
 
@@ -137,6 +176,29 @@ class Prediction:
         tests = whiteness_of_channels(self.residuals)
         return dict(zip(self.run.channels, tests, strict=True))
 
+    @property
+    def _accuracy(self) -> list[ChannelAccuracy]:
+        """How well each channel was predicted."""
+        unknown = [math.nan] * len(self.run.channels)
+        coverage = unknown if self.band is None else self.band.coverage.tolist()
+        widths = unknown if self.band is None else self.band.width.tolist()
+        fits, tests = self.run.fit_percent.items(), self.whiteness.values()
+        columns = zip(fits, self.residuals.T, coverage, widths, tests, strict=True)
+        return [
+            ChannelAccuracy(
+                self.name,
+                channel,
+                fit,
+                float(np.sqrt(np.nanmean(error**2))),
+                float(np.nanmean(error)),
+                inside,
+                width,
+                test.p_value,
+                test.autocorrelation_time * self.sample_time,
+            )
+            for (channel, fit), error, inside, width, test in columns
+        ]
+
     def __repr__(self) -> str:
         first, last = self.run.time[0], self.run.time[-1]
         fit = mean_fit_percent(self.run.fit_percent.values())
@@ -146,7 +208,7 @@ class Prediction:
 
 @final
 @dataclass(frozen=True, repr=False)
-class Validation:
+class Validation(AbstractResult):
     """Predictions of data that the match has not seen, and their accuracy.
 
     **Arguments:**
@@ -209,43 +271,36 @@ class Validation:
     def summary(self) -> str:
         """The numbers as a text table, with a row for each channel. The part of the samples inside
         the 95 % band stands beside the mean width of the band, without which it says nothing."""
-        rows: list[tuple[str, ...]] = [
+        head = (
+            "recording",
+            "channel",
+            "fit, %",
+            "RMSE, K",
+            "mean, K",
+            "inside, %",
+            "95 % band, K",
+            "corr. time, s",
+            "white?",
+        )
+        rows = [
             (
-                "recording",
-                "channel",
-                "fit, %",
-                "RMSE, K",
-                "mean, K",
-                "inside, %",
-                "95 % band, K",
-                "corr. time, s",
-                "white?",
+                row.recording,
+                row.channel,
+                fit_text(row.fit_percent),
+                f"{row.rmse:.3f}",
+                f"{row.mean_error:+.3f}",
+                *row.band_texts,
+                f"{row.autocorrelation_time:.0f}",
+                _verdict(prediction.whiteness[row.channel]),
             )
+            for prediction in self.predictions
+            for row in prediction._accuracy
         ]
-        for prediction in self.predictions:
-            for column, (channel, fit) in enumerate(prediction.run.fit_percent.items()):
-                error, test = prediction.residuals[:, column], prediction.whiteness[channel]
-                rows.append(
-                    (
-                        prediction.name,
-                        channel,
-                        fit_text(fit),
-                        f"{np.sqrt(np.nanmean(error**2)):.3f}",
-                        f"{np.nanmean(error):+.3f}",
-                        *_band_texts(prediction.band, column),
-                        f"{test.autocorrelation_time * prediction.sample_time:.0f}",
-                        _verdict(test),
-                    )
-                )
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = [
             f"{self.rig}: {self.kind}",
             f"mean fit {self.mean_fit_percent:.2f} %   RMSE {self.rmse:.3f} K{self._said_of_bands}",
             "",
-        ]
-        lines += [
-            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-            for row in rows
+            aligned([head, *rows]),
         ]
         for prediction in self.predictions:
             lines += [f"{prediction.name}: {MATCHED_LABEL}"] * prediction.is_matched
@@ -266,72 +321,30 @@ class Validation:
     def to_xarray(self) -> "xarray.Dataset":
         """The columns of `to_dataframe` as a dataset, each (recording, channel), NaN if a recording
         does not have the channel. The runs have their own `to_xarray`."""
-        return self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
+        data = self.to_dataframe().to_xarray().assign_attrs(rig=self.rig, kind=self.kind)
+        for name, unit in UNITS.items():
+            data[name].attrs["units"] = unit
+        return data
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each recording and channel, its index, and the columns fit_percent
         (%), rmse (K), mean_error (K), coverage (0 to 1) and width (K) of the 95 % band, p_value and
         autocorrelation_time (s), as in `summary`. Without a fit there is no band: NaN."""
-        import pandas
+        rows = [row for prediction in self.predictions for row in prediction._accuracy]
+        return table(rows, "recording", "channel")
 
-        rows = {
-            (prediction.name, channel): {
-                "fit_percent": fit,
-                "rmse": float(np.sqrt(np.nanmean(error**2))),
-                "mean_error": float(np.nanmean(error)),
-                "coverage": coverage,
-                "width": width,
-                "p_value": prediction.whiteness[channel].p_value,
-                "autocorrelation_time": prediction.whiteness[channel].autocorrelation_time
-                * prediction.sample_time,
-            }
-            for prediction in self.predictions
-            for (channel, fit), error, (coverage, width) in zip(
-                prediction.run.fit_percent.items(),
-                prediction.residuals.T,
-                _band_numbers(prediction),
-                strict=True,
-            )
-        }
-        table = pandas.DataFrame.from_dict(rows, orient="index")
-        return table.rename_axis(["recording", "channel"])
-
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain types for JSON; numbers that are not finite become None."""
+    def _for_json(self) -> dict[str, Any]:
         return {
             "rig": self.rig,
             "kind": self.kind,
-            "mean_fit_percent": json_value(self.mean_fit_percent),
-            "rmse_K": json_value(self.rmse),
-            "coverage_of_95_percent_bands": json_value(self.coverage),
-            "band_width_K": json_value(self.band_width),
+            "mean_fit_percent": self.mean_fit_percent,
+            "rmse_K": self.rmse,
+            "coverage_of_95_percent_bands": self.coverage,
+            "band_width_K": self.band_width,
             "recordings": {
                 prediction.name: _prediction(prediction) for prediction in self.predictions
             },
         }
-
-    def _repr_html_(self) -> str:
-        rows = [
-            (
-                prediction.name,
-                channel,
-                fit_text(fit),
-                f"{run.rmse:.3f}",
-                *_band_texts(prediction.band, column),
-            )
-            for prediction in self.predictions
-            for run in [prediction.run]
-            for column, (channel, fit) in enumerate(run.fit_percent.items())
-        ]
-        head = (
-            "recording",
-            "channel",
-            "fit, %",
-            "RMSE of the recording, K",
-            "inside, %",
-            "95 % band, K",
-        )
-        return html_table(repr(self), head, rows)
 
     def __repr__(self) -> str:
         return (
@@ -347,35 +360,21 @@ class Validation:
         return f"   {inside:.1f} % inside 95 % bands of {width:.2f} K mean width"
 
 
-def _band_numbers(prediction: Prediction) -> list[tuple[float, float]]:
-    """The coverage and the mean width of the band in each channel, NaN without a band."""
-    band = prediction.band
-    if band is None:
-        return [(math.nan, math.nan)] * len(prediction.run.channels)
-    return list(zip(band.coverage.tolist(), band.width.tolist(), strict=True))
-
-
-def _band_texts(band: Band | None, column: int) -> tuple[str, str]:
-    if band is None:
-        return "-", "-"
-    return f"{100 * band.coverage[column]:.1f}", f"{band.width[column]:.2f}"
-
-
 def _verdict(test: Whiteness) -> str:
     p = f"p = {test.p_value:.2g}" if test.p_value > 1e-99 else "p below 1e-99"
     return f"{'yes' if test.is_white else 'no'} ({p})"
 
 
 def _prediction(prediction: Prediction) -> dict[str, Any]:
-    channels, bands = {}, _band_numbers(prediction)
-    for column, (channel, fit) in enumerate(prediction.run.fit_percent.items()):
-        error, test = prediction.residuals[:, column], prediction.whiteness[channel]
-        channels[channel] = {
-            "fit_percent": json_value(fit),
-            "rmse_K": float(np.sqrt(np.nanmean(error**2))),
-            "mean_error_K": float(np.nanmean(error)),
-            "coverage_of_95_percent_band": json_value(bands[column][0]),
-            "band_width_K": json_value(bands[column][1]),
+    channels = {}
+    for row in prediction._accuracy:
+        test = prediction.whiteness[row.channel]
+        channels[row.channel] = {
+            "fit_percent": row.fit_percent,
+            "rmse_K": row.rmse,
+            "mean_error_K": row.mean_error,
+            "coverage_of_95_percent_band": row.coverage,
+            "band_width_K": row.width,
             "ljung_box": test.statistic,
             "lags": test.lags,
             "p_value": test.p_value,
@@ -386,7 +385,7 @@ def _prediction(prediction: Prediction) -> dict[str, Any]:
         "to_s": float(prediction.run.time[-1]),
         "rmse_K": prediction.run.rmse,
         "is_matched": prediction.is_matched,
-        "estimated": dict(prediction.estimated),
-        "warnings": list(prediction.warnings),
+        "estimated": prediction.estimated,
+        "warnings": prediction.warnings,
         "channels": channels,
     }

@@ -11,10 +11,11 @@ from jaxtyping import Array, Complex, Float
 from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number, whole_number
-from ..._display import html_table, picture
+from ..._display import picture
 from ..._jax_settings import is_traced, settings_for, to_numpy
 from ..._lapack import solve
 from ..._name_suggestions import unknown_name
+from ..._result import AbstractResult, dataset, table
 from ...errors import ControlError
 from ...simulation import checked_longest_delay
 from ._balanced_truncation import Balanced, balanced, residualised
@@ -41,7 +42,7 @@ MAX_COMMANDS = 1000
 
 
 @final
-class LinearModel(eqx.Module):
+class LinearModel(eqx.Module, AbstractResult):
     r"""A linear model of deviations from an operating point, made by `linearize`.
 
     $$\dot x = r + A x + B v, \quad y = C x + D v$$
@@ -358,39 +359,25 @@ class LinearModel(eqx.Module):
 
         The columns of `A` and `C` have the dimension `from_state`.
         """
-        import xarray
-
-        dimensions = {
-            "A": ("state", "from_state"),
-            "B": ("state", "input"),
-            "C": ("output", "from_state"),
-            "D": ("output", "input"),
-        }
-        units = {"A": "1/s", "B": "K/s", "C": "1", "D": "K"}
-        return xarray.Dataset(
+        return dataset(
             {
-                name: (axes, np.asarray(getattr(self, name)), {"units": units[name]})
-                for name, axes in dimensions.items()
+                "A": ("state from_state", self.A, "1/s"),
+                "B": ("state input", self.B, "K/s"),
+                "C": ("output from_state", self.C, "1"),
+                "D": ("output input", self.D, "K"),
             },
-            coords={
-                "state": list(self.state_names),
-                "from_state": list(self.state_names),
-                "input": list(self.input_names),
-                "output": list(self.output_names),
-            },
-            attrs={"delay_s": float(self.delay_s), "lag_s": float(self.lag_s)},
+            {"delay_s": float(self.delay_s), "lag_s": float(self.lag_s)},
+            state=self.state_names,
+            from_state=self.state_names,
+            input=self.input_names,
+            output=self.output_names,
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The DC gain as a table, K per unit of duty: a row for each output, a column for each
         input."""
-        import pandas
-
-        return pandas.DataFrame(
-            np.asarray(self.dcgain),
-            index=pandas.Index(self.output_names, name="output"),
-            columns=pandas.Index(self.input_names, name="input"),
-        )
+        gains = dict(zip(self.input_names, np.asarray(self.dcgain).T, strict=True))
+        return table({"output": self.output_names, **gains}, "output").rename_axis(columns="input")
 
     def plot(self) -> "Figure":
         """Plots the Bode diagram: `jaxtwin.plots.plot_bode`."""
@@ -429,13 +416,8 @@ class LinearModel(eqx.Module):
             f"delay {_text(self.delay_s)}, lag {_text(self.lag_s)}>"
         )
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (name, *(f"{gain:.4g}" for gain in gains))
-            for name, gains in zip(self.output_names, np.asarray(self.dcgain), strict=True)
-        ]
-        head = ("DC gain, K per unit of duty", *self.input_names)
-        return html_table(repr(self), head, rows)
+    def _overview(self) -> "pandas.DataFrame":
+        return self.to_dataframe().rename_axis("DC gain, K per unit of duty")
 
 
 def _time(name: str, value: object) -> Any:

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, Int
 
 from ..._arguments import finite_number
 from ..._celsius import ZERO_CELSIUS
-from ..._display import html_table
 from ..._lapack import solve
+from ..._result import AbstractResult, dataset, table
 from ...errors import ControlError
 from ...physics import System, Twin
 
@@ -32,7 +32,7 @@ KINK_DISTANCE = 1e-9
 
 
 @final
-class OperatingPoint(eqx.Module):
+class OperatingPoint(eqx.Module, AbstractResult):
     """A steady state of a rig.
 
     - `duty`: the duty of the cells, -1 to 1.
@@ -72,43 +72,31 @@ class OperatingPoint(eqx.Module):
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset, with units in the attributes: duty (cell), state (node),
         temperature (channel) and ambient, named as in `Run.to_xarray`."""
-        import xarray
-
         cells, nodes, channels = self._labels()
-        celsius = {"units": "degC"}
-        return xarray.Dataset(
+        return dataset(
             {
-                "duty": ("cell", np.asarray(self.duty), {"units": "1"}),
-                "state": ("node", np.asarray(self.nodes), celsius),
-                "temperature": ("channel", np.asarray(self.outputs), celsius),
-                "ambient": ((), float(self.ambient), celsius),
+                "duty": ("cell", self.duty, "1"),
+                "state": ("node", self.nodes, "degC"),
+                "temperature": ("channel", self.outputs, "degC"),
+                "ambient": ("", self.ambient, "degC"),
             },
-            coords={"cell": cells, "node": nodes, "channel": channels},
+            {},
+            cell=cells,
+            node=nodes,
+            channel=channels,
         )
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for the duty of each cell, the temperature of each node, the
         reading of each channel and the ambient temperature. Its index is quantity and name; its
         columns are value and unit."""
-        import pandas
-
-        table = pandas.DataFrame(self._rows(), columns=["quantity", "name", "value", "unit"])
-        return table.set_index(["quantity", "name"])
-
-    def _rows(self) -> list[tuple[str, str, float, str]]:
-        """Returns quantity, name, value and unit of each number."""
-        cells, nodes, channels = self._labels()
-        parts = (
-            ("duty", cells, self.duty, "1"),
-            ("node", nodes, self.nodes, "degC"),
-            ("channel", channels, self.outputs, "degC"),
-        )
-        rows = [
-            (quantity, name, float(value), unit)
-            for quantity, names, values, unit in parts
-            for name, value in zip(names, np.asarray(values), strict=True)
-        ]
-        return [*rows, ("ambient", "", float(self.ambient), "degC")]
+        rows = []
+        for name, values in self.to_xarray().data_vars.items():
+            quantity = {"state": "node", "temperature": "channel"}.get(str(name), name)
+            names = values[values.dims[0]].values if values.dims else [""]
+            numbers = zip(names, np.atleast_1d(values).tolist(), strict=True)
+            rows += [(quantity, *number, values.attrs["units"]) for number in numbers]
+        return table(rows, "quantity", "name", columns=["quantity", "name", "value", "unit"])
 
     def _labels(self) -> tuple[list[str], list[str], list[str]]:
         """Returns the names of cells, nodes and channels. Names that were not given are u1, u2, and
@@ -123,13 +111,8 @@ class OperatingPoint(eqx.Module):
         )
         return cells, nodes, channels
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (f"{quantity} {name}".strip(), f"{value:.4g}", unit)
-            for quantity, name, value, unit in self._rows()
-            if quantity != "node"
-        ]
-        return html_table("OperatingPoint", ("", "value", "unit"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        return self.to_dataframe().drop(index="node", level="quantity")
 
 
 @final

@@ -3,14 +3,15 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from jaxtyping import Float
 
-from ..._arguments import path_of
-from ..._display import html_table, picture
+from ..._display import picture
 from ..._jax_settings import own_settings
+from ..._result import AbstractResult, dataset, table
 from ..._whole_file import check_ending
 from ...errors import ControlError, RecordingError
 from ...io import Experiment
@@ -82,7 +83,7 @@ def unsettled(loop: Any, outputs: Sequence[str]) -> tuple[str, ...]:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class ClosedLoopRun:
+class ClosedLoopRun(AbstractResult):
     """A simulated closed loop.
 
     **Arguments:**
@@ -214,8 +215,6 @@ class ClosedLoopRun:
     def measures(self) -> "pandas.DataFrame":
         """A table with a row for each measure: its name as index, value and unit. With several
         cells and heaters, each has a row of its `saturation_shares`."""
-        import pandas
-
         with own_settings():
             rows = [
                 (name, float(function(self.loop)), unit)
@@ -224,56 +223,53 @@ class ClosedLoopRun:
         shares = self.saturation_shares
         if len(shares) > 1:
             rows += [(f"saturation_share {name}", share, "") for name, share in shares.items()]
-        return pandas.DataFrame(rows, columns=["measure", "value", "unit"]).set_index("measure")
+        return table(rows, "measure", columns=["measure", "value", "unit"])
 
     def to_xarray(self) -> "xarray.Dataset":
         """The dataset of the run, with reference, measurement and controlled (time, output), power
         (time, cell) and energy (time). If the cells were switched off, its attribute
         `switched_off_s` says when."""
-        celsius = {"units": "degC"}
-        more: dict[str, Any] = {
-            name: (("time", "output"), getattr(self, name), celsius)
-            for name in ("reference", "measurement")
-        }
-        more["controlled"] = (("time", "output"), self.output, celsius)
-        more["power"] = (("time", "cell"), self.power, {"units": "W"})
-        more["energy"] = ("time", self.energy, {"units": "J"})
-        dataset = self.run.to_xarray().assign(more).assign_coords(output=list(self.outputs))
-        off = {} if self.switched_off is None else {"switched_off_s": self.switched_off}
-        return dataset.assign_attrs(off)
+        more = dataset(
+            {
+                "reference": ("time output", self.reference, "degC"),
+                "measurement": ("time output", self.measurement, "degC"),
+                "controlled": ("time output", self.output, "degC"),
+                "power": ("time cell", self.power, "W"),
+                "energy": ("time", self.energy, "J"),
+            },
+            {} if self.switched_off is None else {"switched_off_s": self.switched_off},
+            output=self.outputs,
+        )
+        return self.run.to_xarray().assign(more).assign_attrs(more.attrs)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each time (s), its index, and columns for references, outputs,
         duty and power by name."""
-        import pandas
-
-        columns: dict[str, np.ndarray] = {}
-        for name, reference, output in zip(
-            self.outputs, self.reference.T, self.output.T, strict=True
-        ):
-            columns |= {f"reference {name}": reference, name: output}
+        columns = {"time": self.time}
+        for name, wanted, output in zip(self.outputs, self.reference.T, self.output.T, strict=True):
+            columns |= {f"reference {name}": wanted, name: output}
         names = self.run.experiment.cell_names
         for cell, duty, power in zip(names, self.duty.T, self.power.T, strict=True):
             columns |= {f"duty {cell}": duty, f"power {cell}": power}
-        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+        return table(columns, "time")
 
     def plot(self) -> "Figure":
         """Plots outputs, references, duty and power: `jaxtwin.plots.plot_closed_loop`."""
         return picture("plot_closed_loop", self)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the run, as a whole or not at all: a .nc file with the contents of `to_xarray`, or
         a .csv file as `Run.save` writes it.
+
+        **Returns:** the path.
 
         **Raises:** `RecordingError` if the file name has another ending or the file cannot be
         written.
         """
-        from ...io import save_dataset
 
         if check_ending(path, [".nc", ".csv"], RecordingError) == ".nc":
-            save_dataset(self.to_xarray(), path_of("save: path", path, RecordingError))
-        else:
-            self.run.save(path)
+            return super().save(path)
+        return self.run.save(path)
 
     def __repr__(self) -> str:
         ends = ", ".join(
@@ -293,8 +289,5 @@ class ClosedLoopRun:
             f"{self.energy[-1] / 3600:.2f} Wh{''.join(f'; {event}' for event in events)}>"
         )
 
-    def _repr_html_(self) -> str:
-        table = self.measures().reset_index()
-        named = zip(table["measure"], table["value"], table["unit"], strict=True)
-        rows = [(str(name), f"{value:.4g}", str(unit)) for name, value, unit in named]
-        return html_table(repr(self), ("measure", "value", "unit"), rows)
+    def _overview(self) -> "pandas.DataFrame":
+        return self.measures()

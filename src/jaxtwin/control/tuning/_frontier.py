@@ -10,9 +10,10 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from ..._arguments import finite_number, whole_number
-from ..._display import html_table, picture
+from ..._display import picture
 from ..._name_suggestions import did_you_mean, unknown_name
 from ..._progress import announced, silent
+from ..._result import AbstractResult, dataset, table
 from ...errors import ControlError
 from ...matching import Fit, nominal_twin
 from ...physics import Twin
@@ -27,18 +28,10 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-TABLE_MEASURES = (
-    "settling_time",
-    "overshoot",
-    "largest_plate_range",
-    "plate_range_at_rest",
-    "energy",
-)
-
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Frontier:
+class Frontier(AbstractResult):
     """Controllers along the trade between two aims.
 
     **Arguments:**
@@ -81,35 +74,26 @@ class Frontier:
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each weight: parameters, sensitivity peak, and the median of each
         measure over the draws."""
-        import pandas
-
         rows = []
-        for tuning in self.tunings:
-            row = dict(zip(tuning.tuned, tuning.after.values.tolist(), strict=True))
+        for weight, tuning in zip(self.weights, self.tunings, strict=True):
+            row = {"weight": weight, **dict(zip(tuning.tuned, tuning.after.values, strict=True))}
             row["sensitivity_peak"] = tuning.after.sensitivity_peak
-            medians = np.median(tuning.after.measures, axis=0).tolist()
+            medians = np.median(tuning.after.measures, axis=0)
             rows.append(row | dict(zip(tuning.measures, medians, strict=True)))
-        return pandas.DataFrame(rows, index=pandas.Index(self.weights, name="weight"))
+        return table(rows, "weight")
 
     def to_xarray(self) -> "xarray.Dataset":
         """A dataset of measures (weight, draw), parameters (weight, parameter) and sensitivity
         peaks (weight)."""
-        import xarray
-
-        first = self.tunings[0]
+        first, loops = self.tunings[0], [tuning.after for tuning in self.tunings]
         variables: dict[str, Any] = {
-            name: (("weight", "draw"), self.measure(name), {"units": MEASURES[name][1]})
-            for name in first.measures
+            "value": ("weight parameter", [loop.values for loop in loops]),
+            "sensitivity_peak": ("weight", [loop.sensitivity_peak for loop in loops], "1"),
         }
-        values = np.stack([tuning.after.values for tuning in self.tunings])
-        variables["value"] = (("weight", "parameter"), values)
-        peaks = [tuning.after.sensitivity_peak for tuning in self.tunings]
-        variables["sensitivity_peak"] = ("weight", peaks)
-        return xarray.Dataset(
-            variables,
-            coords={"weight": self.weights, "parameter": list(first.tuned)},
-            attrs={"rig": first.rig, "against": self.against},
-        )
+        for name in first.measures:
+            variables[name] = ("weight draw", self.measure(name), MEASURES[name][1])
+        attributes = {"rig": first.rig, "against": self.against}
+        return dataset(variables, attributes, weight=self.weights, parameter=first.tuned)
 
     def __repr__(self) -> str:
         first = self.tunings[0]
@@ -117,15 +101,6 @@ class Frontier:
             f"<Frontier of {first.rig}: {len(self.weights)} controllers, weight of {self.against} "
             f"from {self.weights[0]:g} to {self.weights[-1]:g}>"
         )
-
-    def _repr_html_(self) -> str:
-        table = self.to_dataframe()
-        names = [name for name in TABLE_MEASURES if name in table]
-        rows = [
-            (f"{weight:.3g}", *(f"{table[name].iloc[number]:.4g}" for name in names))
-            for number, weight in enumerate(self.weights)
-        ]
-        return html_table(repr(self), (f"weight of {self.against}", *names), rows)
 
 
 @twin_first

@@ -15,9 +15,10 @@ from jaxtyping import Array, Float
 from ..._arguments import path_of
 from ..._celsius import ZERO_CELSIUS
 from ..._compilation import persistent_jit
-from ..._display import html_table, picture
+from ..._display import picture
 from ..._jax_settings import own_settings
 from ..._lapack import solve
+from ..._result import AbstractResult, dataset, table
 from ..._whole_file import check_ending, write_whole_file
 from ...errors import ControlError
 from ...physics import System, Twin, Wiring, all_values
@@ -327,7 +328,7 @@ class PlacedCells(NamedTuple):
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class RigDesign:
+class RigDesign(AbstractResult):
     """The places of cells and heaters with which the plate of a rig is most even.
 
     **Arguments:**
@@ -378,36 +379,27 @@ class RigDesign:
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each cell or heater (its name is the index): x and y, m, and duty,
         before and after; NaN before for further cells."""
-        import pandas
-
-        columns = ("x before", "y before", "duty before", "x", "y", "duty")
-        rows = [(*_row(self.before, name), *_row(self.after, name)) for name in self.after.places]
-        index = pandas.Index([*self.after.places], name="cell")
-        return pandas.DataFrame(rows, columns=list(columns), index=index)
+        columns = ("cell", "x before", "y before", "duty before", "x", "y", "duty")
+        names = self.after.places
+        rows = [(name, *_row(self.before, name), *_row(self.after, name)) for name in names]
+        return table(rows, "cell", columns=columns)
 
     def to_xarray(self) -> "xarray.Dataset":
         """A dataset of place (rig, cell, axis) and duty (rig, cell), NaN for cells that are further
         ones, and of the range of the plate (rig); `rig` is before or after."""
-        import xarray
-
-        names, both = [*self.after.places], (self.before, self.after)
-        table: Any = [[_row(placed, name) for name in names] for placed in both]
-        return xarray.Dataset(
+        names, both = self.after.places, (self.before, self.after)
+        numbers = np.array([[_row(placed, name) for name in names] for placed in both])
+        ranges = [placed.point.range for placed in both]
+        return dataset(
             {
-                "place": (
-                    ("rig", "cell", "axis"),
-                    [[row[:2] for row in rows] for rows in table],
-                    {"units": "m"},
-                ),
-                "duty": (("rig", "cell"), [[row[2] for row in rows] for rows in table]),
-                "plate_range": ("rig", [design.point.range for design in both], {"units": "K"}),
+                "place": ("rig cell axis", numbers[..., :2], "m"),
+                "duty": ("rig cell", numbers[..., 2], "1"),
+                "plate_range": ("rig", ranges, "K"),
             },
-            coords={"rig": ["before", "after"], "cell": names, "axis": ["x", "y"]},
-            attrs={
-                "rig_name": self.rig.name,
-                "objective": self.objective,
-                "mean_degC": self.temperature,
-            },
+            {"rig_name": self.rig.name, "objective": self.objective, "mean_degC": self.temperature},
+            rig=["before", "after"],
+            cell=list(names),
+            axis=["x", "y"],
         )
 
     def __repr__(self) -> str:
@@ -421,24 +413,11 @@ class RigDesign:
             f"{self.temperature:g} degC; {places}>"
         )
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (name, *(_text(value, scale) for value, scale in zip(row, _SCALES * 2, strict=True)))
-            for name, row in zip(
-                self.after.places,
-                ((*_row(self.before, n), *_row(self.after, n)) for n in self.after.places),
-                strict=True,
-            )
-        ]
-        head = ("", "x before, cm", "y before, cm", "duty before", "x, cm", "y, cm", "duty")
-        return html_table(repr(self), head, rows)
-
-
-_SCALES = (100.0, 100.0, 1.0)
-
-
-def _text(value: float, scale: float) -> str:
-    return "" if value != value else f"{scale * value:.4g}"
+    def _overview(self) -> "pandas.DataFrame":
+        rows = self.to_dataframe()
+        for place in ("x before", "y before", "x", "y"):
+            rows[place] *= 100  # cm, as rig files state places
+        return rows.rename(columns=lambda name: name if "duty" in name else f"{name}, cm")
 
 
 def _row(placed: PlacedCells, name: str) -> tuple[float, float, float]:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 from jaxtyping import Float
 
-from ..._display import html_table, picture
+from ..._display import picture
+from ..._result import AbstractResult, dataset, table
 from ..controllers._controller import AbstractController
 from ..loops._loop_margins import LoopMargins
 from ..loops._measures import MEASURES
@@ -57,7 +58,7 @@ class TunedLoop(NamedTuple):
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Tuning:
+class Tuning(AbstractResult):
     """A tuned controller with its measures and the history of the search.
 
     **Arguments:**
@@ -107,50 +108,30 @@ class Tuning:
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns a table with a row for each controller that the search evaluated (start, round):
         objective, sensitivity peak, whether it was accepted, and the parameters."""
-        import pandas
-
-        rows = [
-            {
-                "start": step.start,
-                "round": step.round,
-                "objective": step.objective,
-                "sensitivity_peak": step.sensitivity_peak,
-                "accepted": step.accepted,
-                **step.values,
-            }
-            for step in self.history
-        ]
-        return pandas.DataFrame(rows).set_index(["start", "round"])
+        rows = [step._asdict() | dict(step.values) for step in self.history]
+        return table(rows, "start", "round").drop(columns="values")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a labelled dataset of the two controllers (dimension controller: before and
         after) with parameters, the measures of each draw, and the sensitivity of each draw over
         frequency, rad/s."""
-        import xarray
-
         both = (self.before, self.after)
         variables: dict[str, Any] = {
-            "value": (("controller", "parameter"), np.stack([loop.values for loop in both])),
+            "value": ("controller parameter", [loop.values for loop in both]),
             "objective": ("controller", [loop.objective for loop in both]),
-            "sensitivity_peak": ("controller", [loop.sensitivity_peak for loop in both]),
-            "sensitivity": (
-                ("controller", "draw", "frequency"),
-                np.stack([loop.sensitivity for loop in both]),
-            ),
+            "sensitivity_peak": ("controller", [loop.sensitivity_peak for loop in both], "1"),
+            "sensitivity": ("controller draw frequency", [loop.sensitivity for loop in both], "1"),
+            "frequency": ("frequency", self.omega, "rad/s"),
         }
         for number, name in enumerate(self.measures):
-            values = np.stack([loop.measures[:, number] for loop in both])
-            unit = MEASURES[name][1] if name in MEASURES else ""
-            variables[f"measure_{name}"] = (("controller", "draw"), values, {"units": unit})
-        return xarray.Dataset(
+            values = [loop.measures[:, number] for loop in both]
+            variables[f"measure_{name}"] = ("controller draw", values, self._unit(name))
+        return dataset(
             variables,
-            coords={
-                "controller": ["before", "after"],
-                "parameter": list(self.tuned),
-                "frequency": ("frequency", self.omega, {"units": "rad/s"}),
-                "draw": np.arange(len(self.after.measures)),
-            },
-            attrs={"rig": self.rig},
+            {"rig": self.rig},
+            controller=["before", "after"],
+            parameter=self.tuned,
+            draw=np.arange(len(self.after.measures)),
         )
 
     def __repr__(self) -> str:
@@ -168,31 +149,28 @@ class Tuning:
             f"{self.after.objective:.4g}{peak}, {draws} draw{'s' * (draws != 1)}>"
         )
 
-    def _repr_html_(self) -> str:
-        rows = [
-            (name, f"{before:.4g}", f"{after:.4g}", f"{low:.3g} to {high:.3g}")
-            for name, before, after, low, high in zip(
-                self.tuned,
-                self.before.values,
-                self.after.values,
-                self.lower,
-                self.upper,
-                strict=True,
+    def _overview(self) -> "pandas.DataFrame":
+        before, after = self.before, self.after
+        rows: list[tuple[str, Any, Any, str]] = [
+            (name, old, new, f"{low:.3g} to {high:.3g}")
+            for name, old, new, low, high in zip(
+                self.tuned, before.values, after.values, self.lower, self.upper, strict=True
             )
         ]
-        both = self.before, self.after
-        before, after = (f"{loop.objective:.4g}" for loop in both)
-        rows.append(("objective", before, after, ""))
+        rows.append(("objective", before.objective, after.objective, ""))
         if self.sensitivity_limit is not None:
             limit = f"at most {self.sensitivity_limit:g}"
-            before, after = (f"{loop.sensitivity_peak:.3g}" for loop in both)
-            rows.append(("sensitivity peak", before, after, limit))
+            peaks = before.sensitivity_peak, after.sensitivity_peak
+            rows.append(("sensitivity peak", *peaks, limit))
         if self.margins is not None:
             low, high = self.margins.disk.gain
             rows.append(("tolerates gains from, to", "", f"{low:.2f}, {high:.2f}", "times"))
-            rows.append(("tolerates a phase of", "", f"{self.margins.disk.phase_deg:.0f}", "°"))
-        for number, name in enumerate(self.measures):
-            unit = MEASURES[name][1] if name in MEASURES else ""
-            before, after = (f"{np.median(loop.measures[:, number]):.4g}" for loop in both)
-            rows.append((f"{name.replace('_', ' ')}, median", before, after, unit))
-        return html_table(repr(self), ("", "before", "after", "bounds or unit"), rows)
+            rows.append(("tolerates a phase of", "", self.margins.disk.phase_deg, "°"))
+        medians = (np.median(loop.measures, axis=0) for loop in (before, after))
+        for name, old, new in zip(self.measures, *medians, strict=True):
+            rows.append((f"{name.replace('_', ' ')}, median", old, new, self._unit(name)))
+        return table(rows, columns=("", "before", "after", "bounds or unit"))
+
+    def _unit(self, measure: str) -> str:
+        """The unit of a measure; that of a user's own is not known."""
+        return MEASURES[measure][1] if measure in MEASURES else ""

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from ..._arguments import true_or_false, whole_number
-from ..._display import html_table
+from ..._result import AbstractResult, dataset, table
 from ...errors import ControlError
 from ..controllers._pid import PID
 from ..loops._closed_loop_run import ClosedLoopRun
@@ -58,7 +58,7 @@ LEVEL_TOLERANCE = 0.15
 
 @final
 @dataclass(frozen=True)
-class UltimatePoint:
+class UltimatePoint(AbstractResult):
     """The response of a plant at its critical frequency.
 
     - `gain`: the ultimate gain, 1/K. `period_s`: the period of the oscillation, s.
@@ -75,22 +75,12 @@ class UltimatePoint:
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A table with a row for each number: its name as index, value and unit."""
-        import pandas
-
         rows = [(name, getattr(self, name), unit) for name, unit in _UNITS.items()]
-        return pandas.DataFrame(rows, columns=["name", "value", "unit"]).set_index("name")
+        return table(rows, "name", columns=["name", "value", "unit"])
 
     def to_xarray(self) -> "xarray.Dataset":
         """Returns a dataset with a variable for each number, and its unit in the attributes."""
-        import xarray
-
-        return xarray.Dataset(
-            {name: ((), getattr(self, name), {"units": unit}) for name, unit in _UNITS.items()}
-        )
-
-    def _repr_html_(self) -> str:
-        rows = [(name, f"{getattr(self, name):.4g}", unit) for name, unit in _UNITS.items()]
-        return html_table("UltimatePoint", ("", "value", "unit"), rows)
+        return dataset({name: ("", getattr(self, name), unit) for name, unit in _UNITS.items()}, {})
 
     def pid(self, rule: Rule = "tyreus-luyben", *, derivative: bool = True, **settings: Any) -> PID:
         """Makes a PID by a tuning rule.
