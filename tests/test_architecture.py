@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pytest
 
 import jaxtwin
+from jaxtwin._faces import FOR_PACKAGES
 
 SOURCE = Path(jaxtwin.__file__).parent
 PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
@@ -198,3 +199,25 @@ def page(package: str) -> str:
 
 def test_the_private_modules_import_no_package():
     assert not [found for found in imports() if found.source == FOUNDATION]
+
+
+def test_a_face_offers_other_rooms_only_what_they_import():
+    rooms = room_of()
+    imported = {
+        (target[0], alias.name)
+        for file in SOURCE.rglob("*.py")
+        for parts in [file.relative_to(SOURCE).parts]
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for target in targets(node, parts[:-1])
+        if target and rooms.get(target[0]) not in (None, rooms.get(parts[0]))
+        for alias in node.names
+    }
+    for package in rooms:
+        stub = SOURCE / package / "__init__.pyi"
+        if stub.exists():
+            _, _, offered = stub.read_text(encoding="utf-8").partition(FOR_PACKAGES)
+            for node in ast.parse(offered).body:
+                if isinstance(node, ast.ImportFrom):
+                    for alias in node.names:
+                        assert (package, alias.name) in imported, f"{package}: {alias.name}"

@@ -518,3 +518,9 @@ def test_the_autocorrelation_time_of_a_validation_is_in_seconds():
         for part in (run, slow)
     ]
     np.testing.assert_allclose(times[1], 2 * times[0])
+
+
+def test_the_head_of_a_table_has_the_units_of_the_dataset():
+    profile = jt.profile(fit(), "R_E")
+    assert "<th>R_E, ohm</th><th>excess</th>" in profile._repr_html_()
+    assert profile.summary().splitlines()[1].split() == ["R_E,", "ohm", "excess"]

@@ -58,7 +58,7 @@ class AbstractResult(ABC):
 
     def summary(self) -> str:
         """The result in a line, and the table that a notebook shows as text."""
-        return "\n".join([repr(self).strip("<>"), aligned(_texts(self._overview()))])
+        return "\n".join([repr(self).strip("<>"), aligned(self._texts())])
 
     def _for_json(self) -> dict[str, Any]:
         """What `to_dict` gives, if that is not everything in the dataset by its name."""
@@ -72,8 +72,24 @@ class AbstractResult(ABC):
         return self.to_dataframe()
 
     def _repr_html_(self) -> str:
-        head, *rows = _texts(self._overview())
+        head, *rows = self._texts()
         return html_table(repr(self), head, rows)
+
+    def _texts(self) -> list[list[str]]:
+        """The overview as text: the head, with the units of the dataset, and the rows, whose names
+        stand first."""
+        frame = self._overview()
+        named = frame.reset_index() if frame.index.names != [None] else frame
+        variables = self.to_xarray().variables
+        units = [
+            variables[name].attrs.get("units", "") if name in variables else "" for name in named
+        ]
+        head = [
+            f"{name}, {unit}" if unit not in ("", "1") else str(name)
+            for name, unit in zip(named, units, strict=True)
+        ]
+        rows = named.itertuples(index=False, name=None)
+        return [head, *([_text(cell) for cell in row] for row in rows)]
 
 
 def dataset(
@@ -121,14 +137,6 @@ def table(
     whole = data if isinstance(data, Mapping) else list(data)
     frame = pandas.DataFrame(whole, columns=None if columns is None else list(columns))
     return frame.set_index(list(index)) if index else frame
-
-
-def _texts(frame: "pandas.DataFrame") -> list[list[str]]:
-    """The head and the rows of a table as text, the names of the rows first."""
-    has_names = frame.index.names != [None]
-    named = frame.reset_index() if has_names else frame
-    rows = named.itertuples(index=False, name=None)
-    return [list(map(str, named.columns)), *([_text(cell) for cell in row] for row in rows)]
 
 
 def _text(cell: Any) -> str:

@@ -16,8 +16,7 @@ from small_results import fit
 from jaxtwin import Experiment, Fit, plots
 from jaxtwin._statistics import autocorrelation
 from jaxtwin.errors import SimulationError
-from jaxtwin.matching import CameraError, Comparison
-from jaxtwin.matching import solution_of
+from jaxtwin.matching import CameraError, Comparison, solution_of
 from jaxtwin.physics import plate_map
 
 

@@ -178,7 +178,7 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
     if sizes.has_loss and loss is not None:
         result |= {
             "LOSSES": len(sizes.loss_from),
-            "MIN_FILM_RISE": MIN_FILM_RISE**2,
+            "MIN_FILM_SQUARE": MIN_FILM_RISE**2,
             "FILM_SCALE": 1 / (FILM_REFERENCE**2 + MIN_FILM_RISE**2),
         }
     if sizes.has_far_ends:
@@ -196,7 +196,7 @@ COMMENTS = {
     "IMAX": "through a connected cell, A",
     "LOSSES": "paths of losses that are not linear",
     "PLATE_LOSSES": "of the plate, the first of them",
-    "MIN_FILM_RISE": "K^2",
+    "MIN_FILM_SQUARE": "K^2",
     "DUTY_SMOOTHING_SQUARE": "square of the duty below which heat is proportional to it",
     "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
     "SHARES": "of states, and the inputs",

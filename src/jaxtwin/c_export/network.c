@@ -163,7 +163,7 @@ static void model_linearise(model_numbers *numbers, model_network *network)
         radiation -= model_linear_radiation[i];
         rise = -numbers->loss_held[i];
 #endif
-        square = rise * rise + MODEL_CALM;
+        square = rise * rise + MODEL_MIN_FILM_SQUARE;
         film = pow(square * MODEL_FILM_SCALE, numbers->half_exponent[i]);
         film *= 1.0 + 2.0 * numbers->half_exponent[i] * rise * rise / square;
         numbers->linearised_loss[i] =

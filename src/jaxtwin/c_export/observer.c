@@ -190,7 +190,7 @@ static void model_linearise(model_state *state, const model_real *duty,
             rise += model_shape[i][m] * state->x[m];
         }
         hot = room + rise;
-        square = rise * rise + MODEL_CALM;
+        square = rise * rise + MODEL_MIN_FILM_SQUARE;
         film = model_exp(model_half_exponent[i] * model_log(square * MODEL_FILM_SCALE));
         lost = 2 * model_half_exponent[i] * film * rise * rise / square;
         lost = model_film[i] * (film - 1 + lost);

@@ -226,7 +226,7 @@ static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambie
         room = MODEL_T0 + end;
         hot = room + rise;
         film = model_exp(model_half_exponent[i]
-                         * model_log((rise * rise + MODEL_CALM) * MODEL_FILM_SCALE));
+                         * model_log((rise * rise + MODEL_MIN_FILM_SQUARE) * MODEL_FILM_SCALE));
         left = model_linearised_loss[i] * at - model_film[i] * (film - 1) * rise;
         left -= model_radiating[i] * rise * (hot + room) * (hot * hot + room * room);
 #ifdef MODEL_HAS_FAR_ENDS

@@ -138,7 +138,7 @@ class NativeNetwork:
             "DUTY_SMOOTHING_SQUARE": DUTY_SMOOTHING**2,
             "HAS_LAG": wiring.lag is not None,
             "HAS_DRIFT": wiring.ambient_drift is not None,
-            "CALM_SQUARE": MIN_FILM_RISE**2,
+            "MIN_FILM_SQUARE": MIN_FILM_RISE**2,
             "FILM_SCALE": 1 / (FILM_REFERENCE**2 + MIN_FILM_RISE**2),
             "METHOD_GAMMA": GAMMA,
         }

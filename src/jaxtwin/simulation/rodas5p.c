@@ -309,7 +309,7 @@ static inline struct film film_of(const struct loss *loss, pairs rise,
     at.rise = rise;
     at.room = room;
     at.hot = room + rise;
-    at.calm = (float)CALM_SQUARE - (pairs){0};
+    at.calm = (float)MIN_FILM_SQUARE - (pairs){0};
     at.factor = power((rise * rise + at.calm) * (float)FILM_SCALE, loss->half_exponent);
     return at;
 }
