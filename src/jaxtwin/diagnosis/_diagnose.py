@@ -12,7 +12,7 @@ from .._jax_settings import own_settings
 from ..errors import ObserverError
 from ..io import Experiment, as_experiment
 from ..matching import Fit
-from ..monitoring._monitor_recording import check_settles
+from ..monitoring._monitored import check_settles
 from ..observers import Observed, ProcessNoise, observe
 from ..physics import Twin
 from ._causes import diagnosed

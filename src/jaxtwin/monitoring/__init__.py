@@ -1,6 +1,6 @@
 r"""Monitoring: what has changed in a rig, since when, how much, and how sure that is.
 
-`monitor` (`_monitor_recording`) follows a recording with an observer and tests each sample; the
+`monitor` (`_monitored`) follows a recording with an observer and tests each sample; the
 result, `Monitored`, has the findings. `LiveMonitor` (`_live_monitor`) does the same beside a rig.
 Both run `Monitor` (`_monitor`), one pure step for each sample, and `FindingLog` (`_finding_log`),
 which raises each finding once and lets it clear; `LiveFindings` (`_live_monitor`) tells them

@@ -8,8 +8,8 @@ from ._finding_log import FindingLog as FindingLog
 from ._live_monitor import LiveMonitor as LiveMonitor
 from ._monitor import Monitor as Monitor
 from ._monitor import MonitorState as MonitorState
-from ._monitor_recording import monitor as monitor
 from ._monitored import Monitored as Monitored
+from ._monitored import monitor as monitor
 from ._thresholds import MonitorCalibration as MonitorCalibration
 from ._thresholds import Reference as Reference
 from ._thresholds import Tail as Tail
@@ -24,7 +24,7 @@ from ._finding_log import events as events
 from ._live_monitor import LiveFindings as LiveFindings
 from ._monitor import SETTLE as SETTLE
 from ._monitor import channels_of as channels_of
-from ._monitor_recording import monitor_observed as monitor_observed
+from ._monitored import monitor_observed as monitor_observed
 from ._response import response_of as response_of
 from ._thresholds import DAY as DAY
 from ._thresholds import nominal_calibration as nominal_calibration

@@ -5,7 +5,7 @@ between sessions (`_forgetting`), is the prior of a match that also finds which 
 beyond that (`_session_match`). Mistakes of the recording (`_mistakes`) and errors of its sensors
 (`_sensor_errors`) are its rivals. What is held out (`_held_out`) is replayed through both twins,
 and the checks of the gate (`_gate`) decide: promoted, unchanged, rejected, or a person is asked.
-`keep_refit` (`_keep_refit`) writes it into a store of twins.
+`keep_refit` writes it into a store of twins.
 """
 
 from .._faces import attach

@@ -17,6 +17,7 @@ from ..matching import Fit, divided, named_recordings
 from ..monitoring import DAY, MonitorCalibration, monitor_observed
 from ..observers import ProcessNoise, observe
 from ..simulation import simulate
+from ..twin_store import TwinStore, TwinVersion
 from ._forgetting import session_prior
 from ._gate import (
     GateCheck,
@@ -40,6 +41,7 @@ from ._session_match import SessionMatch, match_session
 if TYPE_CHECKING:
     import pandas
     import xarray
+
 
 Decision = Literal["promoted", "unchanged", "rejected", "ask"]
 
@@ -307,3 +309,43 @@ def _check_new(fit: Fit, recordings: Sequence[Experiment]) -> None:
 
 def _mean_reading(recording: Experiment) -> float:
     return float(np.nanmean(np.asarray(recording.temperatures)))
+
+
+# Writes down in a store of twins what a refit has decided.
+
+# Tags of the version that judged a recording: `refit` and the beginning of its fingerprint.
+TAG = "refit"
+
+
+def keep_refit(
+    store: TwinStore, champion: TwinVersion, recording: Experiment, result: Refit
+) -> TwinVersion:
+    """Writes down what was decided: a promoted twin becomes the champion, and one of which a person
+    is asked the challenger. The champion so far gets a tag that says what was decided.
+
+    **Arguments:**
+
+    - `store`: the store. `champion`: the version that was refitted.
+    - `recording`: the recording to which it was refitted.
+    - `result`: the refit.
+
+    **Returns:** the champion from now on.
+    """
+    store.set_tag(
+        champion.number,
+        f"{TAG} {recording.fingerprint[:12]}",
+        f"{result.decision}: {result.reason}",
+    )
+    if result.fit is None or result.decision not in ("promoted", "ask"):
+        return champion
+    added = store.add(
+        result.fit,
+        reason=result.reason,
+        parent=champion.number,
+        noise=champion.noise,
+        aliases=["challenger"],
+        controller=champion.controller_text,  # which goes on until it is tuned again
+    )
+    if result.decision == "ask":
+        return champion
+    return store.promote(added.number, reason=result.reason)

@@ -160,7 +160,7 @@ def refit_champion(store: "TwinStore", recorded: Experiment) -> str:
     **Raises:** the errors of `jaxtwin.refit` and of the store.
     """
     from ..refitting import refit  # the process of the page needs none of it
-    from ..refitting._keep_refit import keep_refit
+    from ..refitting._refit import keep_refit
 
     champion = store.version("champion")
     result = refit(champion.fit(), recorded, noise=champion.noise)
