@@ -191,6 +191,14 @@ def test_the_page_of_a_package_names_files_that_exist(package: str):
     assert named <= stems, sorted(named - stems)
 
 
+def test_the_page_of_the_architecture_names_files_that_exist():
+    named = re.findall(r"`([a-z_/]+\.(?:py|js|c))`", PAGE.read_text(encoding="utf-8"))
+    folders = (SOURCE, PAGE.parent)
+    files = [file.as_posix() for folder in folders for file in folder.rglob("*.*")]
+    assert len(named) > 30
+    assert not [name for name in named if not any(file.endswith(f"/{name}") for file in files)]
+
+
 def page(package: str) -> str:
     """The docstring of a package, which leads through it."""
     text = (SOURCE / package / "__init__.py").read_text(encoding="utf-8")
