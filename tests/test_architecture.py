@@ -193,7 +193,7 @@ def test_the_page_of_a_package_names_files_that_exist(package: str):
 
 def test_the_page_of_the_architecture_names_files_that_exist():
     named = re.findall(r"`([a-z_/]+\.(?:py|js|c))`", PAGE.read_text(encoding="utf-8"))
-    folders = (SOURCE, PAGE.parent)
+    folders = (SOURCE, PAGE.parent, Path(__file__).parent)
     files = [file.as_posix() for folder in folders for file in folder.rglob("*.*")]
     assert len(named) > 30
     assert not [name for name in named if not any(file.endswith(f"/{name}") for file in files)]
