@@ -24,8 +24,9 @@ from ._style import INK, PALE, palette, rim
 # The colours of temperatures. The coldest is a dark violet, because black shows no differences.
 HEAT = ListedColormap(colormaps["inferno"](np.linspace(0.18, 1.0, 256)))
 
-MAP_WIDTH, ROOM_ABOVE, ROOM_BESIDE = 4.0, 0.36, 1.2
-"""The width of a map, the room above it, and that of the scale of colours, inches."""
+MAP_WIDTH, ROOM_ABOVE, ROOM_BELOW, ROOM_BESIDE = 4.0, 0.36, 0.2, 1.4
+"""The width of a map, the room above it and below all of them, and that of the scale of colours,
+inches."""
 
 Extent = tuple[float, float, float, float]
 
@@ -68,7 +69,9 @@ def samples_at(
 def map_panels(plate: Plate, rows: int, columns: int) -> tuple[Figure, np.ndarray]:
     """A figure with a grid of panels for maps of a plate, with room for a scale of colours."""
     height = ROOM_ABOVE + MAP_WIDTH * plate.height / plate.width
-    figure, grid = panels(rows, columns, MAP_WIDTH * columns + ROOM_BESIDE, height * rows)
+    figure, grid = panels(
+        rows, columns, MAP_WIDTH * columns + ROOM_BESIDE, height * rows + ROOM_BELOW
+    )
     for axes in grid.flat:
         frame(axes, plate)
     return figure, grid
