@@ -24,11 +24,12 @@ def attach(
     **Arguments:**
 
     - `package`, `file`: `__name__` and `__file__` of the package.
-    - `renamed`: names of the version before -> those of now; they warn, and go with the next one.
+    - `renamed`: deprecated name -> the name of now; the deprecated ones warn, and go with the next
+      version.
     """
     find_now, _, _ = lazy_loader.attach_stub(package, file)
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
-    imports = ast.parse(stub.partition(FOR_PACKAGES)[0]).body
+    imports = ast.parse(stub.partition(FOR_PACKAGES)[0]).body  # each line is `import X as X`
     public = sorted(
         alias.name for node in imports if isinstance(node, ast.ImportFrom) for alias in node.names
     )
@@ -40,4 +41,4 @@ def attach(
         warnings.warn(f"{package}.{name} is now {package}.{now}", DeprecationWarning, stacklevel=2)
         return find_now(now)
 
-    return find, public.copy, public
+    return find, public.copy, public  # `__dir__` returns a list of its own

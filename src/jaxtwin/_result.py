@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 
 
 class AbstractResult(ABC):
-    """Numbers with names and units, which show themselves and can be taken along."""
+    """Numbers with names and units, as a table, a dataset, JSON, a file, text or HTML.
+
+    A class of results must have `to_xarray`. It may have a `to_dataframe` of its own, an
+    `_overview` (the table that is shown) and a `_for_json` (what `to_dict` converts).
+    """
 
     @abstractmethod
     def to_xarray(self) -> "xarray.Dataset":
@@ -58,17 +62,16 @@ class AbstractResult(ABC):
 
     def summary(self) -> str:
         """The result in a line, and the table that a notebook shows as text."""
-        return "\n".join([repr(self).strip("<>"), aligned(self._texts())])
+        return "\n".join([repr(self).removeprefix("<").removesuffix(">"), aligned(self._texts())])
 
     def _for_json(self) -> dict[str, Any]:
-        """What `to_dict` gives, if that is not everything in the dataset by its name."""
+        """What `to_dict` converts: by default all variables and attributes of the dataset."""
         data = self.to_xarray()
         values = {str(name): variable.to_numpy() for name, variable in data.variables.items()}
         return data.attrs | values
 
     def _overview(self) -> "pandas.DataFrame":
-        """What a notebook shows, if that is not the whole of `to_dataframe`: numbers with four
-        digits, and text as it is."""
+        """The table that a notebook and `summary` show: by default the whole of `to_dataframe`."""
         return self.to_dataframe()
 
     def _repr_html_(self) -> str:

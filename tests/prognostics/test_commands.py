@@ -45,6 +45,7 @@ def test_the_exit_code_is_4_where_a_match_did_not_converge():
     [
         ("health a.toml b.toml", "expected 3 or more"),
         ("health a.toml b.toml c.toml --limit R_E", "a parameter and a number, such as R_E=2.6"),
+        ("health a.toml b.toml c.toml --limit R_E=2 --limit R_E=3", "expected each parameter once"),
         ("health a.toml b.toml c.toml --times 1,2", "one for each of 3 sessions, got 2"),
         ("health none.db", "there is no such store"),
     ],

@@ -43,8 +43,8 @@ def health(
         typer.Option(
             min=0,
             metavar="N",
-            help="How far ahead: days, or sessions without times. Otherwise as far as the sessions "
-            "reach back.",
+            help="How far ahead: days; sessions if no times are given. Otherwise as far as the "
+            "sessions reach back.",
         ),
     ] = None,
     probability: Annotated[
@@ -72,7 +72,10 @@ def health(
 
     check_output(out, ".png")
     check_json(json)
-    limits = dict(_limit(text) for text in limit or [])
+    pairs = [_limit(text) for text in limit or []]
+    limits = dict(pairs)
+    if len(limits) < len(pairs):
+        raise typer.BadParameter("--limit: expected each parameter once")
     when = None if times is None else [_time(part) for part in times.split(",")]
     with show_progress() as progress:
         progress.step("reading")

@@ -56,7 +56,7 @@ def observe(
     """
     from ..live import Screen
 
-    def made(
+    def make_screen(
         rig: "Rig", on_finding: "Callable[[Finding], None]"
     ) -> "tuple[Screen, list[RecordConsumer]]":
         twin = open_twin(rig, set_name, parameter_file)
@@ -66,5 +66,7 @@ def observe(
     if out is not None and not link:
         raise typer.BadParameter("--out records a live rig, with --link; a recording is there")
     check_output(out, ".db")
-    if show(source, link or [], made, speed, duration, baud, alarm, out, label_of(parameter_file)):
+    if show(
+        source, link or [], make_screen, speed, duration, baud, alarm, out, label_of(parameter_file)
+    ):
         raise typer.Exit(ALARMED)

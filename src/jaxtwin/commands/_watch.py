@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from ..live import Finding, RecordConsumer, Recorder, Replay, RigConnection, Screen
     from ..rig import Rig
 
-    Made = Callable[[Rig, Callable[[Finding], None]], tuple[Screen, list[RecordConsumer]]]
-    """A rig, and what is called with each finding -> the screen, and who gets records before it."""
+    MakeScreen = Callable[[Rig, Callable[[Finding], None]], tuple[Screen, list[RecordConsumer]]]
+    """A function of a rig and of what is to be called with each finding. It returns the screen, and
+    the consumers that get each record before the screen."""
 
 # The time between two pictures, s: drawing takes longer than reading, and a person needs no more
 # pictures.
@@ -54,18 +55,18 @@ def watch(
     from ..live import Screen
     from ..observers import ProcessNoise, live_observer
 
-    def made(rig: "Rig", _: object) -> "tuple[Screen, list[RecordConsumer]]":
+    def make_screen(rig: "Rig", _: object) -> "tuple[Screen, list[RecordConsumer]]":
         twin = open_twin(rig, set_name, parameter_file)
         levels = None if noise is None else ProcessNoise.load(noise)
         return Screen(twin, None if levels is None else live_observer(twin, levels)), []
 
-    show(source, link or [], made, speed, duration, baud)
+    show(source, link or [], make_screen, speed, duration, baud)
 
 
 def show(
     source: str,
     links: list[str],
-    made: "Made",
+    make_screen: "MakeScreen",
     speed: float,
     duration: float | None,
     baud: int,
@@ -85,18 +86,17 @@ def show(
 
     from ..live import EstimateJournal, Event, Recorder, RigConnection, Service
 
-    result: list[Finding] = []
+    new_findings: list[Finding] = []
     with stop_signals() as stop, contextlib.ExitStack() as stack:
         command = stack.enter_context(AlarmCommand(alarm))
         rig = _rig(source, links)
-        # This compiles before the link is opened, because it takes a second and data do not wait
-        # for ever.
-        screen, before = made(rig, result.append)
+        # This compiles, which takes a second, before the link is opened: nobody would read it.
+        screen, first_consumers = make_screen(rig, new_findings.append)
         recorder = None
         if out is not None:
             recorder = stack.enter_context(Recorder(out, rig, append=out.exists()))
         connection = stack.enter_context(_source(source, rig, links, speed, baud, recorder))
-        consumers: list[RecordConsumer] = [*before, screen]
+        consumers: list[RecordConsumer] = [*first_consumers, screen]
         if recorder is not None and isinstance(connection, RigConnection):
             consumers.append(EstimateJournal(connection.note, lambda: (screen.follower, label)))
         service = Service(connection, consumers)
@@ -104,7 +104,7 @@ def show(
         begin = shown = time.monotonic()
         while not (stop.is_set() or connection.ended):
             service.turn()
-            for finding in result:
+            for finding in new_findings:
                 if finding.is_alarm:
                     command.ring(finding)
                 kind = "alarm" if finding.is_alarm else "notice"
@@ -113,7 +113,7 @@ def show(
                     connection.note(event)
                 else:
                     screen.on_record(event, service.state)
-            result.clear()
+            new_findings.clear()
             now = time.monotonic()
             if now - shown >= REDRAW:
                 shown = now

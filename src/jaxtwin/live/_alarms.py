@@ -59,7 +59,7 @@ class Alarms:
         self._on_alarm = on_alarm
         self._folder = file.absolute().parent
         # The host time of the newest sample and reading, ns; at first that of the start.
-        self._made: dict[str, int] = {"controller sample": now, "temperature": now}
+        self._newest = {"stale-controller": now, "stale-temperature": now}
         self._causes: dict[_Key, str] = {}  # those since the last turn
         self._looked = 0
         self._present: dict[_Key, str] = {}  # the causes that are there, and their details
@@ -105,7 +105,7 @@ class Alarms:
             )
             for kind, keys in new.items()
         ]
-        for alarm in sorted(alarms, key=lambda alarm: alarm.severity):
+        for alarm in sorted(alarms, key=lambda alarm: alarm.severity != "critical"):
             self._on_alarm(alarm)
 
     def _see_channel(self, name: str, value: float) -> None:
@@ -116,13 +116,16 @@ class Alarms:
             self._set(("over-temperature", name), hot, f"{name} is at {value:.1f} degC")
 
     def _check_silence(self, state: RigState, now: int) -> None:
-        newest = {"controller sample": state.sample, "temperature": state.reading}
-        for what, record in newest.items():
+        streams = (
+            ("stale-controller", "controller sample", state.sample),
+            ("stale-temperature", "temperature", state.reading),
+        )
+        for kind, what, record in streams:
             if record is not None:
-                self._made[what] = state.made(record)
-            silent = seconds(now - self._made[what])
+                self._newest[kind] = state.made(record)
+            silent = seconds(now - self._newest[kind])
             detail = f"no {what} for more than {self._silence:g} s"
-            self._set((f"stale-{what.split()[0]}", ""), silent > self._silence, detail)
+            self._set((kind, ""), silent > self._silence, detail)
 
     def _check_disk(self, now: int) -> None:
         if seconds(now - self._looked) < DISK_SECONDS:
@@ -132,9 +135,9 @@ class Alarms:
         detail = f"{free / 1e6:.0f} MB are free at {self._folder}"
         self._set(("disk", ""), free < DISK_BYTES, detail)
 
-    def _set(self, key: _Key, there: bool, detail: str = "") -> None:
-        """Registers that a cause is there, or that it is absent."""
-        if there:
+    def _set(self, key: _Key, is_present: bool, detail: str = "") -> None:
+        """Registers that a cause is present, or that it is absent."""
+        if is_present:
             self._present[key] = detail
         else:
             self._present.pop(key, None)

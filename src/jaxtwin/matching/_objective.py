@@ -1,4 +1,7 @@
-"""The objective of a match: its recordings and weights as arrays."""
+"""The recordings and weights of a match as arrays, on which its objective depends.
+
+The objective itself is half the sum of the squared residuals (`_residuals`).
+"""
 
 from collections.abc import Sequence
 from typing import TypeVar, final
@@ -79,7 +82,7 @@ def make_objective(
     noise_model: NoiseModel,
     shapes: int | None = None,
 ) -> MatchObjective:
-    """The function that the optimiser minimises, with the weights that follow from the noise model.
+    """The arrays on which the residuals depend, with the weights that follow from the noise model.
 
     **Arguments:**
 

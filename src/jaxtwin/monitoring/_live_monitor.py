@@ -18,10 +18,8 @@ from ._monitor import Monitor, MonitorState, channels_of
 from ._response import response_of
 from ._thresholds import DAY, MonitorCalibration, nominal_calibration
 
-# The findings of a monitor beside a rig, each told once.
-
 # Host times are in ns.
-TICKS = 10**9
+NS_PER_SECOND = 10**9
 
 # The number of findings that are kept after they are over: a rig may be watched for months.
 MAX_ENDED_FINDINGS = 1000
@@ -48,10 +46,10 @@ class LiveFindings:
         kept: int = MAX_ENDED_FINDINGS,
     ):
         self._channels = channels_of(monitor.model)
-        self._log = FindingLog(monitor, calibration, false_alarm_time, TICKS, kept)
+        self._log = FindingLog(monitor, calibration, false_alarm_time, NS_PER_SECOND, kept)
         self._on_finding = on_finding
         # A second of the rig in the unit of the times of findings.
-        self._second = float(TICKS)
+        self._second = float(NS_PER_SECOND)
 
     @property
     def present(self) -> tuple[Finding, ...]:
@@ -71,7 +69,7 @@ class LiveFindings:
     def take(self, now: int, evidence: Evidence, rate: float = 1.0) -> None:
         """Takes what the tests say of a reading at host time `now`, ns, and tells what is new;
         `rate` is the seconds of the rig in one of the host."""
-        self._second = TICKS / rate
+        self._second = NS_PER_SECOND / rate
         for finding in self._log.take(now, evidence, rate):
             if not self._is_told(finding):
                 self._on_finding(finding)

@@ -14,7 +14,7 @@ then numbers for one set of parameter values (`System`). Which file holds what:
   the edges of the plate in a frame), `_plate_map`
 - inputs besides the duty: `_input_effects`, the links and values that they change
 - the twin: `_twin`, a rig with values
-- faults: `_fault_models`, functions `System -> System`, and when they happen
+- faults: `_fault_models`, functions `System -> System`, and `_faults`, when they happen
 """
 
 from .._faces import attach

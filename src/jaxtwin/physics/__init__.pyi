@@ -6,8 +6,8 @@ from ._driver import CellHeat as CellHeat
 from ._fault_models import FAULT_MODELS as FAULT_MODELS
 from ._fault_models import Fault as Fault
 from ._fault_models import FaultModel as FaultModel
-from ._fault_models import Faults as Faults
-from ._fault_models import TimedFault as TimedFault
+from ._faults import Faults as Faults
+from ._faults import TimedFault as TimedFault
 from ._heat_loss import MIN_FILM_RISE as MIN_FILM_RISE
 from ._heat_loss import STEFAN_BOLTZMANN as STEFAN_BOLTZMANN
 from ._netlist import Link as Link

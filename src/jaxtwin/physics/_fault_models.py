@@ -1,14 +1,11 @@
-r"""Faults of a rig as changes of its equations, each a function `System -> System`, and their
-times.
+r"""Faults of a rig as changes of its equations: each model makes a function `System -> System`.
 
 The virtual rig, the hypotheses of a diagnosis and tests use the same models. They are pure, and
 differentiable in the size of the fault.
 """
 
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias, final
+from typing import TypeAlias
 
 import equinox as eqx
 import jax
@@ -18,7 +15,7 @@ from jaxtyping import ArrayLike, Bool, Float, Int
 
 from .._jax_settings import settings_for
 from .._name_suggestions import unknown_name
-from ..errors import JaxtwinError, SimulationError
+from ..errors import SimulationError
 from ..rig import Registration, Rig, Value, ZoneSensor
 from ._registration import RegisteredZones
 from ._system import System
@@ -42,7 +39,7 @@ def loosened_contact(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fau
     """
     rig = twin.rig
     apart = [heater.name for heater in rig.heaters if heater.node == heater.name]
-    _number("cell", cell, (*_cells(rig), *apart))
+    _checked_number("cell", cell, (*_cells(rig), *apart))
     number = rig.driven.index(cell)
 
     def fault(system: System) -> System:
@@ -60,7 +57,7 @@ def loosened_contact(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fau
 def open_circuit(twin: Twin, cell: str, share: Float[ArrayLike, ""] = 1.0) -> Fault:
     """A share of a cell's or heater's parallel strings is interrupted, 0 to 1; at 1 no current
     flows through it."""
-    number = _number("cell", cell, twin.rig.driven)
+    number = _checked_number("cell", cell, twin.rig.driven)
 
     def fault(system: System) -> System:
         before = jnp.asarray(system.module.electrical_resistance)
@@ -74,7 +71,7 @@ def open_circuit(twin: Twin, cell: str, share: Float[ArrayLike, ""] = 1.0) -> Fa
 def aged_cell(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
     """The electrical resistance of a cell or heater is `factor` times as large, as by cracks in its
     solder after many thermal cycles."""
-    number = _number("cell", cell, twin.rig.driven)
+    number = _checked_number("cell", cell, twin.rig.driven)
 
     def fault(system: System) -> System:
         resistance = jnp.asarray(system.module.electrical_resistance).at[number].multiply(factor)
@@ -87,7 +84,7 @@ def blocked_sink(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
     """The resistances from the far side of a cell, and from what is mounted there, to the
     surroundings and to coolants are `factor` times as large. Cells that share a sink share the
     fault."""
-    number = _number("cell", cell, _cells(twin.rig))
+    number = _checked_number("cell", cell, _cells(twin.rig))
 
     def fault(system: System) -> System:
         behind = _behind(system, number)
@@ -110,7 +107,7 @@ def blocked_sink(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
 
 def faded_cell(twin: Twin, cell: str, factor: Float[ArrayLike, ""]) -> Fault:
     """The Seebeck coefficient of a cell is `factor` of what it was."""
-    number = _number("cell", cell, _cells(twin.rig))
+    number = _checked_number("cell", cell, _cells(twin.rig))
 
     def fault(system: System) -> System:
         seebeck = jnp.asarray(system.module.seebeck_coefficient).at[number].multiply(factor)
@@ -128,7 +125,7 @@ def weak_supply(twin: Twin, part: str, factor: Float[ArrayLike, ""]) -> Fault:
     """The voltage of the supply, `part` "supply", is `factor` of what it was, for all cells and
     heaters, also for those of a given power; or that of a single cell or heater, by its name."""
     driven = twin.rig.driven
-    number = _number("part", part, ("supply", *driven)) - 1
+    number = _checked_number("part", part, ("supply", *driven)) - 1
     which = slice(None) if number < 0 else number
 
     def fault(system: System) -> System:
@@ -195,7 +192,7 @@ def gained_channel(twin: Twin, channel: str, factor: Float[ArrayLike, ""]) -> Fa
 
     **Raises:** `SimulationError` if the rig has no such channel.
     """
-    number = _number("channel", channel, twin.channels)
+    number = _checked_number("channel", channel, twin.channels)
     return lambda system: eqx.tree_at(
         lambda s: s.gain, system, jnp.asarray(system.gain).at[number].multiply(factor)
     )
@@ -209,7 +206,7 @@ def covered_channel(twin: Twin, channel: str, share: Float[ArrayLike, ""]) -> Fa
 
 def offset_channel(twin: Twin, channel: str, offset: Float[ArrayLike, ""]) -> Fault:
     """A channel reads `offset` (K) too much."""
-    number = _number("channel", channel, twin.channels)
+    number = _checked_number("channel", channel, twin.channels)
 
     def fault(system: System) -> System:
         added = jnp.zeros_like(system.gain) if system.offset is None else system.offset
@@ -226,7 +223,9 @@ def offset_channel(twin: Twin, channel: str, offset: Float[ArrayLike, ""]) -> Fa
 def swapped_channels(twin: Twin, pair: str, share: Float[ArrayLike, ""] = 1.0) -> Fault:
     """Two channels, "T11+T12", are swapped: at a `share` of 1 each reads what the other should."""
     first, _, second = pair.partition("+")
-    numbers = np.array([_number("channel", name, twin.channels) for name in (first, second)])
+    numbers = np.array(
+        [_checked_number("channel", name, twin.channels) for name in (first, second)]
+    )
 
     def fault(system: System) -> System:
         weights, gain = jnp.asarray(system.channel_weights), jnp.asarray(system.gain)
@@ -249,7 +248,7 @@ def delayed_command(twin: Twin, part: str, seconds: Float[ArrayLike, ""]) -> Fau
 
     **Raises:** `SimulationError` for a rig whose driver has no delay.
     """
-    _number("part", part, ("command",))
+    _checked_number("part", part, ("command",))
     if twin.rig.driver.delay is None:
         raise SimulationError(f"{twin.rig.name}: fault: expected a driver with a delay")
 
@@ -267,7 +266,7 @@ def moved_camera(twin: Twin, axis: str, shift: Float[ArrayLike, ""]) -> Fault:
     **Raises:** `SimulationError` for another axis, or for a rig whose channels are not all zones of
     a picture.
     """
-    across = _number("axis", axis, ("x", "y"))
+    across = _checked_number("axis", axis, ("x", "y"))
     rig = twin.rig
     sees_zones = all(isinstance(channel.sensor, ZoneSensor) for channel in rig.channels)
     if rig.camera is None or not sees_zones:
@@ -297,7 +296,7 @@ def changed_parameter(twin: Twin, name: str, factor: Float[ArrayLike, ""]) -> Fa
 
     **Raises:** `SimulationError` if the rig has no such parameter.
     """
-    _number("parameter", name, tuple(twin.rig.parameters))
+    _checked_number("parameter", name, tuple(twin.rig.parameters))
 
     def fault(system: System) -> System:
         value = jnp.asarray(twin.values[name]) * factor
@@ -357,6 +356,9 @@ FAULT_MODELS: Mapping[str, FaultModel] = {
 }
 """The models by the words of `jaxtwin virtual-rig --faults`; a new model is entered here."""
 
+# The models whose size may be negative; the others are factors, shares and times.
+SIGNED_MODELS = ("move", "offset")
+
 
 def _cells(rig: Rig) -> tuple[str, ...]:
     return tuple(cell.name for cell in rig.cells)
@@ -366,13 +368,13 @@ def _nodes_of(twin: Twin, part: str) -> Int[np.ndarray, " nodes"]:
     """The numbers of the nodes of a part: of one by its name, of the plate, or all."""
     index, elements = twin.netlist.index, twin.wiring.elements
     parts = ("all", *(("plate",) if elements else ()), *index)
-    _number("part", part, parts)
+    _checked_number("part", part, parts)
     if part == "plate":
         return np.arange(elements)
     return np.arange(len(index)) if part == "all" else np.array([index[part]])
 
 
-def _number(kind: str, name: str, names: tuple[str, ...]) -> int:
+def _checked_number(kind: str, name: str, names: tuple[str, ...]) -> int:
     """The number of a named part.
 
     **Raises:** `SimulationError` that lists the names.
@@ -400,109 +402,3 @@ def _behind(system: System, cell: int) -> Bool[np.ndarray, " nodes"]:
         if (more == behind).all():
             return behind
         behind = more
-
-
-# The faults of a simulated rig and of its link, with their times.
-
-_EXAMPLES = (
-    "drop=0.01, corrupt=0.001, jumps=164, stall=30/5, disconnect=60, loosen=P1@300/10, "
-    f"fail=P2@600, and likewise {', '.join(sorted(FAULT_MODELS.keys() - {'loosen', 'fail'}))}"
-)
-
-
-class TimedFault(NamedTuple):
-    """A fault of the rig that begins at a time.
-
-    - `model`: its name in `FAULT_MODELS`. `part`: the cell, the channel or what else is faulty.
-    - `time`: the time from which on it is there, s of the rig. `size`: its size.
-    """
-
-    model: str
-    part: str
-    time: float
-    size: float
-
-    def of(self, twin: Twin) -> Fault:
-        """The fault as a change of the equations of a twin.
-
-        **Raises:** `SimulationError` if its rig does not have the faulty part.
-        """
-        return FAULT_MODELS[self.model](twin, self.part, np.float64(self.size))
-
-
-@final
-@dataclass(frozen=True)
-class Faults:
-    """Faults and their times, in s of the rig.
-
-    **Arguments:**
-
-    - `drop`, `corrupt`: the probabilities that a message is lost, and that bytes of it are changed.
-    - `jumps`: the interval of the camera's recalibrations; each changes its offset by the
-      `[camera.common_error]` of the rig file. 0: never.
-    - `stall`: (interval, duration) of silences.
-    - `disconnect`: the interval after which the connection is cut. 0: never.
-    - `rig`: the faults of the rig itself.
-    """
-
-    drop: float = 0.0
-    corrupt: float = 0.0
-    jumps: float = 0.0
-    stall: tuple[float, float] | None = None
-    disconnect: float = 0.0
-    rig: tuple[TimedFault, ...] = ()
-
-    @classmethod
-    def parse(cls, text: str) -> "Faults":
-        """Parses text such as `"drop=0.01,stall=30/5,loosen=P1@300/10"`.
-
-        **Raises:** `JaxtwinError` that quotes the wrong word.
-        """
-        fields: dict[str, object] = {}
-        rig: list[TimedFault] = []
-        for word in filter(None, (part.strip() for part in text.split(","))):
-            key, _, value = word.partition("=")
-            try:
-                if key in FAULT_MODELS:
-                    rig.append(_timed(key, value))
-                else:
-                    fields[key] = _value(key, value)
-            except (KeyError, ValueError):
-                raise JaxtwinError(
-                    f"fault: expected words like {_EXAMPLES}, got {word!r}"
-                ) from None
-        return cls(**fields, rig=tuple(rig))  # pyright: ignore[reportArgumentType]
-
-
-def _value(key: str, text: str) -> object:
-    match key:
-        case "drop" | "corrupt":
-            if not 0 <= float(text) < 1:
-                raise ValueError
-            return float(text)
-        case "jumps" | "disconnect":
-            return _seconds(text)
-        case "stall":
-            every, _, length = text.partition("/")
-            return _seconds(every), _seconds(length)
-    raise KeyError(key)
-
-
-def _timed(model: str, text: str) -> TimedFault:
-    """A fault of the rig, PART@TIME/SIZE; without a size it is 1."""
-    result = re.fullmatch(r"([^@]+)@([^/]+)(?:/(.+))?", text)
-    if result is None:
-        raise ValueError
-    part, time, size = result.groups()
-    number = 1.0 if size is None else float(size)
-    is_signed = model in ("move", "offset")  # the others are factors, shares and times
-    if not (-1e9 if is_signed else 0) < number < 1e9:
-        raise ValueError
-    return TimedFault(model, part, _seconds(time), number)
-
-
-def _seconds(text: str) -> float:
-    number = float(text)
-    if not 0 < number < 1e9:
-        raise ValueError
-    return number

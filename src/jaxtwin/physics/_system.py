@@ -221,7 +221,11 @@ class System(eqx.Module):
         reference: Float[Array, ""],
         ambient_deviation: Float[Array, ""] | float = 0.0,
     ) -> Float[Array, " nodes"]:
-        """The right-hand side $-G x + g_{amb} a + q(x, u, a)$, with the heat of reservoirs, W."""
+        """The right-hand side $-G x + g_{amb} a + q(x, u, a)$, with the heat of reservoirs, W.
+
+        The default solver has the same heats in the modes of the network: `ModalField.force` in
+        `simulation/_exponential.py`.
+        """
         others = self.heat_without_conduction(deviation, duty, reference, ambient_deviation)
         return others - self.conductance @ deviation
 

@@ -37,7 +37,7 @@ from ._plate_map import (
 from ._style import palette, styled
 
 BAR = {"label": "temperature, °C", "shrink": 0.7, "pad": 0.02}
-"""The scale of temperatures."""
+"""The look of the bar beside maps of temperatures."""
 
 
 @overload
@@ -66,7 +66,7 @@ def plot_plate_map(
     columns: int = 2,
     ax: Axes | None = None,
 ) -> Figure | Axes:
-    """Plots temperatures over the plate, a panel for each time, and a panel that names the
+    """Plots temperatures over the plate, a panel for each title, and a panel that names the
     channels.
 
     Every element is drawn at its true size in one colour, because the twin has one temperature for

@@ -235,13 +235,15 @@ def styled(plot: Callable[Arguments, Drawn]) -> Callable[Arguments, Drawn]:
     @functools.wraps(plot)
     def in_style(*args: Arguments.args, **options: Arguments.kwargs) -> Drawn:
         look = _look.get()
-        there = pyplot.get_fignums()
+        before = pyplot.get_fignums()
         with matplotlib.style.context(["default", _settings(look)]):
             drawn = plot(*args, **options)
             # Ticks are made when they are first drawn, with the settings at that time.
             figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
             if figure is not None:
-                if getattr(figure, "number", there) not in (there, *there):
+                # A figure that pyplot does not manage has no number.
+                number = getattr(figure, "number", None)
+                if number is not None and number not in before:
                     _narrow(figure, look)
                 _dash(figure, look.palette.dashes)
                 figure.draw_without_rendering()

@@ -67,7 +67,7 @@ class Field(Protocol):
 
 @final
 class ModalField(eqx.Module):
-    r"""The vector field of a network in its modes.
+    r"""The vector field of a network in its modes, the equations of `System.heat_into_nodes`.
 
     - `reference`: the temperature from which deviations are counted, K.
     - `surroundings`: the force for each kelvin of the ambient's deviation, $V^T g_\text{amb}$.

@@ -116,10 +116,7 @@ class RowWriter:
         return cursor.lastrowid or 0
 
 
-# Ends the driven runs of a recording whose program was killed before it could say how they
-# ended.
-
-# The end of a run that nobody ended.
+# The end of a driven run whose program was killed before it could write one.
 END_OF_ABORTED_RUN = {
     "status": "aborted",
     "kind": "aborted",
@@ -157,7 +154,7 @@ def counted_in(database: sqlite3.Connection) -> dict[str, dict[str, dict[Stream,
             ("data", "samples", own, (link, boot)),
             ("event", "events", "link = ? AND arrival >= ? AND seq IS NOT NULL", (link, first)),
         ]
-        if '"camera": null' not in hello:
+        if json.loads(hello)["camera"] is not None:
             tables.append(("image", "readings", own, (link, boot)))
         for stream, table, where, values in tables:
             last = database.execute(
