@@ -4,8 +4,8 @@ r"""Diagnosis: which fault explains what changed in a rig, since when, and how l
 a fault would do to its innovations is linear in the fault's multiple (`_signatures`), so that one
 pass over the innovations gives size and onset of all suspects (`_suspects`) at once, by the
 generalised likelihood ratio of Willsky and Jones (`_likelihood_ratio`). The few that explain them
-best are followed by filters of their own, side by side (`_hypotheses`), which know the fault's size
-as a further state. The result, `Diagnosis` (`_diagnosis`), has the probabilities over time, with
+best (`_survivors`) are followed by filters of their own, side by side (`_hypotheses`), which know
+the fault's size as a further state. `_causes` goes on so until nothing else has changed. The result, `Diagnosis` (`_diagnosis`), has the probabilities over time, with
 two answers that are no suspects: "healthy", and "none of these" for a change that no suspect
 explains.
 
