@@ -48,7 +48,7 @@ MIN_SIZE_MULTIPLE = 0.05
 class Survivors:
     """Faults with what their filters say.
 
-    - `numbers`: those of the suspects; one may be there several times. `sized`: these suspects, with
+    - `numbers`: those of the suspects; one may be there several times. `sized`: these suspects with
       the sizes for which their filters were made.
     - `first`: the number of the first sample that they followed. `onset`: that of the first sample
       with each fault.
@@ -56,7 +56,7 @@ class Survivors:
       each sample, until the one at which it was largest.
     - `multiple`, `spread`: of the fault at the end, and its standard deviation.
     - `excess`: how much larger the mean square of the innovations of the best is than it should be.
-      Where even the best explains the readings badly, all evidence and sizes are less certain by it.
+      Where even the best explains the readings badly, evidence and sizes are less certain by it.
     - `unexplained`: the part of the squares of the innovations beyond noise that the best leaves.
     - `scatter`: the logarithm of the ratio of the likelihoods if the innovations were noise that
       has become larger, for no reason that is known, and without any fault.
@@ -102,9 +102,8 @@ def track_candidates(
     # A stuck channel is a candidate although the likelihood ratio has passed over its onset.
     stuck = _stuck(observed, suspects, at)
     order = [number for number in np.argsort(-log_odds[at, :-1]).tolist() if number not in stuck]
-    numbers = np.resize(
-        [*stuck, *order][:SURVIVORS], SURVIVORS
-    )  # repeated if there are few suspects
+    # Few suspects are repeated.
+    numbers = np.resize([*stuck, *order][:SURVIVORS], SURVIVORS)
     onset = np.asarray(scores.onset)[at, numbers]
     onset = np.array([stuck.get(n, first) for n, first in zip(numbers, onset, strict=True)])
     inflation = np.asarray(prior.inflation)[numbers]
@@ -114,7 +113,9 @@ def track_candidates(
         _of_multiple(suspect, float(multiple))
         for suspect, multiple in zip(followed, multiples, strict=True)
     ]
-    for turn in range(1, MAX_ROUNDS + 1):
+    turn = 0
+    while True:
+        turn += 1
         rows = slice(int(onset.min()) - 1, last + 1)
         # The ratio, which is linear in the fault, sees a large one a sample late.
         begins = np.concatenate([onset, onset - 1])
