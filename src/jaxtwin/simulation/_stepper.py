@@ -1,5 +1,5 @@
-"""Steps a twin in time with a rig: for a live twin, an observer or a controller, by one length of
-step or by any."""
+"""Steps a twin in time with a rig: for a live twin or a controller by equal steps, and for an
+observer, whose readings come at irregular times, by steps of any length."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -111,7 +111,7 @@ class Stepper(eqx.Module):
     field: ModalField
     """The vector field in the modes, without the losses that are not linear."""
     losses: LossShapes | None
-    """The modes at the paths of heat that is not linear; None if all is."""
+    """The modes at the paths of heat that is not linear; None if all heat is."""
     half_decay: Float[Array, " modes"]
     half: Float[Array, " modes"]
     """The factors of amplitudes and of forces over half a step."""
@@ -305,7 +305,7 @@ def advance(
     amplitudes, duty = state.amplitudes, state.duty
     now = delayed[0] if system.lag is None else duty
     held = StepInputs(now, surroundings, modal_heat, conditions)
-    line = loss_line(stepper, amplitudes, held, loss_dtype)
+    line = loss_trend(stepper, amplitudes, held, loss_dtype)
     begin = jnp.zeros_like(stepper.sizes[0])
     for number in range(len(stepper.sizes)):
         size = stepper.sizes[number]
@@ -324,23 +324,23 @@ def advance(
     return ModalState(amplitudes, duty, commands)
 
 
-class _LossLine(NamedTuple):
-    """The losses of the plate within a step beyond the modes' linear losses, as forces on the
-    modes: at the start, with their change per second; and the whole force at the start."""
+class _LossTrend(NamedTuple):
+    """The losses that are not linear, within a step and beyond the modes' linear losses, as forces
+    on the modes: at the start, with their change per second; and the whole force at the start."""
 
     first: Float[Array, " modes"]
     slope: Float[Array, " modes"]
     force: Float[Array, " modes"]
 
 
-def loss_line(
+def loss_trend(
     stepper: Stepper,
     amplitudes: Float[Array, " modes"],
     held: StepInputs,
     dtype: DTypeLike | None,
-) -> _LossLine | None:
-    """Computes the losses of the plate beyond the modes' linear losses, with the heat of the inputs
-    at the start of the step; None if losses are linear.
+) -> _LossTrend | None:
+    """Computes the losses that are not linear, beyond the modes' linear losses, with the heat of
+    the inputs at the start of the step; None if all losses are linear.
 
     These losses change by a thousandth in a second, and cost more than all the rest. They are
     therefore computed at the start and in the middle of a step, and interpolated linearly.
@@ -355,7 +355,7 @@ def loss_line(
     first = force(amplitudes)
     begin = stepper.field.force(amplitudes, replace(held, heat=first))
     middle = force(stepper.half_decay * amplitudes + stepper.half * begin)
-    return _LossLine(first, (middle - first) * 2 / stepper.sizes.sum(), begin)
+    return _LossTrend(first, (middle - first) * 2 / stepper.sizes.sum(), begin)
 
 
 def losses(
@@ -456,7 +456,7 @@ def variable_step(
         (length, factors.half_decay, factors.half),
     )
     held = StepInputs(duty[0], surroundings, heat, conditions)
-    line = loss_line(sized, amplitudes, held, None)
+    line = loss_trend(sized, amplitudes, held, None)
     flow = heat
     if line is not None:
         elapsed = size * jnp.array([0.0, 0.5, 1.0], size.dtype)
@@ -488,6 +488,7 @@ def linear_step(
     def column(
         amplitudes: Float[Array, " modes"], forces: Float[Array, "stages modes"]
     ) -> Float[Array, " modes"]:
+        # `_LinearField` uses the forces alone: no duty, and the size stands in for an ambient.
         inputs = StepInputs(forces[0, :0], size, forces)
         first = field.force(amplitudes, inputs.at(0))
         return exponential_step(amplitudes, first, factors, field, inputs).amplitudes
