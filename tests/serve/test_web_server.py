@@ -12,7 +12,7 @@ from small_page import page
 from jaxtwin.live import StopRequest
 from jaxtwin.serve import Access, Desk, listening, web_app
 from jaxtwin.serve import _app as app_module
-from jaxtwin.serve import _web_server as prompt
+from jaxtwin.serve import _request_timeout_protocol as prompt
 from jaxtwin.serve._web_server import WebServer
 
 
