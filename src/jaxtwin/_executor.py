@@ -86,7 +86,7 @@ def work_in_units(
     """
     arguments = list(units)
     attempts = [0] * len(arguments)
-    left = len(arguments)
+    unfinished = len(arguments)
     waiting: dict[Job, int] = {}
     refusal: Exception | None = None
     to_submit = list(range(len(arguments)))
@@ -118,15 +118,15 @@ def work_in_units(
                     if refusal is None:
                         to_submit.append(number)
                 else:
-                    left -= 1
-                    arguments[number] = ()
+                    unfinished -= 1
+                    arguments[number] = ()  # frees their memory
                     yield number, result
     finally:
         for job in waiting:
             job.cancel()
-    if left:
+    if unfinished:
         raise error(
-            f"{where}: the executor takes no more work ({refusal}) with {left} of "
+            f"{where}: the executor takes no more work ({refusal}) with {unfinished} of "
             f"{len(arguments)} units left; pass a new one"
         ) from refusal
 

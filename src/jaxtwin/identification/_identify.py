@@ -1,6 +1,7 @@
 """A twin from recordings alone."""
 
 import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
@@ -33,6 +34,8 @@ MAX_CORRELATION = 0.999
 # A channel moves if the range of its readings is above this multiple of the median absolute change
 # from sample to sample.
 MIN_RANGE = 4.0
+# The median of the size of a difference of two normal numbers, in their standard deviations.
+MEDIAN_OF_DIFFERENCES = 0.954
 # Structures matched in one batch, and structures that are judged on held-out blocks.
 BATCH, JUDGED = 16, 24
 # The number of the best, and of the simplest, structures that are also tried with a drift of the
@@ -189,7 +192,7 @@ def _check_content(experiment: Experiment) -> None:
             f"{name}: expected at least {MIN_SAMPLES} readings of each channel, got {count}"
         )
     for actuator, column in zip(experiment.cell_names, duty.T, strict=True):
-        if not actuator.replace("_", "a").isalnum():
+        if re.fullmatch(r"\w+", actuator, re.ASCII) is None:
             raise MatchError(
                 f"{name}: duty of {actuator}: expected a name of letters, digits and _, as in a "
                 "rig file; rename the column"
@@ -403,8 +406,7 @@ def _reading_noise(experiments: Sequence[Experiment], candidate: Candidate) -> f
     for place, rmse in enumerate(candidate.rmse.values()):
         columns = [np.asarray(experiment.temperatures)[:, place] for experiment in experiments]
         steps = np.concatenate([np.diff(column[np.isfinite(column)]) for column in columns])
-        # The median of the size of a difference of two normal numbers is 0.954 of their deviation.
-        noises.append(float(np.hypot(rmse, np.median(np.abs(steps)) / 0.954)))
+        noises.append(float(np.hypot(rmse, np.median(np.abs(steps)) / MEDIAN_OF_DIFFERENCES)))
     return max(noises)
 
 

@@ -71,7 +71,7 @@ def weighted_jacobian(
     """Computes the derivatives of `residuals` from those of the output errors, in NumPy if these
     are."""
     size, columns = np.shape(objective.prior_means)[0], []
-    numpy: Any = np if all(isinstance(part, np.ndarray) for part in jacobians) else jnp
+    xp: Any = np if all(isinstance(part, np.ndarray) for part in jacobians) else jnp
     for batch, jacobian in zip(objective.same_shape_batches, jacobians, strict=True):
 
         def of_recording(jacobian: AnyArray, weights: ResidualWeights) -> SplitErrors:
@@ -81,16 +81,16 @@ def weighted_jacobian(
         recording = np.arange(len(entries))[:, None]
         for part in of_each_recording(of_recording, jacobian, batch.weights):
             flat = part.reshape(*part.shape[:2], -1)
-            whole = numpy.zeros((size, len(entries), flat.shape[-1]), flat.dtype)
-            if numpy is np:
+            whole = xp.zeros((size, len(entries), flat.shape[-1]), flat.dtype)
+            if xp is np:
                 whole[entries, recording] = flat
             else:
                 whole = whole.at[entries, recording].set(flat)
             columns.append(whole.reshape(size, -1))
-    columns.append(numpy.diag(numpy.asarray(objective.prior_weights)))
-    columns.append(numpy.asarray(objective.linear_prior.matrix).T)
-    # It is transposed last, which takes no time: products of columns do not depend on the layout.
-    return numpy.concatenate(columns, axis=1).T
+    columns.append(xp.diag(xp.asarray(objective.prior_weights)))
+    columns.append(xp.asarray(objective.linear_prior.matrix).T)
+    # The transpose is a view: products of its columns run along rows in memory.
+    return xp.concatenate(columns, axis=1).T
 
 
 def reading_jacobian(
@@ -105,28 +105,28 @@ def reading_jacobian(
 ) -> Float[Array, "entries times channels"]:
     """Derivatives of `camera_readings`: in forward mode for the entries that act on the network,
     and as a product for gains."""
-    inner = np.array(layout.network_entries(twin), dtype=int)
-    outer = np.setdiff1d(np.arange(local.size), inner)
+    network_entries = np.array(layout.network_entries(twin), dtype=int)
+    gain_entries = np.setdiff1d(np.arange(local.size), network_entries)
 
     def changed_twin(part: Array, entries: np.ndarray) -> Twin:
         return twin.with_values(layout.local_values(local.at[entries].set(part)))
 
     def rises(part: Array) -> tuple[Array, Array]:
-        system = changed_twin(part, inner).system(lumped=start.is_lumped)
+        system = changed_twin(part, network_entries).system(lumped=start.is_lumped)
         return channel_rises(system, grid, columns, modes, start)
 
     def gains(part: Array, entries: np.ndarray) -> Array:
         changed = changed_twin(part, entries)
         return changed.wiring.gains(changed.values_si)[columns]
 
-    (_, rise), (d_surroundings, d_rise) = _push_forward(rises, local[inner])
-    d_gain = _push_forward(lambda part: gains(part, inner), local[inner])[1]
-    d_reading = d_surroundings + gains(local[inner], inner) * d_rise
+    (_, rise), (d_surroundings, d_rise) = _push_forward(rises, local[network_entries])
+    d_gain = _push_forward(lambda part: gains(part, network_entries), local[network_entries])[1]
+    d_reading = d_surroundings + gains(local[network_entries], network_entries) * d_rise
     d_reading = d_reading + rise * d_gain[:, None, :]
-    whole = jnp.zeros((local.size, *rise.shape), rise.dtype).at[inner].set(d_reading)
-    if outer.size:
-        d_gain = _push_forward(lambda part: gains(part, outer), local[outer])[1]
-        whole = whole.at[outer].set(rise * d_gain[:, None, :])
+    whole = jnp.zeros((local.size, *rise.shape), rise.dtype).at[network_entries].set(d_reading)
+    if gain_entries.size:
+        d_gain = _push_forward(lambda part: gains(part, gain_entries), local[gain_entries])[1]
+        whole = whole.at[gain_entries].set(rise * d_gain[:, None, :])
     return whole
 
 

@@ -162,16 +162,16 @@ def check_changes(match: SessionMatch, last: Fit) -> GateCheck:
         )
     for name in match.changed:
         row, before = match.fit[name], last[name]
-        moved = f"{name} would have changed from {before.value:.3g} to {row.value:.3g} {row.unit}"
+        change = f"{name} would have changed from {before.value:.3g} to {row.value:.3g} {row.unit}"
         if row.is_logarithmic and abs(math.log(row.value / before.value)) > math.log(
             MAX_CHANGE_FACTOR
         ):
             passed, text = (
                 False,
-                f"{moved.rstrip()}, more than {MAX_CHANGE_FACTOR:g} times: another rig",
+                f"{change.rstrip()}, more than {MAX_CHANGE_FACTOR:g} times: another rig",
             )
         elif any(_measures(row.unit, unit) for unit in UNITS_OF_MATTER):
-            passed, text = False, f"{moved}, which rigs do not do by themselves: another rig"
+            passed, text = False, f"{change}, which rigs do not do by themselves: another rig"
     return GateCheck("changes", passed, result.error, result.limit, text)
 
 

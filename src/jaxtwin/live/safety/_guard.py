@@ -63,7 +63,7 @@ class Guard:
     **Arguments:**
 
     - `interlocks`: those of the rig (`interlocks_of`), and a user's own. They belong to this guard,
-      and a guard to one run.
+      and a guard to one run. A plan is judged by the `TwinWatch` among them alone (`check_plan`).
     """
 
     def __init__(self, interlocks: Sequence[AbstractInterlock]):

@@ -54,7 +54,7 @@ class Finding:
 
 
 class AbstractInterlock(ABC):
-    """A check for one kind of danger. What it finds switches the cells off.
+    """A check for one kind of danger. What it finds, of any severity, switches the cells off.
 
     A `Guard` asks all its interlocks about every record of the rig. The records contain the host's
     own commands (`Command`), and the documents at the start and the end of a run (`Document`).
