@@ -26,11 +26,29 @@ CONVENIENCES = {("physics/_twin.py", "simulation"), ("physics/_twin.py", "io")}
 
 
 class Import(NamedTuple):
-    """One import between two rooms, a room being a package, `FOUNDATION` or `TOP`."""
+    """One import of something of jaxtwin.
 
-    file: str
-    source: str
-    target: str
+    - `file`: below the folder that was read. `line`: in it.
+    - `target`: the module, as a path inside of jaxtwin. `names`: what is taken from it.
+    """
+
+    file: Path
+    line: int
+    target: tuple[str, ...]
+    names: tuple[str, ...]
+
+    @property
+    def source_package(self) -> str:
+        return package_of(self.file.with_suffix("").parts)
+
+    @property
+    def target_package(self) -> str:
+        return package_of(self.target)
+
+    @property
+    def is_private(self) -> bool:
+        """Whether a module of a package or a name is taken that begins with an underscore."""
+        return any(part.startswith("_") for part in (*self.target[1:], *self.names))
 
 
 def declared_rooms() -> dict[str, list[str]]:
@@ -52,28 +70,28 @@ def declared_order() -> list[str]:
     return [package for packages in declared_rooms().values() for package in packages]
 
 
-def room(parts: tuple[str, ...]) -> str:
-    """The room of a module, given by its path inside of jaxtwin."""
+def package_of(parts: tuple[str, ...]) -> str:
+    """The package of a module, given by its path inside of jaxtwin; or `FOUNDATION`, or `TOP`."""
     if not parts or parts[0] in ("__init__", "__main__", "cli"):
         return TOP
     return FOUNDATION if parts[0].startswith("_") or parts[0] == "errors" else parts[0]
 
 
 @cache
-def imports() -> tuple[Import, ...]:
-    """Every import between two rooms, also those inside of functions and under TYPE_CHECKING."""
-    return tuple(_imports())
+def imports(folder: Path = SOURCE) -> tuple[Import, ...]:
+    """Every import of something of jaxtwin, also those inside of functions and under
+    TYPE_CHECKING."""
+    return tuple(_imports(folder))
 
 
-def _imports() -> Iterator[Import]:
-    for file in sorted([*SOURCE.rglob("*.py"), *SOURCE.rglob("*.pyi")]):
-        parts = file.relative_to(SOURCE).with_suffix("").parts
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
-            for target in targets(node, parts[:-1]):
-                if room(target) != room(parts):
-                    name = "/".join(file.relative_to(SOURCE).parts)
-                    yield Import(name, room(parts), room(target))
+def _imports(folder: Path) -> Iterator[Import]:
+    for path in sorted([*folder.rglob("*.py"), *folder.rglob("*.pyi")]):
+        file = path.relative_to(folder)
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for target in targets(node, file.parts[:-1]):
+                taken = node.names if isinstance(node, ast.ImportFrom) else []
+                names = tuple(alias.name for alias in taken)
+                yield Import(file, getattr(node, "lineno", 0), target, names)
 
 
 def targets(node: ast.AST, package: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -114,11 +132,12 @@ def test_a_package_imports_only_what_stands_before_it(package: str):
     allowed = {FOUNDATION, *order[: order.index(package)]}
     if package in ("report", "commands"):
         allowed.add(TOP)
-    found = [entry for entry in imports() if entry.source == package]
     wrong = [
         entry
-        for entry in found
-        if entry.target not in allowed and (entry.file, entry.target) not in CONVENIENCES
+        for entry in imports()
+        if entry.source_package == package
+        and entry.target_package not in {package, *allowed}
+        and (entry.file.as_posix(), entry.target_package) not in CONVENIENCES
     ]
     assert not wrong
 
@@ -126,11 +145,6 @@ def test_a_package_imports_only_what_stands_before_it(package: str):
 def room_of() -> dict[str, str]:
     """The room of each package."""
     return {package: room for room, packages in declared_rooms().items() for package in packages}
-
-
-def is_private(target: tuple[str, ...], names: list[str]) -> bool:
-    """Whether an import is one of a private module of a package, or of a private name."""
-    return any(part.startswith("_") for part in (*target[1:], *names))
 
 
 def test_there_are_nine_rooms_beside_what_is_shown_and_typed():
@@ -142,16 +156,12 @@ def test_another_room_is_entered_by_the_faces_of_its_packages(folder: Path):
     """Modules that tests of several rooms share stand beside the rooms of the tests."""
     rooms = room_of()
     wrong = [
-        f"{file.relative_to(folder)}:{node.lineno}"
-        for package in rooms
-        for file in sorted((folder / package).rglob("*.py"))
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom)
-        for target in targets(node, file.relative_to(folder).parts[:-1])
-        if target
-        and target[0] in rooms
-        and rooms[target[0]] != rooms[package]
-        and is_private(target, [alias.name for alias in node.names])
+        f"{entry.file}:{entry.line}"
+        for entry in imports(folder)
+        if entry.is_private
+        and entry.target_package in rooms
+        and entry.file.parts[0] in rooms
+        and rooms[entry.target_package] != rooms[entry.file.parts[0]]
     ]
     assert not wrong
 
@@ -168,12 +178,9 @@ ROOMS = {
 )
 def test_a_room_imports_only_what_stands_before_it(package: str, room: str):
     allowed = ROOMS[package][: ROOMS[package].index(room) + 1]
-    for file in sorted((SOURCE / package / room).glob("*.py")):
-        parts = file.relative_to(SOURCE).parts[:-1]
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            for target in targets(node, parts):
-                if target[:1] == (package,):
-                    assert target[1] in allowed, f"{file.name} imports {'/'.join(target)}"
+    for entry in imports():
+        if entry.file.parts[:2] == (package, room) and entry.target[:1] == (package,):
+            assert entry.target[1] in allowed, f"{entry.file} imports {'/'.join(entry.target)}"
 
 
 @pytest.mark.parametrize("package", ROOMS)
@@ -206,20 +213,19 @@ def page(package: str) -> str:
 
 
 def test_the_private_modules_import_no_package():
-    assert not [found for found in imports() if found.source == FOUNDATION]
+    assert not [
+        entry for entry in imports() if entry.source_package == FOUNDATION != entry.target_package
+    ]
 
 
 def test_a_face_offers_other_rooms_only_what_they_import():
     rooms = room_of()
     imported = {
-        (target[0], alias.name)
-        for file in SOURCE.rglob("*.py")
-        for parts in [file.relative_to(SOURCE).parts]
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        if isinstance(node, ast.ImportFrom)
-        for target in targets(node, parts[:-1])
-        if target and rooms.get(target[0]) not in (None, rooms.get(parts[0]))
-        for alias in node.names
+        (entry.target_package, name)
+        for entry in imports()
+        if entry.file.suffix == ".py"
+        and rooms.get(entry.target_package) not in (None, rooms.get(entry.source_package))
+        for name in entry.names
     }
     for package in rooms:
         stub = SOURCE / package / "__init__.pyi"
